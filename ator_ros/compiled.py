@@ -18,13 +18,12 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 def _cache_folder() -> str:
-    """Return the cache folder for the machine code of these sources.
+    """Return a cache folder for the machine code of these sources.
 
-    numba itself notices changes of a function's own file only, not of the functions that it calls.
+    numba itself detects changes in a function's own file only, not in the functions that it calls.
     """
     package = Path(__file__).resolve().parent
-    # The last three contain compiled code, which uses constants of `world`.
-    folders = ("world", "motion", "performance", "domains")
+    folders = ("world", "motion", "performance", "domains")  # compiled code, and constants that it uses
     digest = hashlib.sha256(Path(__file__).read_bytes())
     for file in sorted(file for name in folders for file in (package / name).rglob("*.py")):
         digest.update(file.read_bytes())
@@ -38,24 +37,24 @@ if not numba.config.CACHE_DIR:
 
 
 def compiled(function: Function, **options: bool) -> Function:
-    """Compile `function` at its first call."""
+    """Return `function` compiled at its first call."""
     try:
-        made: Function = numba.njit(error_model="numpy", cache=True, **options)(function)
-    except RuntimeError:  # no folder can be written
-        made = numba.njit(error_model="numpy", **options)(function)
-    return made
+        result: Function = numba.njit(error_model="numpy", cache=True, **options)(function)
+    except RuntimeError:  # the cache cannot be written
+        result = numba.njit(error_model="numpy", **options)(function)
+    return result
 
 
 def inlined(function: Function) -> Function:
-    """Compile `function` into its callers: passing many arguments would take longer than the function."""
+    """Return `function` compiled into its callers: passing many arguments would take longer than the call."""
     return compiled(function, forceinline=True)
 
 
 def elementwise(function: Function) -> Function:
-    """Compile `function` for compiled callers only; Python calls it with numpy arrays of any shape.
+    """Return `function` compiled for compiled callers only; Python calls it with arrays of any shape.
 
     Compiling each combination of shapes would take seconds, and numpy is as fast with arrays. The results
     are bitwise equal.
     """
-    made: Function = register_jitable(error_model="numpy")(function)
-    return made
+    result: Function = register_jitable(error_model="numpy")(function)
+    return result

@@ -1,7 +1,7 @@
-"""Files: atomic writing, reading with limits, and `save` and `load` for our own formats.
+"""Files: atomic writing, reading with limits, and `save` and `load` for the formats of this package.
 
-A file of ours is a JSON object whose first fields are ``format`` ("ator_ros study") and ``schema_version``;
-the others are those of a dataclass, see `ator_ros.schema`.
+Such a file is a JSON object whose first fields are ``format`` ("ator_ros study") and ``schema_version``; the
+others are the fields of a dataclass, see `ator_ros.schema`.
 """
 
 from __future__ import annotations
@@ -25,18 +25,17 @@ if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
 T = TypeVar("T")
-VERSION = 1
-"""Version of all formats."""
+VERSION = 1  # of all formats
 _FORMAT, _VERSION = "format", "schema_version"
 _LARGEST_JSON = 20_000_000  # bytes; the largest model that ships has 40 kB
-_LONGEST_NAME = 100  # characters; a file's name may have 255 bytes
+_LONGEST_NAME = 100  # characters; file systems allow 255 bytes
 
 
 @contextlib.contextmanager
 def atomic_write(path: Path | str) -> Iterator[Path]:
-    """Yield a temporary file beside `path`, which replaces `path` at the end of the block.
+    """Yield a temporary file that replaces `path` at the end of the block, unless the block raises.
 
-    Missing folders are created. If the block raises, `path` is unchanged.
+    Missing folders are created.
     """
     file = Path(path)
     file.parent.mkdir(parents=True, exist_ok=True)
@@ -45,7 +44,7 @@ def atomic_write(path: Path | str) -> Iterator[Path]:
     temporary = Path(name)
     try:
         yield temporary
-        mask = os.umask(0o022)  # it can only be read by setting it
+        mask = os.umask(0o022)  # the mask can only be read by setting it
         os.umask(mask)
         temporary.chmod(0o666 & ~mask)
         os.replace(temporary, file)
@@ -61,14 +60,9 @@ def write_text(path: Path | str, text: str) -> None:
 
 @contextlib.contextmanager
 def exclusive_folder(folder: Path | str) -> Iterator[None]:
-    """Lock `folder`, which is created if missing, for this process during the block.
+    """Lock `folder` for this process during the block; create it if it is missing.
 
-    The lock ends with the process. On a file system without locks there is no protection.
-
-    Raises
-    ------
-    OSError
-        Another process holds the lock, or the folder cannot be created.
+    Raises OSError if another process holds the lock. A file system without locks gives no protection.
     """
     place = Path(folder)
     try:
@@ -78,7 +72,7 @@ def exclusive_folder(folder: Path | str) -> Iterator[None]:
         raise OSError(f"{place}: expected a folder that can be written: {error.strerror}") from error
     try:
         if not try_lock(handle):
-            raise OSError(f"{place}: expected a folder of its own, another command is writing there")
+            raise OSError(f"{place}: expected a folder that no other process uses, another one writes there")
         yield
     finally:
         os.close(handle)
@@ -96,12 +90,12 @@ def try_lock(handle: int) -> bool:
 
 
 def is_name(value: object) -> bool:
-    """Return whether `value` is valid as the name of an action or a set of actions, and of their files."""
+    """Return whether `value` is a valid name of an action or an action set, and of their files."""
     return isinstance(value, str) and len(value) <= _LONGEST_NAME and value.isascii() and value.isidentifier()
 
 
 def portable_command(name: str, words: Sequence[str]) -> str:
-    """Return a command line to be recorded: absolute paths without the folders of this machine."""
+    """Return a command line for a record: absolute paths are shortened to file names."""
     return shlex.join([name, *map(_portable, words)])
 
 
@@ -113,11 +107,11 @@ def _portable(word: str) -> str:
 
 
 class FileError(ValueError):
-    """A file or folder that cannot be used; the message names it, and the field and what was expected."""
+    """A file or folder cannot be used; the message names it, the field, and what was expected."""
 
 
 def header(kind: str) -> dict[str, Any]:
-    """Return the first fields of a file of this kind, such as "study"."""
+    """Return the first fields of a file; `kind` is a word such as "study"."""
     return {_FORMAT: f"ator_ros {kind}", _VERSION: VERSION}
 
 
@@ -128,10 +122,7 @@ def save(
     *,
     compact: Collection[str] = (),
 ) -> None:
-    """Write a file of this kind, atomically; fields named in `compact` take one line each.
-
-    Fields of a dataclass whose value and default are None are left out.
-    """
+    """Write a file of this kind atomically, with one line for each field in `compact`; see `unstructured`."""
     fields = content if isinstance(content, Mapping) else unstructured(content)
     lines = []
     for name, value in {**header(kind), **fields}.items():
@@ -142,13 +133,7 @@ def save(
 
 
 def load(path: Path | str, kind: str, schema: type[T]) -> T:
-    """Read a file of this kind, see `save`.
-
-    Raises
-    ------
-    FileError
-        The file cannot be read, or is of another kind; the message names file and field.
-    """
+    """Read a file of this kind, see `save`; raises FileError if it does not fit the schema."""
     data = read_json(Path(path))
     try:
         return structured(content_of(data, kind), schema)
@@ -157,13 +142,7 @@ def load(path: Path | str, kind: str, schema: type[T]) -> T:
 
 
 def content_of(data: object, kind: str) -> dict[str, Any]:
-    """Return the fields of a file of this kind without its header.
-
-    Raises
-    ------
-    SchemaError
-        The header is that of another kind or version.
-    """
+    """Return the fields without the header; raises SchemaError if kind or version differ."""
     expected = header(kind)
     if not isinstance(data, dict) or data.get(_FORMAT) != expected[_FORMAT]:
         got = quoted(data.get(_FORMAT)) if isinstance(data, dict) else "no table"
@@ -174,23 +153,16 @@ def content_of(data: object, kind: str) -> dict[str, Any]:
 
 
 def content_with_optional_header(data: object, kind: str) -> object:
-    """Return the fields of a file as `content_of` does, but accept one without a header.
-
-    For files that people write.
-    """
-    stated = isinstance(data, dict) and not data.keys().isdisjoint(header(kind))
-    return content_of(data, kind) if stated else data
+    """Return the fields as `content_of` does, or `data` if it has no header: users write such files."""
+    has_header = isinstance(data, dict) and not data.keys().isdisjoint(header(kind))
+    return content_of(data, kind) if has_header else data
 
 
 def read_text(path: Path, largest: int) -> str:
-    """Read a text file of at most `largest` bytes.
+    """Read a text file.
 
-    Raises
-    ------
-    OSError
-        The file cannot be read.
-    ValueError
-        It is larger, not in UTF-8, or no ordinary file.
+    Raises OSError if that fails, and ValueError if it has more than `largest` bytes, is not in UTF-8, or is
+    no ordinary file.
     """
     if not path.is_file() and path.exists():  # opening a pipe would block
         raise ValueError("expected an ordinary file, got a folder, a pipe or a device")
@@ -202,13 +174,7 @@ def read_text(path: Path, largest: int) -> str:
 
 
 def read_json(path: Path) -> Any:
-    """Read a JSON file.
-
-    Raises
-    ------
-    FileError
-        The file cannot be read, is larger than 20 MB, is not JSON, or is nested too deeply.
-    """
+    """Read a JSON file of at most 20 MB; raises FileError."""
     try:
         return json.loads(read_text(path, _LARGEST_JSON))
     except FileNotFoundError:
@@ -218,13 +184,7 @@ def read_json(path: Path) -> Any:
 
 
 def read_yaml(path: Path, *, largest: int) -> Any:
-    """Read a YAML file of at most `largest` bytes.
-
-    Raises
-    ------
-    FileError
-        The file cannot be read, is larger, or is not plain YAML.
-    """
+    """Read a YAML file of at most `largest` bytes, without aliases and duplicate keys; raises FileError."""
     try:
         return yaml.load(read_text(path, largest), Loader=_PlainLoader)  # noqa: S506 (a SafeLoader)
     except Exception as error:  # PyYAML raises many on malformed dates, tagged values and deep nesting
@@ -232,14 +192,14 @@ def read_yaml(path: Path, *, largest: int) -> Any:
 
 
 def _problem_of(error: Exception) -> str:
-    """Return line and problem in one line, unlike the text of PyYAML."""
+    """Return PyYAML's problem and its line number in one line."""
     if isinstance(error, yaml.MarkedYAMLError) and error.problem_mark is not None:
         return f"line {error.problem_mark.line + 1}: {printable(error.problem, 200)}"
     return printable(" ".join(str(error).split()), 200)
 
 
 class _PlainLoader(yaml.SafeLoader):
-    """Reads YAML, but no aliases, with which a few lines expand to billions of values, nor duplicate keys."""
+    """Reject aliases, which expand a few lines to billions of values, and duplicate keys."""
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
         """Reject an alias."""

@@ -13,22 +13,14 @@ BoolArray = NDArray[np.bool_]
 
 
 class Pose(NamedTuple):
-    """A pose in the plane.
+    """A pose in the plane."""
 
-    Attributes
-    ----------
-    x, y : float
-        Position in m.
-    yaw : float
-        Heading in rad, counter-clockwise from the x axis.
-    """
-
-    x: float
-    y: float
-    yaw: float
+    x: float  # m
+    y: float  # m
+    yaw: float  # heading in rad, counter-clockwise from the x axis
 
     def compose(self, local: Pose) -> Pose:
-        """Return the pose `local`, which is relative to this pose, in the frame of this pose."""
+        """Return the pose `local`, given relative to this pose, in the frame that this pose is given in."""
         c, s = math.cos(self.yaw), math.sin(self.yaw)
         return Pose(
             self.x + c * local.x - s * local.y,
@@ -37,13 +29,13 @@ class Pose(NamedTuple):
         )
 
     def relative(self, other: Pose) -> Pose:
-        """Return the pose `other`, in the frame of this pose, relative to this pose."""
+        """Return the pose `other`, given in the same frame as this pose, relative to this pose."""
         dx, dy = other.x - self.x, other.y - self.y
         c, s = math.cos(self.yaw), math.sin(self.yaw)
         return Pose(c * dx + s * dy, -s * dx + c * dy, wrap_angle(other.yaw - self.yaw))
 
     def ahead(self, distance: float) -> Pose:
-        """Return this pose moved `distance` m along its own heading (negative: backward)."""
+        """Return this pose moved `distance` m along its heading (negative: backward)."""
         return Pose(self.x + distance * math.cos(self.yaw), self.y + distance * math.sin(self.yaw), self.yaw)
 
     def distance(self, other: Pose) -> float:
@@ -52,12 +44,12 @@ class Pose(NamedTuple):
 
 
 def wrap_angle(angle: float) -> float:
-    """Return the same angle in [-pi, pi)."""
+    """Return the same angle in [-pi, pi) rad."""
     return (angle + math.pi) % (2.0 * math.pi) - math.pi
 
 
 def wrap_angles(angles: Any) -> FloatArray:
-    """Return the same angles in rad, of any shape, in [-pi, pi), element by element."""
+    """Return the same angles in [-pi, pi) rad, of any shape."""
     return np.asarray((np.asarray(angles, dtype=float) + np.pi) % (2.0 * np.pi) - np.pi)
 
 

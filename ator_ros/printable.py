@@ -1,13 +1,12 @@
-"""Text from outside, shortened and without control characters, for logs, answers and terminals."""
+"""External text, shortened and without control characters, for logs, responses and terminals."""
 
 from __future__ import annotations
 
 
 def printable(text: object, most: int = 60) -> str:
-    """Return at most `most` characters of a text, with those that are not printable escaped as in Python.
+    """Return at most `most` characters of a text; those that are not printable are escaped as in Python.
 
-    Among these are control characters, escape sequences, changes of the writing direction, and halves of
-    surrogate pairs. A text that is cut off ends with its whole length.
+    A shortened text ends with the full length.
     """
     whole = text if isinstance(text, str) else str(text)
     shown = "".join(

@@ -9,20 +9,15 @@ PACKAGE = "ator_ros"
 
 
 class ResourceError(FileNotFoundError):
-    """A shipped file or folder is missing; the message names the path."""
+    """A shipped file or folder is missing."""
 
 
 @cache
 def share_folder() -> Path:
-    """Return the folder that holds config/, models/ and urdf/.
+    """Return the folder of the shipped files; raises ResourceError if the package is not installed.
 
-    In a checkout (also one built with ``colcon build --symlink-install``) it is the checkout itself, so
-    that edits take effect at once; otherwise it is the installed ``share/ator_ros``.
-
-    Raises
-    ------
-    ResourceError
-        The code is not in a checkout, and the package is not in the ament index.
+    In a checkout, also one built with ``colcon build --symlink-install``, it is the checkout, so that edits
+    take effect at once. Otherwise it is the installed ``share/ator_ros``.
     """
     checkout = Path(__file__).resolve().parents[1]
     if (checkout / "package.xml").is_file() and (checkout / "config").is_dir():
@@ -40,10 +35,7 @@ def share_folder() -> Path:
 def resource_path(*parts: str) -> Path:
     """Return the path of a shipped file or folder, as in ``resource_path("models", "shoot.json")``.
 
-    Raises
-    ------
-    ResourceError
-        It is missing.
+    Raises ResourceError if it is missing.
     """
     path = share_folder().joinpath(*parts)
     if not path.exists():

@@ -1,9 +1,8 @@
-"""Files as typed classes: parsed data is read by the annotations of a schema, strictly.
+"""Schemas of files: dataclasses whose annotations are checked strictly.
 
-A schema is a dataclass. Its annotations define the fields: numbers are finite, nothing is converted
-silently (no "3" for 3, no true for 1), a union is the first of its types that fits, and `Within` and `Must`
-narrow further. Fields without a default are required. Unknown fields are an error. A schema's own
-``__post_init__`` raises ValueError for constraints between fields.
+Numbers are finite, and nothing is converted (no "3" for 3, no true for 1). A union is the first of its types
+that fits. `Within` and `Must` restrict values further. Fields without a default are required, and unknown
+fields are errors. ``__post_init__`` of a schema raises ValueError for constraints between fields.
 """
 
 from __future__ import annotations
@@ -36,18 +35,18 @@ _LONGEST = 200  # characters of a path, and of the fields that are missing or un
 
 
 class SchemaError(ValueError):
-    """Data that does not fit its schema; the message is one line: field, expected, actual."""
+    """Data does not fit its schema; the message is one line: field, expected, actual."""
 
 
 @dataclass(frozen=True)
 class Within:
-    """In `Annotated`: a number lies from `least` to `most`."""
+    """In `Annotated`: a number from `least` to `most`."""
 
     least: float = -math.inf
     most: float = math.inf
 
     def check(self, value: float) -> str | None:
-        """Return what was expected, if `value` lies outside."""
+        """Return what was expected; None if `value` is valid."""
         if self.least <= value <= self.most:
             return None
         if math.isinf(self.most):
@@ -57,13 +56,13 @@ class Within:
 
 @dataclass(frozen=True)
 class Must:
-    """In `Annotated`: what a value must be, in words, and whether it is."""
+    """In `Annotated`: what is expected, in words, and a test of the value."""
 
     expected: str
     holds: Callable[[Any], bool]
 
     def check(self, value: Any) -> str | None:
-        """Return what was expected, if `value` is something else."""
+        """Return what was expected; None if `value` is valid."""
         return None if self.holds(value) else self.expected
 
 
@@ -72,24 +71,21 @@ NOT_EMPTY = Must("at least one", bool)
 
 
 def structured(data: object, schema: type[T]) -> T:
-    """Return parsed data as an instance of `schema`, a dataclass or a type built of them.
+    """Return parsed data as an instance of `schema`, a dataclass or a type that contains dataclasses.
 
-    Raises
-    ------
-    SchemaError
-        It does not fit; the message names the first field that does not.
+    Raises SchemaError if the data does not fit; the message names the first wrong field.
     """
     try:
-        read: T = _read(data, schema, "")
+        value: T = _read(data, schema, "")
     except RecursionError as error:
         raise SchemaError("expected data that is nested less deeply") from error
-    return read
+    return value
 
 
 def unstructured(data: DataclassInstance) -> dict[str, Any]:
     """Return the fields of a dataclass as plain data for a file; the inverse of `structured`.
 
-    Fields whose value and default are None are left out.
+    Fields whose value and default are None are omitted.
     """
     values = ((item, getattr(data, item.name)) for item in fields(data))
     return {
@@ -106,7 +102,7 @@ def _plain(value: Any) -> Any:
 
 
 def require(holds: bool, path: str, expected: str, value: object) -> None:
-    """Raise SchemaError about the field at a path unless `holds`; also for a schema's ``__post_init__``."""
+    """Raise SchemaError about the field at `path` unless `holds`; also for ``__post_init__``."""
     if not holds:
         raise _error(path, f"expected {expected}; got {quoted(value)}")
 
@@ -124,7 +120,7 @@ _WORDS: Mapping[Any, str] = {
 
 
 def _read(value: Any, kind: Any, path: str) -> Any:
-    """Return the value at a path of the data as `kind` annotates it."""
+    """Return the value at a path of the data as the annotated type `kind`."""
     if kind is float:
         number = isinstance(value, int | float) and not isinstance(value, bool)
         # An int may be greater than any float.
@@ -156,13 +152,13 @@ def _read(value: Any, kind: Any, path: str) -> Any:
 
 @functools.cache
 def _hints(schema: Any) -> dict[str, Any]:
-    """Return the annotations of a schema's fields by name."""
+    """Return the annotation of each field of a schema."""
     hints = get_type_hints(schema, include_extras=True)
     return {item.name: hints[item.name] for item in fields(schema)}
 
 
 def _table(value: Any, schema: Any, path: str) -> Any:
-    """Return a table as a dataclass; a wrong field is reported before those that are missing or unknown."""
+    """Return a table as a dataclass; wrong fields are reported before missing and unknown ones."""
     names, hints = _names_of_fields(schema), _hints(schema)
     require(isinstance(value, Mapping), path, f"a table with {names}", value)
     read = {
@@ -170,7 +166,7 @@ def _table(value: Any, schema: Any, path: str) -> Any:
         for name, kind in hints.items()
         if name in value
     }
-    missing = sorted(_needed(schema) - read.keys())
+    missing = sorted(_required(schema) - read.keys())
     unknown = sorted(str(name) for name in value.keys() - hints.keys())
     if missing or unknown:
         found = [f"missing {', '.join(missing)}"] if missing else []
@@ -182,27 +178,27 @@ def _table(value: Any, schema: Any, path: str) -> Any:
         raise _error(path, str(error)) from error
 
 
-def _needed(schema: Any) -> set[str]:
+def _required(schema: Any) -> set[str]:
     return {item.name for item in fields(schema) if item.default is item.default_factory is MISSING}
 
 
 @functools.cache
 def _names_of_fields(schema: Any) -> str:
     """Return the fields of a schema for a message, optional ones in brackets."""
-    needed = _needed(schema)
-    others = ", ".join(sorted(_hints(schema).keys() - needed))
-    return f"{', '.join(sorted(needed))}{f' [{others}]' if others else ''}"
+    required = _required(schema)
+    optional = ", ".join(sorted(_hints(schema).keys() - required))
+    return f"{', '.join(sorted(required))}{f' [{optional}]' if optional else ''}"
 
 
 def _either(value: Any, kinds: tuple[Any, ...], path: str) -> Any:
-    """Return a value as the first table with all its fields, else as the first type that fits."""
+    """Return a value as the first schema that has all its fields, else as the first type that fits."""
     if value is None and NoneType in kinds:
         return None
     kinds = tuple(kind for kind in kinds if kind is not NoneType)
     tables: list[Any] = [kind for kind in kinds if is_dataclass(kind)]
     if tables and isinstance(value, Mapping):
-        suited = [kind for kind in tables if value.keys() <= _hints(kind).keys()]
-        kinds = ((suited or tables)[0],)
+        suitable = [kind for kind in tables if value.keys() <= _hints(kind).keys()]
+        kinds = ((suitable or tables)[0],)
     if len(kinds) == 1:
         return _read(value, kinds[0], path)
     for kind in kinds:

@@ -1,4 +1,4 @@
-"""Measure how the actions of soccer perform: success, duration, and how it changes with the start.
+"""Measure the actions of soccer: success, duration, and its change with the start.
 
 scripts/run python benchmarks/actions.py --out docs/actions.md
 scripts/run python benchmarks/actions.py --action-set bezier --out docs/actions_bezier.md
@@ -30,7 +30,7 @@ TURN = math.radians(1.0)
 TEXT = """# How the actions perform (set `{action_set}`)
 
 {situations} random situations of each action, seed {seed}, drawn as for experience. *Turned by 1°*
-is the change of duration when only the start's heading changes by a degree: 95th and 99th percentile.
+is the change of duration if the start's heading changes by one degree: 95th and 99th percentile.
 A control tick is 0.05 s.
 
     {command}
@@ -44,7 +44,7 @@ A control tick is 0.05 s.
 
 
 def run_both(task: tuple[str, int], *, action_set: str, seed: int) -> tuple[Episode, Episode]:
-    """Return the episode from a situation, and that from the same one turned by a degree."""
+    """Return the episode of a situation, and that of the situation with the robot turned by a degree."""
     name, number = task
     domain = find_domain("soccer")
     robot, spec = domain.robot(), domain.actions(action_set)[name]
@@ -60,7 +60,7 @@ def run_both(task: tuple[str, int], *, action_set: str, seed: int) -> tuple[Epis
 
 
 def measure(action_set: str, situations: int, seed: int) -> tuple[list[str], str]:
-    """Return the rows of the table, and what failed."""
+    """Return the rows of the table, and a text about failures."""
     names = tuple(find_domain("soccer").actions(action_set))
     tasks = [(name, number) for name in names for number in range(situations)]
     run = partial(run_both, action_set=action_set, seed=seed)
@@ -77,7 +77,7 @@ def measure(action_set: str, situations: int, seed: int) -> tuple[list[str], str
             change = np.quantile(np.abs(turned - durations), [0.95, 0.99])
             measured = f"{durations.mean():.2f} s | {change[0]:.2f} / {change[1]:.2f} s"
         rows.append(f"| {name} | {success:.1%} | {measured} |")
-    failed = "\n".join(f"* {count} x {why}" for why, count in failures.most_common())
+    failed = "\n".join(f"* {count} x {reason}" for reason, count in failures.most_common())
     return rows, f"What failed:\n\n{failed}" if failed else "Nothing failed."
 
 

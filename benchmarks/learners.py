@@ -1,10 +1,10 @@
-"""Compare our model tree with learners of scikit-learn on the same examples (paper, section 3).
+"""Compare the model tree with learners of scikit-learn on the same examples (paper, section 3).
 
     ros2 run ator_ros collect --seed 101 --out experience.parquet
     ros2 run ator_ros collect --seed 211 --out fresh.parquet
     scripts/run python benchmarks/learners.py experience.parquet fresh.parquet
 
-Each learns the durations of the episodes of one table and is measured on those of the other.
+All learn the durations of the episodes in the first table and are measured on the second.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def examples(
 
 
 def _predicted(tree: ModelTreeRegressor, rows: FloatArray) -> FloatArray:
-    """Return predictions as the refiner makes them, from flat arrays."""
+    """Return the predictions by the refiner's fast path."""
     return tree.tree_.predict(rows)
 
 

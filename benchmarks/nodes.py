@@ -2,8 +2,8 @@
 
     scripts/run python benchmarks/nodes.py --out nodes.json
 
-Use an idle machine. The script imports nothing of ator_ros, so that one copy measures every commit: run it
-with the `scripts/run` of the checkout to measure.
+Use an idle machine. The script does not import ator_ros, so that one copy can measure any commit: run it with
+the `scripts/run` of the checkout to measure.
 """
 
 from __future__ import annotations
@@ -35,24 +35,23 @@ from ator_interfaces.msg import ObjectState, TopCall
 from ator_interfaces.srv import PlaceObject, PlaceRobot, RefineSubgoal
 
 NODES = ("simulation", "refinement", "executor")
-PATIENCE = 300.0
-SETTLED = 3.0
-"""Seconds after which a node that has just started is idle."""
+TIMEOUT = 300.0  # s
+SETTLING_TIME = 3.0  # s after which a started node is idle
 TICKS = "99 % of the last 1000 ticks within (ms)"
 
 
 def request() -> RefineSubgoal.Request:
     """Return a request of two steps: the heading at the ball before a dribble is open."""
-    asked = RefineSubgoal.Request()
-    asked.situation.robot.position.x = -2.0
-    asked.situation.robot.orientation.w = 1.0
-    asked.situation.objects = [ObjectState(name="ball")]
+    message = RefineSubgoal.Request()
+    message.situation.robot.position.x = -2.0
+    message.situation.robot.orientation.w = 1.0
+    message.situation.objects = [ObjectState(name="ball")]
     approach, dribble = TopCall(top="goToBall", open=["yaw"]), TopCall(top="dribbleBall")
     approach.goal.pose.orientation.w = 1.0
     dribble.goal.pose.position.x, dribble.goal.pose.position.y = 1.0, 1.5
     dribble.goal.pose.orientation = Quaternion(z=0.7071067811865476, w=0.7071067811865476)
-    asked.chain.calls = [approach, dribble]
-    return asked
+    message.chain.calls = [approach, dribble]
+    return message
 
 
 @contextmanager
@@ -80,33 +79,33 @@ def spun(name: str) -> Iterator[Node]:
 
 
 def until(condition: Callable[[], bool], what: str) -> None:
-    """Wait for a condition; raise TimeoutError after `PATIENCE`."""
-    end = time.monotonic() + PATIENCE
+    """Wait for a condition; raise TimeoutError after `TIMEOUT`."""
+    end = time.monotonic() + TIMEOUT
     while not condition():
         if time.monotonic() > end:
-            raise TimeoutError(f"expected {what} within {PATIENCE:g} s")
+            raise TimeoutError(f"expected {what} within {TIMEOUT:g} s, got nothing")
         time.sleep(0.01)
 
 
 def answer_times(number: int, seconds: float, results: Any) -> None:
-    """Send one request after the other for some seconds; put the times in s, NaN for a lost answer."""
+    """Send requests one after the other for some seconds; put their times in s and the number of failures."""
     with spun(f"client{number}") as node:
         client = node.create_client(RefineSubgoal, "refine_subgoal")
-        client.wait_for_service(PATIENCE)
+        client.wait_for_service(TIMEOUT)
         client.call(request(), timeout_sec=5.0)
-        times, lost, end = [], 0, time.monotonic() + seconds
+        times, failures, end = [], 0, time.monotonic() + seconds
         while time.monotonic() < end:
             started = time.monotonic()
             answer = client.call(request(), timeout_sec=5.0)
             if answer is None or not answer.accepted:
-                lost += 1
+                failures += 1
             else:
                 times.append(time.monotonic() - started)
-        results.put((times, lost))
+        results.put((times, failures))
 
 
 def requests(clients: int, seconds: float) -> dict[str, float]:
-    """Measure requests of so many clients at once, each in a process of its own."""
+    """Measure requests of several clients at once, each in its own process."""
     context = multiprocessing.get_context("spawn")
     results = context.Queue()
     processes = [
@@ -122,7 +121,7 @@ def requests(clients: int, seconds: float) -> dict[str, float]:
         "requests per second": round(len(times) / seconds, 1),
         "median (ms)": round(statistics.median(times), 2),
         "99 % within (ms)": round(times[int(0.99 * len(times))], 2),
-        "lost or refused": sum(lost for _, lost in found),
+        "lost or refused": sum(failures for _, failures in found),
     }
 
 
@@ -133,7 +132,7 @@ def processor_time(pid: int) -> float:
 
 
 def shares(pids: dict[str, int], work: Callable[[], None]) -> dict[str, float]:
-    """Return the share of a core in % that each process uses while `work` is done."""
+    """Return the share of a core in % that each process uses during `work`."""
     before, started = {name: processor_time(pid) for name, pid in pids.items()}, time.monotonic()
     work()
     took = time.monotonic() - started
@@ -141,13 +140,7 @@ def shares(pids: dict[str, int], work: Callable[[], None]) -> dict[str, float]:
 
 
 class Driver:
-    """Executes the chain of `request` again and again.
-
-    Parameters
-    ----------
-    node : Node
-        Spun by another thread.
-    """
+    """Executes the chain of `request` repeatedly; another thread spins its node."""
 
     def __init__(self, node: Node) -> None:
         self.diagnosed, self.ticks = False, ""
@@ -163,15 +156,15 @@ class Driver:
                 self.ticks = next((each.value for each in status.values if each.key == TICKS), self.ticks)
 
     def drive(self, times: int) -> None:
-        """Place robot and ball, and execute the chain, so many times."""
+        """Place robot and ball and execute the chain, several times."""
         for _ in range(times):
             self._drive_once()
 
     def _drive_once(self) -> None:
         robot, ball = PlaceRobot.Request(), PlaceObject.Request()
         robot.pose.pose = request().situation.robot
-        self._robot.call(robot, timeout_sec=PATIENCE)
-        self._ball.call(ball, timeout_sec=PATIENCE)
+        self._robot.call(robot, timeout_sec=TIMEOUT)
+        self._ball.call(ball, timeout_sec=TIMEOUT)
         time.sleep(0.3)
         goal = ExecuteChain.Goal(chain=request().chain, refine=True)
         sent = self._chains.send_goal_async(goal)
@@ -191,11 +184,11 @@ def measure(seconds: float, chains: int) -> dict[str, Any]:
         with spun("driver") as node:
             driver = Driver(node)
             until(lambda: driver.diagnosed, "diagnostics of the executor")
-            time.sleep(SETTLED)
+            time.sleep(SETTLING_TIME)
             idle = shares(pids, lambda: time.sleep(seconds))
             driver.drive(1)
             driving = shares(pids, lambda: driver.drive(chains))
-            time.sleep(SETTLED)
+            time.sleep(SETTLING_TIME)
             ticks = driver.ticks
         return {
             "load before": round(os.getloadavg()[0], 1),
@@ -213,11 +206,11 @@ def measure(seconds: float, chains: int) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Measure, and print or write the result."""
+    """Run the command line."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--seconds", type=float, default=20.0, help="of each measurement (default: 20)")
     parser.add_argument("--chains", type=int, default=10, help="to execute (default: 10)")
-    parser.add_argument("--domain", default="88", help="ROS domain that nothing else uses (default: 88)")
+    parser.add_argument("--domain", default="88", help="an unused ROS domain (default: 88)")
     parser.add_argument("--out", type=Path, help="JSON file to write")
     options = parser.parse_args()
     os.environ["ROS_DOMAIN_ID"] = options.domain

@@ -1,11 +1,11 @@
-"""What learning on the job gains, from the first chain on: no models at the start.
+"""Measure what learning on the job gains, starting without models.
 
     scripts/run python benchmarks/on_the_job.py --domain pursuit --chains 100 --seed 2041 --work on_the_job
 
-The chains are those of `evaluate --domain pursuit --seed 2041`; with `--oracle-from` the folder of such an
-evaluation, its oracle is the measure. Each chain is executed as the nodes would do it with the set in use;
-before there is one, with the bearings from the places before as headings. With these it is executed, too, as
-the baseline. The node `learning` runs without ROS, one round at a time.
+The chains are those of `evaluate --domain pursuit --seed 2041`. With `--oracle-from`, gains are compared with
+the oracle of such an evaluation. Each chain is executed as the nodes would do it with the current models.
+Before there are models, and for the baseline, headings are the bearings from the preceding stations. The
+learner of the node `learning` runs without ROS, one round at a time.
 """
 
 from __future__ import annotations
@@ -41,12 +41,11 @@ from ator_ros.performance.model_file import load_models
 from ator_ros.refinement.gate import Gate
 from ator_ros.refinement.refiner import Refinement, Refiner
 
-SHARE = 0.1
-"""Greatest share of chains that run as planned, to compare."""
+COMPARISON_SHARE = 0.1  # greatest share of chains that run as planned, for comparison
 
 
 class _Round:
-    """A round of learning that is done when it is asked for."""
+    """A round of learning that runs when its result is requested."""
 
     done = True
 
@@ -61,7 +60,7 @@ class _Round:
 
 
 def episode(record: ActionRecord) -> Episode:
-    """Return the episode of an action, of which only the start was observed."""
+    """Return the episode of an executed action, with its start as the only sample."""
     call, start = record.chain.calls[record.index], record.start
     samples: FloatArray = np.array([sample_of(start, start.time, start.objects)])
     return Episode(
@@ -77,12 +76,12 @@ def episode(record: ActionRecord) -> Episode:
 
 
 def refine(domain: Domain, learner: Learner, folder: Path, trial: Trial) -> Refinement | None:
-    """Refine the chain of a trial by the learned set in use; None without one."""
+    """Refine the chain of a trial with the current models; return None without models."""
     robot, place = domain.robot(None), current_set(folder)
     if place is None:
         return None
     models = load_models(robot, domain.known_features, folder=place)
-    drawn = random.random() < learner.gains.comparison_share(SHARE)
+    drawn = random.random() < learner.gains.comparison_share(COMPARISON_SHARE)
     gate = Gate(measured=learner.gains.measured, drawn=drawn)
     refiner = Refiner(robot, models, gate, ranges=domain.ranges, failure_cost=domain.time_limit)
     return refiner.refine(trial.world, trial.chain, placeholders=True)
@@ -129,9 +128,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         learner.work(float(index))  # and end
         compared = found is not None and found.comparison
         rows.append((baseline - run.duration, baseline - best[index], baseline, compared))
-        why = "no models" if found is None else found.reason
+        reason = "no models" if found is None else found.reason
         print(
-            f"{index + 1}: {run.duration:.2f} s, {rows[-1][0]:+.2f} s less than the baseline; {why}",
+            f"{index + 1}: {run.duration:.2f} s, {rows[-1][0]:+.2f} s less than the baseline; {reason}",
             flush=True,
         )
     gains: FloatArray = np.array(rows, dtype=float)

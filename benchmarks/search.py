@@ -1,4 +1,4 @@
-"""Compare the search of refinement with references that take any time, predicted and executed.
+"""Compare the search of refinement with slow references, by predicted and executed durations.
 
     scripts/run python benchmarks/search.py --seed 2051 --situations 125
 
@@ -32,18 +32,14 @@ from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.ranges import Range
 
-NEAR = 0.005
-"""Share by which a search may be above the reference."""
-SPEED_STEP = 0.05
-"""Distance in m/s between candidates of a speed, for each degree between those of an angle."""
-POPULATION, GENERATIONS = 32, 400
-"""Of the optimizer: individuals for each variable, and generations."""
-OUTSIDE = 1000.0
-"""Cost in s of values outside a region."""
+NEAR = 0.005  # relative cost above the reference up to which the search counts as near
+SPEED_STEP = 0.05  # m/s between candidates of a speed, for each degree between candidates of an angle
+POPULATION, GENERATIONS = 32, 400  # of the optimizer: individuals for each variable, and generations
+OUTSIDE = 1000.0  # cost in s of values outside a region
 
 
 class Case(NamedTuple):
-    """Index of the domain's chain, what is open in it, and degrees between candidates of a grid, if any."""
+    """Index of the domain's chain, its open variables, and degrees between candidates of a grid, if any."""
 
     chain: int
     opened: Callable[[TopChain], TopChain]
@@ -83,7 +79,7 @@ class Reference:
         self._names = names_of(chain, analysis.free)
 
     def brute_force(self, degrees: int) -> TopChain:
-        """Return the best chain on a grid with so many degrees between angles."""
+        """Return the best chain on a grid with this distance between angles."""
         grids = []
         for given, axes in zip(self._model.given, self._axes, strict=True):
             lines = [fine_line(domain, degrees) for domain in axes]
@@ -92,7 +88,7 @@ class Reference:
         return self._with(least_path(self._model.step_cost, grids, self._model.given).values)
 
     def optimized(self, seed: int) -> TopChain:
-        """Return what differential evolution finds (Storn and Price 1997, SciPy)."""
+        """Return the chain that differential evolution finds (Storn and Price 1997, SciPy)."""
         bounds = [(domain.low, domain.high) for axes in self._axes for domain in axes]
         found = differential_evolution(
             self._costs, bounds, vectorized=True, updating="deferred", init="sobol", popsize=POPULATION,
@@ -120,7 +116,7 @@ class Reference:
         return inside
 
     def _split(self, points: FloatArray) -> list[FloatArray]:
-        """Return the values of each subgoal, shapes (n, k), or (1, 0) where nothing is free."""
+        """Return the values of each subgoal, shapes (n, k), or (1, 0) if nothing is free."""
         ends = np.cumsum([len(axes) for axes in self._axes])[:-1]
         parts = np.split(points, ends)
         return [part.T if len(part) else np.zeros((1, 0)) for part in parts]
@@ -157,7 +153,7 @@ def compared(tools: Toolset, library: TopLibrary, case: Case, seed: int, index: 
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Print, for each case, how near the search comes and what the reference gains when it is executed."""
+    """Print for each case the costs above the reference, as predicted and as executed."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("cases", nargs="*", metavar="CASE", help=f"of {', '.join(CASES)} (default: all)")
     parser.add_argument("--situations", type=int, default=125, metavar="N", help="of each case")

@@ -35,11 +35,9 @@ from ator_ros.world.state import CONTROL_PERIOD, STOP, Command, ObjectState, Rob
 Rows = Iterator[tuple[str, str]]
 """What was measured, and the numbers."""
 SOURCE = ToolsetSource()
-WARM_UP = 10
-LENGTHS = (2, 8, 32)
-"""Steps of the chains that show how the time of refinement grows."""
-TICKS = 40
-"""Ticks of an action that are measured: the first two seconds, in which it plans."""
+WARM_UP = 10  # requests
+LENGTHS = (2, 8, 32)  # steps of long chains
+TICKS = 40  # measured ticks of an action: the first two seconds, in which it plans
 BLOCK = 5.0  # s of a simulation
 
 CASES: dict[str, tuple[int, Callable[[TopChain], TopChain]]] = {
@@ -49,11 +47,11 @@ CASES: dict[str, tuple[int, Callable[[TopChain], TopChain]]] = {
     "3 steps, two headings and speeds": (-1, open_speeds),
     "3 steps, place, headings and speeds": (-1, open_places),
 }
-"""By name: whether the domain's first (0) or last (-1) chain, and what is left open in it."""
+"""By name: the domain's first (0) or last (-1) chain, and a function that opens its variables."""
 
 
 def refinement(requests: int) -> Rows:
-    """Measure search, prediction and gate; each request is another random situation."""
+    """Measure search, prediction and gate in random situations."""
     tools, library = tools_of(SOURCE)
     refiner, names = tools.refiner(gated=True), list(tools.domain.chains)
     gc.collect()
@@ -79,7 +77,7 @@ def refinement(requests: int) -> Rows:
 
 
 def long_chain(library: TopLibrary, steps: int) -> tuple[World, TopChain]:
-    """Return an object that is fetched and carried on, an even number of `steps`, and the world before."""
+    """Return a start and a chain of an even number of `steps` that fetch and carry an object."""
     fetching = next(top for top in library.usable() if object_fetched_by(top))
     carrying = next(top for top in library.usable() if kept(top))
     places = [Pose(0.1 * ((step + 1) // 2), 0.0, 0.3) for step in range(steps)]
@@ -92,7 +90,7 @@ def long_chain(library: TopLibrary, steps: int) -> tuple[World, TopChain]:
 
 
 def plans(requests: int) -> Rows:
-    """Measure the planning of chains for each goal that the domain names."""
+    """Measure the planning of chains for each named goal of the domain."""
     tools, library = tools_of(SOURCE)
     domain = tools.domain
     for name, goal in sorted(domain.goals(tools.robot).items()):
@@ -106,7 +104,7 @@ def plans(requests: int) -> Rows:
 
 
 def ticks(requests: int) -> Rows:
-    """Measure the longest tick of each action where a path is hard to find or there is none."""
+    """Measure the longest tick of actions in situations in which a path is hard to find or missing."""
     domain, robot = find_domain(SOURCE.domain), SOURCE.described()
     for action_set in domain.action_sets:
         actions = domain.actions(action_set)
@@ -182,7 +180,7 @@ def hard_situations(robot: Robot, count: int, seed: int) -> Iterator[tuple[str, 
 
 
 def _after(robot: Robot, world: World, command: Command) -> World:
-    """Return the world a tick later; a ball in front stays there."""
+    """Return the world one tick later; a ball in front of the robot stays there."""
     before, ball = world.robot, ball_of(world)
     speeds = ramped(Command(before.v, before.w), command, CONTROL_PERIOD, robot.limits, robot.stop)
     moved = before.pose.ahead(speeds.v * CONTROL_PERIOD)
@@ -194,7 +192,7 @@ def _after(robot: Robot, world: World, command: Command) -> World:
 
 
 def simulation(requests: int) -> Rows:
-    """Measure how many times faster than real time the simulation is, in the fastest of some blocks."""
+    """Measure the real-time factor of the simulation in the fastest of several blocks."""
     domain, robot = find_domain(SOURCE.domain), SOURCE.described()
     for name, held in (("with a held object", domain.objects[0]), ("without objects", None)):
         least = min(_block(robot, held) for _ in range(min(requests, 12)))
@@ -202,7 +200,7 @@ def simulation(requests: int) -> Rows:
 
 
 def _block(robot: Robot, held: str | None) -> float:
-    """Return how long a block takes in which the robot drives in bends, with an object or without."""
+    """Return the real s for a block in which the robot drives in bends, with or without an object."""
     with Simulation(robot) as simulated:
         simulated.place_robot(Pose(0.0, 0.0, 0.0))
         if held is not None:
@@ -231,7 +229,7 @@ PARTS: dict[str, Callable[[int], Rows]] = {
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Measure the parts that the command line names, and print a line for each case."""
+    """Run the command line; return the exit code."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

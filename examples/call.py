@@ -5,8 +5,8 @@
     python3 examples/call.py /execute_chain ator_interfaces/action/ExecuteChain "{refine: true, ...}"
     python3 examples/call.py echo /performance/chain
 
-The values are YAML; fields that are not named keep their defaults. With --feedback, the feedback of a goal is
-printed as it comes. Ctrl-C cancels the goal. The program needs only rclpy, PyYAML and the interfaces.
+The values are YAML; other fields keep their defaults. --feedback prints the feedback of a goal. Ctrl-C
+cancels the goal. The program needs rclpy, PyYAML and the packages of the types.
 """
 
 from __future__ import annotations
@@ -29,15 +29,15 @@ from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
 
 _TIMEOUT = 10.0  # s
-_POLL = 0.1  # s after which Ctrl-C is noticed
+_POLL = 0.1  # s: Ctrl-C is handled between two waits
 
 
 class CallError(Exception):
-    """A call that cannot be made, or failed; the message says what was expected and what came."""
+    """A call is impossible or has failed; the message is one line: expected, actual."""
 
 
 def interface(name: str) -> Any:
-    """Import a type, such as std_srvs/srv/Trigger."""
+    """Return the class of a type such as std_srvs/srv/Trigger."""
     try:
         package, folder, kind = name.split("/")
         return getattr(importlib.import_module(f"{package}.{folder}"), kind)
@@ -48,7 +48,7 @@ def interface(name: str) -> Any:
 
 
 def filled(kind: Any, values: Any, where: str = "request") -> Any:
-    """Return a message of a type, with the values, as YAML gives them, in its fields."""
+    """Return a message of a class with parsed YAML values in its fields."""
     if not isinstance(values, dict):
         raise CallError(f"{where}: expected fields with values, got {values!r}")
     message, types = kind(check_fields=True), kind.get_fields_and_field_types()
@@ -72,7 +72,7 @@ def filled(kind: Any, values: Any, where: str = "request") -> Any:
 
 
 def _floats(value: Any) -> Any:
-    """Return whole numbers as floats, in lists as well."""
+    """Return integers as floats, also in lists."""
     if isinstance(value, list):
         return [_floats(item) for item in value]
     return float(value) if type(value) is int else value
@@ -100,7 +100,7 @@ def _plain(value: Any) -> Any:
 
 
 def echo(node: Node, topic: str, *, once: bool) -> None:
-    """Print the messages of a topic until Ctrl-C, or the first one."""
+    """Print the messages of a topic until Ctrl-C, or the first one only."""
     name, end = node.resolve_topic_name(topic), time.monotonic() + _TIMEOUT
     while not (publishers := node.get_publishers_info_by_topic(name)):
         if time.monotonic() > end:
@@ -125,7 +125,7 @@ def call(node: Node, service: str, kind: Any, values: Any) -> None:
 
 
 def send_goal(node: Node, action: str, kind: Any, values: Any, *, feedback: bool) -> None:
-    """Send a goal to an action and print its result, with `feedback` also its feedback; Ctrl-C cancels it."""
+    """Send a goal to an action, and print its result and, if requested, feedback; Ctrl-C cancels it."""
     client = ActionClient(node, kind, action)
     if not client.wait_for_server(timeout_sec=_TIMEOUT):
         raise CallError(f"expected the action {action} of this type within {_TIMEOUT:g} s, found none")
@@ -162,10 +162,10 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         prog="call", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("name", help="of the service or action, such as /reset; echo: print a topic")
-    parser.add_argument("type", help="such as std_srvs/srv/Trigger; of echo the topic")
+    parser.add_argument("name", help="of the service or action, such as /reset; or echo")
+    parser.add_argument("type", help="such as std_srvs/srv/Trigger; echo: the topic")
     parser.add_argument("values", nargs="?", default="{}", help="of the request's or goal's fields, as YAML")
-    parser.add_argument("--once", action="store_true", help="of echo: end after one message")
+    parser.add_argument("--once", action="store_true", help="echo: end after one message")
     parser.add_argument("-f", "--feedback", action="store_true", help="print the feedback of a goal")
     options = parser.parse_args(arguments)
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # Ctrl-C first cancels the goal

@@ -39,7 +39,7 @@ TIME_LIMIT = 30.0  # s, of an action alone and of a chain
 # Section 3, learning performance models
 #
 # 1) "From experience": each action is executed in random situations. The paper learns from the states at
-# 10 Hz. Here only the starts are examples: later states are in motion, and the features contain no velocity.
+# 10 Hz. Here only the starts are examples, because the features contain no velocity.
 
 
 def observe(action: str, seed: int, number: int) -> tuple[FloatArray, float]:
@@ -53,19 +53,19 @@ def observe(action: str, seed: int, number: int) -> tuple[FloatArray, float]:
 
 
 def execute(simulation: Simulation, action: str, goal: Goal) -> bool:
-    """Execute an action until it ends or the time is over, and return whether it succeeded."""
-    left = TIME_LIMIT - simulation.time
+    """Execute an action until it ends or the time limit; return whether it succeeded."""
+    time_left = TIME_LIMIT - simulation.time
     try:
-        done = run_action(simulation, ACTIONS[action].factory(ROBOT), goal, time_limit=left)
-    except ActionError:  # it cannot start: the action before it has lost the ball
+        end = run_action(simulation, ACTIONS[action].factory(ROBOT), goal, time_limit=time_left)
+    except ActionError:  # it cannot start: the preceding action has lost the ball
         return False
-    return done.status is Status.SUCCEEDED
+    return end.status is Status.SUCCEEDED
 
 
 def situation_of(start: Pose, goal: Goal) -> FloatArray:
-    """Return the direct variables x, y, yaw, xg, yg, yawg (m, rad), and how far behind the goal to stop (m).
+    """Return the direct variables x, y, yaw, xg, yg, yawg (m, rad), and the distance kept from the goal (m).
 
-    Where the goal is a ball, the ball shall come into the robot's front, and the axle stops behind it.
+    At a ball, the axle stops behind the goal, so that the ball is at the robot's front.
     """
     return np.array([*start, *goal.pose, ROBOT.hold if goal.point is Point.HOLD else 0.0])
 
@@ -82,7 +82,7 @@ def features_of(situations: FloatArray) -> FloatArray:
     x, y, yaw, xg, yg, yawg, behind = situations.T
     dx, dy = xg - behind * np.cos(yawg) - x, yg - behind * np.sin(yawg) - y
     dist = np.hypot(dx, dy)
-    # Within 4 cm of the destination its bearing is noise, and gives way to the heading there.
+    # Within 4 cm of the destination, the bearing is noise and is blended into the heading there.
     pull = 20.0 * np.maximum(0.04 - dist, 0.0)
     bearing = np.arctan2(dy + pull * np.sin(yawg), dx + pull * np.cos(yawg))
     angle_to, angle_at = np.abs(wrap_angles(bearing - yaw)), np.abs(wrap_angles(yawg - bearing))
@@ -90,13 +90,13 @@ def features_of(situations: FloatArray) -> FloatArray:
 
 
 # 3) "By partitioning the state space" and 4) "by approximating functions to the data in each of these
-# partitions": a model tree, learned as M5' does (Wang and Witten 1997), but for one thing: a split is judged
+# partitions": a model tree, learned as M5' does (Wang and Witten 1997), with one exception: a split is judged
 # by the errors of linear models on its two sides, not by the deviations from their means.
 
 LEAST_LEAF = 25  # examples
-THRESHOLDS = 15  # tried for each feature, at quantiles
-SMOOTHINGS = (5.0, 60.0)  # examples that the model of the node above may count for
-TRACE = 0.01  # share of the error by which a term must move predictions
+THRESHOLDS = 15  # candidates for each feature, at quantiles
+SMOOTHINGS = (5.0, 60.0)  # weight, in examples, of the parent's model
+TRACE = 0.01  # share of the error below which a term is removed
 
 
 @dataclass
@@ -107,10 +107,10 @@ class Node:
     durations: FloatArray  # in s, (n,)
     constant: float
     slopes: FloatArray  # (11,)
-    error: float  # in s, expected of the tree from here on, on other examples
+    error: float  # in s, expected error of this subtree for other examples
     feature: int = 0
     threshold: float = 0.0
-    below: tuple[Node, Node] | None = None  # for a feature up to the threshold, and above it
+    below: tuple[Node, Node] | None = None  # children for values up to the threshold, and above it
 
     def predict(self, table: FloatArray) -> FloatArray:
         """Return durations in s, shape (n,), for features, shape (n, 11)."""
@@ -124,17 +124,17 @@ class Node:
 def learn(table: FloatArray, durations: FloatArray) -> Node:
     """Learn a model tree from features, shape (n, 11), and durations, shape (n,).
 
-    The smoothing is the one whose trees of two thirds of the examples predict the last third better.
+    Cross-validation in three folds chooses the smoothing.
     """
-    third, missed = np.arange(len(table)) % 3, dict.fromkeys(SMOOTHINGS, 0.0)
+    fold, errors = np.arange(len(table)) % 3, dict.fromkeys(SMOOTHINGS, 0.0)
     for smoothing, held in product(SMOOTHINGS, range(3)):
-        tree = smooth(grow(table[third != held], durations[third != held]), smoothing)
-        missed[smoothing] += np.abs(tree.predict(table[third == held]) - durations[third == held]).sum()
-    return smooth(grow(table, durations), min(SMOOTHINGS, key=lambda smoothing: missed[smoothing]))
+        tree = smooth(grow(table[fold != held], durations[fold != held]), smoothing)
+        errors[smoothing] += np.abs(tree.predict(table[fold == held]) - durations[fold == held]).sum()
+    return smooth(grow(table, durations), min(SMOOTHINGS, key=lambda smoothing: errors[smoothing]))
 
 
 def grow(table: FloatArray, durations: FloatArray) -> Node:
-    """Grow a tree; a node stays a leaf if its own model is expected to err no more than those below."""
+    """Grow a tree; a node stays a leaf if the expected error of its own model is not above its children's."""
     node = Node(table, durations, *linear_model(table, durations))
     split = best_split(table, durations)
     if split is not None:
@@ -148,13 +148,13 @@ def grow(table: FloatArray, durations: FloatArray) -> Node:
 
 
 def best_split(table: FloatArray, durations: FloatArray) -> tuple[int, float] | None:
-    """Return the feature and the threshold that leave the least error; None if there are too few examples."""
+    """Return the feature and the threshold with the least error; None if there are too few examples."""
     count, least, best = len(table), np.inf, None
-    tried = min(THRESHOLDS, count // LEAST_LEAF) if count >= 2 * LEAST_LEAF else 0
+    candidates = min(THRESHOLDS, count // LEAST_LEAF) if count >= 2 * LEAST_LEAF else 0
     for feature, column in enumerate(table.T):
         ordered = np.sort(column)
-        for number in range(1, tried + 1):
-            value = ordered[int(np.ceil(count * number / (tried + 1))) - 1]
+        for number in range(1, candidates + 1):
+            value = ordered[int(np.ceil(count * number / (candidates + 1))) - 1]
             sides = [column <= value, column > value]
             if min(map(np.sum, sides)) < LEAST_LEAF:
                 continue
@@ -170,7 +170,7 @@ def best_split(table: FloatArray, durations: FloatArray) -> tuple[int, float] | 
 def linear_model(table: FloatArray, durations: FloatArray) -> tuple[float, FloatArray, float]:
     """Return constant, slopes and expected error of a linear model with few terms.
 
-    Terms are removed one by one while the expected error does not grow; each counts twice.
+    Terms are removed one by one while the expected error does not increase; each counts twice.
     """
     columns = list(range(len(FEATURES)))
     best = least_squares(table, durations, 2 * len(columns) + 2)
@@ -190,20 +190,20 @@ def linear_model(table: FloatArray, durations: FloatArray) -> tuple[float, Float
 def least_squares(table: FloatArray, durations: FloatArray, terms: int) -> tuple[float, FloatArray, float]:
     """Return constant, slopes and expected error of the linear model of all columns of a table.
 
-    The error is M5's estimate for other examples, of a model that counts as so many terms.
+    The error is M5's estimate for other examples and this number of terms.
     """
-    mean, level, count = table.mean(axis=0), durations.mean(), len(table)
-    centred, rest = table - mean, durations - level
-    # The millionth on the diagonal settles features that depend on each other.
-    moments = centred.T @ centred / count + 1e-6 * np.eye(table.shape[1])
-    slopes = np.linalg.solve(moments, centred.T @ rest / count)
-    error = np.sqrt(np.mean((rest - centred @ slopes) ** 2))
+    mean, mean_duration, count = table.mean(axis=0), durations.mean(), len(table)
+    centered, rest = table - mean, durations - mean_duration
+    # The diagonal makes the solution unique for linearly dependent features.
+    moments = centered.T @ centered / count + 1e-6 * np.eye(table.shape[1])
+    slopes = np.linalg.solve(moments, centered.T @ rest / count)
+    error = np.sqrt(np.mean((rest - centered @ slopes) ** 2))
     factor = (count + terms) / (count - terms) if count > terms else np.inf
-    return float(level - mean @ slopes), slopes, float(error * factor)
+    return float(mean_duration - mean @ slopes), slopes, float(error * factor)
 
 
 def smooth(node: Node, smoothing: float) -> Node:
-    """Mix the models below a node with those above them; drop terms that hardly matter at a leaf."""
+    """Mix each node's model with its parent's; remove terms with little effect from leaves."""
     for part in node.below or ():
         share = len(part.durations) / (len(part.durations) + smoothing)
         part.constant = share * part.constant + (1.0 - share) * node.constant
@@ -233,13 +233,13 @@ def rules(node: Node, conditions: tuple[str, ...] = ()) -> Iterator[str]:
 # Section 4, automatic subgoal refinement
 #
 # 4.1 and 4.2: of the variables that influence performance, the current state cannot be changed, and the plan
-# has committed to the ball's place and to the last goal. Only the heading at the ball is free.
+# binds the ball's position and the last goal. Only the heading at the ball is free.
 
 HEADINGS = np.linspace(-np.pi, np.pi, 120, endpoint=False)
 
 
 class Task(NamedTuple):
-    """A situation and the goals of the chain: at the ball, with a free heading, and the last one."""
+    """A start and the goals of the chain: at the ball, with a free heading, and the last one."""
 
     world: World
     subgoal: Goal
@@ -260,7 +260,7 @@ def features_of_chains(task: Task, headings: Iterable[float]) -> tuple[FloatArra
 
 
 def choose_headings(models: Mapping[str, Node], task: Task) -> tuple[float, float]:
-    """Return the headings in rad with which the first action alone (naive), and the chain, are fastest."""
+    """Return the headings in rad for which the first action alone (naive), and the chain, are fastest."""
     # 4.3, optimization: the duration of the chain is predicted by summing over the models of its actions.
     tables = zip(CHAIN, features_of_chains(task, HEADINGS), strict=True)
     first, second = (models[action].predict(table) for action, table in tables)
@@ -309,7 +309,7 @@ def experience(pool: Executor, action: str, seed: int, numbers: range) -> tuple[
 
 
 def run(pool: Executor, episodes: int, situations: int, seed: int) -> None:
-    """Learn from so many episodes of each action, and execute chains in so many situations, twice."""
+    """Learn from `episodes` of each action, and execute chains in twice as many situations as given."""
     models = {}
     for action in CHAIN:
         models[action] = learn(*experience(pool, action, seed, range(episodes)))
@@ -324,7 +324,7 @@ def run(pool: Executor, episodes: int, situations: int, seed: int) -> None:
         for name, chosen in zip(("naive", "refined"), headings, strict=True)
     )
     print_table("Before filtering", naive[:situations], refined[:situations])
-    # A tree learns in which of these refinement pays. In others the chain stays naive.
+    # A decision tree learns when refinement pays. In the other situations, the chain stays naive.
     pairs = zip(tasks, headings[0], strict=True)
     known = np.array([np.hstack(features_of_chains(task, [yaw]))[0] for task, yaw in pairs])
     tree = DecisionTreeClassifier(max_leaf_nodes=4, random_state=0)
@@ -334,7 +334,7 @@ def run(pool: Executor, episodes: int, situations: int, seed: int) -> None:
 
 
 def main() -> None:
-    """Read the command line."""
+    """Run the command line."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--episodes", type=int, default=500, help="of each action: 5 or more")
     parser.add_argument("--situations", type=int, default=100, help="for each half of Table 1: 2 or more")

@@ -1,10 +1,9 @@
-"""A client of your own: ask for the chains that reach a goal, have the best executed.
+"""A client that requests chains for a goal and has the best one executed.
 
     ros2 launch ator_ros ator.launch.xml
     python3 examples/plan_and_execute.py ball_in_goal
 
-The nodes must run. The program needs rclpy, the interfaces and the example `refine_and_execute`, and nothing
-else of ator_ros.
+The nodes must run. The program needs rclpy, ator_interfaces and the example `refine_and_execute`.
 """
 
 from __future__ import annotations
@@ -21,11 +20,11 @@ from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import ObjectState, Outcome, PlanGoal, Situation
 from ator_interfaces.srv import PlanChains
 
-_PATIENCE = 120.0  # s
+_TIMEOUT = 120.0  # s
 
 
 def situation(node: Node) -> Situation:
-    """Return where the robot and the ball are now."""
+    """Return the current state of robot and ball."""
     robot, ball = _message(node, "odom"), _message(node, "ball")
     twist = robot.twist.twist
     position, velocity = ball.pose.pose.position, ball.twist.twist.linear
@@ -34,14 +33,14 @@ def situation(node: Node) -> Situation:
 
 
 def _message(node: Node, topic: str) -> Any:
-    found, message = wait_for_message(Odometry, node, topic, time_to_wait=_PATIENCE)
+    found, message = wait_for_message(Odometry, node, topic, time_to_wait=_TIMEOUT)
     if not found:
-        raise TimeoutError(f"{topic}: expected a message, got none")
+        raise TimeoutError(f"{topic}: expected a message within {_TIMEOUT:g} s, got none")
     return message
 
 
 def plan_and_execute(node: Node) -> int:
-    """Have the goal that the command line names planned and reached; return the exit code."""
+    """Plan for the goal that the command line names, and execute the plan; return the exit code."""
     goal = PlanGoal(name=sys.argv[1] if len(sys.argv) > 1 else "ball_in_goal")
     answer = answered(
         node, PlanChains, "plan_chains", PlanChains.Request(situation=situation(node), goal=goal)
@@ -52,7 +51,7 @@ def plan_and_execute(node: Node) -> int:
     if not answer.chains:
         return 0 if answer.holds else 1
     first, *others = answer.chains
-    # The executor refines the chains and executes the one that is predicted best.
+    # The executor refines all chains and executes the one with the best prediction.
     result = executed(node, ExecuteChain.Goal(chain=first, alternatives=others, refine=True))
     steps = ", ".join(call.top for call in result.record.chain.calls)
     print(f"executed: {steps} in {result.record.actual.duration:.2f} s: {result.outcome.reason}")

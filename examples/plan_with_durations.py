@@ -1,11 +1,9 @@
-"""Two robots divide stations among themselves, planned with predicted durations of their drives.
+"""Plan which of two robots visits which station, with predicted durations of the drives.
 
     scripts/run python examples/plan_with_durations.py --problems 20
 
-Planning domains often have `(= ?duration 1)`. Here the duration of a drive is a numeric fluent of start and
-goal, whose values the learned model predicts. unified-planning describes the problem, Aries solves it, and
-the robots drive the plan in the simulation. Plans with equal durations, and with durations proportional to
-distance, are driven for comparison.
+Planning domains often have `(= ?duration 1)`. Here the learned model predicts the duration of each drive. The
+plans of Aries are executed in the simulation, and compared with plans for other durations.
 """
 
 from __future__ import annotations
@@ -33,33 +31,30 @@ ROBOT = DRIVE.robot()
 LIBRARY = DRIVE.library(ROBOT)
 MODELS = load_models(ROBOT, DRIVE.known_features, folder=DRIVE.shipped_models)
 ROBOTS, STATIONS = 2, 5
-TICKS = 10.0  # per s: Aries plans with whole numbers
-APART = 0.8  # m, between places, and from the edge
+TIME_UNITS = 10.0  # per s: Aries plans with integers
+SPACING = 0.8  # m, between places, and from the edge of the area
 
 
-def drawn(random: np.random.Generator) -> list[Pose]:
-    """Draw the poses of the starts, then of the stations, in m and rad."""
+def random_places(random: np.random.Generator) -> list[Pose]:
+    """Return random poses of the starts, then of the stations, in m and rad."""
     area = ROBOT.scene.area
-    half = np.array([area.length / 2.0 - APART, area.width / 2.0 - APART, math.pi])
+    half = np.array([area.length / 2.0 - SPACING, area.width / 2.0 - SPACING, math.pi])
     while True:
         places = [Pose(*random.uniform(-half, half).tolist()) for _ in range(ROBOTS + STATIONS)]
-        if min(one.distance(other) for one, other in itertools.combinations(places, 2)) > APART:
+        if min(one.distance(other) for one, other in itertools.combinations(places, 2)) > SPACING:
             return places
 
 
 def durations_between(places: Sequence[Pose]) -> dict[str, FloatArray]:
-    """Return by kind the durations of drives from each of n places to each other, in s, shape (n, n).
-
-    Those of the kind "equal" are 1.
-    """
+    """Return three estimates of the durations of drives between n places, in s, shape (n, n)."""
     worlds = [World(0.0, RobotState(pose)) for pose in places]
     calls = [TopCall(LIBRARY["goToPose"], Goal(pose)) for pose in places]
-    far = np.array([[one.distance(other) for other in places] for one in places])
     predicted = predict_durations(worlds, calls, ROBOT, MODELS).durations
-    return {"equal": np.ones_like(far), "by distance": far / ROBOT.limits.v, "predicted": predicted}
+    fastest = np.array([[start.distance(goal) for goal in places] for start in places]) / ROBOT.limits.v
+    return {"equal": np.ones_like(predicted), "by distance": fastest, "predicted": predicted}
 
 
-def planned(durations: FloatArray, seconds: float) -> list[list[int]]:
+def plan(durations: FloatArray, seconds: float) -> list[list[int]]:
     """Plan within `seconds` from durations in s, shape (n, n); return the stations of each robot in order."""
     robot, place = up.UserType("robot"), up.UserType("place")
     at, visited = up.Fluent("at", robot=robot, place=place), up.Fluent("visited", place=place)
@@ -68,32 +63,32 @@ def planned(durations: FloatArray, seconds: float) -> list[list[int]]:
     drive.set_fixed_duration(duration(drive.start, drive.goal))
     drive.add_condition(up.StartTiming(), at(drive.robot, drive.start))
     drive.add_effect(up.StartTiming(), at(drive.robot, drive.start), False)
-    for reached in (at(drive.robot, drive.goal), visited(drive.goal)):
-        drive.add_effect(up.EndTiming(), reached, True)
+    for effect in (at(drive.robot, drive.goal), visited(drive.goal)):
+        drive.add_effect(up.EndTiming(), effect, True)
     problem = up.Problem("stations")
-    for fluent, usual in ((at, False), (visited, False), (duration, 1)):
-        problem.add_fluent(fluent, default_initial_value=usual)
+    for fluent, default in ((at, False), (visited, False), (duration, 1)):
+        problem.add_fluent(fluent, default_initial_value=default)
     problem.add_action(drive)
     robots = [problem.add_object(f"robot{number}", robot) for number in range(ROBOTS)]
     places = [problem.add_object(f"place{number}", place) for number in range(len(durations))]
     for number, start in enumerate(robots):
         problem.set_initial_value(at(start, places[number]), True)
-    for (start, goal), taken in np.ndenumerate(durations):
-        problem.set_initial_value(duration(places[start], places[goal]), max(1, round(TICKS * taken)))
+    for (start, goal), time in np.ndenumerate(durations):
+        problem.set_initial_value(duration(places[start], places[goal]), max(1, round(TIME_UNITS * time)))
     for station in places[ROBOTS:]:
         problem.add_goal(visited(station))
     problem.add_quality_metric(up.MinimizeMakespan())
     with up.AnytimePlanner(name="aries") as planner:
-        plan = [found.plan for found in planner.get_solutions(problem, timeout=seconds) if found.plan][-1]
-    steps = [step.actual_parameters for _, step, _ in sorted(plan.timed_actions, key=itemgetter(0))]
-    orders = [[str(goal) for who, _, goal in steps if str(who) == str(robot)] for robot in robots]
-    return [[int(goal.removeprefix("place")) for goal in order] for order in orders]
+        best = [found.plan for found in planner.get_solutions(problem, timeout=seconds) if found.plan][-1]
+    drives = [step.actual_parameters for _, step, _ in sorted(best.timed_actions, key=itemgetter(0))]
+    goals = [[goal.object() for driver, _, goal in drives if driver.object() == robot] for robot in robots]
+    return [[places.index(goal) for goal in own] for own in goals]
 
 
-def driven(places: Sequence[Pose], plan: Sequence[Sequence[int]]) -> float:
-    """Return the time in s until all stations are visited, as both robots drive in simulations."""
+def execute(places: Sequence[Pose], stations_by_robot: Sequence[Sequence[int]]) -> float:
+    """Return the time in s until both robots have visited their stations in the simulation."""
     times = [0.0]
-    for start, stations in zip(places, plan, strict=False):
+    for start, stations in zip(places, stations_by_robot, strict=False):
         if stations:
             calls = tuple(TopCall(LIBRARY["goToPose"], Goal(places[number])) for number in stations)
             run = run_chain(ROBOT, LIBRARY, World(0.0, RobotState(start)), TopChain(calls), time_limit=300.0)
@@ -111,12 +106,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     up.get_environment().credits_stream = None
     times: dict[str, list[float]] = {}
     for number in range(options.problems):
-        places = drawn(np.random.default_rng([options.seed, number]))
+        places = random_places(np.random.default_rng([options.seed, number]))
         for kind, durations in durations_between(places).items():
-            times.setdefault(kind, []).append(driven(places, planned(durations, options.seconds)))
-    for kind, taken in times.items():
-        low, high = mean_ci95(np.subtract(taken, times["predicted"]))
-        print(f"{kind}: {np.mean(taken):.1f} s, {low:.1f} to {high:.1f} s longer than with predictions")
+            times.setdefault(kind, []).append(execute(places, plan(durations, options.seconds)))
+    for kind, makespans in times.items():
+        longer = np.subtract(makespans, times["predicted"])
+        low, high = mean_ci95(longer)
+        change = f"{longer.mean():+.1f} s (95 % CI {low:+.1f} to {high:+.1f} s)"
+        print(f"{kind}: {np.mean(makespans):.1f} s; compared with predicted durations: {change}")
 
 
 if __name__ == "__main__":

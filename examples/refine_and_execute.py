@@ -1,10 +1,10 @@
-"""A client of your own: have a chain refined, look at the answer, have it executed.
+"""A client that has a chain refined, prints the answer, and has it executed.
 
     ros2 launch ator_ros ator.launch.xml
     python3 examples/refine_and_execute.py
 
-The nodes must run. The program needs rclpy and the interfaces, and nothing else of ator_ros. Before it runs
-again, put everything back: `python3 examples/call.py /reset std_srvs/srv/Trigger`.
+The nodes must run. The program needs rclpy and ator_interfaces. Before a second run, reset the simulation:
+`python3 examples/call.py /reset std_srvs/srv/Trigger`.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import ChainPerformance, ObjectState, Outcome, Situation, TopCall, TopChain
 from ator_interfaces.srv import RefineSubgoal
 
-_PATIENCE = 60.0  # s
+_TIMEOUT = 60.0  # s
 
 
 def pose(x: float, y: float, yaw: float) -> Pose:
@@ -34,41 +34,41 @@ def pose(x: float, y: float, yaw: float) -> Pose:
 
 
 def request() -> RefineSubgoal.Request:
-    """Return the README's request: fetch what lies at the origin, with an open heading, and bring it."""
-    fetch = TopCall(top="goToBall", goal=PoseStamped(pose=pose(0.0, 0.0, 0.0)), open=["yaw"])
-    bring = TopCall(top="dribbleBall", goal=PoseStamped(pose=pose(0.0, 2.0, math.pi / 2.0)))
+    """Return the README's request: go to the ball with an open heading, and dribble it."""
+    approach = TopCall(top="goToBall", goal=PoseStamped(pose=pose(0.0, 0.0, 0.0)), open=["yaw"])
+    dribble = TopCall(top="dribbleBall", goal=PoseStamped(pose=pose(0.0, 2.0, math.pi / 2.0)))
     start = Situation(robot=pose(-2.0, 0.0, 0.0), objects=[ObjectState(name="ball")])
-    return RefineSubgoal.Request(situation=start, chain=TopChain(calls=[fetch, bring]))
+    return RefineSubgoal.Request(situation=start, chain=TopChain(calls=[approach, dribble]))
 
 
 def answered(node: Node, kind: Any, service: str, request: Any) -> Any:
-    """Return the answer of a service of the refinement node."""
+    """Return the answer of a service."""
     client = node.create_client(kind, service)
-    if not client.wait_for_service(timeout_sec=_PATIENCE):
-        raise TimeoutError(f"{service}: expected the service, found none")
+    if not client.wait_for_service(timeout_sec=_TIMEOUT):
+        raise TimeoutError(f"{service}: expected the service within {_TIMEOUT:g} s, found none")
     return _waited(node, client.call_async(request), service)
 
 
 def executed(node: Node, goal: ExecuteChain.Goal) -> ExecuteChain.Result:
-    """Have the executor execute a goal to its end."""
+    """Have a goal executed; return its result."""
     client = ActionClient(node, ExecuteChain, "execute_chain")
-    if not client.wait_for_server(timeout_sec=_PATIENCE):
-        raise TimeoutError("execute_chain: expected the action, found none")
+    if not client.wait_for_server(timeout_sec=_TIMEOUT):
+        raise TimeoutError(f"execute_chain: expected the action within {_TIMEOUT:g} s, found none")
     handle = _waited(node, client.send_goal_async(goal, feedback_callback=_print_feedback), "execute_chain")
     return _waited(node, handle.get_result_async(), "the end of the chain").result
 
 
 def report(record: ChainPerformance, *, refined: bool) -> str:
-    """Return what was executed: the chain and its duration, then each step with its goal."""
+    """Return the duration of the executed chain, and goal and duration of each step."""
     kind = "refined" if refined else "naive"
     first = f"executed the {kind} chain in {record.actual.duration:.2f} s: {record.outcome.reason}"
     steps = []
     for action in record.actions:
         pose = action.call.goal.pose
         yaw = math.degrees(2.0 * math.atan2(pose.orientation.z, pose.orientation.w))
-        place = f"({pose.position.x:.2f}, {pose.position.y:.2f}), heading {yaw:.0f} deg"
+        goal = f"({pose.position.x:.2f}, {pose.position.y:.2f}), heading {yaw:.0f} deg"
         steps.append(
-            f"  step {action.step + 1}, {action.call.top}: goal {place}, speed {action.call.speed:.2f} m/s, "
+            f"  step {action.step + 1}, {action.call.top}: goal {goal}, speed {action.call.speed:.2f} m/s, "
             f"took {action.actual.duration:.2f} s"
         )
     return "\n".join([first, *steps])
@@ -81,9 +81,9 @@ def _print_feedback(message: Any) -> None:
 
 def _waited(node: Node, future: Future, what: str) -> Any:
     """Spin the node until an answer is received."""
-    rclpy.spin_until_future_complete(node, future, timeout_sec=_PATIENCE)
+    rclpy.spin_until_future_complete(node, future, timeout_sec=_TIMEOUT)
     if not future.done():
-        raise TimeoutError(f"{what}: expected an answer within {_PATIENCE:g} s, got none")
+        raise TimeoutError(f"{what}: expected an answer within {_TIMEOUT:g} s, got none")
     return future.result()
 
 
@@ -91,20 +91,20 @@ def refine_and_execute(node: Node) -> int:
     """Have the chain refined and executed; return the exit code."""
     answer = answered(node, RefineSubgoal, "refine_subgoal", request())
     print(f"refined: {answer.refined}, {answer.reason}")
-    becomes = "becomes" if answer.refined else "stays; best would be"
+    change = "changed to" if answer.refined else "unchanged; best would be"
     for free in answer.free:
-        print(f"  {free.name} of step {free.subgoal + 1}: {free.before:.2f} {becomes} {free.after:.2f}")
+        print(f"  {free.name} of step {free.subgoal + 1}: {free.before:.2f} {change} {free.after:.2f}")
     if not answer.accepted:
         return 1
     print(f"predicted: {answer.before.duration:.2f} s before, {answer.after.duration:.2f} s after")
-    # refine=True would refine it again, from where the robot is then
+    # refine=True would refine the chain again, from the robot's pose at that time
     result = executed(node, ExecuteChain.Goal(chain=answer.chain))
     print(report(result.record, refined=answer.refined))
     return 0 if result.outcome.code == Outcome.SUCCEEDED else 1
 
 
 def run(client: Callable[[Node], int]) -> int:
-    """Run a client on a node of its name; return the exit code."""
+    """Run a client on a node with its name; return the exit code."""
     rclpy.init()
     node = rclpy.create_node(client.__name__)
     try:

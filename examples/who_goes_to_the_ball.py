@@ -1,11 +1,11 @@
-"""Two robots decide who goes to the ball: the one that is predicted to be there first.
+"""Assign the ball to the one of two robots that is predicted to reach it first.
 
     scripts/run python examples/who_goes_to_the_ball.py --situations 200
 
-The robots share their states, and both predict both times, so they come to the same decision without talking
-about it. The program compares that with the usual decision, by distance, in random situations in which both
-robots are driving: it lets each of them go to the ball in the simulation. Over ROS the same predictions come
-from the service `predict_durations`.
+If the robots share their states, each can predict both times, and they decide alike without negotiation.
+The program compares this decision with the usual one, by distance, in random situations in which both robots
+are in motion. Each robot goes to the ball in the simulation. Over ROS, the service `predict_durations` gives
+the same predictions.
 """
 
 from __future__ import annotations
@@ -33,15 +33,15 @@ from ator_ros.world.state import ObjectState, RobotState, World
 ROBOT = SOCCER.robot()
 LIBRARY = SOCCER.library(ROBOT)
 MODELS = load_models(ROBOT, SOCCER.known_features)
-ROOM = 0.6  # m, least distance between robots, ball and the edges of the field
-FASTEST, FASTEST_TURN = 0.8, 0.8  # m/s and rad/s at the start
+SPACING = 0.6  # m, least distance between robots, ball and the edges of the field
+MOST_V, MOST_W = 0.8, 0.8  # m/s and rad/s at the start
 
 
 def who_goes(times: Sequence[float], spreads: Sequence[float], now: int | None = None) -> int:
-    """Return the number of the robot that goes, from predicted times and their spreads (s).
+    """Return the index of the robot that goes, from predicted times and their standard deviations (s).
 
-    The robot that goes `now` is replaced only if another one is faster by more than the predictions differ
-    from what happens: otherwise two robots that are equally near would take turns.
+    The robot that goes `now` is replaced only if another one is faster by more than the standard deviation of
+    the difference. Otherwise two robots that are equally near would alternate.
     """
     first = min(range(len(times)), key=times.__getitem__)
     if now is None:
@@ -50,28 +50,28 @@ def who_goes(times: Sequence[float], spreads: Sequence[float], now: int | None =
 
 
 def to_ball(world: World) -> TopCall:
-    """Return the step to the ball, with the heading in which the robot comes there straight."""
+    """Return the step to the ball, with the heading of the straight path."""
     ball, pose = world.objects[BALL], world.robot.pose
     heading = math.atan2(ball.y - pose.y, ball.x - pose.x)
     return TopCall(LIBRARY["goToBall"], Goal(Pose(ball.x, ball.y, heading), 0.0, Point.HOLD))
 
 
 def predicted(worlds: Sequence[World]) -> tuple[list[float], list[float]]:
-    """Return how long each robot takes from its own situation to the ball, and the spread, in s."""
+    """Return the predicted time to the ball and its standard deviation for each robot, in s."""
     found = predict_durations(worlds, [to_ball(world) for world in worlds], ROBOT, MODELS)
     return np.diag(found.durations).tolist(), np.diag(found.spreads).tolist()
 
 
-def drawn(random: np.random.Generator) -> list[World]:
-    """Return the situation of each of two robots that drive beside the same ball."""
+def random_worlds(random: np.random.Generator) -> list[World]:
+    """Return random situations of two robots in motion, with the same ball."""
     area = ROBOT.scene.area
-    half = np.array([area.length / 2.0 - ROOM, area.width / 2.0 - ROOM])
+    half = np.array([area.length / 2.0 - SPACING, area.width / 2.0 - SPACING])
     while True:
         places = random.uniform(-half, half, (3, 2))
-        if min(math.dist(one, other) for one, other in itertools.combinations(places, 2)) > ROOM:
+        if min(math.dist(one, other) for one, other in itertools.combinations(places, 2)) > SPACING:
             break
     ball = {BALL: ObjectState(*places[2])}
-    motions = random.uniform((-math.pi, 0.0, -FASTEST_TURN), (math.pi, FASTEST, FASTEST_TURN), (2, 3))
+    motions = random.uniform((-math.pi, 0.0, -MOST_W), (math.pi, MOST_V, MOST_W), (2, 3))
     return [
         World(0.0, RobotState(Pose(x, y, yaw), v, w), ball)
         for (x, y), (yaw, v, w) in zip(places[:2].tolist(), motions.tolist(), strict=True)
@@ -79,17 +79,17 @@ def drawn(random: np.random.Generator) -> list[World]:
 
 
 def compared(number: int, seed: int) -> tuple[list[float], int, int] | None:
-    """Return both times to the ball (s), and who goes by distance and by predicted time.
+    """Return both times to the ball (s), and the index of the robot by distance and by predicted time.
 
-    None if one of the robots does not get to the ball in this random situation.
+    Return None if one of the robots does not reach the ball in this random situation.
     """
-    worlds = drawn(np.random.default_rng([seed, number]))
+    worlds = random_worlds(np.random.default_rng([seed, number]))
     runs = [run_chain(ROBOT, LIBRARY, world, TopChain((to_ball(world),))) for world in worlds]
     if not all(run.success for run in runs):
         return None
     ball = worlds[0].objects[BALL]
-    far = [math.hypot(ball.x - world.robot.pose.x, ball.y - world.robot.pose.y) for world in worlds]
-    return [run.duration for run in runs], int(np.argmin(far)), who_goes(*predicted(worlds))
+    distances = [math.hypot(ball.x - world.robot.pose.x, ball.y - world.robot.pose.y) for world in worlds]
+    return [run.duration for run in runs], int(np.argmin(distances)), who_goes(*predicted(worlds))
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -101,15 +101,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
     with ProcessPoolExecutor() as processes:
         found = list(processes.map(partial(compared, seed=options.seed), range(options.situations)))
     outcomes = [outcome for outcome in found if outcome is not None]
-    print(f"{len(outcomes)} of {len(found)} situations in which both robots get to the ball")
+    print(f"{len(outcomes)} of {len(found)} situations in which both robots reach the ball")
     times, *choices = map(np.array, zip(*outcomes, strict=True))
     for name, chosen in zip(("by distance", "by predicted time"), choices, strict=True):
-        taken = times[np.arange(len(times)), chosen]
-        late = taken - times.min(axis=1)
-        low, high = mean_ci95(late)
+        durations = times[np.arange(len(times)), chosen]
+        loss = durations - times.min(axis=1)
+        low, high = mean_ci95(loss)
         print(
-            f"{name}: {taken.mean():.2f} s to the ball, {late.mean():.2f} s ({low:.2f} to {high:.2f}) later "
-            f"than the faster robot, {np.count_nonzero(late)} wrong choices"
+            f"{name}: {durations.mean():.2f} s to the ball, {loss.mean():.2f} s later than the faster robot "
+            f"(95 % CI {low:.2f} to {high:.2f} s), {np.count_nonzero(loss)} wrong choices"
         )
 
 

@@ -1,4 +1,4 @@
-"""Write the accuracy of learned models and the feature ablation as pages (paper, end of section 3).
+"""Write pages with the accuracy of learned models, or with the feature ablation (paper, end of section 3).
 
 scripts/run python scripts/accuracy.py --models models --out docs/accuracy.md
 scripts/run python scripts/accuracy.py experience.parquet fresh.parquet --out docs/ablation.md
@@ -26,7 +26,7 @@ from ator_ros.robot.description import Robot
 from ator_ros.world.state import AT_REST
 
 PAPER_ERRORS: Mapping[str, str] = {"goToPose": "0.31 / 0.75", "dribbleBall": "0.29 / 0.73"}
-"""Mean absolute and root-mean-square error in s that the paper reports, by action."""
+"""Mean absolute and root-mean-square error in s in the paper, by action."""
 Features = tuple[Feature, ...]
 ABLATION: dict[str, Features] = {
     "the paper's 3": PAPER_3,
@@ -37,15 +37,7 @@ ABLATION: dict[str, Features] = {
 
 
 def accuracy_table(models: Iterable[PerformanceModel], published: Mapping[str, str]) -> Iterator[str]:
-    """Yield lines of Markdown: the accuracy in the model files.
-
-    Parameters
-    ----------
-    models : iterable of PerformanceModel
-        Measured models.
-    published : mapping
-        Mean absolute and root-mean-square error in s that the paper reports, by action.
-    """
+    """Yield lines of Markdown: the accuracy in the model files, and the paper's errors by action."""
     yield "| action | set | kind of start | episodes | MAE (s) | RMSE (s) | relative | paper |"
     yield "| --- | --- | --- | --- | --- | --- | --- | --- |"
     for model in models:
@@ -59,7 +51,7 @@ def accuracy_table(models: Iterable[PerformanceModel], published: Mapping[str, s
 
 
 def success_table(models: Iterable[PerformanceModel]) -> Iterator[str]:
-    """Yield lines of Markdown: how well success is predicted."""
+    """Yield lines of Markdown: the accuracy of predicted success."""
     yield "| action | set | succeeded | Brier score | of the base rate | gain, 95 % interval |"
     yield "| --- | --- | --- | --- | --- | --- |"
     for model in models:
@@ -81,18 +73,10 @@ def ablation_table(
     *,
     seed: int,
 ) -> Iterator[str]:
-    """Yield lines of Markdown: accuracy at starts at rest for several sets of candidate features.
+    """Yield lines of Markdown: accuracy for starts at rest with several sets of candidate features.
 
-    Parameters
-    ----------
-    experience, fresh : mapping
-        Rows to learn from and rows of fresh episodes, by action.
-    robot : Robot
-        The robot of both.
-    domain : Domain
-        The domain of the actions, which name features.
-    seed : int
-        Seed of the fresh episodes.
+    `experience` and `fresh` are the rows to learn from and those of fresh episodes, by action; `seed` is that
+    of the fresh episodes.
     """
     yield "| action | candidates | leaves | features used | MAE (s) | RMSE (s) |"
     yield "| --- | --- | --- | --- | --- | --- |"
@@ -126,7 +110,7 @@ def _numbers(numbers: Mapping[str, Any]) -> str:
 
 def shipped(folder: Path, domain: Domain, robot: Robot) -> list[PerformanceModel]:
     """Return the models of a domain in a folder whose accuracy was measured."""
-    others = set(entry_points_of(GROUP)) - {domain.name}  # their models lie in folders of their names
+    others = set(entry_points_of(GROUP)) - {domain.name}  # their models are in folders with their names
     files = (path for path in folder.rglob("*.json") if path.relative_to(folder).parts[0] not in others)
     models = [load_model(path, robot, domain.known_features) for path in sorted(files)]
     return [model for model in models if model.metadata["accuracy"]]

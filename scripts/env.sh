@@ -1,5 +1,5 @@
-# The environment of everything that runs here: `. scripts/env.sh` in a shell of your own, or
-# `scripts/run COMMAND …` for one command. POSIX sh. The checkout that is sourced last replaces any other.
+# The environment for all commands: `. scripts/env.sh` in a shell, or `scripts/run COMMAND …` for one command.
+# POSIX sh. The checkout that is sourced last replaces any other.
 
 _former=${ATOR_ROS_ROOT:-}
 if [ -n "${_ator_ros_root:-}" ]; then # set by scripts/run
@@ -9,7 +9,7 @@ elif [ -n "${BASH_VERSION:-}" ]; then
 elif [ -n "${ZSH_VERSION:-}" ]; then
     ATOR_ROS_ROOT=$(eval 'cd "${${(%):-%x}:h}/.." && pwd -P')
 else
-    # Other shells have no variable for a sourced file, but they hold it open. ($$ would miss a subshell.)
+    # Other shells have no variable for a sourced file, but keep it open. ($$ is wrong in a subshell.)
     _shell=$(exec sh -c 'echo "$PPID"')
     for _file in /proc/"$_shell"/fd/*; do
         _file=$(readlink "$_file")
@@ -22,8 +22,8 @@ export ATOR_ROS_ROOT
 _venv=$ATOR_ROS_ROOT/.venv
 _install=$ATOR_ROS_ROOT/install
 
-# Print the list of folders $1 without what env.sh has added of this checkout or of the one that was sourced
-# before, without empty entries, and without those for which the command $2 succeeds.
+# Print the list of folders $1 without folders of this checkout and of the one sourced before, without empty
+# entries, and without folders for which the command $2 succeeds.
 _others() {
     _rest=$1:
     _kept=
@@ -40,7 +40,7 @@ _others() {
     printf %s "$_kept"
 }
 
-# Succeed if the folder $1 is, or lies in, a ROS installation: /opt/ros, or a prefix with rclpy.
+# Succeed if the folder $1 is, or is in, a ROS installation: /opt/ros, or a prefix with rclpy.
 _in_ros() {
     _folder=$1
     while :; do
@@ -50,7 +50,7 @@ _in_ros() {
     done
 }
 
-# Succeed if the folder $1 lies in none of the workspaces whose prefixes are on AMENT_PREFIX_PATH.
+# Succeed if the folder $1 is in none of the workspaces whose prefixes are on AMENT_PREFIX_PATH.
 _in_no_workspace() {
     _prefixes=$AMENT_PREFIX_PATH
     while [ -n "$_prefixes" ]; do
@@ -62,8 +62,8 @@ _in_no_workspace() {
     return 0
 }
 
-# With ROS in the virtual environment, nothing of another ROS stays. A workspace that was sourced stays, behind ours.
-# Of PYTHONPATH only workspaces stay, because it precedes the packages of the virtual environment.
+# With ROS in the virtual environment, another ROS is removed. Sourced workspaces are kept, after this one. Of
+# PYTHONPATH only workspaces are kept, because it precedes the packages of the virtual environment.
 _ros=$(cat "$_venv/ros_prefix" 2>/dev/null)
 _foreign=false
 _outside=false
@@ -87,7 +87,7 @@ fi
 _site=$(cd "$_venv/lib" 2>/dev/null && echo python3.*)
 export VIRTUAL_ENV="$_venv"
 export PATH="$_venv/bin:$PATH"
-# DDS stays on this machine unless the user has said otherwise.
+# By default, DDS stays on this machine.
 export ROS_AUTOMATIC_DISCOVERY_RANGE="${ROS_AUTOMATIC_DISCOVERY_RANGE:-LOCALHOST}"
 export AMENT_PREFIX_PATH="$_install${AMENT_PREFIX_PATH:+:$AMENT_PREFIX_PATH}"
 export CMAKE_PREFIX_PATH="$_install${CMAKE_PREFIX_PATH:+:$CMAKE_PREFIX_PATH}"

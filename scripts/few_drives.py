@@ -1,11 +1,11 @@
-"""Measure what refinement gains, behind the gate and not, from few drives.
+"""Measure what refinement gains with and without the gate, with models from few drives.
 
 scripts/run python scripts/few_drives.py --domains pursuit tour --oracle-jointly --work few_drives
 scripts/run python scripts/few_drives.py --domains building --drives 200 --oracle-jointly --work few_drives
 
 For each domain it collects random drives of each action without ROS, learns from them, and executes the same
-new chains with every model. The oracle is executed once, beside the model of most drives. The command
-resumes.
+new chains with every model. The oracle is executed once, with the model of most drives. After an
+interruption, the same command resumes.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ USERS = {
     "arrive": "bearing of the arrival",
     "face_goal": "bearing of the next goal",
 }
-"""What users do without refinement, as rows of the table."""
+"""Headings without refinement: policies, and their rows in the table."""
 POLICIES = ("naive", "refined", "gated")
 
 
 def measured(domain_name: str, drives: int, work: Path, options: argparse.Namespace) -> dict[str, Any]:
-    """Collect, train and evaluate, as far as that is not done; return the summary of the evaluation."""
+    """Collect, train and evaluate unless that is done; return the summary of the evaluation."""
     domain = find_domain(domain_name)
     name = domain_name if options.robot is None else f"{domain_name}_{options.robot.stem}"
     folder = work / f"{name}_{drives}"
@@ -44,9 +44,10 @@ def measured(domain_name: str, drives: int, work: Path, options: argparse.Namesp
     table, out = folder / "experience.parquet", folder / "evaluation"
     if (out / RESULT).exists():
         summary = dict(load(out / RESULT, KIND, dict[str, Any])["summary"])
-        found = (summary["seed"], summary["situations"])
-        if found != (options.seed, options.chains):
-            raise SystemExit(f"{out}: expected seed {options.seed}, {options.chains} chains; got {found}")
+        seed, chains = summary["seed"], summary["situations"]
+        if (seed, chains) != (options.seed, options.chains):
+            expected = f"expected seed {options.seed} and {options.chains} chains"
+            raise SystemExit(f"{out}: {expected}, got seed {seed} and {chains} chains")
         return summary
     folder.mkdir(parents=True, exist_ok=True)
     command = "scripts/few_drives.py"
@@ -74,7 +75,7 @@ def rows(domain_name: str, summaries: dict[int, dict[str, Any]]) -> Iterator[str
     """Yield the rows of one domain."""
     summary = summaries[max(summaries)]
     if "oracle" not in summary:
-        raise SystemExit(f"--drives: expected the largest number of earlier runs too, got {max(summaries)}")
+        raise SystemExit(f"--drives: expected the greatest number of earlier runs too, got {max(summaries)}")
     oracle, naive = summary["oracle"], summary["naive"]
     yield f"| {domain_name} | naive | {naive['mean_duration_s']:.2f} s | | | |"
     yield f"| | oracle | {oracle['mean_duration_s']:.2f} s | {_gain(oracle)} | | |"

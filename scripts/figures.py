@@ -36,10 +36,10 @@ from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import ObjectState, RobotState, World
 
-DISTANCE = 2.0  # m to the ball straight ahead: the situation of Figure 4
+DISTANCE = 2.0  # m to the ball straight ahead, in Figure 4
 STEP = math.radians(0.5)
 EXAMPLE = math.radians(45.0)  # the angle whose rule is printed
-# Of Figure 6, as in Figure 1: the robot drives away from the goal to get to the ball.
+# Figure 6, as Figure 1: the robot drives away from the goal to reach the ball.
 START, BALL, GOAL = Pose(1.5, 0.6, math.pi), Pose(-0.5, 0.0, 0.0), Pose(2.2, 0.0, 0.0)
 CANDIDATES = 180
 _STYLE: Any = {
@@ -62,7 +62,7 @@ def new_figure(width: float, height: float) -> Any:
 
 
 def draw_robot(axes: Any, robot: Robot, pose: Pose, color: str) -> None:
-    """Draw the robot's outline at `pose`, with a line that shows its front."""
+    """Draw the robot's outline at `pose`, with a line to its front."""
     front, rear, half = robot.front, -robot.rear, robot.half_width
     corners = ((front, half), (front, -half), (rear, -half), (rear, half))
     outline = np.array([pose.compose(Pose(x, y, 0.0))[:2] for x, y in corners])
@@ -73,7 +73,7 @@ def draw_robot(axes: Any, robot: Robot, pose: Pose, color: str) -> None:
 
 
 def situations(robot: Robot, angles: FloatArray) -> dict[str, Any]:
-    """Return the direct variables of starts at rest before a ball, by the heading there (rad, shape (n,))."""
+    """Return the direct variables of starts at rest before a ball, for headings at the ball (rad, (n,))."""
     return {
         **dict.fromkeys(("x", "y", "yaw", "v", "w", "speedg"), 0.0),
         "xg": DISTANCE + robot.hold * np.cos(angles),
@@ -84,7 +84,7 @@ def situations(robot: Robot, angles: FloatArray) -> dict[str, Any]:
 
 
 def figure4(model: PerformanceModel) -> Any:
-    """Draw the predicted time against the angle at the ball, leaves marked, with one rule below."""
+    """Draw the predicted time against the angle at the ball, the limits of leaves, and one rule."""
     angles = np.arange(-math.pi, math.pi + STEP / 2, STEP)
     direct = situations(model.robot, angles)
     prediction, tree = model.predict(direct), model.trees["duration"]
@@ -131,7 +131,7 @@ def example(library: TopLibrary) -> tuple[World, TopChain]:
 def curves(
     robot: Robot, models: Mapping[str, Any], library: TopLibrary
 ) -> tuple[FloatArray, list[FloatArray]]:
-    """Return headings (rad), shape (n,), and the predicted durations (s) of both actions there."""
+    """Return headings (rad), shape (n,), and the predicted durations (s) of both actions for them."""
     world, chain = example(library)
     free = analyze(chain, models, robot).free
     model = ChainModel(world, chain, robot, models=models, names=names_of(chain, free), objective=Objective())
@@ -169,7 +169,7 @@ def figure6(robot: Robot, models: Mapping[str, Any], library: TopLibrary) -> Any
 
 
 def save_svg(figure: Any, path: Path) -> None:
-    """Write the figure as an SVG file; the same figure gives the same text."""
+    """Write the figure as an SVG file, without its date."""
     buffer = io.StringIO()
     figure.savefig(buffer, format="svg", metadata={"Date": None})
     text = buffer.getvalue()

@@ -1,11 +1,11 @@
-"""Record what the product decides, to show that a change of structure changes no decision.
+"""Record decisions of the package, to show that a change of structure changes none of them.
 
     scripts/run python scripts/golden.py write FOLDER           # every part, one file each
-    scripts/run python scripts/golden.py write FOLDER refined   # the parts whose names begin so
+    scripts/run python scripts/golden.py write FOLDER refined   # the parts whose names begin with refined
     scripts/run python scripts/golden.py compare OLD NEW        # two folders, bit by bit
 
 Numbers are written in full, so that two commits on one machine can be compared bit by bit. Other processors
-round differently: `test/golden/`, written with ``--digits 8``, is compared by test/test_golden.py to 1e-6.
+round differently: test/test_golden.py compares `test/golden/`, written with ``--digits 8``, to 1e-6.
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ def _trials(source: ToolsetSource, chain: str, seed: int, count: int) -> Iterato
 
 
 def refined(name: str, count: int) -> list[Json]:
-    """Return what refinement decides in `count` situations of one of `REFINED`; no deadline."""
+    """Return the answers of refinement, without deadline, in `count` situations of one of `REFINED`."""
     source, chain, opening = REFINED[name]
     tools, _ = tools_of(source)
     refiner = tools.refiner(gated=True)
@@ -143,7 +143,7 @@ def _bearings(trial: Trial) -> TopChain:
 
 
 def executed(name: str, count: int) -> list[Json]:
-    """Return how `count` chains of one of `EXECUTED` are executed."""
+    """Return durations, outcomes and commands of `count` executed chains of one of `EXECUTED`."""
     source, chain, policy = EXECUTED[name]
     domain, robot = find_domain(source.domain), source.described()
     library = domain.library(robot, source.action_set)
@@ -186,7 +186,7 @@ GOALS: Sequence[Sequence[str]] = (
 
 
 def planned(count: int) -> list[Json]:
-    """Return the chains that are planned for `count` goals in soccer."""
+    """Return the planned chains for `count` goals in soccer."""
     source = ToolsetSource()
     domain, robot = find_domain(source.domain), source.described()
     library, named = domain.library(robot, source.action_set), domain.goals(robot)
@@ -208,7 +208,7 @@ def planned(count: int) -> list[Json]:
 
 
 def trained(episodes: int) -> list[Json]:
-    """Return rules of models that are learned from a few simulated episodes, and what they predict."""
+    """Return rules and predictions of models that are learned from a few simulated episodes."""
     domain = find_domain()
     robot, specs = domain.robot(), domain.actions()
     frames = collect(
@@ -231,7 +231,7 @@ PARTS: dict[str, tuple[Callable[[int], list[Json]], int]] = {
     "planned": (planned, 50),
     "trained": (trained, 60),
 }
-"""By name: a function that returns so many entries, and how many are recorded."""
+"""By name: a function that returns the given number of entries, and that number."""
 
 
 def _short(value: Any, digits: int) -> Any:
@@ -254,7 +254,7 @@ def write(folder: Path, parts: Sequence[str], digits: int) -> int:
 
 
 def compare(old: Path, new: Path) -> int:
-    """Report which parts that both folders have differ; 1 where one does."""
+    """Report for each part in both folders whether it differs; return 1 if one does."""
     differing = 0
     for file in sorted(old.glob("*.json")):
         other = new / file.name
@@ -266,9 +266,9 @@ def compare(old: Path, new: Path) -> int:
 
 
 def differences(expected: Any, found: Any, place: str = "") -> Iterator[str]:
-    """Yield where `found` differs from what is recorded: any decision, and numbers by more than 1e-6.
+    """Yield where `found` differs from `expected`: in a decision, or in a number by more than 1e-6.
 
-    Hashes are not compared, nor numbers in texts, as processors round differently.
+    Hashes and numbers in texts are not compared, because processors round differently.
     """
     if isinstance(expected, dict) and isinstance(found, dict) and expected.keys() == found.keys():
         for name, value in expected.items():

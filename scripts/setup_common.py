@@ -1,4 +1,4 @@
-"""Common to the steps of setup_workspace.py. Needs only the standard library."""
+"""Shared by the steps of setup_workspace.py. Needs only the standard library."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 MARK = {"ATOR_ROS_SETUP": str(ROOT)}
-"""Marks the environment of every program that set-up starts, so that the next set-up finds leftovers."""
+"""Environment variable of every program that set-up starts, by which the next set-up finds leftovers."""
 
 
 class SetupError(Exception):
-    """Set-up failed; the message is one line that says what to do."""
+    """Set-up failed; the message is one line with what to do."""
 
 
 def say(text: str) -> None:
@@ -25,7 +25,7 @@ def say(text: str) -> None:
 
 
 def digest(files: Iterable[Path], *extra: str) -> str:
-    """Digest names and contents of `files` (below ROOT), and the words in `extra`."""
+    """Return a digest of names and contents of `files` (below ROOT), and of the words in `extra`."""
     total = hashlib.sha256("\n".join(extra).encode())
     for file in sorted(files):
         total.update(f"{file.relative_to(ROOT)}\0".encode() + file.read_bytes())
@@ -33,16 +33,16 @@ def digest(files: Iterable[Path], *extra: str) -> str:
 
 
 def write_atomically(file: Path, text: str) -> None:
-    """Write beside `file`, then move into place."""
-    beside = file.with_name(file.name + ".new")
-    beside.write_text(text, encoding="utf-8")
-    os.replace(beside, file)
+    """Write a temporary file and rename it."""
+    temporary = file.with_name(file.name + ".new")
+    temporary.write_text(text, encoding="utf-8")
+    os.replace(temporary, file)
 
 
 def end_leftovers() -> None:
-    """Kill programs that an earlier set-up of this checkout started and that still run.
+    """Kill programs that an earlier set-up of this checkout has started.
 
-    After one process of a set-up was killed, its pip or make still writes files that the next one makes.
+    If a set-up is killed, its pip or make keeps running and would write the same files as this set-up.
     """
     mark = "".join(f"{name}={value}\0" for name, value in MARK.items()).encode()
     for _ in range(100):
@@ -52,7 +52,7 @@ def end_leftovers() -> None:
                 if mark in (process / "environ").read_bytes() and int(process.name) != os.getpid():
                     os.kill(int(process.name), signal.SIGKILL)
                     left.append(process)
-            except OSError:  # another user's, or gone
+            except OSError:  # the process is another user's, or has ended
                 continue
         if not left:
             return
@@ -60,7 +60,7 @@ def end_leftovers() -> None:
 
 
 def take_turns(lock: int) -> None:
-    """Wait until no other `make` sets up this checkout."""
+    """Wait until no other process sets up this checkout."""
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:

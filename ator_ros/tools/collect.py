@@ -1,6 +1,6 @@
-"""Collect experience: execute each action from random situations in the simulator (paper, section 3).
+"""Collect experience: execute each action in random situations, usually in the simulator (paper, section 3).
 
-The same command resumes where it was interrupted.
+After an interruption, the same command resumes.
 """
 
 from __future__ import annotations
@@ -33,22 +33,15 @@ from ator_ros.tools.command_line import (
     without_ros_arguments,
 )
 
-EPISODES = "episodes of the same seed, robot, domain, action set and versions"
-"""What a file of partial results holds."""
+EPISODES = "episodes of the same seed, robot, domain, action set and versions"  # a file of partial results
 
 
 @dataclass(frozen=True)
 class Attachment:
-    """How to drive with nodes that are running already.
+    """How to drive with nodes that are already running.
 
-    Attributes
-    ----------
-    places : Path or None
-        A YAML file with a list of places to drive to; otherwise they are in the free space of the map.
-    confirmed : bool
-        Whether the user is not asked before the first drive.
-    arguments : sequence of str
-        ROS arguments, such as the namespace of the robot's nodes.
+    `places` is a YAML file with a list of places to drive to. Unless `confirmed`, the user must agree first.
+    `arguments` are ROS arguments, such as the namespace of the robot's nodes.
     """
 
     places: Path | None = None
@@ -67,13 +60,13 @@ def collect(
     over_ros: float | None = None,
     attachment: Attachment | None = None,
 ) -> None:
-    """Execute `episodes` of each action and write their table; episodes of an interrupted call are kept.
+    """Execute `episodes` of each action and write their table; episodes of an interrupted call are reused.
 
-    Actions that the robot cannot execute are left out with a message. `command` is the command line, for the
-    table. With `over_ros`, a real-time factor, actions are executed over ROS, and with an `attachment` by the
-    executor that is running; else in the simulator alone.
+    Actions that the robot cannot execute are skipped with a message. `command` is the command line for the
+    table. With `over_ros`, a real-time factor, actions are executed over ROS; with an `attachment`, by the
+    running executor; otherwise in the simulator without ROS.
     """
-    import pyarrow.parquet  # noqa: F401 (if it is missing, that is reported before anything is executed)
+    import pyarrow.parquet  # noqa: F401 (reports a missing package before the first episode)
 
     domain, robot = source.in_domain(), source.described()
     if attachment is None:
@@ -81,31 +74,30 @@ def collect(
     else:
         from ator_ros.tools import attached  # needs ROS
 
-        lacking = "expected a TOP that drives to its goal and needs no object"
+        expected = "expected a TOP that drives to its goal and needs no object"
         tops = attached.driven_tops(domain, robot)
-        left_out = {name: f"{name}: {lacking}" for name in actions if name not in tops}
+        left_out = {name: f"{name}: {expected}" for name in actions if name not in tops}
     possible = [name for name in dict.fromkeys(actions) if name not in left_out]
-    without = {name: left_out[name] for name in actions if name in left_out}
+    skipped = {name: left_out[name] for name in actions if name in left_out}
     if not possible:
-        raise ExperienceError("; ".join(without.values()))
-    for name, reason in without.items():
-        print(f"collect: without {name}: {reason}", file=sys.stderr)
+        raise ExperienceError("; ".join(skipped.values()))
+    for name, reason in skipped.items():
+        print(f"collect: skipped {name}: {reason}", file=sys.stderr)
     wanted = [(action, number) for action in possible for number in range(episodes)]
     settings = {"seed": seed, "domain": domain.name, "action_set": source.action_set}
     if domain.grid is not None:
         settings["map"] = str(domain.grid)
-    versions = {"versions": library_versions()}
-    identity = {**settings, **versions, "robot": robot.sections(), "over_ros": over_ros is not None}
+    settings["versions"] = library_versions()
+    identity = {**settings, "robot": robot.sections(), "over_ros": over_ros is not None}
     identity |= {} if attachment is None else {"attached": True}
-    partial = PartialResults(out.with_suffix(".episodes.jsonl"), identity, EPISODES)
-    with partial:
+    with PartialResults(out.with_suffix(".episodes.jsonl"), identity, EPISODES) as partial:
         frames = map(pd.DataFrame, partial.results)
-        there = {(frame["action"].iloc[0], int(frame["episode"].iloc[0])): frame for frame in frames}
-        keys = [key for key in wanted if key not in there]
+        finished = {(frame["action"].iloc[0], int(frame["episode"].iloc[0])): frame for frame in frames}
+        missing = [key for key in wanted if key not in finished]
         if attachment is not None:
-            missing = attached.drives(domain, robot, keys, source.action_set, seed, attachment)
+            collected = attached.drives(domain, robot, missing, source.action_set, seed, attachment)
         elif over_ros is None:
-            missing = simulated.collect(
+            collected = simulated.collect(
                 [domain.actions(source.action_set)[name] for name in possible],
                 domain.tops_for(robot),
                 robot,
@@ -113,30 +105,31 @@ def collect(
                 episodes=episodes,
                 seed=seed,
                 time_limit=domain.time_limit,
-                finished=frozenset(there),
+                finished=frozenset(finished),
             )
         else:
             from ator_ros.tools.own_nodes import drives  # needs ROS
 
-            missing = drives(domain, robot, keys, source, seed, over_ros)
-        done = sum(key in there for key in wanted)
+            collected = drives(domain, robot, missing, source, seed, over_ros)
+        done = len(wanted) - len(missing)
         if done:
-            print(f"collect: {done} episodes of an earlier call are there", file=sys.stderr)
+            print(f"collect: {done} episodes of an earlier call are reused", file=sys.stderr)
         try:
-            with contextlib.closing(missing):  # which ends workers and nodes, and stops the robot
-                for frame in progress(missing, done=done, total=len(wanted), unit="episode"):
+            with contextlib.closing(collected):  # ends workers and nodes, and stops the robot
+                for frame in progress(collected, done=done, total=len(wanted), unit="episode"):
                     partial.append(frame.to_dict("list"))
-                    there[frame["action"].iloc[0], int(frame["episode"].iloc[0])] = frame
+                    finished[frame["action"].iloc[0], int(frame["episode"].iloc[0])] = frame
         finally:
-            kept = [there[key] for key in wanted if key in there]
-            if len(kept) == len(wanted) or (kept and attachment is not None):  # those of a robot: at once
-                metadata = {**settings, **versions, "robot_digest": robot.digest(), "command": command}
+            kept = [finished[key] for key in wanted if key in finished]
+            if len(kept) == len(wanted) or (kept and attachment is not None):  # a robot's drives are precious
+                metadata = {**settings, "robot_digest": robot.digest(), "command": command}
                 write_experience(out, Experience(join(kept), metadata))
-                _report(join(kept), out)
+                _report(join(kept))
+                print(f"wrote {out}")
     partial.path.unlink()
 
 
-def _report(frame: pd.DataFrame, file: Path) -> None:
+def _report(frame: pd.DataFrame) -> None:
     for action, rows in frame.groupby("action", sort=False):
         ends = rows.drop_duplicates("episode", keep="last")
         print(
@@ -145,7 +138,6 @@ def _report(frame: pd.DataFrame, file: Path) -> None:
         )
         for reason, count in ends.loc[~ends["success"], "reason"].value_counts().head(5).items():
             print(f"  failed {count} times: {reason}")
-    print(f"wrote {file}")
 
 
 def arguments() -> argparse.ArgumentParser:
@@ -158,13 +150,13 @@ def arguments() -> argparse.ArgumentParser:
     add_parallel_options(parser)
     parser.add_argument(
         "--over-ros", action="store_true",
-        help="drive over ROS, with the domain's action servers, and learn from the executor's records; one "
-        "drive at a time, whatever --jobs says",
+        help="drive over ROS, with the domain's action servers, one drive at a time; the table holds the "
+        "executor's records",
     )  # fmt: skip
     parser.add_argument(
         "--attach", action="store_true",
-        help="with --over-ros: start nothing, drive with the executor that is running; the table is "
-        "also written after Ctrl-C",
+        help="with --over-ros: use the running executor instead of starting nodes; the table is also "
+        "written after Ctrl-C",
     )  # fmt: skip
     parser.add_argument(
         "--places", type=Path, metavar="FILE",
@@ -181,8 +173,8 @@ def arguments() -> argparse.ArgumentParser:
 
 def _table(text: str) -> Path:
     path = destination(text)
-    if path.suffix != ".parquet":  # train recognizes tables by it
-        raise argparse.ArgumentTypeError(f"expected a file named .parquet, got {text!r}")
+    if path.suffix != ".parquet":  # train recognizes tables by the suffix
+        raise argparse.ArgumentTypeError(f"expected a file with the suffix .parquet, got {text!r}")
     return path
 
 
@@ -206,5 +198,5 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     return run_tool(
         parser, run, own, interrupted=RESUMES,
-        actions=lambda domain: domain.actions(options.action_set),  # which need not have those of the others
+        actions=lambda domain: domain.actions(options.action_set),
     )  # fmt: skip

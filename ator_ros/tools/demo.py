@@ -1,4 +1,4 @@
-"""Play chains of a domain naive and refined, over ROS (paper, Figure 1)."""
+"""Execute random chains of a domain naive and refined, over ROS (paper, Figure 1)."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -34,25 +33,21 @@ from ator_ros.tools.own_nodes import all_nodes, connected
 from ator_ros.tops.chain import TopChain
 from ator_ros.view.backend import Backend
 from ator_ros.view.draft import Draft
-from ator_ros.view.runs import Answer, Run
+from ator_ros.view.runs import Answer, Run, seconds
 from ator_ros.world.state import World
 
-PICTURE = (
+_LEGEND = (
     "the robot's path in each situation, naive (orange) and refined (blue); "
-    "arrows are the robot, dots objects, crosses the goals of the steps, green where nothing is open"
+    "arrows show the start, dots objects, and crosses the goals of steps (green: nothing is open)"
 )
-"""What `save_picture` draws."""
 _COLUMNS = 3
-_LONGEST_DEMO = 200  # situations of which one page shows all pictures
-BLUE, ORANGE, GRAY, GREEN = "#1f5fa8", "#d9791a", "#8a8f98", "#2e7d4f"
+_MOST_SITUATIONS = 200  # that fit into one picture
+BLUE, ORANGE, GRAY, GREEN, DARK = "#1f5fa8", "#d9791a", "#8a8f98", "#2e7d4f", "#333333"
 
 
 @dataclass(frozen=True)
 class DemoSituation:
-    """One situation: its start, the chain, refinement's answer from there, and both executions.
-
-    Predictions in the records of actions are from where each has begun, and do not add up to the chain's.
-    """
+    """A start with a chain, refinement's answer for it, and both executions."""
 
     start: World
     chain: TopChain
@@ -63,44 +58,40 @@ class DemoSituation:
     @property
     def runs(self) -> dict[str, Run]:
         """Both executions by name."""
-        return {"naive": self.naive, "refined" if self.refined.record.refined else "left alone": self.refined}
+        return {"naive": self.naive, "refined" if self.refined.record.refined else "unchanged": self.refined}
 
     @property
     def gain(self) -> float:
-        """Time saved in s; NaN when one of the two failed."""
+        """Time saved in s; NaN if one of the two failed."""
         return self.naive.duration - self.refined.duration
 
 
 def explanation(name: str, chain: TopChain) -> str:
-    """Return what a chain is, what it leaves open, and what naive and refined mean, one line each."""
-    opened = [
+    """Return the steps of a chain, its open variables, and what naive and refined mean, one line each."""
+    variables = [
         f"{' and '.join(sorted(call.open))} at the end of step {number} ({call.top.name})"
         for number, call in enumerate(chain.calls, 1)
         if call.open
     ]
-    return "\n".join(
-        [
-            f"chain {name}: {', '.join(call.top.name for call in chain.calls)}",
-            f"open, for refinement to choose: {'; '.join(opened) or 'nothing'}",
-            "naive: each step alone is fastest, and the robot stops; refined: the whole chain is fastest",
-        ]
+    return (
+        f"chain {name}: {', '.join(call.top.name for call in chain.calls)}\n"
+        f"open, for refinement to choose: {'; '.join(variables) or 'nothing'}\n"
+        "naive: each step alone is fastest, and the robot stops; refined: the whole chain is fastest"
     )
 
 
 def table(situations: Sequence[DemoSituation]) -> str:
-    """Return predicted / actual times in s of each action and chain, a line for each run."""
-    if not situations:
-        return "no situation was finished"
+    """Return predicted / actual times in s of each action and chain, a line for each run, and a summary."""
     rows = []
     for number, situation in enumerate(situations, start=1):
         gain = situation.gain
-        percent = 100.0 * gain / (situation.naive.duration or math.inf)  # a run may end at once
+        percent = 100.0 * gain / (situation.naive.duration or math.inf)  # a chain may end immediately
         changes = ["", "-" if math.isnan(gain) else f"{gain:+.2f} s ({percent:+.0f} %)"]
         for (name, run), change in zip(situation.runs.items(), changes, strict=True):
             rows.append({"": f"{number} {name}", **_times(situation, run), "gain": change})
     frame, last = pd.DataFrame(rows).fillna(""), ["chain", "gain"]  # later chains may have more steps
     text = frame[[*frame.columns.difference(last, sort=False), *last]].to_string(index=False)
-    return "\n".join(["predicted / actual time in s", text, "", summary(situations)])
+    return f"predicted / actual time in s\n{text}\n\n{_summary(situations)}"
 
 
 def _times(situation: DemoSituation, run: Run) -> dict[str, str]:
@@ -108,73 +99,65 @@ def _times(situation: DemoSituation, run: Run) -> dict[str, str]:
     predicted = situation.answer.after if run.record.refined else situation.answer.before
     actual = itertools.chain((a.actual.duration for a in run.record.actions), itertools.repeat(math.nan))
     steps = zip(situation.chain.calls, predicted, actual, strict=False)  # fewer if it failed
-    cells = {f"{number} {call.top.name}": _pair(*times) for number, (call, *times) in enumerate(steps, 1)}
-    return {**cells, "chain": "failed" if math.isnan(run.duration) else _pair(sum(predicted), run.duration)}
+    cells = {
+        f"{number} {call.top.name}": f"{seconds(before)} / {seconds(after)}"
+        for number, (call, before, after) in enumerate(steps, 1)
+    }
+    chain = f"{seconds(sum(predicted))} / {seconds(run.duration)}"
+    return {**cells, "chain": "failed" if math.isnan(run.duration) else chain}
 
 
-def _pair(predicted: float, actual: float) -> str:
-    return " / ".join("-" if math.isnan(value) else f"{value:.2f}" for value in (predicted, actual))
-
-
-def summary(situations: Sequence[DemoSituation]) -> str:
-    """Return a summary in one sentence, with the reasons of failures."""
-    counted = [situation for situation in situations if not math.isnan(situation.gain)]
-    naive = math.fsum(situation.naive.duration for situation in counted)
-    gain = math.fsum(situation.gain for situation in counted)
+def _summary(situations: Sequence[DemoSituation]) -> str:
+    """Return the total gain, the reasons of failures, and why chains were not refined."""
+    succeeded = [situation for situation in situations if not math.isnan(situation.gain)]
+    naive = math.fsum(situation.naive.duration for situation in succeeded)
+    gain = math.fsum(situation.gain for situation in succeeded)
     percent = 100.0 * abs(gain) / naive if naive else 0.0
     verb = "saved" if gain >= 0.0 else "cost"
     lines = [
-        f"{len(counted)} of {len(situations)} situations succeeded both ways; "
+        f"{len(succeeded)} of {len(situations)} situations succeeded both ways; "
         f"refinement {verb} {abs(gain):.2f} s of {naive:.2f} s ({percent:.1f} %)"
     ]
     for number, situation in enumerate(situations, start=1):
         for name, run in (("naive", situation.naive), ("refined", situation.refined)):
             if math.isnan(run.duration):
                 lines.append(f"situation {number}, {name}: {run.record.outcome.reason}")
-    alone = {s.refined.record.refinement for s in situations if not s.refined.record.refined}
-    return "\n".join(lines + [f"left alone: {reason}" for reason in sorted(alone)])
+    reasons = {each.refined.record.refinement for each in situations if not each.refined.record.refined}
+    return "\n".join(lines + [f"unchanged: {reason}" for reason in sorted(reasons)])
 
 
 def save_picture(file: Path, domain: Domain, robot: Robot, situations: Sequence[DemoSituation]) -> None:
-    """Write the paths in the scene, a panel for each situation, as a PNG file."""
+    """Draw the paths of each situation in a panel, and write a PNG file."""
     rows = math.ceil(len(situations) / _COLUMNS)
     figure = Figure(figsize=(4.6 * _COLUMNS, 3.4 * rows), layout="constrained")
     for number, situation in enumerate(situations, start=1):
         axes = figure.add_subplot(rows, _COLUMNS, number)
-        _panel(axes, domain, robot, situation)
+        for lines in surroundings(domain, robot):
+            axes.add_collection(LineCollection(list(lines.points), colors=GRAY, linewidths=0.8))
+        pose = situation.start.robot.pose
+        axes.quiver(pose.x, pose.y, math.cos(pose.yaw), math.sin(pose.yaw), color=DARK, scale=18.0)
+        for state in situation.start.objects.values():
+            axes.plot(state.x, state.y, "o", color="black", ms=4)
+        for call in situation.chain.calls:
+            axes.plot(*call.goal.pose[:2], "+", color=DARK if call.open else GREEN, ms=7)
+        for (name, run), color in zip(situation.runs.items(), (ORANGE, BLUE), strict=True):
+            time = "failed" if math.isnan(run.duration) else f"{run.duration:.2f} s"
+            path = np.array([pose[:2] for pose in run.poses]).reshape(-1, 2)
+            axes.plot(*path.T, color=color, lw=1.5, label=f"{name}, {time}")
+        axes.set_aspect("equal")
+        axes.axis("off")
+        axes.legend(frameon=False, fontsize=8, loc="upper center", bbox_to_anchor=(0.5, 0.02), ncols=2)
         axes.set_title(f"{number}", fontsize=9, loc="left")
     with atomic_write(file) as temporary:
         figure.savefig(temporary, format="png", dpi=130)
 
 
-def _panel(axes: Any, domain: Domain, robot: Robot, situation: DemoSituation) -> None:
-    for lines in surroundings(domain, robot):
-        axes.add_collection(LineCollection(list(lines.points), colors=GRAY, linewidths=0.8))
-    at = situation.start.robot.pose
-    axes.quiver(at.x, at.y, math.cos(at.yaw), math.sin(at.yaw), color="#333333", scale=18.0)
-    for there in situation.start.objects.values():
-        axes.plot(there.x, there.y, "o", color="black", ms=4)
-    for call in situation.chain.calls:
-        color = "#333333" if call.open else GREEN
-        axes.plot(call.goal.pose.x, call.goal.pose.y, "+", color=color, ms=7)
-    for (name, run), color in zip(situation.runs.items(), (ORANGE, BLUE), strict=True):
-        time = "failed" if math.isnan(run.duration) else f"{run.duration:.2f} s"
-        path = np.array([pose[:2] for pose in run.poses]).reshape(-1, 2)
-        axes.plot(path[:, 0], path[:, 1], color=color, lw=1.5, label=f"{name}, {time}")
-    axes.set_aspect("equal")
-    axes.axis("off")
-    axes.legend(frameon=False, fontsize=8, loc="upper center", bbox_to_anchor=(0.5, 0.02), ncols=2)
-
-
 def _demo(options: argparse.Namespace, domain: Domain, _: str) -> None:
-    """Play situations of one of the domain's chains naive and refined on nodes of its own.
-
-    Print a table, and write a picture (PNG). If it ends early, they show the finished situations.
-    """
+    """Execute the situations, print a table and write a picture, also after an interruption."""
     source = source_of(options)
     robot = source.described()
     library = domain.library(robot)
-    played: list[DemoSituation] = []
+    finished: list[DemoSituation] = []
     try:
         with all_nodes(options.real_time_factor, source) as nodes:
             names = " and ".join(("three nodes", *(server.name for server in domain.servers)))
@@ -186,24 +169,23 @@ def _demo(options: argparse.Namespace, domain: Domain, _: str) -> None:
                         trial = dataclasses.replace(trial, chain=open_speeds(trial.chain))
                     if index == 0:
                         print(explanation(options.chain, trial.chain), flush=True)
-                    name = f"situation {index + 1} of {options.situations}"
-                    played.append(_play(backend, trial, library.action_set, name))
+                    print(f"situation {index + 1} of {options.situations}:", end="", flush=True)
+                    finished.append(_execute(backend, trial, library.action_set))
     finally:
-        if played:
-            print(f"\n{table(played)}")
-            save_picture(options.out, domain, robot, played)
-            print(f"\n{options.out.resolve()}: {PICTURE}\nmake view shows it live, in the browser")
+        if finished:
+            print(f"\n{table(finished)}")
+            save_picture(options.out, domain, robot, finished)
+            print(f"\n{options.out.resolve()}: {_LEGEND}\nmake view shows chains live, in the browser")
 
 
-def _play(backend: Backend, trial: Trial, action_set: str, name: str) -> DemoSituation:
-    """Play one situation naive and refined."""
+def _execute(backend: Backend, trial: Trial, action_set: str) -> DemoSituation:
+    """Execute the chain of a situation naive and refined."""
     draft = Draft(trial.world, trial.chain, action_set)
     answer, runs = backend.refine(draft), []
-    print(f"{name}:", end="", flush=True)
     for label, chain in (("naive", answer.naive), ("refined", trial.chain)):
         backend.place(trial.world)
-        again = dataclasses.replace(draft, chain=chain)
-        runs.append(backend.drive(label, again, refine=label == "refined"))
+        run_draft = dataclasses.replace(draft, chain=chain)
+        runs.append(backend.drive(label, run_draft, refine=label == "refined"))
         print(f" {label} {runs[-1].duration:.2f} s", end="", flush=True)
     print(flush=True)
     return DemoSituation(trial.world, trial.chain, answer, *runs)
@@ -213,7 +195,7 @@ def arguments() -> argparse.ArgumentParser:
     """Return the command line of `demo`."""
     parser = argparse.ArgumentParser(prog="demo", description=__doc__)
     parser.add_argument(
-        "--situations", type=whole(1, _LONGEST_DEMO), default=6, metavar="N", help="default: %(default)s"
+        "--situations", type=whole(1, _MOST_SITUATIONS), default=6, metavar="N", help="default: %(default)s"
     )
     parser.add_argument("--seed", type=whole(), default=401, help="of the situations (default: %(default)s)")
     add_setting(parser, action_set=False)
@@ -236,6 +218,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         arguments(),
         _demo,
         argv,
-        interrupted="what was played is shown",
+        interrupted="the finished situations are shown",
         chain=lambda domain: reversed(list(domain.chains)),
     )

@@ -30,10 +30,10 @@ def evaluate(
 ) -> None:
     """Execute situations with every policy; write `evaluation.json` and the report, and print the tables.
 
-    `command` is the command line, for the result; `oracle_from` the folder of an earlier evaluation of the
-    same situations, whose oracle is taken.
+    `command` is the command line for the result. `oracle_from` is the folder of an earlier evaluation of the
+    same situations, whose oracle is used.
     """
-    tools_of(settings.source)  # a damaged file is reported before anything is executed
+    tools_of(settings.source)  # reports a damaged file before the first execution
     oracles = earlier_oracle(oracle_from, settings, situations) if oracle_from else [{}] * situations
     records = run_situations(settings, situations=situations, folder=out)
     records = [record | oracle for record, oracle in zip(records, oracles, strict=True)]
@@ -53,17 +53,17 @@ def arguments() -> argparse.ArgumentParser:
     parser.add_argument("--seed", type=whole(), default=401, help="of the situations (default: %(default)s)")
     oracle_source = parser.add_mutually_exclusive_group()
     oracle_source.add_argument(
-        "--oracle", type=whole(), metavar="K", help="also execute K approach headings each time"
+        "--oracle", type=whole(), metavar="K", help="also execute K headings of the first open step"
     )
     oracle_source.add_argument(
         "--oracle-from", type=Path, metavar="DIR",
-        help="take the oracle of an earlier evaluation of the same situations, with other models perhaps",
+        help="use the oracle of an earlier evaluation of the same situations, perhaps with other models",
     )  # fmt: skip
     oracle_grid = parser.add_mutually_exclusive_group()
     oracle_grid.add_argument(
         "--oracle-jointly",
         action="store_true",
-        help="K headings at every open step, jointly: where the robot stands between two actions",
+        help="combine K headings of every open step, for robots that stop between two actions",
     )
     oracle_grid.add_argument(
         "--oracle-speeds",
@@ -77,7 +77,7 @@ def arguments() -> argparse.ArgumentParser:
         "--oracle-margin",
         type=number(0.0),
         metavar="S",
-        help="leave out what is predicted to take S s longer than the best (default: execute all)",
+        help="skip headings predicted to take S s longer than the best one (default: execute all)",
     )
     parser.add_argument(
         "--out", type=Path, default=Path("evaluation"), metavar="DIR", help="default: %(default)s"

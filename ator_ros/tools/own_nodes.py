@@ -1,4 +1,4 @@
-"""Start our nodes on a ROS domain of their own, and drive with them."""
+"""Start the nodes of this package on an unused ROS domain, and collect experience with them."""
 
 from __future__ import annotations
 
@@ -11,13 +11,12 @@ import time
 from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager, suppress
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 import pandas as pd
 from ament_index_python.packages import PackageNotFoundError, get_package_prefix
 
 from ator_ros.actions import TIME_LIMIT
-from ator_ros.actions.situation import Situation
 from ator_ros.domains.declared import DeclaredServer
 from ator_ros.domains.domain import Domain, domain_for
 from ator_ros.evaluation.toolset import ToolsetSource
@@ -26,6 +25,7 @@ from ator_ros.experience.records import ENDED, episode_of
 from ator_ros.experience.table import ExperienceError, episode_frame
 from ator_ros.nodes.network import RANGE, THIS_MACHINE, NodesError, free_domain, stay_on_this_machine
 from ator_ros.nodes.remote_messages import RemoteError, RemoteInterface
+from ator_ros.nodes.running import uninterrupted
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.library import top_of
@@ -34,16 +34,15 @@ from ator_ros.view.draft import Draft
 from ator_ros.world.messages import MessageError
 from ator_ros.world.state import World
 
-FRAME = "odom"
 _EXECUTOR_TIMEOUT = 2.0  # s, for odometry and refinement; longer than on a robot, for busy machines
 _LONG_DEADLINE = 1.0  # s, of refinement; less than the executor's timeout
-_TRIES = 3  # attempts to drive from one situation
+_ATTEMPTS = 3  # drives from one situation: other programs or a busy machine may abort a drive
 _ANSWER_TIMEOUT = 120.0  # real s
-_PATIENCE = 5.0  # real s after which nodes that do not end are killed
+_SHUTDOWN_TIMEOUT = 5.0  # real s after which nodes are killed
 
 
 class NodeProcesses:
-    """Starts nodes on a ROS domain; as a context manager it ends all of them at the end of the block."""
+    """Starts nodes on a ROS domain; as a context manager, stops all of them at the end of the block."""
 
     def __init__(self, domain: int) -> None:
         self.domain = domain
@@ -52,12 +51,12 @@ class NodeProcesses:
         self._processes: dict[str, subprocess.Popen[bytes]] = {}
 
     def start(self, name: str, parameters: Mapping[str, object]) -> None:
-        """Start our executable `name` with these parameters; NodesError if it is not installed."""
+        """Start an executable of this package with these parameters; raises NodesError."""
         arguments = [word for key, value in parameters.items() for word in ("-p", f"{key}:={value}")]
         self._run(name, [_executable("ator_ros", name, "nodes"), "--ros-args", *arguments])
 
     def start_server(self, server: DeclaredServer) -> None:
-        """Start an action server of a domain; NodesError if it is not installed, or cannot be started."""
+        """Start an action server of a domain; raises NodesError."""
         words = server.command or [_executable(server.package, server.executable)]
         try:
             self._run(server.name, words, server.folder or None)
@@ -74,7 +73,7 @@ class NodeProcesses:
                 stdout=log,
                 stderr=subprocess.STDOUT,
                 env=self._environment,
-                start_new_session=True,  # Ctrl-C goes to this process only, which ends the nodes
+                start_new_session=True,  # Ctrl-C reaches this process only, which stops the nodes
             )
 
     def check(self) -> None:
@@ -93,34 +92,27 @@ class NodeProcesses:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """End all in reverse order, as Ctrl-C would, and kill those that do not end."""
-        # A second Ctrl-C, a second SIGTERM (`timeout` sends two) or a closing terminal must not leave a node
-        # behind.
-        numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-        previous = [signal.signal(number, signal.SIG_IGN) for number in numbers]
-        try:
+        """Send SIGINT to all nodes in reverse order, and kill those that do not end."""
+        with uninterrupted():  # a second signal (`timeout` sends two) must not leave nodes
             running = [process for process in reversed(self._processes.values()) if process.poll() is None]
             for process in running:
                 process.send_signal(signal.SIGINT)
-            end = time.monotonic() + _PATIENCE
+            end = time.monotonic() + _SHUTDOWN_TIMEOUT
             for process in running:
                 with suppress(subprocess.TimeoutExpired):
                     process.wait(timeout=max(0.0, end - time.monotonic()))
                 process.kill()
                 process.wait()
             self._logs.cleanup()
-        finally:
-            for number, handler in zip(numbers, previous, strict=True):
-                signal.signal(number, handler)
 
 
 def _executable(package: str, name: str, where: str = "servers") -> str:
-    """Return the path of an installed executable; `where` names the caller in messages."""
+    """Return the path of an installed executable; messages begin with `where`."""
     try:
         file = Path(get_package_prefix(package), "lib", package, name)
     except (PackageNotFoundError, OSError) as error:  # OSError: no workspace is sourced
         raise NodesError(
-            f"{where}: expected an installed package, got {package}: source the workspace that it is in"
+            f"{where}: expected an installed package, got {package}: source the workspace that contains it"
         ) from error
     if not os.access(file, os.X_OK):
         raise NodesError(f"{where}: expected an executable of {package}, got {name}")
@@ -136,25 +128,26 @@ def all_nodes(
 ) -> Iterator[NodeProcesses]:
     """Start simulation, refinement, executor and the domain's action servers on an unused ROS domain.
 
-    `simulated` and `executed` are further parameters. NodesError is raised if an executable is not installed.
+    `simulated` and `executed` are further parameters of simulation and executor. Raises NodesError if an
+    executable is not installed.
     """
-    of_domain = domain_for(source.domain, source.robot)
+    domain = domain_for(source.domain, source.robot)
     files = ("robot", "domain", "models", "map")
     named = {name: getattr(source, name) for name in files if getattr(source, name)}
-    whose = {name: value for name, value in named.items() if name != "models"}
+    without_models = {name: value for name, value in named.items() if name != "models"}
     os.environ[RANGE] = THIS_MACHINE
     stay_on_this_machine(os.environ)
     with free_domain() as number, NodeProcesses(number) as nodes:
         pace = {"real_time_factor": real_time_factor, "command_wait": 1.0}
-        nodes.start("simulation", {**pace, **(simulated or {}), **whose})
-        # Chains of remote actions are long, and the robot stands while it waits for the answer.
-        deadline = {"deadline": _LONG_DEADLINE} if of_domain.servers else {}
+        nodes.start("simulation", {**pace, **(simulated or {}), **without_models})
+        # Chains of remote actions are long, and the robot stands while the executor waits for the answer.
+        deadline = {"deadline": _LONG_DEADLINE} if domain.servers else {}
         nodes.start("refinement", {**named, **deadline})
         timeouts = {"odom_timeout": _EXECUTOR_TIMEOUT, "refinement_timeout": _EXECUTOR_TIMEOUT}
         # As long as in a simulation without ROS, and at least the executor's default.
-        limits = {"action_timeout": max(TIME_LIMIT, of_domain.time_limit)}
+        limits = {"action_timeout": max(TIME_LIMIT, domain.time_limit)}
         nodes.start("executor", {**named, **timeouts, **limits, **(executed or {})})
-        for server in of_domain.servers:
+        for server in domain.servers:
             nodes.start_server(server)
         yield nodes
 
@@ -163,16 +156,16 @@ def all_nodes(
 def connected(
     nodes: NodeProcesses, domain: Domain, robot: Robot, servers: Sequence[str]
 ) -> Iterator[Backend]:
-    """Yield a client of started nodes, once all of them and the action servers of these names are there."""
+    """Yield a client of started nodes once all nodes and the action servers of these names are available."""
     backend = Backend(
         domain, robot, ros_domain=nodes.domain, check=nodes.check, start_timeout=_ANSWER_TIMEOUT
     )
     with closing(backend):
         backend.ready(simulated=True)
-        where = f"on ROS_DOMAIN_ID {nodes.domain}, where only our nodes and those under `servers` are started"
+        where = f"on ROS_DOMAIN_ID {nodes.domain}, where only ator_ros and the domain's `servers` are started"
         for name in servers:
-            there = functools.partial(backend.node.count_services, f"{name}/_action/send_goal")
-            backend.until(there, f"the action {name} {where}")
+            available = functools.partial(backend.node.count_services, f"{name}/_action/send_goal")
+            backend.until(available, f"the action {name} {where}")
         yield backend
 
 
@@ -184,46 +177,48 @@ def drives(
     seed: int,
     factor: float,
 ) -> Generator[pd.DataFrame, None, None]:
-    """Drive chains of one step over ROS; yield the row of each record of the executor.
+    """Drive chains of one step over ROS; yield the row of each episode.
 
     The situations are those that `collect` draws without ROS from the same seed. `missing` are the action and
-    the number of each drive; `factor` are the simulated per real seconds.
+    the number of each episode; `factor` is the number of simulated per real seconds.
     """
     if not missing:
         return
-    for spec in domain.actions(source.action_set).values():
+    actions = domain.actions(source.action_set)
+    for spec in actions.values():
         if spec.remote is None:
             continue
         try:
-            RemoteInterface(spec.remote, FRAME)
+            RemoteInterface(spec.remote, "odom")
         except RemoteError as error:
             raise ExperienceError(f"{spec.name}: action server {spec.remote.server}: {error}") from error
     servers = domain.remote_servers(source.action_set)
     with all_nodes(factor, source) as nodes, connected(nodes, domain, robot, servers) as backend:
         for action, number in missing:
-            rng = episode_generator(action, seed, number)
-            situation = domain.actions(source.action_set)[action].situation(robot, rng)
-            yield _driven(backend, domain, robot, situation, source.action_set, number)
+            situation = actions[action].situation(robot, episode_generator(action, seed, number))
+            top = top_of(situation, domain.tops_for(robot), robot)
+            start = World(0.0, situation.robot, situation.objects)
+            draft = Draft(start, TopChain((TopCall(top, situation.goal),)), source.action_set)
+            row, reason = None, ""
+            for _ in range(_ATTEMPTS):
+                backend.place(start)
+                for record in backend.drive("naive", draft, refine=False).record.actions:
+                    row, reason = episode_row(record, number, domain, robot)
+                if row is not None:
+                    break
+            else:
+                raise ExperienceError(
+                    f"{action}, drive {number + 1}: expected a usable record in {_ATTEMPTS} attempts, "
+                    f"the last one ended with {reason!r}"
+                )
+            yield row
 
 
-def _driven(
-    backend: Backend, domain: Domain, robot: Robot, situation: Situation, action_set: str, number: int
-) -> pd.DataFrame:
-    """Drive from a situation to its goal; return the row of the executor's record."""
-    top = top_of(situation, domain.tops_for(robot), robot)
-    start = World(0.0, situation.robot, situation.objects)
-    draft = Draft(start, TopChain((TopCall(top, situation.goal),)), action_set)
-    reason = ""
-    for _ in range(_TRIES):  # a drive may be aborted by another program or on a busy machine
-        backend.place(start)
-        for record in backend.drive("naive", draft, refine=False).record.actions:
-            reason = record.outcome.reason
-            if record.outcome.code in ENDED:
-                try:
-                    return episode_frame(number, episode_of(record, domain, robot), domain.objects)
-                except MessageError as error:
-                    reason = str(error)
-    raise ExperienceError(
-        f"{situation.action}, drive {number + 1}: expected a drive that ends by itself in {_TRIES} tries, "
-        f"the last one ended with {reason!r}"
-    )
+def episode_row(record: Any, number: int, domain: Domain, robot: Robot) -> tuple[pd.DataFrame | None, str]:
+    """Return the table row of an ActionPerformance, or None and the reason why it is not an episode."""
+    if record.outcome.code not in ENDED:
+        return None, record.outcome.reason
+    try:
+        return episode_frame(number, episode_of(record, domain, robot), domain.objects), ""
+    except MessageError as error:
+        return None, str(error)

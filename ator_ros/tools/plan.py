@@ -1,8 +1,8 @@
 """Print the chains of TOPs that achieve a goal with their predictions, the best one first.
 
-A goal is a name that the domain defines, or statements that shall all hold: VARIABLE=VALUE, as near as the
-TOPs come, or VARIABLE=VALUE:LOW:HIGH, a range around the value. VALUE is a number or another variable, as in
-object.x=hold.x:-0.1:0.1.
+A goal is a name that the domain defines, or statements that must all hold: VARIABLE=VALUE, within the
+tolerance of the TOPs, or VARIABLE=VALUE:LOW:HIGH, a range around the value. VALUE is a number or another
+variable, as in object.x=hold.x:-0.1:0.1.
 """
 
 from __future__ import annotations
@@ -26,19 +26,19 @@ _coordinate = number(-FARTHEST, FARTHEST)
 
 
 def _statements(words: Sequence[str], domain: Domain, robot: Robot) -> list[GoalStatement]:
-    named = domain.goals(robot)
-    if len(words) == 1 and "=" not in words[0]:
-        if words[0] not in named:
-            there = ", ".join(sorted(named)) or "none"
-            raise PlanningError(f"goal: expected a statement or one of the names {there}, got {words[0]!r}")
-        return list(named[words[0]].terms)
-    return [statement_from(word) for word in words]
+    if len(words) > 1 or "=" in words[0]:
+        return [statement_from(word) for word in words]
+    goals = domain.goals(robot)
+    if words[0] not in goals:
+        names = ", ".join(sorted(goals)) or "none"
+        raise PlanningError(f"goal: expected a statement or one of the names {names}, got {words[0]!r}")
+    return list(goals[words[0]].terms)
 
 
 def _situation(options: argparse.Namespace, domain: Domain) -> World:
     """Return the world that a command line describes."""
     objects: dict[str, ObjectState] = {}
-    for name, *place in options.object:
+    for name, *position in options.object:
         if name in objects:
             raise PlanningError(f"object: expected each once, got {name} again")
         if name not in domain.objects:
@@ -46,7 +46,7 @@ def _situation(options: argparse.Namespace, domain: Domain) -> World:
                 f"object: expected one of {', '.join(domain.objects) or 'none'}, got {name!r}"
             )
         try:
-            x, y = map(_coordinate, place)
+            x, y = map(_coordinate, position)
         except argparse.ArgumentTypeError as error:
             raise PlanningError(f"object {name}: {error}") from error
         objects[name] = ObjectState(x, y)
@@ -54,7 +54,7 @@ def _situation(options: argparse.Namespace, domain: Domain) -> World:
 
 
 def _line(judged: Judged, planned: TopChain) -> str:
-    """Return a line with a refined chain and its prediction."""
+    """Return predicted duration and refined chain, or the reason why there is no prediction."""
     chain = planned if isinstance(judged, str) else judged.chain
     steps = (
         f"{call.top.name} ({call.goal.pose.x:.2f}, {call.goal.pose.y:.2f}, {call.goal.pose.yaw:.2f} rad)"
@@ -68,15 +68,15 @@ def arguments() -> argparse.ArgumentParser:
     """Return the command line of `plan`."""
     parser = argparse.ArgumentParser(prog="plan", description=__doc__)
     parser.add_argument(
-        "goal", nargs="*", metavar="GOAL", help="a name, or statements; none: print the names"
+        "goal", nargs="*", metavar="GOAL", help="a name or statements (default: print the names)"
     )
     parser.add_argument(
         "--at", nargs=3, type=_coordinate, default=[0.0, 0.0, 0.0], metavar=("X", "Y", "YAW"),
-        help="where the robot stands, in m and rad (default: the origin)",
+        help="pose of the robot in m and rad (default: the origin)",
     )  # fmt: skip
     parser.add_argument(
         "--object", nargs=3, action="append", default=[], metavar=("NAME", "X", "Y"),
-        help="an object, and where it lies in m; once for each",
+        help="position of an object in m; once for each object",
     )  # fmt: skip
     add_setting(parser)
     add_models(parser)
@@ -87,14 +87,13 @@ def _plan(options: argparse.Namespace, domain: Domain, _: str) -> None:
     """Print the chains that achieve a goal, the best one first; without a goal, the names of goals."""
     source = source_of(options)
     if not options.goal:
-        named = ", ".join(sorted(domain.goals(source.described()))) or "none with a name"
-        print(f"goals of {domain.name}: {named}")
+        print(f"goals of {domain.name}: {', '.join(sorted(domain.goals(source.described()))) or 'none'}")
         return
     world = _situation(options, domain)
     tools, library = tools_of(source)
     chains = chains_for(_statements(options.goal, domain, tools.robot), world, library, domain.objects)
     if not chains:
-        print("the goal holds already")
+        print("the goal already holds")
         return
     refiner = Refiner(tools.robot, tools.models, ranges=library.ranges)
     judged = choose(refiner, world, chains, placeholders=True).judged
@@ -103,5 +102,5 @@ def _plan(options: argparse.Namespace, domain: Domain, _: str) -> None:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line; the exit code is 1 where there is no plan."""
+    """Run the command line; return the exit code, 1 without a plan."""
     return run_tool(arguments(), _plan, argv)

@@ -1,6 +1,6 @@
 """Study a robot in one folder: collect experience, train models, evaluate, report.
 
-The same command resumes where it was interrupted.
+After an interruption, the same command resumes.
 """
 
 from __future__ import annotations
@@ -32,10 +32,8 @@ from ator_ros.tools.train import train
 
 KIND = "study"
 POLICIES = ("naive", "analytic", "refined", "gated", "analytic_speed", "refined_speed", "gated_speed")
-EXPLAINED = 50
-"""Situations in which open variables are explained, at most."""
-MARGIN = 0.5
-"""Time in s: headings predicted to take this much longer than the best are not executed by the oracle."""
+_MOST_EXPLAINED = 50  # situations in which open variables are explained
+_ORACLE_MARGIN = 0.5  # s: the oracle skips headings predicted to take this much longer than the best one
 
 
 def study(options: argparse.Namespace, domain: Domain, command: str) -> None:
@@ -45,51 +43,47 @@ def study(options: argparse.Namespace, domain: Domain, command: str) -> None:
     """
     out, seed = options.out, options.seed
     source = replace(source_of(options), models=str(out / "models"))
-    described, action_set = source.described(), source.action_set
-    actions, left_out = possible_actions(domain, action_set, described)
+    robot, action_set = source.described(), source.action_set
+    actions, left_out = possible_actions(domain, action_set, robot)
     if not actions:
         raise EvaluationError("; ".join(dict.fromkeys(left_out.values())) or f"{domain.name}: no actions")
     for name, reason in left_out.items():
-        print(f"study: without {name}: {reason}", file=sys.stderr)
-    sizes = {name: getattr(options, name) for name in ("episodes", "situations", "seed", "chain", "oracle")}
-    named = {"robot": described.description_digest(), "domain": source.domain, "action_set": action_set}
+        print(f"study: skipped {name}: {reason}", file=sys.stderr)
+    identity = {
+        name: getattr(options, name) for name in ("episodes", "situations", "seed", "chain", "oracle")
+    }
+    identity |= {"robot": robot.description_digest(), "domain": source.domain, "action_set": action_set}
     tables = [out / "experience.parquet", out / "fresh.parquet"]
-    with PartialResults(out / "study.jsonl", {**named, **sizes}, "a study of the same options") as partial:
-        for after, table in enumerate(tables):
+    with PartialResults(out / "study.jsonl", identity, "a study with the same options") as partial:
+        for table_seed, table in enumerate(tables, seed):
             if not table.exists():
                 print(f"study: {table.stem}", flush=True)
-                made = f"collect of study, seed {seed + after}"
-                collect(actions, source, table, command=made, episodes=options.episodes, seed=seed + after)
+                label = f"collect of study, seed {table_seed}"
+                collect(actions, source, table, command=label, episodes=options.episodes, seed=table_seed)
                 partial.append({"table": table.name})
     models = {action: source.folder() / f"{action}.json" for action in actions}
     if not all(file.exists() for file in models.values()):
         print("study: models", flush=True)
-        train(
-            tables[:1],
-            Path(source.models),
-            command="train of study",
-            fresh=tables[1:],
-            domain=domain,
-            robot=described,
-        )
+        folder = Path(source.models)
+        train(tables[:1], folder, command="train of study", fresh=tables[1:], domain=domain, robot=robot)
     learned = [name for name, file in models.items() if file.exists()]
-    possible = possible_chain(domain, domain.library(described, action_set), options.chain, learned)
+    chain = possible_chain(domain, domain.library(robot, action_set), options.chain, learned)
     evaluation: dict[str, Any] | None = None
     variables: list[dict[str, Any]] = []
-    if possible is None:
-        print(f"study: without an evaluation: no chain of {domain.name} has only {', '.join(learned)}")
+    if chain is None:
+        print(f"study: no evaluation: no chain of {domain.name} has only {', '.join(learned)}")
     else:
         folder = out / "evaluation"
         if not (folder / RESULT).exists():
             print("study: evaluation", flush=True)
-            margin = MARGIN if options.oracle else None
-            evaluated = Settings(seed + 2, possible, POLICIES, options.oracle, margin, source=source)
-            evaluate(evaluated, folder, command="evaluate of study", situations=options.situations)
+            margin = _ORACLE_MARGIN if options.oracle else None
+            settings = Settings(seed + 2, chain, POLICIES, options.oracle, margin, source=source)
+            evaluate(settings, folder, command="evaluate of study", situations=options.situations)
         evaluation = load(folder / RESULT, EVALUATION, dict[str, Any])["summary"]
         tools, library = tools_of(source)
         trials = [
-            random_trial(domain, possible, library, seed=seed + 2, index=index)
-            for index in range(min(options.situations, EXPLAINED))
+            random_trial(domain, chain, library, seed=seed + 2, index=index)
+            for index in range(min(options.situations, _MOST_EXPLAINED))
         ]
         variables = open_variables(tools, trials)
         for each in variables:
@@ -99,13 +93,13 @@ def study(options: argparse.Namespace, domain: Domain, command: str) -> None:
     )
     result = {
         "command": command,
-        "robot": described.name,
-        "robot_digest": described.digest(),
+        "robot": robot.name,
+        "robot_digest": robot.digest(),
         "domain": domain.name,
         "action_set": action_set,
         "actions": {name: _measured(ends[ends["action"] == name], models[name], source) for name in actions},
         "left_out": left_out,
-        "chain": possible,
+        "chain": chain,
         "evaluation": evaluation,
         "variables": variables,
     }
@@ -115,16 +109,16 @@ def study(options: argparse.Namespace, domain: Domain, command: str) -> None:
 
 
 def _measured(ends: pd.DataFrame, model: Path, source: ToolsetSource) -> dict[str, Any]:
-    """Return the performance of an action over its episodes' last rows, and the accuracy of its model."""
-    done, features = ends[ends["success"]], source.in_domain().known_features
+    """Return the performance of an action in the last rows of its episodes, and its model's accuracy."""
+    succeeded, features = ends[ends["success"]], source.in_domain().known_features
     failures = ends.loc[~ends["success"], "reason"].value_counts()
     learned = model.exists()
     return {
         "episodes": len(ends),
-        "success": round(len(done) / len(ends), 5),
-        "mean_duration_s": round(float(done["duration"].mean()), 3) if len(done) else None,
+        "success": round(len(succeeded) / len(ends), 5),
+        "mean_duration_s": round(float(succeeded["duration"].mean()), 3) if len(succeeded) else None,
         "accuracy": load_model(model, source.described(), features).metadata["accuracy"] if learned else {},
-        "failures": {str(why): int(count) for why, count in failures.items()},
+        "failures": {str(reason): int(count) for reason, count in failures.items()},
     }
 
 
@@ -142,7 +136,7 @@ def arguments() -> argparse.ArgumentParser:
     )  # fmt: skip
     parser.add_argument(
         "--seed", type=whole(), default=1, metavar="S",
-        help="of the episodes; fresh episodes and the evaluation take the two after it",
+        help="of the episodes; fresh episodes and the evaluation use the next two (default: %(default)s)",
     )  # fmt: skip
     parser.add_argument("--chain", metavar="NAME", help="to evaluate (default: the domain's first)")
     parser.add_argument(

@@ -1,4 +1,4 @@
-"""Learn performance models from experience; show rules and accuracy (paper, sections 3, 5)."""
+"""Learn performance models from experience; print rules and accuracy (paper, sections 3, 5)."""
 
 from __future__ import annotations
 
@@ -41,21 +41,13 @@ def train(
     action_set: str | None = None,
     topics: Mapping[str, str] | None = None,
 ) -> None:
-    """Learn a model of each action in the experience and write it.
+    """Learn a model of each action in `experience`, and write it to `folder`.
 
-    Parameters
-    ----------
-    experience, fresh : sequence of Path
-        Tables or recordings to learn from, and to measure accuracy on.
-    folder : Path
-        Of the models.
-    command : str
-        The command line, for the files.
-    domain, robot, action_set, topics
-        As for `read_sources`.
+    `experience` and `fresh` are tables or recordings; accuracy is measured on `fresh`. `command` is the
+    command line for the files. The other parameters are those of `read_sources`.
     """
     read = read_sources(experience, robot, domain, action_set, topics)
-    source, action_set = read.metadata, read.metadata["action_set"]
+    action_set = read.metadata["action_set"]
     tests = Experience(read.frame[:0], {})
     if fresh:
         tests = read_sources(fresh, robot, domain, action_set, topics)
@@ -65,7 +57,7 @@ def train(
     learned = 0
     for action, examples in read.frame.groupby("action", sort=False):
         features = domain.candidates(action, action_set)
-        # A recording rarely holds enough episodes of every action. Each model is saved once it is learned.
+        # Recordings rarely contain enough episodes of every action: save each model once it is learned.
         try:
             model = train_model(action, examples, robot, features=features)
         except ExperienceError as error:
@@ -78,8 +70,8 @@ def train(
         starts = tests.frame[(tests.frame["action"] == action) & (tests.frame["t"] == 0.0)]
         measured = _measured(model, starts, tests.metadata.get("seed") or 0) if len(starts) else {}
         training = {
-            "seed": source.get("seed"),
-            "command": source.get("command"),
+            "seed": read.metadata.get("seed"),
+            "command": read.metadata.get("command"),
             "digest": digest(examples),
             "episodes": int(examples["episode"].nunique()),
             "examples": len(examples),
@@ -103,17 +95,17 @@ def train(
             errors_s = f"MAE {measured['mae_s']:.3f} s, RMSE {measured['rmse_s']:.3f} s"
             tested = f", {errors_s} on {measured['episodes']} fresh episodes from rest"
         elif not measured and model.errors is not None:
-            off = np.abs(model.errors.errors)
-            tested = f", MAE {off.mean():.3f} s by cross-validation on {len(off)} drives"
+            absolute = np.abs(model.errors.errors)
+            tested = f", MAE {absolute.mean():.3f} s by cross-validation on {len(absolute)} drives"
         print(f"{file}: {rules}{tested}", flush=True)
     if not learned:
         raise ExperienceError("; ".join(errors))
-    for missing in errors:
-        print(f"train: {missing}; the other actions are learned", file=sys.stderr)
+    for message in errors:
+        print(f"train: {message}; the models of other actions are written", file=sys.stderr)
 
 
 def _measured(model: PerformanceModel, starts: pd.DataFrame, seed: int) -> dict[str, Any]:
-    """Return the accuracy on fresh starts at rest, or on all of them, and on each kind of start."""
+    """Return the accuracy for fresh starts at rest, or for all if none is, and for each kind of start."""
     parts = {
         name: accuracy(model, part, seed=seed)
         for name, part in kinds(starts, model.robot).items()
@@ -126,15 +118,15 @@ def _measured(model: PerformanceModel, starts: pd.DataFrame, seed: int) -> dict[
 
 
 def _rules(domain: Domain, options: argparse.Namespace, robot: Robot, folder: Path) -> str:
-    """Return the rules of a model, which is given by its action or file."""
+    """Return the rules of a model, which is named by its action or file."""
     file = Path(options.rules)
     if file.suffix != ".json":
         if not is_name(options.rules):
             raise FileError(f"--rules: expected an action or a model, a .json file, got {options.rules!r}")
         file = folder / model_path(options.rules, options.action_set or DEFAULT_SET)
     if not file.exists():
-        there = ", ".join(sorted(other.stem for other in file.parent.glob("*.json")))
-        raise FileError(f"{file}: expected a model, there is none; in that folder: {there or 'none'}")
+        models = ", ".join(sorted(other.stem for other in file.parent.glob("*.json")))
+        raise FileError(f"{file}: expected a model, there is none; in that folder: {models or 'none'}")
     return load_model(file, robot, domain.known_features).rules("duration")
 
 
@@ -156,7 +148,7 @@ def arguments() -> argparse.ArgumentParser:
     parser.add_argument(
         "--action-set",
         metavar="NAME",
-        help="of odometry and commands that were recorded (tables and records name theirs)",
+        help="of recorded odometry and commands (tables and records contain theirs)",
     )
     for role, what in ((ODOM, "odometry"), (CMD_VEL, "velocity commands")):
         parser.add_argument(
@@ -166,7 +158,7 @@ def arguments() -> argparse.ArgumentParser:
             help=f"of {what} in recordings (default: {role} in any namespace)",
         )
     parser.add_argument(
-        "--rules", metavar="MODEL", help="print the rules of a model, given by its action or file, and stop"
+        "--rules", metavar="MODEL", help="only print the rules of a model, named by its action or file"
     )
     return parser
 
@@ -207,7 +199,7 @@ def _train(options: argparse.Namespace, domain: Domain, command: str) -> None:
         raise ExperienceError("expected experience to learn from, or --rules")
     if options.models is None and robot.digest() != domain.robot(None).digest():
         raise ExperienceError(
-            f"--models: expected a folder for models of {robot.name}; those that ship are another robot's"
+            f"--models: expected a folder for models of {robot.name}; the shipped models are another robot's"
         )
     topics = {role: name for role in (ODOM, CMD_VEL) if (name := getattr(options, role)) is not None}
     train(
@@ -224,5 +216,4 @@ def _train(options: argparse.Namespace, domain: Domain, command: str) -> None:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
-    unfinished = "models whose lines were printed are written, no others"
-    return run_tool(arguments(), _run, argv, interrupted=unfinished)
+    return run_tool(arguments(), _run, argv, interrupted="the models printed above were written, no others")

@@ -1,4 +1,4 @@
-"""A situation with a plan that can be edited: robot, objects and goals move, variables open."""
+"""A situation with a plan that can be edited."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from ator_ros.tops.objects import followed
 from ator_ros.world.state import ObjectState, RobotState, World
 
 _MOVED = 0.01  # m or rad by which the robot must have moved for a new refinement
-_SAME_PLACE = 0.15  # m up to which a goal counts as lying at an object that its step follows
+_SAME_PLACE = 0.15  # m up to which a goal counts as the place of the object that its step follows
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Draft:
-    """A start, everything at rest, and a plan with open variables; each change makes a new draft.
+    """A start at rest and a plan with open variables; each change returns a new draft.
 
-    `action_set` executes the plan. `alternatives` are other chains for the same end, of which refinement may
-    choose one, and `weights` those of its objective, by measure; what is not named has the usual weight.
+    `action_set` executes the plan. Refinement may choose one of the `alternatives`, other chains for the same
+    goal. `weights` are those of its objective by measure; the other measures have the usual weight.
     """
 
     world: World
@@ -35,17 +35,17 @@ class Draft:
     weights: Mapping[str, float] = dataclasses.field(default_factory=dict)
 
     def _with_calls(self, change: Callable[[TopCall], TopCall]) -> Draft:
-        """Return the draft with each call of each chain changed."""
+        """Return the draft with a change of each call of each chain."""
         chains = (self.chain, *self.alternatives)
         chain, *others = (TopChain(tuple(map(change, each.calls))) for each in chains)
         return dataclasses.replace(self, chain=chain, alternatives=tuple(others))
 
     def with_robot(self, pose: Pose) -> Draft:
-        """Return the draft with the robot standing at `pose`."""
+        """Return the draft with the robot at rest at `pose`."""
         return dataclasses.replace(self, world=dataclasses.replace(self.world, robot=RobotState(pose)))
 
     def with_object(self, name: str, x: float, y: float) -> Draft:
-        """Return the draft with an object at (x, y) m, and with the goals of steps that follow it there."""
+        """Return the draft with an object, and the goals of steps that follow it, at (x, y) m."""
         before = self.world.objects.get(name)
 
         def moved(call: TopCall) -> TopCall:
@@ -60,13 +60,13 @@ class Draft:
 
     def at(self, world: World) -> Draft:
         """Return the draft with robot and objects where they are in `world`, at rest."""
-        here, draft = dataclasses.replace(world, robot=RobotState(world.robot.pose)), self
-        for name, there in here.objects.items():
-            draft = draft.with_object(name, there.x, there.y)
-        return dataclasses.replace(draft, world=here)
+        start, draft = dataclasses.replace(world, robot=RobotState(world.robot.pose)), self
+        for name, state in start.objects.items():
+            draft = draft.with_object(name, state.x, state.y)
+        return dataclasses.replace(draft, world=start)
 
     def differs(self, other: Draft) -> bool:
-        """Return whether the robot has moved, or objects or chain differ: refinement is then asked again."""
+        """Return whether robot, objects or chain differ so much that refinement is called again."""
         x, y, yaw = other.world.robot.pose.relative(self.world.robot.pose)
         moved = max(math.hypot(x, y), abs(yaw)) > _MOVED
         return moved or set(self.world.objects) != set(other.world.objects) or self.chain != other.chain
@@ -77,68 +77,56 @@ class Draft:
         return dataclasses.replace(self, chain=self.chain.with_goal(step, goal))
 
     def with_open(self, step: int, name: str, is_open: bool) -> Draft:
-        """Return the draft with a goal variable of a step (from 0) opened, or committed to."""
+        """Return the draft with a goal variable of a step (from 0) opened or bound."""
         calls = list(self.chain.calls)
-        opened = calls[step].open | {name} if is_open else calls[step].open - {name}
-        calls[step] = dataclasses.replace(calls[step], open=opened)
+        names = calls[step].open | {name} if is_open else calls[step].open - {name}
+        calls[step] = dataclasses.replace(calls[step], open=names)
         return dataclasses.replace(self, chain=TopChain(tuple(calls)))
 
     def with_library(self, library: TopLibrary) -> Draft:
-        """Return the draft with its steps executed by the actions of another set."""
+        """Return the draft with the actions of another set."""
 
-        def executed(call: TopCall) -> TopCall:
+        def changed(call: TopCall) -> TopCall:
             top = library[call.top.name]
             return dataclasses.replace(call, top=top, goal=dataclasses.replace(call.goal, point=top.point))
 
-        return dataclasses.replace(self._with_calls(executed), action_set=library.action_set)
+        return dataclasses.replace(self._with_calls(changed), action_set=library.action_set)
 
     def with_weight(self, measure: str, weight: float) -> Draft:
         """Return the draft with the weight of a measure of performance."""
         return dataclasses.replace(self, weights={**self.weights, measure: weight})
 
     def with_alternative(self) -> Draft:
-        """Return the draft with its chain, as it is now, as one more alternative; the newest are kept."""
-        kept = dict.fromkeys((*self.alternatives, self.chain))
-        return dataclasses.replace(self, alternatives=tuple(kept)[-MOST_ALTERNATIVES:])
+        """Return the draft with its chain as one more alternative; the newest ones are kept."""
+        chains = dict.fromkeys((*self.alternatives, self.chain))
+        return dataclasses.replace(self, alternatives=tuple(chains)[-MOST_ALTERNATIVES:])
 
     @property
     def movable_goals(self) -> Mapping[int, Pose]:
-        """The goals that can be moved by themselves, by step: those that lie at no object."""
+        """The goals by step, except those at the object that the step follows."""
         return {
             step: call.goal.pose
             for step, call in enumerate(self.chain.calls)
-            if not any(_follows(call, name, there) for name, there in self.world.objects.items())
+            if not any(_follows(call, name, state) for name, state in self.world.objects.items())
         }
 
 
-def _follows(call: TopCall, name: str, there: ObjectState) -> bool:
-    """Return whether a step follows an object, and its goal is where the object lies now."""
+def _follows(call: TopCall, name: str, state: ObjectState) -> bool:
+    """Return whether a step follows an object, and its goal is at the object."""
     pose = call.goal.pose
-    return followed(call.top) == name and pose.distance(Pose(there.x, there.y, 0.0)) <= _SAME_PLACE
+    return followed(call.top) == name and pose.distance(Pose(state.x, state.y, 0.0)) <= _SAME_PLACE
 
 
-def situation_draft(
-    domain: Domain,
-    libraries: Mapping[str, TopLibrary],
-    chain: str,
-    *,
-    seed: int,
-    index: int,
-    action_set: str = "",
-) -> Draft:
-    """Return the draft of a random situation of a chain of the domain, `seed` and `index` say which.
-
-    Without an action set it has the first one.
-    """
-    library = libraries[action_set or next(iter(libraries))]
+def situation_draft(domain: Domain, library: TopLibrary, chain: str, *, seed: int, index: int) -> Draft:
+    """Return a random situation of a chain of the domain."""
     trial = random_trial(domain, chain, library, seed=seed, index=index)
     return Draft(trial.world, open_speeds(trial.chain), library.action_set)
 
 
-def first_draft(domain: Domain, libraries: Mapping[str, TopLibrary]) -> tuple[str, Draft]:
-    """Return the first chain whose steps all have actions, and its first situation."""
+def first_draft(domain: Domain, library: TopLibrary) -> tuple[str, Draft]:
+    """Return the name of the first chain whose steps all have actions, and its first situation."""
     *others, last = domain.chains
     for name in others:
         with contextlib.suppress(LeftOutError):
-            return name, situation_draft(domain, libraries, name, seed=0, index=0)
-    return last, situation_draft(domain, libraries, last, seed=0, index=0)
+            return name, situation_draft(domain, library, name, seed=0, index=0)
+    return last, situation_draft(domain, library, last, seed=0, index=0)

@@ -1,4 +1,4 @@
-"""The state of the view: the draft that is edited, the answer of refinement, and the executions."""
+"""State of the view: the edited draft, the answer of refinement, and the executions."""
 
 from __future__ import annotations
 
@@ -14,69 +14,57 @@ from ator_ros.view.runs import OTHERS, Answer, Run
 from ator_ros.world.state import World
 
 NAIVE, REFINED = "naive", "refined"
-_RETRY_STEPS = 25  # steps after which refinement is asked again if it was not running
-_FOLLOW_PERIOD = 0.2  # seconds of the robot's clock between two updates of a draft that follows the robot
+_RETRY_STEPS = 25  # steps after which refinement is called again if it was not running
+_FOLLOW_PERIOD = 0.2  # s of the robot's clock between two updates of a draft that follows the robot
 
 
 class Editor:
-    """Edits a draft, keeps refinement's answer up to date, and executes chains. For one thread only.
-
-    Attributes
-    ----------
-    answer, problem : Answer or None, str
-        Refinement's answer to it, or why there is none; the last error, empty without one.
-    runs : list of Run
-        The executions since the last edit, the newest last; two are a race.
-    edition : int
-        Grows with every change of draft or answer.
-    """
+    """Edits a draft, keeps refinement's answer up to date, and executes chains; for one thread."""
 
     def __init__(self, backend: Backend) -> None:
         self.backend, self.domain, self.libraries = backend, backend.domain, backend.libraries
         self.seed, self.index = 0, 0
-        self.answer: Answer | None = None
-        self.problem = ""
-        self.runs: list[Run] = []
-        self.edition = 0
+        self.answer: Answer | None = None  # for the draft
+        self.problem = ""  # the last error
+        self.runs: list[Run] = []  # executions since the last edit, the newest last; two are a race
+        self.edition = 0  # increases with every change of draft or answer
         self._waiting: list[Run] = []
-        self._stale, self._displaced = True, True
-        self._follows, self._followed = False, -math.inf
-        self._retry = 0
-        self._external: tuple[object, ...] = ()
-        self.chain_name, self.draft = first_draft(self.domain, self.libraries)
+        self._stale = True  # refinement must be called
+        self._displaced = True  # robot and objects may be elsewhere than in the draft
+        self._follows, self._followed_at = False, -math.inf  # whether the draft follows the robot; time in s
+        self._retry = 0  # steps until refinement is called again
+        self._external: tuple[object, ...] = ()  # state of another client's goal in the draft
+        self.chain_name, self.draft = first_draft(self.domain, next(iter(self.libraries.values())))
 
     # Situations
 
     def situation(self, *, chain: str = "", seed: int | None = None, index: int | None = None) -> None:
-        """Go to a situation of a chain of the domain; what is not named stays."""
+        """Switch to another chain of the domain, or to another situation of it."""
         name = chain or self.chain_name
         seed = self.seed if seed is None else seed
         index = self.index if index is None else index
-        draft = situation_draft(
-            self.domain, self.libraries, name, seed=seed, index=index, action_set=self.draft.action_set
-        )
-        self.chain_name, self.seed, self.index = name, seed, index  # after this, it exists
-        self._go_to(dataclasses.replace(draft, weights=self.draft.weights))
+        library = self.libraries[self.draft.action_set]
+        draft = situation_draft(self.domain, library, name, seed=seed, index=index)
+        self.chain_name, self.seed, self.index = name, seed, index
+        self.draft = dataclasses.replace(draft, weights=self.draft.weights)
+        self.reset()
 
     def reset(self) -> None:
         """Place robot and objects at the draft's start."""
-        self._go_to(self.draft)
-
-    def _go_to(self, draft: Draft) -> None:
         self.stop()
-        self._edited(draft)
+        self._set_draft(self.draft)
         self._displaced, self._follows = True, False
 
     def select(self, backend: Backend) -> None:
-        """Switch to another robot, where it is; the previous one continues its chain.
+        """Switch to another robot; the previous one continues its chain.
 
-        Nothing is placed, and the draft follows robot and objects until something is moved or executed.
+        Nothing is placed. The draft follows robot and objects until something is moved or executed.
         """
         self.backend = backend
         self._waiting.clear()
         self.runs.clear()
-        self.answer = None  # it was about another robot
-        self._stale, self._follows, self._followed = True, True, -math.inf
+        self.answer = None  # it was for another robot
+        self._stale, self._follows, self._followed_at = True, True, -math.inf
         self._displaced, self._external = False, ()
 
     # Edits
@@ -86,32 +74,32 @@ class Editor:
         if self.executing:
             return
         self._restore()
-        self._edited(self.draft.with_robot(pose))
+        self._set_draft(self.draft.with_robot(pose))
         self.backend.place_robot(pose)
 
     def move_object(self, name: str, pose: Pose) -> None:
-        """Place an object; while a chain is executed only in the world, not in the draft."""
+        """Place an object; while a chain is executed, only in the world, not in the draft."""
         if not self.executing:
             self._restore()
-            self._edited(self.draft.with_object(name, pose.x, pose.y))
+            self._set_draft(self.draft.with_object(name, pose.x, pose.y))
         self.backend.place_object(name, pose.x, pose.y)
 
     def edit(self, change: Callable[..., Draft], *arguments: object) -> None:
-        """Change the draft: `change` is called with it and the arguments, and returns the new one."""
-        self._edited(change(self.draft, *arguments))
+        """Replace the draft by the result of `change`, called with the draft and the arguments."""
+        self._set_draft(change(self.draft, *arguments))
 
     def move_goal(self, step: int, pose: Pose) -> None:
-        """Move the goal of a step, unless a chain is executed: both chains of a race have the same goals."""
+        """Move the goal of a step, unless a chain is executed: the chains of a race have the same goals."""
         if not self.executing:
             self.edit(Draft.with_goal, step, pose)
 
-    def _edited(self, draft: Draft) -> None:
+    def _set_draft(self, draft: Draft) -> None:
         self.draft, self._stale = draft, True
         if not self.executing:
             self.runs.clear()
 
     def _restore(self) -> None:
-        """Place everything as in the draft, if an execution has moved it; tried once."""
+        """Place everything as in the draft if an execution has moved it; one attempt."""
         displaced, self._displaced, self._follows = self._displaced, False, False
         if displaced and self.backend.can_place:
             self.backend.place(self.draft.world)
@@ -122,10 +110,10 @@ class Editor:
     @property
     def executing(self) -> bool:
         """Whether a chain is executed or waits for execution."""
-        return bool(self._waiting) or self._active
+        return bool(self._waiting) or self._is_active
 
     @property
-    def _active(self) -> bool:
+    def _is_active(self) -> bool:
         return any(not run.ended for run in self.runs)
 
     def execute(self, *labels: str) -> None:
@@ -135,20 +123,15 @@ class Editor:
         self._waiting = [Run(label) for label in labels]
 
     def stop(self) -> None:
-        """Cancel the active chain, of any client, and those that wait."""
+        """Cancel the active chain of any client, and those that wait."""
         self._waiting.clear()
-        if self._active:
+        if self._is_active:
             self.backend.stop()
-
-    @property
-    def run(self) -> Run | None:
-        """The newest execution; None without one."""
-        return self.runs[-1] if self.runs else None
 
     @property
     def verdict(self) -> str:
         """The result of a race; empty until both chains have ended."""
-        if len(self.runs) < 2 or self._active:
+        if len(self.runs) < 2 or self._is_active:
             return ""
         failed = [run.label for run in self.runs if math.isnan(run.duration)]
         if failed:
@@ -160,14 +143,14 @@ class Editor:
     # The loop
 
     def step(self, commands: Sequence[Callable[[], None]] = ()) -> None:
-        """Process commands, ask refinement if the draft has changed, and follow the execution."""
+        """Process commands, refine a changed draft, and start chains that wait."""
         for command in commands:
             self._try(command)
         world = self.backend.world()
         if world is None:
             return
         self._follow_external()
-        if (self._follows and not self._active) or not (self.executing or self.backend.can_place):
+        if (self._follows and not self._is_active) or not (self.executing or self.backend.can_place):
             self._follow(world)
         if self._stale:
             self._stale = False
@@ -175,7 +158,7 @@ class Editor:
         elif self._retry:
             self._retry -= 1
             self._stale = not self._retry
-        if self._active:
+        if self._is_active:
             return
         if self._waiting and not self._stale:
             self._try(self._start)
@@ -186,7 +169,7 @@ class Editor:
         try:
             command()
             return
-        except LookupError:  # another client has changed the chain
+        except LookupError:  # another page has changed the chain
             self.problem = "expected a step, variable, chain or action set that exists"
         except (NodesError, ValueError) as error:
             self.problem = str(error)
@@ -204,20 +187,20 @@ class Editor:
         if state == self._external:
             return
         self._external, self.runs = state, [goal]
-        self._displaced, self._follows, self._followed = False, True, -math.inf
+        self._displaced, self._follows, self._followed_at = False, True, -math.inf
         self.draft, self._stale = dataclasses.replace(goal.draft, weights=self.draft.weights), False
         self._refine(as_given=driven and not record.refined)
-        if self.answer is None:  # it is drawn without predictions
+        if self.answer is None:  # the chain is drawn without predictions
             self.answer, self.problem = Answer(chain, chain, record.refined, reason), ""
             self._retry = 0
         elif driven:
             self.answer = dataclasses.replace(self.answer, chain=chain, refined=record.refined, reason=reason)
 
     def _follow(self, world: World) -> None:
-        """Let the draft start where robot and objects are."""
-        if abs(world.time - self._followed) < _FOLLOW_PERIOD:
+        """Set the draft's start to the current state of robot and objects."""
+        if abs(world.time - self._followed_at) < _FOLLOW_PERIOD:
             return
-        self._followed = world.time
+        self._followed_at = world.time
         draft = self.draft.at(world)
         if draft.differs(self.draft):
             self.draft, self._stale = draft, True
@@ -225,7 +208,7 @@ class Editor:
     def _refine(self, *, as_given: bool = False) -> None:
         try:
             self.answer, self.problem = self.backend.refine(self.draft, as_given=as_given), ""
-        except (NodesError, ValueError) as error:  # ValueError: an answer that cannot be read
+        except (NodesError, ValueError) as error:  # ValueError: an invalid answer
             self.answer, self.problem = None, str(error)
             self._retry = _RETRY_STEPS if isinstance(error, UnavailableError) else 0
         self.edition += 1

@@ -25,26 +25,19 @@ from ator_ros.view.runs import OTHERS, Answer, Run, plain, seconds
 from ator_ros.view.scene import LOOPBACK, Canvas, Handle, RobotModel, serve
 from ator_ros.world.state import World
 
-_SILENCE = 2.0
+_STATE_TIMEOUT = 2.0  # real s
 _VARIABLES = ("yaw", "speed")
 _MOST_SEED = 2**31 - 1
 _TRAILS = {NAIVE: ORANGE, REFINED: BLUE, OTHERS: BLUE}
-_WRITE_PERIOD = 0.2
-_TRAIL_WIDTH = 0.025
-_GOAL_RADIUS = 0.16
+_TEXT_PERIOD = 0.2  # s between two updates of texts and trails
+_TRAIL_WIDTH, _GOAL_RADIUS = 0.025, 0.16  # m
 
 
 class Page:
-    """Serves a page on one port; `update` is called regularly by the editor's thread.
+    """Serves a page; the editor's thread calls `update` regularly.
 
-    Parameters
-    ----------
-    models : mapping
-        Performance models by action, by action set, whose rules are shown.
-    robots : mapping of str to Backend
-        All robots by name, the editor's among them; all are shown, and one is chosen.
-    host, port : str, int
-        Where the page is served; by default only this machine can reach it.
+    `models` are performance models by action set and action, whose rules are shown. `robots` are the backends
+    of all robots by name, including the editor's. By default only this machine can reach the page.
     """
 
     def __init__(
@@ -64,9 +57,8 @@ class Page:
         area = robot.scene.area
         self._chain = Canvas(server, "/chain", area)
         self._trails = Canvas(server, "/trails", area, 0.03)
-        self._model = RobotModel(server, "/robot", urdf, area)
         self._robots = robots
-        self._others = {name: RobotModel(server, f"/robots/{name}", urdf, area) for name in robots}
+        self._robot_models = {name: RobotModel(server, f"/robots/{name}", urdf, area) for name in robots}
         self._objects = {}
         for name, item in robot.scene.objects.items():
             self._objects[name] = Handle(
@@ -86,42 +78,40 @@ class Page:
             self._add_fields()
         with tabs.add_tab("History"):
             self._history = self._gui.add_markdown("")
-        self._edition, self._written = -1, -math.inf
+        self._edition, self._written_at = -1, -math.inf
 
     def _moved(self, move: Callable[..., None], *arguments: object) -> None:
         self.commands.put(partial(move, *arguments))
 
     def take_commands(self) -> list[Callable[[], None]]:
-        """Remove and return what the clients have entered, the oldest first."""
+        """Remove and return the commands of all clients, the oldest first."""
         return [self.commands.get() for _ in range(self.commands.qsize())]
 
     def update(self, now: float) -> None:
-        """Show what has changed; `now` is the time in s of any clock that does not go back."""
-        # In viser's own thread: viser sets asyncio events from whichever thread changes a handle.
+        """Show the current state; `now` is the time of a monotonic clock in s."""
+        # In viser's thread, because changing a handle sets asyncio events.
         asyncio.run_coroutine_threadsafe(self._update(now), self.server.get_event_loop()).result()
 
     async def _update(self, now: float) -> None:
-        world = self._editor.backend.world()
         with self.server.atomic():
-            if world is not None:
-                self._show_world(world)
+            self._show_items()
             if self._edition != self._editor.edition:
                 self._edition = self._editor.edition
                 self._show_chain()
             self._show_handles()
-            if now - self._written >= _WRITE_PERIOD:
-                self._written = now
-                self._write(world)
+            if now - self._written_at >= _TEXT_PERIOD:
+                self._written_at = now
+                self._show_texts()
+                self._show_trails()
 
-    def _show_world(self, world: World) -> None:
-        self._model.show(world.robot.pose)
-        for name, model in self._others.items():
-            other = self._robots[name]
-            state = None if other is self._editor.backend else other.world()
-            model.show(None if state is None else state.robot.pose)
+    def _show_items(self) -> None:
+        for name, model in self._robot_models.items():
+            world = self._robots[name].world()
+            model.show(None if world is None else world.robot.pose)
+        world = self._editor.backend.world()
         for name, handle in self._objects.items():
-            there = world.objects.get(name)
-            handle.show(None if there is None else Pose(there.x, there.y, 0.0))
+            state = None if world is None else world.objects.get(name)
+            handle.show(None if state is None else Pose(state.x, state.y, 0.0))
 
     def _show_chain(self) -> None:
         draft, answer = self._editor.draft, self._editor.answer
@@ -148,21 +138,18 @@ class Page:
         for step, handle in enumerate(self._goals):
             handle.show(movable.get(step))
 
-    def _write(self, world: World | None) -> None:
-        editor, backend = self._editor, self._editor.backend
-        self._show_texts(world)
-        path = backend.path
-        planned = polyline("planned", [] if path is None else path.tolist(), YELLOW, _TRAIL_WIDTH)
+    def _show_trails(self) -> None:
+        planned = polyline("planned", self._editor.backend.path, YELLOW, _TRAIL_WIDTH)
         driven = (
             polyline(run.label, [pose[:2] for pose in run.poses], _TRAILS[run.label], _TRAIL_WIDTH)
-            for run in editor.runs
+            for run in self._editor.runs
         )
         self._trails.draw([planned, *driven])
 
     # The panel
 
     def _add_fields(self) -> None:
-        """Add buttons, fields and texts; each event is queued as a command for the editor's thread."""
+        """Add buttons, fields and texts; events become commands for the editor's thread."""
         gui, editor, robots = self._gui, self._editor, self._robots
         if len(robots) > 1:
             choice = gui.add_dropdown("Robot", tuple(robots))
@@ -174,7 +161,7 @@ class Page:
             self._button("Race: naive, then refined", lambda: editor.execute(NAIVE, REFINED))
             if editor.backend.can_place:
                 self._button("Pause", lambda: editor.backend.pause(paused=True))
-                self._button("Go on", lambda: editor.backend.pause(paused=False))
+                self._button("Resume", lambda: editor.backend.pause(paused=False))
                 self._button("Back to the start", editor.reset)
             else:
                 self._button("Stop", editor.stop)
@@ -209,13 +196,13 @@ class Page:
 
     def _weights(self) -> None:
         usual = {"duration": 1.0, "success": self._editor.domain.time_limit, "accuracy": 0.0}
-        labels = {"success": "success (s per failure)", "accuracy": "accuracy (s per m)"}
+        units = {"duration": "", "success": " (s per failure)", "accuracy": " (s per m)"}
         for name, weight in usual.items():
-            field = self._gui.add_number(labels.get(name, name), weight, min=0.0, max=MOST_WEIGHT, step=0.1)
+            field = self._gui.add_number(name + units[name], weight, min=0.0, max=MOST_WEIGHT, step=0.1)
             self._on_change(field, partial(self._editor.edit, Draft.with_weight, name))
 
     def _show_draft(self) -> None:
-        """Show the draft's seed, and a box for each variable that can be opened."""
+        """Show the draft's seed, and a checkbox for each goal variable."""
         chain = self._editor.draft.chain
         self._seed.value = self._editor.seed
         tops = [call.top.name for call in chain.calls]
@@ -236,14 +223,12 @@ class Page:
                     self._on_change(box, partial(self._editor.edit, Draft.with_open, step, name))
                     self._boxes.append((step, name, box))
 
-    def _show_texts(self, world: World | None) -> None:
+    def _show_texts(self) -> None:
         editor, backend, answer = self._editor, self._editor.backend, self._editor.answer
-        status = "drag robot, objects or goals" if editor.run is None else editor.run.status
+        status = editor.runs[-1].status if editor.runs else "drag robot, objects or goals"
         if backend.refused:
             status = f"not moved: {backend.refused}"
-        self._clock.content = clock_text(
-            world, paused=backend.paused, status=status, silence=backend.silence()
-        )
+        self._clock.content = clock_text(backend.world(), backend.state_age(), status, paused=backend.paused)
         self._times.content = times_text(answer, editor.runs)
         self._gate.content = gate_text(answer, editor.problem)
         self._verdict.content = editor.verdict
@@ -257,30 +242,26 @@ class Page:
         self._gui.add_button(label).on_click(lambda _: self.commands.put(command))
 
     def _on_change(self, field: Any, command: Callable[[Any], None]) -> None:
-        """Queue what a client enters; values that we set ourselves are no commands."""
+        """Queue a command for each value that a client enters."""
 
         def queue(event: Any) -> None:
-            value = field.value
-            if event.client is not None:
-                self.commands.put(lambda: command(value))
+            if event.client is not None:  # else the page itself has set the value
+                self.commands.put(partial(command, field.value))
 
         field.on_update(queue)
 
 
-# Texts in Markdown
-
-
-def clock_text(world: World | None, *, paused: bool, status: str, silence: float) -> str:
-    """Return simulated time and status of the run; `silence` is in real s since the robot's last state."""
+def clock_text(world: World | None, age: float, status: str, *, paused: bool) -> str:
+    """Return time and status in Markdown; `age` are the real s since the robot's last state."""
     if world is None:
         return "waiting for the robot's state from odom or tf"
-    if silence > _SILENCE and not paused:
-        status = f"no state of the robot for {silence:.0f} s"
+    if age > _STATE_TIMEOUT and not paused:
+        status = f"no state of the robot for {age:.0f} s"
     return f"**{world.time:.2f} s**{' (paused)' if paused else ''} · {plain(status)}"
 
 
 def times_text(answer: Answer | None, runs: Sequence[Run]) -> str:
-    """Return a table: the predictions for both chains, and each run's actual times, by step."""
+    """Return a Markdown table of the predictions for both chains and the times of each run, by step."""
     if answer is None:
         return ""
     tops = [plain(call.top.name) for call in answer.chain.calls]
@@ -297,7 +278,7 @@ def times_text(answer: Answer | None, runs: Sequence[Run]) -> str:
 
 
 def gate_text(answer: Answer | None, problem: str) -> str:
-    """Return why the chain was refined or left unchanged, or the problem."""
+    """Return the gate's reason in Markdown, or the problem."""
     if problem:
         return f"**not refined:** {plain(problem)}"
     if answer is None:
@@ -307,7 +288,7 @@ def gate_text(answer: Answer | None, problem: str) -> str:
 
 
 def rules_text(world: World, chain: TopChain, robot: Robot, models: Mapping[str, PerformanceModel]) -> str:
-    """Return, by step, the rule that predicts the duration and what its terms add in this situation."""
+    """Return in Markdown, by step, the rule that predicts the duration and the values of its terms."""
     parts = []
     for call, situation in zip(chain.calls, chain_situations(world, chain, robot, models), strict=True):
         model = models.get(call.top.action)

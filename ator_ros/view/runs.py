@@ -1,8 +1,7 @@
-"""What the view shows of refinement and executor: answers, executions, and the history of chains."""
+"""Answers of refinement, executions of chains, and their history, as the view shows them."""
 
 from __future__ import annotations
 
-import itertools
 import math
 import re
 from collections import deque
@@ -20,12 +19,9 @@ from ator_ros.tops.chain import TopChain
 from ator_ros.view.draft import Draft
 from ator_ros.world.messages import pose_from, world_from
 
-OTHERS = "others"
-"""The label of an execution that this view did not start."""
-_MOST = 500
-_SHOWN = 12
-_RECENT = 20
-_LONGEST = 300
+OTHERS = "others"  # label of the executions that other clients started
+_MOST_CHAINS, _SHOWN, _RECENT = 500, 12, 20  # chains that are kept, in the table, and in the model error
+_LONGEST = 300  # characters
 _SUCCEEDED = Ending.SUCCEEDED.value
 _OUTCOMES = {ending.value: ending.name.lower().replace("_", " ") for ending in Ending}
 _SAME = 0.05  # m and rad up to which two starts or goals count as the same
@@ -34,69 +30,45 @@ _MARKDOWN = re.compile(r"([\\`*_{}\[\]<>#|~$!])")
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """The answer of refinement: the naive chain, and the one to execute, which differs if it is `refined`.
-
-    Attributes
-    ----------
-    reason : str
-        Why the chain was refined or left unchanged: the gate's words.
-    before, after : tuple of float
-        Predicted durations in s of the steps of `naive`, and of the best chain found; NaN without a model.
-    chosen : int
-        The number of the alternative that all this is about; 0: the chain itself.
-    """
+    """The answer of refinement."""
 
     naive: TopChain
-    chain: TopChain
+    chain: TopChain  # to execute
     refined: bool
-    reason: str
-    before: tuple[float, ...] = ()
-    after: tuple[float, ...] = ()
+    reason: str  # of the gate
+    before: tuple[float, ...] = ()  # predicted durations in s of the steps of `naive`; NaN without a model
+    after: tuple[float, ...] = ()  # the same of the best chain found
     curves: tuple[SubgoalCurve, ...] = ()
-    chosen: int = 0
+    chosen: int = 0  # number of the chosen alternative; 0: the chain itself
 
 
 @dataclass
 class Run:
-    """One execution of a chain.
+    """One execution of a chain."""
 
-    Attributes
-    ----------
-    label : str
-        "naive", "refined" or "others".
-    record : ChainPerformance or None
-        The executor's newest record of it; None before the first one.
-    draft : Draft or None
-        Of a goal that another client sent: the situation in which it starts, and its chain as it is at
-        present, with open variables.
-    problem : str
-        Why it has no end that the executor reports: it could not start, or is lost; else empty.
-    poses : list of Pose
-        Where the robot was, since the start.
-    """
-
-    label: str
-    record: Any = None
-    draft: Draft | None = None
-    problem: str = ""
-    poses: list[Pose] = field(default_factory=list)
-    _start: float = math.nan
+    label: str  # "naive", "refined" or "others"
+    record: Any = None  # the executor's newest ChainPerformance; None before the first one
+    draft: Draft | None = None  # of another client's goal: its start and current chain, with open variables
+    problem: str = ""  # why the executor reports no outcome, such as a failed start
+    poses: list[Pose] = field(default_factory=list)  # path of the robot since the start
+    chain_id: str = ""  # id of the goal in records; empty before the start
+    _start: float = math.nan  # s, of the clock of `record_pose`
     _newest: float = math.nan
 
     @property
     def ended(self) -> bool:
-        """Whether it has ended."""
+        """Whether the execution has ended."""
         return bool(self.problem) or (self.record is not None and bool(self.record.outcome.code))
 
     @property
     def driven(self) -> bool:
-        """Whether it is driven, or was; before that, refinement may still change its chain."""
+        """Whether driving has begun; before that, refinement may change the chain."""
         return self.record is not None and math.isfinite(self.record.actual.duration)
 
     @property
     def duration(self) -> float:
-        """Of the whole chain in s; NaN while it runs, or if it failed."""
-        return math.nan if self.record is None else duration_of(self.record)
+        """Duration of the whole chain in s; NaN until it has succeeded."""
+        return math.nan if self.record is None else _duration_of(self.record)
 
     @property
     def actual(self) -> list[float]:
@@ -106,14 +78,14 @@ class Run:
 
     @property
     def reason(self) -> str:
-        """Why refinement has changed its chain or left it; before it is driven, what it waits for."""
+        """Result of refinement or, before driving, what the executor waits for."""
         if self.record is None:
             return ""
         return printable(self.record.refinement if self.driven else self.record.outcome.reason, _LONGEST)
 
     @property
     def status(self) -> str:
-        """The present phase, or how it ended."""
+        """The current phase or the outcome."""
         if self.problem or self.record is None:
             return self.problem or "starting"
         outcome, refinement = self.record.outcome, printable(self.record.refinement, _LONGEST)
@@ -122,7 +94,7 @@ class Run:
         return f"{prefix}{reason}{f' ({refinement})' if outcome.code else ''}"
 
     def record_pose(self, time: float, pose: Pose) -> None:
-        """Record the robot's pose at `time` s; a clock that goes back restarts the trail."""
+        """Record the robot's pose at `time` s; if the clock goes back, the path starts again."""
         if not time >= self._newest:
             self._start = time
             self.poses.clear()
@@ -131,13 +103,10 @@ class Run:
 
     @property
     def elapsed(self) -> float:
-        """Seconds since its start; its duration once that is known."""
+        """Time since the start in s, or the duration."""
         if not math.isnan(self.duration):
             return self.duration
         return self._newest - self._start if self.poses else 0.0
-
-
-# The history of executed chains
 
 
 def plain(text: str) -> str:
@@ -146,73 +115,68 @@ def plain(text: str) -> str:
 
 
 def seconds(value: float) -> str:
-    """Return a number of seconds for a table; `-` if it is unknown."""
+    """Return seconds with two decimals, `-` for NaN."""
     return "-" if math.isnan(value) else f"{value:.2f}"
 
 
-def duration_of(record: Any) -> float:
-    """Return the duration in s of a chain by its record; NaN unless it succeeded."""
+def _duration_of(record: Any) -> float:
     return float(record.actual.duration) if record.outcome.code == _SUCCEEDED else math.nan
 
 
 class History:
-    """Executed chains, the newest last."""
+    """Executed chains."""
 
     def __init__(self) -> None:
-        self._chains: deque[tuple[Any, list[Pose], float]] = deque(maxlen=_MOST)
-        """The record of each, where robot, objects and the last goal were, and its gain in s."""
+        self._chains: deque[tuple[Any, list[Pose], float]] = deque(maxlen=_MOST_CHAINS)
+        """Record, poses of robot, objects and last goal, and gain in s of each, the newest last."""
 
     def add(self, record: Any) -> None:
-        """Add a chain that has ended by its record; raises MessageError if that cannot be read."""
+        """Add the record of a chain that has ended; raises MessageError if it cannot be read."""
         start, last = world_from(record.start, where="start"), record.chain.calls[-1:]
-        places = [start.robot.pose, *(Pose(there.x, there.y, 0.0) for there in start.objects.values())]
-        places += [pose_from(call.goal.pose, "chain") for call in last]
+        poses = [start.robot.pose, *(Pose(each.x, each.y, 0.0) for each in start.objects.values())]
+        poses += [pose_from(call.goal.pose, "chain") for call in last]
         gain = math.nan
         if record.refined:
-            tops = _tops(record)
             naive = (
-                duration_of(other)
+                _duration_of(other)
                 for other, others, _ in reversed(self._chains)
-                if not other.refined and _tops(other) == tops and _same(places, others)
+                if not other.refined and _tops(other) == _tops(record) and _same(poses, others)
             )
-            gain = next(naive, math.nan) - duration_of(record)
-        self._chains.append((record, places, gain))
+            gain = next(naive, math.nan) - _duration_of(record)
+        self._chains.append((record, poses, gain))
 
     def report(self) -> str:
         """Return, in Markdown, the mean error and gain, and the newest chains."""
-        rows = [(record, gain) for record, _, gain in self._chains]
-        if not rows:
+        if not self._chains:
             return "no chain was executed yet"
-        lines = [f"{len(rows)} chains, {sum(record.refined for record, _ in rows)} of them refined.", ""]
-        differences = (each.predicted.duration - duration_of(each) for each, _ in rows[-_RECENT:])
-        errors = [error for error in differences if math.isfinite(error)]
-        if errors:
-            size, bias = float(np.mean(np.abs(errors))), float(np.mean(errors))
-            lines += [
-                f"Model error, last {len(errors)}: {size:.2f} s, mean {bias:+.2f} s (predicted - actual).",
-                "",
-            ]
-        gains = [gain for _, gain in rows if math.isfinite(gain)]
-        if gains:
-            mean = f"{np.mean(gains):+.2f} s, mean of {len(gains)}"
+        records, _, gains = zip(*self._chains, strict=True)
+        lines = [f"{len(records)} chains, {sum(record.refined for record in records)} of them refined.", ""]
+        errors = np.array([each.predicted.duration - _duration_of(each) for each in records[-_RECENT:]])
+        errors = errors[np.isfinite(errors)]
+        if len(errors):
+            error = f"{np.abs(errors).mean():.2f} s, mean {errors.mean():+.2f} s (predicted - actual)"
+            lines += [f"Model error, last {len(errors)}: {error}.", ""]
+        known = [gain for gain in gains if math.isfinite(gain)]
+        if known:
+            mean = f"{np.mean(known):+.2f} s, mean of {len(known)}"
             lines += [f"Gain over the naive chain from the same start: {mean}.", ""]
         lines += ["| | chain | predicted | actual | gain |", "|---|---|---|---|---|"]
-        newest = itertools.islice(reversed(list(enumerate(rows, 1))), _SHOWN)
-        return "\n".join([*lines, *(_row(number, *row) for number, row in newest)])
+        rows = map(_row, range(1, len(records) + 1), records, gains)
+        return "\n".join([*lines, *reversed(list(rows)[-_SHOWN:])])
 
 
 def _tops(record: Any) -> list[str]:
     return [call.top for call in record.chain.calls]
 
 
-def _same(places: Sequence[Pose], others: Sequence[Pose]) -> bool:
-    pairs = zip(places, others, strict=False)
+def _same(poses: Sequence[Pose], others: Sequence[Pose]) -> bool:
+    pairs = zip(poses, others, strict=False)
     near = (a.distance(b) < _SAME and abs(a.relative(b).yaw) < _SAME for a, b in pairs)
-    return len(places) == len(others) and all(near)
+    return len(poses) == len(others) and all(near)
 
 
 def _row(number: int, record: Any, gain: float) -> str:
     name = f"{plain(', '.join(_tops(record)))} ({'refined' if record.refined else 'as sent'})"
-    code, duration = record.outcome.code, duration_of(record)
-    actual = f"{duration:.2f}" if math.isfinite(duration) else _OUTCOMES.get(code, f"outcome {code}")
+    code, duration = record.outcome.code, _duration_of(record)
+    actual = _OUTCOMES.get(code, f"outcome {code}") if math.isnan(duration) else seconds(duration)
     return f"| {number} | {name} | {seconds(record.predicted.duration)} | {actual} | {seconds(gain)} |"

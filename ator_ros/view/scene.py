@@ -1,4 +1,4 @@
-"""The scene of the page: the server, shapes on the floor, robots, and handles that can be dragged."""
+"""The scene of the page: the server, shapes on the floor, robots, and handles to drag."""
 
 from __future__ import annotations
 
@@ -22,18 +22,12 @@ from ator_ros.robot.description import Robot
 from ator_ros.world.scene import Area
 
 LOOPBACK = "127.0.0.1"
-_CAMERA_HEIGHT = 0.85  # height of the camera as a share of the area's length
-_FLOOR = (72, 122, 84)
-_ABOVE_FLOOR = 0.04
-_KNOB_RADIUS, _KNOB_DISTANCE = 0.09, 0.35
-_OPACITY = 0.35
-
-
-# The server
+_ABOVE_FLOOR = 0.04  # m
+_KNOB_RADIUS, _KNOB_DISTANCE = 0.09, 0.35  # m
 
 
 class _Server(viser.ViserServer):
-    """A server that no client can have forwarded to the internet."""
+    """A server whose clients cannot forward it to the internet."""
 
     def request_share_url(self, verbose: bool = True) -> str | None:  # noqa: ARG002
         """Return None."""
@@ -41,16 +35,16 @@ class _Server(viser.ViserServer):
 
 
 def serve(domain: Domain, robot: Robot, *, host: str = LOOPBACK, port: int = 8080) -> viser.ViserServer:
-    """Serve a page with floor, lines and bays, on one port or the next that is free.
+    """Serve a page with floor, lines and bays on `port` or the next free port.
 
-    By default only this machine can reach it. OSError is raised if the host is no address of this machine.
+    Raises OSError if the host is no address of this machine.
     """
     try:
         family, _, _, _, address = socket.getaddrinfo(host, 0, type=socket.SOCK_STREAM)[0]
         socket.create_server(address, family=family).close()  # viser would wait forever
     except (OSError, ValueError) as error:
         raise OSError(f"expected an address of this machine, got {host!r}: {error}") from error
-    logging.getLogger("websockets").setLevel(logging.CRITICAL)  # a browser that disconnects is no error
+    logging.getLogger("websockets").setLevel(logging.CRITICAL)  # it logs disconnects as errors
     with contextlib.redirect_stdout(io.StringIO()):  # viser prints a banner
         server = _Server(host=host, port=port, label="ator_ros", verbose=False)
     area = robot.scene.area
@@ -58,23 +52,20 @@ def serve(domain: Domain, robot: Robot, *, host: str = LOOPBACK, port: int = 808
     server.gui.configure_theme(show_logo=False, show_share_button=False)
     server.gui.main_panel.dock_right()
     camera = server.initial_camera
-    camera.position = (0.0, -0.75 * area.width, _CAMERA_HEIGHT * area.length)
+    camera.position = (0.0, -0.75 * area.width, 0.85 * area.length)
     camera.look_at, camera.fov = (0.0, -0.05 * area.width, 0.0), math.radians(50.0)
     size = (area.length + 2.0 * area.margin, area.width + 2.0 * area.margin, 0.02)
     server.scene.add_box(
-        "/floor", color=_FLOOR, dimensions=size, position=(0.0, 0.0, -0.01), cast_shadow=False
+        "/floor", color=(72, 122, 84), dimensions=size, position=(0.0, 0.0, -0.01), cast_shadow=False
     )
     Canvas(server, "/surroundings", area, 0.02).draw(surroundings(domain, robot))
     return server
 
 
-# Shapes and robots
-
-
 class Canvas:
-    """A group of shapes in the scene at a height (m), redrawn as a whole.
+    """A group of shapes at a height (m), redrawn as a whole.
 
-    The center of `area` is the origin of the page, which draws in single precision.
+    The center of `area` is the origin of the page: browsers draw in single precision.
     """
 
     def __init__(
@@ -85,31 +76,30 @@ class Canvas:
         self._shown: dict[str, viser.LineSegmentsHandle] = {}
 
     def draw(self, shapes: Iterable[Segments]) -> None:
-        """Show these shapes, and no others of this group."""
+        """Replace all shapes of this group."""
         drawn = {shape.name: shape for shape in shapes if len(shape.points)}
         for name in set(self._shown) - set(drawn):
             self._shown.pop(name).remove()
         for name, shape in drawn.items():
-            heights = np.full((*shape.points.shape[:2], 1), self._height)
-            places = np.concatenate([shape.points - self._center, heights], axis=2).astype(np.float32)
-            paint = np.repeat((255 * shape.colors).astype(np.uint8)[:, None, :], 2, axis=1)
-            if name in self._shown:  # changing a shape costs a fraction of a new one
+            points = np.insert(shape.points - self._center, 2, self._height, axis=2).astype(np.float32)
+            colors = np.repeat((255 * shape.colors).astype(np.uint8)[:, None, :], 2, axis=1)
+            if name in self._shown:  # changing a shape is much cheaper than a new one
                 handle = self._shown[name]
-                handle.points, handle.colors, handle.thickness = places, paint, shape.width
+                handle.points, handle.colors, handle.thickness = points, colors, shape.width
             else:
                 node = f"{self._group}/{name}"
-                self._shown[name] = self._scene.add_line_segments(node, places, paint, thickness=shape.width)
+                self._shown[name] = self._scene.add_line_segments(node, points, colors, thickness=shape.width)
 
 
 class Movable:
-    """An item of the scene; the center of `area` is the origin of the page."""
+    """An item of the scene with a pose; the center of `area` is the origin of the page."""
 
     def __init__(self, server: viser.ViserServer, name: str, area: Area) -> None:
         self._area, self._pose = area, Pose(math.inf, math.inf, 0.0)
         self._frame = server.scene.add_frame(name, show_axes=False)
 
     def show(self, pose: Pose | None) -> None:
-        """Show it at a pose; None hides it."""
+        """Show the item at a pose, or hide it if that is None."""
         self._frame.visible = pose is not None
         if pose is not None:
             self._pose = pose
@@ -119,7 +109,7 @@ class Movable:
 
 
 class RobotModel(Movable):
-    """A robot in the scene, from its URDF."""
+    """A robot, drawn from its URDF."""
 
     def __init__(self, server: viser.ViserServer, name: str, urdf: str, area: Area) -> None:
         super().__init__(server, name, area)
@@ -127,13 +117,10 @@ class RobotModel(Movable):
         ViserUrdf(server, model, root_node_name=name)
 
 
-# Handles
-
-
 class Handle(Movable):
-    """A disc on the floor that can be dragged, with a knob that turns it, or a sphere, without a heading.
+    """A disc to drag on the floor, with a knob to turn it, or a sphere without a heading; sizes in m.
 
-    `moved` is called with the new pose. Sizes are in m.
+    `moved` is called with the new pose.
     """
 
     def __init__(
@@ -150,32 +137,32 @@ class Handle(Movable):
     ) -> None:
         super().__init__(server, name, area)
         self._moved, self._height, self._offset = moved, height, (0.0, 0.0)
-        scene, place, body = server.scene, (0.0, 0.0, height / 2.0), f"{name}/body"
+        scene, center, body = server.scene, (0.0, 0.0, height / 2.0), f"{name}/body"
         if sphere:
-            scene.add_icosphere(body, radius, color, position=place).on_drag("left")(self._drag)
+            scene.add_icosphere(body, radius, color, position=center).on_drag("left")(self._drag)
             return
-        disc = scene.add_cylinder(body, radius, height, color, opacity=_OPACITY, position=place)
+        disc = scene.add_cylinder(body, radius, height, color, opacity=0.35, position=center)
         disc.on_drag("left")(self._drag)
-        place = (radius + _KNOB_DISTANCE, 0.0, _KNOB_RADIUS)
-        knob = scene.add_icosphere(f"{name}/knob", _KNOB_RADIUS, color, position=place)
+        position = (radius + _KNOB_DISTANCE, 0.0, _KNOB_RADIUS)
+        knob = scene.add_icosphere(f"{name}/knob", _KNOB_RADIUS, color, position=position)
         knob.on_drag("left")(self._turn)
 
-    async def _drag(self, event: Any) -> None:  # a coroutine, so that events come in order
-        place = self._pointed(event, self._height)
-        if place is None:
+    async def _drag(self, event: Any) -> None:  # viser runs coroutines in the order of the events
+        point = self._pointed(event, self._height)
+        if point is None:
             return
         if event.phase == "start":
-            self._offset = (self._pose.x - place[0], self._pose.y - place[1])
-        self._moved(self._pose._replace(x=place[0] + self._offset[0], y=place[1] + self._offset[1]))
+            self._offset = (self._pose.x - point[0], self._pose.y - point[1])
+        self._moved(self._pose._replace(x=point[0] + self._offset[0], y=point[1] + self._offset[1]))
 
     async def _turn(self, event: Any) -> None:
-        place = self._pointed(event, _KNOB_RADIUS)
-        if place is not None and place != (self._pose.x, self._pose.y):
-            yaw = math.atan2(place[1] - self._pose.y, place[0] - self._pose.x)
+        point = self._pointed(event, _KNOB_RADIUS)
+        if point is not None and point != (self._pose.x, self._pose.y):
+            yaw = math.atan2(point[1] - self._pose.y, point[0] - self._pose.x)
             self._moved(self._pose._replace(yaw=yaw))
 
     def _pointed(self, event: Any, height: float) -> tuple[float, float] | None:
-        """Return where the ray from the camera through the pointer meets the plane at `height` m."""
+        """Return the intersection of the ray through the pointer with the plane at `height` m."""
         camera = np.asarray(event.client.camera.position, dtype=float)
         ray = np.asarray(event.end_position, dtype=float) - camera
         if ray[2] == 0.0 or (share := (height - camera[2]) / ray[2]) <= 0.0:

@@ -138,7 +138,7 @@ def test_a_robot_on_tf_is_observed(mocked: Mocked) -> None:
     until(lambda: backend.world() is not None, "the robot", lambda: backend.spin(0.02))
     world = backend.world()
     assert world.robot.pose.distance(nodes.robot) < 1e-6
-    assert backend.silence() < 5.0
+    assert backend.state_age() < 5.0
 
 
 # With real nodes
@@ -182,7 +182,7 @@ def test_a_goal_of_another_client_is_followed_and_can_be_canceled(
     steps(editor, lambda: not editor.executing, "the end")
 
     editor.execute(NAIVE)
-    steps(editor, lambda: editor.run is not None and editor.run.ended, "our chain")
+    steps(editor, lambda: editor.runs and editor.runs[-1].ended, "our chain")
     assert backend.external is None
     backend.close()
 

@@ -106,9 +106,7 @@ def test_an_unreached_limit_is_the_maximum_speed_in_the_odometry() -> None:
     estimate = identify(samples)
     assert not estimate.turning.limited
     assert estimate.limits.w == pytest.approx(0.4 * 1.95)
-    assert any(
-        line.startswith("limits.w: 0.780 rad/s is the fastest that odometry") for line in report(estimate)
-    )
+    assert any(line.startswith("limits.w: 0.780 rad/s is the fastest speed in") for line in report(estimate))
 
 
 def test_a_base_that_does_not_move_is_reported() -> None:

@@ -102,7 +102,7 @@ def test_collect_continues_after_a_signal_with_the_same_table(
     lines = kept.read_bytes()
     kept.write_bytes(lines + lines[-200:-1])  # as if it was killed while writing
     assert collect.main([*words, str(file), "--jobs", "1"]) == 0
-    assert re.search("collect: [45] episodes of an earlier call are there", capsys.readouterr().err)
+    assert re.search("collect: [45] episodes of an earlier call are reused", capsys.readouterr().err)
     assert list(tmp_path.iterdir()) == [file]
     assert collect.main([*words, str(whole), "--jobs", "1"]) == 0
     one, two = map(read_experience, (whole, file))

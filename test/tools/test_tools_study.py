@@ -82,7 +82,9 @@ def test_a_folder_of_another_study_is_rejected(
     studied: Path, robot: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(command(robot, studied, seed="6")) == 1
-    assert "study.jsonl: expected a study of the same options, got others: choose" in capsys.readouterr().err
+    assert (
+        "study.jsonl: expected a study with the same options, got others: choose" in capsys.readouterr().err
+    )
 
 
 def test_a_study_without_a_chain_is_shown() -> None:

@@ -7,7 +7,7 @@ from ator_interfaces.msg import ActionPerformance, ChainPerformance, Outcome, Pe
 from ator_ros.domains.domain import Domain
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.evaluation.chain_run import run_chain
-from ator_ros.geometry import FloatArray, Pose
+from ator_ros.geometry import Pose
 from ator_ros.nodes.network import NodesError
 from ator_ros.performance.model_file import load_models
 from ator_ros.refinement import RefinementError
@@ -58,7 +58,7 @@ class InProcessBackend:
         self.history = History()
         self.executed: list[TopChain] = []
         self.external: Run | None = None
-        self.path: FloatArray | None = None
+        self.path: list[tuple[float, float]] = []
         self.learned = self.refused = ""
 
     def editor(self) -> Editor:
@@ -82,7 +82,7 @@ class InProcessBackend:
     def world(self) -> World | None:
         return self.state
 
-    def silence(self) -> float:
+    def state_age(self) -> float:
         return 0.0
 
     def refine(self, draft: Draft, *, as_given: bool = False) -> Answer:

@@ -215,7 +215,7 @@ def test_refinement_is_called_again_when_it_is_available(running: Editor, backen
 @pytest.fixture
 def goal(backend: InProcessBackend) -> Run:
     """Return a goal of another client that waits for refinement."""
-    draft = situation_draft(SOCCER, backend.libraries, "dribble", seed=3, index=1)
+    draft = situation_draft(SOCCER, backend.libraries["default"], "dribble", seed=3, index=1)
     return Run(OTHERS, record_of(reason="waiting for refinement"), draft)
 
 

@@ -64,7 +64,7 @@ def test_two_clients_receive_the_same_and_one_may_vanish(shown: Shown) -> None:
         client.until(lambda client=client: client.scene.get("/objects/ball") == (0.5, -1.0, 0.0), "the ball")
     first.until(lambda: first.scene == second.scene, "the same scene")
     pose = shown.backend.state.robot.pose
-    assert first.scene["/robot"] == pytest.approx((pose.x, pose.y, 0.0), abs=1e-6)
+    assert first.scene["/robots/ann"] == pytest.approx((pose.x, pose.y, 0.0), abs=1e-6)
     assert {"/chain/ring0", "/chain/naive/legs", "/goals/1"} <= set(first.scene)
 
     first.vanish()
@@ -100,10 +100,9 @@ def test_several_robots_are_shown_and_one_is_chosen(shown: Shown) -> None:
     shown.editor.execute(NAIVE)
     shown.page.commands.put(lambda: shown.editor.select(shown.other))
     shown.step()
-    client.until(lambda: client.scene["/robot"] == pytest.approx((-1.0, 1.5, 0.0)), "the choice")
+    client.until(lambda: client.scene["/objects/ball"] == pytest.approx((2.0, -0.5, 0.0)), "the choice")
     start = shown.backend.state.robot.pose
     client.until(lambda: client.scene["/robots/ann"] == pytest.approx((*start[:2], 0.0)), "the first one")
-    assert client.scene["/objects/ball"] == pytest.approx((2.0, -0.5, 0.0))
     refined = shown.other.refined[-1]
     assert refined.world.robot.pose == Pose(-1.0, 1.5, 0.5)
     assert refined.chain.calls[0].goal.pose[:2] == (2.0, -0.5)
@@ -116,7 +115,7 @@ def test_several_robots_are_shown_and_one_is_chosen(shown: Shown) -> None:
 
 def test_a_goal_of_another_client_is_drawn(shown: Shown) -> None:
     client = shown.join()
-    draft = situation_draft(SOCCER, shown.backend.libraries, "dribble", seed=3, index=1)
+    draft = situation_draft(SOCCER, shown.backend.libraries["default"], "dribble", seed=3, index=1)
     record = record_of(2.5, duration=3.0, reason="executing", refined=True, refinement="gain of 1.2 s")
     goal = Run(OTHERS, record, draft)
     shown.backend.external = goal
@@ -163,6 +162,6 @@ def test_the_panel_shows_times_reason_and_rules_of_the_situation() -> None:
 
 def test_the_clock_reports_a_silent_robot() -> None:
     world = World(3.0, RobotState(Pose(0.0, 0.0, 0.0)))
-    assert clock_text(world, paused=False, status="drives", silence=1.0) == "**3.00 s** · drives"
-    assert "no state of the robot for 7 s" in clock_text(world, paused=False, status="drives", silence=7.3)
-    assert clock_text(world, paused=True, status="waits", silence=7.3) == "**3.00 s** (paused) · waits"
+    assert clock_text(world, 1.0, "drives", paused=False) == "**3.00 s** · drives"
+    assert "no state of the robot for 7 s" in clock_text(world, 7.3, "drives", paused=False)
+    assert clock_text(world, 7.3, "waits", paused=True) == "**3.00 s** (paused) · waits"
