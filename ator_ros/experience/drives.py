@@ -370,7 +370,7 @@ def _driven(
     reason: str,
     errors: tuple[float, float] = (math.nan, math.nan),
 ) -> Episode:
-    times = PERIOD * np.arange(int((end - begin - _ROUNDING) / PERIOD) + 1)
+    times: FloatArray = PERIOD * np.arange(int((end - begin - _ROUNDING) / PERIOD) + 1, dtype=float)
     samples = np.column_stack([times, track.states(begin + times)[:, 1:]])
     duration = round(end - begin, 6)
     return Episode(situation, samples, duration, success, reason, *errors, objects=tuple(track.objects))

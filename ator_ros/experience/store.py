@@ -19,7 +19,7 @@ import pandas as pd
 
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.experience.episode import Episode
-from ator_ros.experience.table import Experience, ExperienceError, checked_rows, join, start_row
+from ator_ros.experience.table import Experience, ExperienceError, checked_rows, episode_frame, join
 from ator_ros.files import FileError
 
 STORE = "records.db"
@@ -85,7 +85,8 @@ class RecordStore:
 
     def append(self, action_set: str, episode: Episode) -> None:
         """Append an episode; it is written whole or, when OSError is raised, not at all."""
-        values = {"set": action_set, "row": json.dumps(start_row(episode)), "most": self._most}
+        (row, *_) = episode_frame(0, episode, episode.objects).to_dict("records")
+        values = {"set": action_set, "row": json.dumps(row), "most": self._most}
         try:
             with self._database:
                 self._database.execute(_APPEND, values)

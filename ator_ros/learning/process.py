@@ -16,7 +16,7 @@ _ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
 
 
 class RoundProcess:
-    """A round of learning under way; arguments are parameters of the node, `grid` its map."""
+    """A round of learning under way; the arguments are parameters of the node, `grid` is its map."""
 
     def __init__(self, folder: Path, *, domain: str, robot: str, models: str, grid: str, time: str) -> None:
         arguments = json.dumps([str(folder), domain, robot, models, grid, time])
@@ -50,7 +50,7 @@ class RoundProcess:
 
 
 def main() -> None:
-    """Do one round, after all other processes, and write its result to standard output."""
+    """Execute one round at the lowest priority, and write its result to standard output."""
     os.nice(NICE)
     with suppress(OSError):  # Linux weighs sessions before processes, and this process has its own session
         Path("/proc/self/autogroup").write_text(str(NICE), encoding="ascii")

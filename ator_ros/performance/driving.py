@@ -1,4 +1,4 @@
-"""How an action was observed to drive, as far as the times of its paths depend on it."""
+"""How an action drives, as far as the times of its paths depend on it."""
 
 from __future__ import annotations
 
@@ -36,13 +36,13 @@ class DrivingStyle:
     free_heading : bool
         Whether it ends at any heading, as a shot does: its paths have no last turn.
     run : float
-        Length in m of the straight run up to the object held at the goal, of an action that also drives
-        backward; the run of one that does not is as long as its change of speed needs.
+        Length in m of the straight run up to the object held at the goal. If the action only drives forward,
+        the run is as long as its change of speed needs.
     passing : float
         Distance in m that a straight drive keeps from the object held at the goal.
     drives, approaches : tuple
-        Groups of the shapes of paths whose fastest counts, to a pose and to one at which the robot holds an
-        object; without approaches these are as the drives.
+        Groups of shapes of paths, the fastest of which counts: to a pose, and to a pose at which the robot
+        holds an object. Without approaches, the drives hold for both.
     """
 
     limits: Limits
@@ -100,7 +100,7 @@ TurnRates = Callable[[float, float], float]
 
 
 def free_shapes(limits: Limits, runs: Iterable[float] = (0.0,)) -> list[Shape]:
-    """Return the shapes of paths of a base that turns at its limit at any speed, forward and backward."""
+    """Return the shapes of paths of a base that turns at its limit at any speed, and drives backward too."""
     return [
         Shape(first * limits.a, limits.w, last * limits.a, limits.w, share, direction=direction)
         for first, last, direction, share in itertools.product(_CHANGES, _CHANGES, (1.0, -1.0), runs)
@@ -148,9 +148,9 @@ def forward_shapes(
 
 
 def chosen_shapes(shapes: Sequence[Shape], rules: Rules, ends: FloatArray, *, hold: float) -> StoredGroups:
-    """Return the groups of `shapes` that bring the times of paths nearest to those of all.
+    """Return the groups of `shapes` whose paths are about as fast as those of all shapes.
 
-    They are needed between ends like `ends`, shape (5, n), see `ator_ros.motion.shapes.drawn_ends`.
+    Times are compared between ends like `ends`, shape (5, n), see `ator_ros.motion.shapes.drawn_ends`.
     """
     drawn = drawn_ends(ends, _DRAWN, np.random.default_rng(_SEED))
     grid = shape_set([[shape] for shape in shapes], rules)
@@ -162,7 +162,7 @@ def chosen_shapes(shapes: Sequence[Shape], rules: Rules, ends: FloatArray, *, ho
 
 @lru_cache(maxsize=8)
 def plain_driving(robot: Robot) -> DrivingStyle:
-    """Return the assumption for an action that was not observed: all that the base can do."""
+    """Return how an action that was not observed is assumed to drive: at all limits of the base."""
     limits = robot.limits
     speeds = np.linspace(0.0, limits.v, _PLAIN) * (np.arange(_PLAIN) % 2)
     unturned = np.zeros(_PLAIN)
