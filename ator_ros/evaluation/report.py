@@ -49,7 +49,7 @@ pre{background:#f2f3f5;padding:10px;overflow-x:auto;font-size:12.5px}
 _NOTE = (
     f"Higher and Lower: shorter or longer than naive by more than {100 * EQUAL:.0f} %. Intervals: 95 %, "
     "bootstrap over situations. A failed chain counts at the time limit. Of oracle: share of the time that "
-    "the oracle saves against naive; more than 100 % where a policy also chooses what the oracle did not try."
+    "the oracle saves against naive; more than 100 % if a policy chooses other variables, too."
 )
 
 

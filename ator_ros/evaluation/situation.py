@@ -103,7 +103,7 @@ def evaluate_trial(task: tuple[Settings, int]) -> Record:
         "index"; "start": robot x, y, yaw, first goal x, y, second goal x, y, yaw, if there is one (m, rad);
         "policies": by name "duration" (s), "success", "reason", "error" (m), "chosen": heading, speed
         and declared goal variables of each intermediate subgoal, "actions": durations of the actions (s),
-        "predicted": duration of the chain (s), "gain" and "uncertainty": what a gate decides from (s);
+        "predicted": duration of the chain (s), "gain" and "uncertainty": the input of the gate (s);
         "oracle": "headings" (rad), "durations" (s), "best" (s) and "success"; "oracle_speed": "best" and
         "success"; "executed": number of chains executed.
     """
@@ -212,7 +212,7 @@ _SAME = 1e-3  # rad
 _ROUNDING = 1e-9  # s
 
 
-def _candidates(trial: Trial, chains: Sequence[TopChain], count: int) -> list[FloatArray]:
+def candidates(trial: Trial, chains: Sequence[TopChain], count: int) -> list[FloatArray]:
     """Return the headings (rad) to try at each step, shape (k,): `count` ones, and those of `chains`."""
     offered = []
     for index, call in enumerate(trial.chain.calls):
@@ -255,7 +255,7 @@ def best_headings(
     model = ChainModel(
         trial.world, trial.chain, tools.robot, models=tools.models, names=names, objective=Objective()
     )
-    offered = [headings[:, None] for headings in _candidates(trial, chosen, count)]
+    offered = [headings[:, None] for headings in candidates(trial, chosen, count)]
     predicted = least_path(model.step_cost, offered, ())
     bound = math.inf if margin is None else predicted.cost + margin + _ROUNDING
     promising = [curve.values[curve.totals <= bound] for curve in predicted.curves]

@@ -86,7 +86,7 @@ class ToolsetSource:
         return models_folder(self.top(), self.action_set)
 
     def digest(self) -> str:
-        """Return a digest of the robot's description and of all files beside the models."""
+        """Return a digest of the robot's description and of all model files."""
         sha = hashlib.sha256(self.described().description_digest().encode())
         for file in sorted(self.folder().glob("*.json")):
             sha.update(file.name.encode() + file.read_bytes())

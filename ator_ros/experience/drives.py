@@ -163,7 +163,7 @@ class Reader:
         )
 
     def remarks(self) -> list[str]:
-        """Return doubts about messages, and a line for each role of which messages were left out."""
+        """Return remarks about doubtful messages, and about messages that were left out, by role."""
         left_out = (
             f"left out {count} of {self._counts[role]} {'records' if role == RECORDS else 'messages'}: "
             f"{self.errors[role]}"
@@ -202,7 +202,8 @@ class Reader:
         start = track.world(goal.begin)
         situation = Situation(goal.action, start.robot, start.objects, Goal(goal.pose, 0.0, top.point))
         success, reason = goal.status == "succeeded", f"recorded: its server reported {goal.status}"
-        episode = _driven(track, goal.begin, goal.end, situation, success, reason, errors)
+        samples, duration = track.samples(goal.begin, goal.end), round(goal.end - goal.begin, _DIGITS)
+        episode = Episode(situation, samples, duration, success, reason, *errors, tuple(track.objects))
         too_far = fault_in(episode, top, robot)
         return "the goal is farther than the robot drives in its duration" if too_far else episode
 
@@ -297,6 +298,11 @@ class Track:
         objects = {name: ObjectState(*place) for name, *place in found if not math.isnan(place[0])}
         return World(time, RobotState(Pose(x, y, yaw), v, w), objects)
 
+    def samples(self, begin: float, end: float) -> FloatArray:
+        """Return the samples of an episode from `begin` to `end` (s); see `Episode`."""
+        times: FloatArray = PERIOD * np.arange(int((end - begin - _ROUNDING) / PERIOD) + 1, dtype=float)
+        return np.column_stack([times, self.states(begin + times)[:, 1:]])
+
     def stood(self, since: float, until: float) -> bool:
         """Return whether the robot stood at any time between two (s)."""
         times = self.odom[:, 0]
@@ -315,16 +321,17 @@ def drives(segment: Segment, robot: Robot, domain: Vocabulary) -> Iterator[Episo
     for begin, ceased in _spans(_in_order(segment.cmd_vel, 3), track):
         end = _rest(track, ceased)
         if end - begin >= SHORTEST and track.begin <= begin and end <= track.end:
-            # The goal is where the robot comes to rest in the pause.
             goal_pose = track.world(min(end + PAUSE, track.end)).robot.pose
             start, last = track.world(begin), track.world(end)
             at_goal = dataclasses.replace(last, robot=RobotState(goal_pose))
             top = top_between(domain.tops, _held(robot, start), _held(robot, at_goal))
             if top is not None:
                 place = robot.hold_point(goal_pose) if top.point is Point.HOLD else goal_pose
-                situation = Situation(top.action, start.robot, start.objects, Goal(place, 0.0, top.point))
-                why = "recorded: its goal is where it came to rest"
-                yield _driven(track, begin, end, situation, True, why)
+                goal, why = Goal(place, 0.0, top.point), "recorded: its goal is where it came to rest"
+                situation = Situation(top.action, start.robot, start.objects, goal)
+                samples, duration = track.samples(begin, end), round(end - begin, _DIGITS)
+                unknown = math.nan, math.nan
+                yield Episode(situation, samples, duration, True, why, *unknown, tuple(track.objects))
 
 
 def _spans(commands: FloatArray, track: Track) -> Iterator[tuple[float, float]]:
@@ -335,20 +342,20 @@ def _spans(commands: FloatArray, track: Track) -> Iterator[tuple[float, float]]:
     """
     moving = ~NOT_DRIVEN.holds(commands[:, 1], commands[:, 2])
     begin: float | None = None
-    end = last = 0.0
+    end: float | None = None
+    last = 0.0
     for time, moves in zip(commands[:, 0].tolist(), moving.tolist(), strict=True):
-        if begin is not None and end < begin and time - last > _CEASED and track.stood(last, time):
+        if end is None and time - last > _CEASED and track.stood(last, time):
             begin = None
         last = time
-        if begin is not None and not moves and end < begin:
+        if end is None and not moves:
             end = time
-        if begin is not None and end >= begin and time - end >= PAUSE - _ROUNDING:
+        if begin is not None and end is not None and time - end >= PAUSE - _ROUNDING:
             yield begin, end
             begin = None
         if moves:
-            begin = time if begin is None else begin
-            end = begin - 1.0
-    if begin is not None and end >= begin:
+            begin, end = time if begin is None else begin, None
+    if begin is not None and end is not None:
         yield begin, end
 
 
@@ -361,25 +368,10 @@ def _rest(track: Track, ceased: float) -> float:
     return float(after[still][0, 0]) if still.any() else ceased
 
 
-def _driven(
-    track: Track,
-    begin: float,
-    end: float,
-    situation: Situation,
-    success: bool,
-    reason: str,
-    errors: tuple[float, float] = (math.nan, math.nan),
-) -> Episode:
-    times: FloatArray = PERIOD * np.arange(int((end - begin - _ROUNDING) / PERIOD) + 1, dtype=float)
-    samples = np.column_stack([times, track.states(begin + times)[:, 1:]])
-    duration = round(end - begin, 6)
-    return Episode(situation, samples, duration, success, reason, *errors, objects=tuple(track.objects))
-
-
 def top_between(tops: Sequence[Top], first: str | None, last: str | None) -> Top | None:
-    """Return the TOP that drives with `first` (an object, or None) held at its start, and `last` at its end.
+    """Return the first TOP that drives with `first` (an object, or None) held at its start, `last` at its end.
 
-    Without any, it is the first that drives and holds nothing.
+    If there is none, it is the first TOP that drives without an object.
     """
     driving = {(held_first(top), held_last(top)): top for top in reversed(tops) if top.arrives}
     return driving.get((first, last)) or driving.get((None, None))

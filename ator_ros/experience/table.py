@@ -50,10 +50,10 @@ _GOAL = {
     "speedg": "m/s, forward speed at the goal",
 }
 _AFTER = {
-    "hold": "1: the place in the robot's front where it holds objects shall come to (xg, yg); 0: the axle",
+    "hold": "1: (xg, yg) is the goal of the hold, the place in front where objects are held; 0: of the axle",
     "time_to_go": "s until the action ended",
     "duration": "s, of the whole episode",
-    "success": "the action ended well and did what it is for",
+    "success": "the action ended well, and the post-condition of its TOP holds",
     "reason": "how the episode ended",
     "position_error": "m, at the end",
     "heading_error": "rad, at the end; NaN where the heading does not matter",
@@ -270,18 +270,15 @@ def read_experience(path: Path | str) -> Experience:
         raise ExperienceError(f"{expected}, got none")
     try:
         with pq.ParquetFile(path) as file:
-            metadata = _metadata(path, (file.schema_arrow.metadata or {}).get(_KEY))
+            text = (file.schema_arrow.metadata or {}).get(_KEY) or b"null"
             table = file.read(columns=list(columns_among(file.schema_arrow.names)))
             frame = table.replace_schema_metadata(None).to_pandas()  # pandas' own may be damaged
     except (OSError, UnicodeError, pa.ArrowException) as error:
         raise ExperienceError(f"{expected}: {printable(error, 200)}") from error
-    return Experience(checked_rows(path, frame, metadata.get("action_set") or DEFAULT_SET), metadata)
-
-
-def _metadata(path: Path | str, text: bytes | None) -> dict[str, Any]:
     try:
-        return content_of(json.loads(text or b"null"), KIND)
+        metadata = content_of(json.loads(text), KIND)
     except SchemaError as error:
         raise ExperienceError(f"{path}: metadata.{error}") from error
     except (ValueError, RecursionError) as error:
         raise ExperienceError(f"{path}: metadata: expected JSON: {error}") from error
+    return Experience(checked_rows(path, frame, metadata.get("action_set") or DEFAULT_SET), metadata)

@@ -22,14 +22,12 @@ _FULL_SHARE = 50  # chains up to which the share of comparisons is greatest; the
 
 @dataclass(frozen=True)
 class ChainGain:
-    """One executed chain.
+    """One executed chain, refined or as planned.
 
     Attributes
     ----------
-    refined : bool
-        Whether it was refined; the others ran as planned.
     gain : float
-        Predicted gain in s.
+        Predicted gain in s of refinement.
     excess : float
         Measured less predicted duration in s of the chain as it was executed.
     """
@@ -74,11 +72,10 @@ class Gains:
         if min(len(gained), len(compared)) < 2:
             return MeasuredGain(len(gained), len(compared), predicted)
         mean = float(gained.mean() + compared.mean())
-        squares = [float(each.var(ddof=1)) / len(each) for each in (gained, compared)]
-        total = sum(squares)
-        parts = zip(squares, (gained, compared), strict=True)
-        freedom = total**2 / max(sum(one**2 / (len(each) - 1) for one, each in parts), 1e-12)
-        half = float(stdtrit(max(freedom, 1.0), 0.975)) * math.sqrt(total)
+        parts = [(float(each.var(ddof=1)) / len(each), len(each) - 1) for each in (gained, compared)]
+        variance = sum(part for part, _ in parts)
+        freedom = variance**2 / max(sum(part**2 / count for part, count in parts), 1e-12)
+        half = float(stdtrit(max(freedom, 1.0), 0.975)) * math.sqrt(variance)
         return MeasuredGain(len(gained), len(compared), predicted, mean, mean - half, mean + half)
 
 

@@ -297,7 +297,7 @@ def _best(before: FloatArray, losses: FloatArray, level: float) -> tuple[int, fl
 def _p_values(before: FloatArray, after: FloatArray) -> FloatArray:
     """Return p-values (k,) of k models with losses `after` (n, k), corrected for their number."""
     # A sign-flip permutation test against the losses `before` (n,): it assumes no distribution, so outliers
-    # decide nothing. All models have the same signs, and the p-value is that of the greatest statistic
+    # hardly matter. All models have the same signs, and the p-value is that of the greatest statistic
     # (Westfall and Young 1993), so many similar candidates are corrected for like one.
     gain = before[:, None] - after
     gain = gain / np.maximum(np.sqrt(np.sum(gain * gain, axis=0)), 1e-12)

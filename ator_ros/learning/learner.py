@@ -215,7 +215,7 @@ class Learner:
             self._round = None
 
     def _write_waiting(self) -> None:
-        if self._waiting:  # else nothing is written, and a report of a full disk stays
+        if self._waiting:  # without a write, a report of a full disk must not be cleared
             with self._reporting_full_disk():
                 while self._waiting:
                     self._waiting[0]()

@@ -17,7 +17,7 @@ from ator_ros.domains.domain import Domain
 from ator_ros.experience.store import NUMBER, action_sets_in, read_records
 from ator_ros.experience.table import library_versions
 from ator_ros.files import FileError
-from ator_ros.learning.judging import RoundVerdict, TrainingData, constant_tree, judge, training_data
+from ator_ros.learning.judging import RoundVerdict, constant_tree, judge, training_data
 from ator_ros.learning.sets import (
     RECORDS,
     Manifest,
@@ -39,7 +39,6 @@ from ator_ros.performance.model_file import (
     save_model,
 )
 from ator_ros.performance.training import error_features, observed_arrival, routed
-from ator_ros.performance.tree.nodes import ModelTree
 from ator_ros.robot.description import Robot
 
 _LEAST_RECORDS = 12  # to estimate the mean of a measure
@@ -91,7 +90,10 @@ def _improved(
         return kept, None
     if not better:
         return verdicts, None
-    trees = (trees or _means(data)) | better
+    if current is None:  # measures without a better tree are predicted by their means
+        counted = {name: found for name, found in data.items() if len(found.values) >= _LEAST_RECORDS}
+        trees = {name: constant_tree(found.table, found.values) for name, found in counted.items()}
+    trees |= better
     chosen = {measure: trees[measure] for measure in MEASURES if measure in trees}
     at_goal = current.at_goal if current is not None else UNOBSERVED
     errors, found = current.errors if current is not None else None, verdicts["duration"]
@@ -120,15 +122,6 @@ def _usable(rows: pd.DataFrame, features: Sequence[Feature]) -> pd.DataFrame:
     durations, good = rows["duration"].to_numpy(dtype=float), rows["success"].to_numpy(dtype=bool)
     usual = float(np.median(durations[good])) if good.any() else 0.0
     return rows[~good | ((durations > 0.0) & (durations < max(10.0 * usual, 1.0)))]
-
-
-def _means(data: Mapping[str, TrainingData]) -> dict[str, ModelTree]:
-    """Return constant trees of the means of the measures, for an action without a model."""
-    return {
-        measure: constant_tree(of.table, of.values)
-        for measure, of in data.items()
-        if len(of.values) >= _LEAST_RECORDS
-    }
 
 
 @dataclass(frozen=True)

@@ -36,7 +36,7 @@ _REST_V, _REST_W = AT_REST.v, AT_REST.w
 def wrapped(angle: float) -> float:
     """Return the same angle in rad in [-pi, pi), as `ator_ros.geometry.wrap_angles` does."""
     turned = angle + math.pi
-    if not 0.0 <= turned < 2.0 * math.pi:  # mostly it is: the remainder takes long and would change nothing
+    if not 0.0 <= turned < 2.0 * math.pi:  # usually it is, and the remainder is slow
         turned %= 2.0 * math.pi
     return turned - math.pi
 
@@ -162,7 +162,7 @@ class Geometry:
 
     @property
     def at_rest(self) -> BoolArray:
-        """Whether the robot stands at the start and shall stand at the goal."""
+        """Whether the robot stands at the start and at the goal."""
         return np.asarray(self.rows[RESTS] > 0.5)
 
     @property

@@ -32,14 +32,9 @@ Direct = Mapping[str, Any]
 
 
 class DirectTable(Mapping[str, FloatArray]):
-    """Direct variables of n situations by name, each a row of one table.
+    """Direct variables of n situations by name, each a row of `table`, shape (names, n).
 
-    Parameters
-    ----------
-    names : tuple of str
-        All DIRECT_VARIABLES, and after them the declared goal variables, sorted.
-    table : ndarray, shape (names, n)
-        Their values.
+    `names` are all DIRECT_VARIABLES, then the declared goal variables, sorted.
     """
 
     def __init__(self, names: tuple[str, ...], table: FloatArray) -> None:

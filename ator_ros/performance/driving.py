@@ -111,30 +111,15 @@ def forward_shapes(
     limits: Limits, first_rate: TurnRates, last_rate: TurnRates, *, free_heading: bool = False
 ) -> list[Shape]:
     """Return the shapes of paths forward, whose turns are as fast as `first_rate` and `last_rate` allow."""
+    at_least = [(least, math.nan, least * limits.v if least else math.nan) for least in _LEAST]
     begins = [
-        (
-            gain * limits.a,
-            first_rate(speed, gain) * limits.w,
-            entry * limits.v,
-            least * limits.v if least else math.nan,
-        )
-        for speed, entry, least in (
-            *((least, math.nan, least) for least in _LEAST),
-            *((lead, lead, 0.0) for lead in _LEADS),
-        )
+        (gain * limits.a, first_rate(speed, gain) * limits.w, entry * limits.v, start)
+        for speed, entry, start in (*at_least, *((lead, lead, math.nan) for lead in _LEADS))
         for gain in _GAINS
     ]
     ends = [
-        (
-            loss * limits.brake,
-            last_rate(speed, -loss) * limits.w,
-            share,
-            least * limits.v if least else math.nan,
-        )
-        for speed, share, least in (
-            *((speed, speed, 0.0) for speed in _ARRIVALS),
-            *((least, math.nan, least) for least in _LEAST),
-        )
+        (loss * limits.brake, last_rate(speed, -loss) * limits.w, share, arrival)
+        for speed, share, arrival in (*((speed, speed, math.nan) for speed in _ARRIVALS), *at_least)
         for loss in _LOSSES
     ]
     ends = [(0.0, limits.w, math.nan, math.nan)] if free_heading else ends

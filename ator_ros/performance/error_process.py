@@ -108,7 +108,7 @@ def fit_error_process(names: Sequence[str], features: FloatArray, errors: FloatA
     signal = ConstantKernel(spread**2, ((_LEAST_SIGNAL * spread) ** 2, (10.0 * spread) ** 2))
     kernel = signal * Matern(0.5 * longest, (shortest, longest), nu=1.5)
     noise = WhiteKernel(spread**2, ((0.2 * spread) ** 2, (3.0 * spread) ** 2))
-    with warnings.catch_warnings():  # a result at a bound is what the bound is for
+    with warnings.catch_warnings():  # results at a bound are intended
         warnings.simplefilter("ignore", ConvergenceWarning)
         process = GaussianProcessRegressor(kernel + noise).fit(points, _clipped(errors, points))
     found = process.kernel_.get_params()

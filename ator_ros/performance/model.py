@@ -28,7 +28,7 @@ MEASURES: dict[str, str] = {"duration": "s", "success": "", "accuracy": "m", "he
 
 @dataclass(frozen=True)
 class Prediction:
-    """Predicted performance of n situations: arrays of shape (n,), None where not asked for.
+    """Predicted performance of n situations: arrays of shape (n,), None if not requested.
 
     Attributes
     ----------

@@ -59,7 +59,7 @@ def observed_driving(rows: pd.DataFrame, robot: Robot) -> DrivingStyle:
         turns = _turns(rows, limits)
         first, last = _rates(turns.start, turns.gain, turns), _rates(turns.end, turns.loss, turns)
         known = np.isfinite(starts[["position_error", "heading_error"]]).any()
-        alike = holding.all() or not holding.any()  # what comes to the goal: the object held, or the robot
+        alike = holding.all() or not holding.any()  # all goals are for the hold, or all for the axle
         free_heading = bool(alike and known["position_error"] and not known["heading_error"])
         shapes = forward_shapes(limits, first, last, free_heading=free_heading)
         if not shapes:  # the odometry shows no turns
@@ -138,7 +138,7 @@ def _turns(rows: pd.DataFrame, limits: Limits) -> _Turns:
     ends = np.where(np.append(follows[1:], False)[ends], ends + 1, ends)
     found = []
     for begin, end in zip(begins.tolist(), ends.tolist(), strict=True):
-        if end - begin < 3:  # too short to tell a change of speed
+        if end - begin < 3:  # too short for a change of speed
             continue
         part = slice(begin, end + 1)
         changes = np.diff(v[part]) / np.diff(time[part])

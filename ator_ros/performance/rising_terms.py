@@ -62,20 +62,18 @@ def rising_terms(table: pd.DataFrame, durations: FloatArray) -> tuple[Hinge, ...
         target = fitted + np.clip(error, -most, most)
         target -= target.mean()
     factor: FloatArray = np.asarray(np.linalg.qr(np.column_stack([centered, target]), mode="r"))
-    groups, at = [], 0
-    for bends in rising.values():
-        groups.append([[column] for column in range(at, at + len(bends))])
-        at += len(bends)
+    begins = [(name, float(bend)) for name, bends in rising.items() for bend in bends]
+    groups = [[[at] for at, (other, _) in enumerate(begins) if other == name] for name in rising]
     error, slopes = _fit(groups, factor, len(target))
     while fewer := [(*_fit(merged, factor, len(target)), merged) for merged in _merged(groups)]:
         least, other, merged = min(fewer, key=lambda each: each[0])
         if least[0] > error[0]:
             break
         error, slopes, groups = least, other, merged
-    return _hinges(rising, groups, slopes)
+    return _hinges(begins, groups, slopes)
 
 
-_Groups = list[list[list[int]]]  # by feature, the segments that share a slope
+_Groups = list[list[list[int]]]  # by feature, the numbers of the segments that share a slope
 
 
 def _segments(values: FloatArray, bends: FloatArray) -> FloatArray:
@@ -102,15 +100,14 @@ def _fit(groups: _Groups, factor: FloatArray, count: int) -> tuple[tuple[float, 
     return (float(error[0]), float(residual)), slopes
 
 
-def _hinges(rising: dict[str, FloatArray], groups: _Groups, slopes: FloatArray) -> tuple[Hinge, ...]:
-    """Return the changes of slope as terms."""
-    left, hinges, first = iter(slopes.tolist()), [], 0
-    for (name, bends), parts in zip(rising.items(), groups, strict=True):
+def _hinges(begins: list[tuple[str, float]], groups: _Groups, slopes: FloatArray) -> tuple[Hinge, ...]:
+    """Return the changes of slope as terms; `begins` are feature and begin of each segment."""
+    remaining, hinges = iter(slopes.tolist()), []
+    for parts in groups:
         before = 0.0
         for part in parts:
-            slope = next(left)
+            slope = next(remaining)
             if slope != before:
-                hinges.append(Hinge(name, float(bends[part[0] - first]), slope - before))
+                hinges.append(Hinge(*begins[part[0]], slope - before))
             before = slope
-        first += len(bends)
     return tuple(hinges)

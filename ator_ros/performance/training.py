@@ -61,7 +61,7 @@ _NEAREST = 0.01  # m, least distance
 _AT_GOAL = ((0.02, 0.05), (0.03, 0.08))  # m and rad to the goal that may count as being there
 _LEAST_AT_GOAL = 3  # episodes that show how long an action takes there
 _MOSTLY, _STOPPING = 0.95, 0.2  # share of starts, m/s: a robot may still be stopping when an action starts
-_TURNED = 0.5  # rad, least turn at the goal of which the rest is measured
+_TURNED = 0.5  # rad, least turn at the goal for which the angle that is left is measured
 _ALIKE = 0.15  # greatest difference in s of durations that count as the same there: three ticks
 _BRAKING_EPISODES, _BRAKING_SHARE = 15, 0.05  # episodes, or at most a share, that make a deceleration known
 
@@ -204,7 +204,7 @@ def _drives(table: pd.DataFrame) -> BoolArray:
 
 
 _Base = Callable[[pd.DataFrame, FloatArray], tuple[tuple[Hinge, ...], FloatArray]]
-"""Returns the terms that fit durations, and the target of the tree besides, shape (n,)."""
+"""Returns the terms that fit durations, and the target (n,) of the tree: durations less these terms."""
 
 
 def _unbased(_: pd.DataFrame, durations: FloatArray) -> tuple[tuple[Hinge, ...], FloatArray]:

@@ -39,15 +39,7 @@ _CUT_SHORT = "its deadline cut the search short"
 
 @dataclass(frozen=True, slots=True)
 class SubgoalCurve:
-    """The candidates of one subgoal (counted from 0), values of its free variables `names`.
-
-    Attributes
-    ----------
-    values : ndarray, shape (n, k)
-        Candidates in m, rad, m/s.
-    totals : ndarray, shape (n,)
-        Cost of the whole chain with this candidate and the best values of the other subgoals.
-    """
+    """The `SearchCurve` of a subgoal (counted from 0): values in m, rad, m/s of its free variables `names`."""
 
     subgoal: int
     names: tuple[str, ...]
@@ -315,7 +307,7 @@ class Refiner:
         )
 
     def _left_alone(self, chain: TopChain, analysis: Analysis, model: ChainModel) -> Refinement:
-        """Return the answer where nothing is free."""
+        """Return the answer if no variable is free."""
         prediction = model.predict()
         reason = "nothing is open: the plan commits to every goal variable"
         if any(call.open for call in chain.calls):

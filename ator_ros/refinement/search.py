@@ -69,7 +69,7 @@ class SearchCurve(NamedTuple):
     values : ndarray, shape (n, k)
         Candidates: values of the subgoal's k free variables.
     totals : ndarray, shape (n,)
-        Least cost of the whole chain through each candidate.
+        Cost of the whole chain with each candidate and the best values of the other subgoals.
     """
 
     values: FloatArray

@@ -25,12 +25,8 @@ _ROUNDING = 1e-9
 class Standardized:
     """Rows centered and scaled for well-conditioned normal equations, and the conversion of models to units.
 
-    Attributes
-    ----------
-    rows : array of float, shape (n, n_features + 2)
-        Columns: the constant 1, the features, the target; all but the first of mean 0 and deviation 1 (or 0).
-    mean, scale : array of float, shape (n_features + 1,)
-        Of the features and the target.
+    `rows` (n, n_features + 2) are the constant 1, the features and the target, with mean 0 and deviation 1
+    (or 0). `mean` and `scale` (n_features + 1,) are those of features and target.
     """
 
     rows: FloatArray
@@ -70,7 +66,7 @@ def residual_squares(moments: FloatArray) -> FloatArray:
     terms = np.arange(moments.shape[-1] - 1)
     scaled[..., terms, terms] += _RIDGE
     scaled[..., -1, -1] *= 1.0 + _ROUNDING
-    # The last element of the Cholesky factor is what the others leave of the target.
+    # The square of the last diagonal element of the Cholesky factor is the residual of the target.
     return np.asarray(weight * np.linalg.cholesky(scaled)[..., -1, -1] ** 2)
 
 

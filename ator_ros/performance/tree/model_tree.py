@@ -149,15 +149,14 @@ def _preorder(children: list[tuple[int, int] | None], is_leaf: BoolArray) -> tup
     """Return the remaining nodes in preorder: their old numbers (n,), and new numbers of children (n, 2)."""
     at: list[int] = []
     below: list[list[int]] = []
-    waiting = [(0, -1, 0)]
-    while waiting:
-        node, parent, side = waiting.pop()
-        number = len(at)
+
+    def add(node: int) -> int:
+        number, pair = len(at), children[node]
         at.append(node)
         below.append([number, number])
-        if parent >= 0:
-            below[parent][side] = number
-        pair = children[node]
         if pair is not None and not is_leaf[node]:
-            waiting += [(pair[1], number, 1), (pair[0], number, 0)]
+            below[number] = [add(child) for child in pair]
+        return number
+
+    add(0)
     return np.array(at, dtype=np.intp), np.array(below, dtype=np.intp)

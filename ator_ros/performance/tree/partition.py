@@ -26,14 +26,8 @@ _WORST = 1e6  # deviation, in those of the target, of a side with no more sample
 class GrownNode:
     """A node while the tree grows; without children it is a leaf.
 
-    Attributes
-    ----------
-    order : array of int, shape (n_features, n)
-        The node's rows, sorted by each feature.
-    moments : array of float, shape (n_features + 2, n_features + 2)
-        Normal equations of the node's rows.
-    target_range : tuple of float
-        Least and greatest standardized target.
+    `order` (n_features, n) are its rows, sorted by each feature; `moments` are those of `linear_models`;
+    `target_range` is the least and the greatest standardized target.
     """
 
     order: IntArray
@@ -50,16 +44,14 @@ Split = tuple[float, int, int, int]
 
 @dataclass(eq=False)
 class Partition:
-    """Grows a tree best split first.
+    """Grows a tree, best split first; in `nodes`, a node comes before all nodes below it.
 
-    Attributes
+    Parameters
     ----------
     X : array of float, shape (n, n_features)
-        Features in their own units, from which thresholds are taken.
+        Features in their own units, for the thresholds.
     rows : array of float, shape (n, n_features + 2)
         Standardized rows: constant, features, target.
-    nodes : list of GrownNode
-        What has grown; a node comes before all nodes below it.
     """
 
     X: FloatArray
