@@ -60,8 +60,8 @@ def naive(tools: Toolset, trial: Trial) -> Choice:
 
 
 def fixed(tools: Toolset, trial: Trial) -> Choice:  # noqa: ARG001
-    """Choose the heading 0, as a list of waypoints without headings does."""
-    return _with_open_headings(trial, dict.fromkeys(range(len(trial.chain) - 1), 0.0))
+    """Choose the heading 0, as in a list of waypoints without headings."""
+    return _with_open_headings(trial, [0.0] * (len(trial.chain) - 1))
 
 
 def arrive(tools: Toolset, trial: Trial) -> Choice:  # noqa: ARG001
@@ -75,18 +75,16 @@ def face_goal(tools: Toolset, trial: Trial) -> Choice:  # noqa: ARG001
     return _with_open_headings(trial, _bearings([call.goal.pose for call in trial.chain.calls]))
 
 
-def _bearings(places: Sequence[Pose]) -> dict[int, float]:
-    """Return the bearing of the next place from each one, by its number."""
-    pairs = enumerate(itertools.pairwise(places))
-    return {number: math.atan2(to.y - here.y, to.x - here.x) for number, (here, to) in pairs}
+def _bearings(places: Sequence[Pose]) -> list[float]:
+    """Return the bearing of the next place from each place but the last."""
+    return [math.atan2(to.y - here.y, to.x - here.x) for here, to in itertools.pairwise(places)]
 
 
-def _with_open_headings(trial: Trial, headings: Mapping[int, float]) -> Choice:
-    """Return the chain with these headings at the subgoals with an open heading."""
+def _with_open_headings(trial: Trial, headings: Sequence[float]) -> Choice:
+    """Return the chain with these headings at the intermediate subgoals with an open heading."""
     calls = trial.chain.calls
-    return Choice(
-        with_headings(trial.chain, {at: yaw for at, yaw in headings.items() if calls[at].opens("yaw")})
-    )
+    opened = {at: yaw for at, yaw in enumerate(headings) if calls[at].opens("yaw")}
+    return Choice(with_headings(trial.chain, opened))
 
 
 def analytic(tools: Toolset) -> Toolset:

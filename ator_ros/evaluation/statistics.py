@@ -51,8 +51,8 @@ def _policy_summary(
     name: str, durations: Mapping[str, FloatArray], resampled: Mapping[str, FloatArray]
 ) -> dict[str, Any]:
     duration, reference = durations[name], durations["naive"]
-    ratio = 100.0 * (reference - duration) / reference
     gain = (reference - duration) / reference
+    ratio = 100.0 * gain
     higher, lower = ratio[gain > EQUAL], ratio[gain < -EQUAL]
     summary: dict[str, Any] = {
         "mean_duration_s": _rounded(duration.mean()),

@@ -369,7 +369,7 @@ def _rest(track: Track, ceased: float) -> float:
 
 
 def top_between(tops: Sequence[Top], first: str | None, last: str | None) -> Top | None:
-    """Return the first TOP that drives with `first` (an object, or None) held at its start, `last` at its end.
+    """Return the TOP that drives, with the object `first` held at its start and `last` at its end, or None.
 
     If there is none, it is the first TOP that drives without an object.
     """

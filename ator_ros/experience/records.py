@@ -107,6 +107,5 @@ def fault_in(episode: Episode, top: Top | None, robot: Robot) -> str:
     if episode.success and top is not None and top.arrives:
         farthest = _SLACK + _FASTEST * robot.limits.v * episode.duration
     distance = episode.situation.robot.pose.distance(goal.pose)
-    if distance > farthest:
-        return f"start: expected at most {farthest:.3g} m to the goal, got {distance:.3g} m"
-    return ""
+    too_far = f"start: expected at most {farthest:.3g} m to the goal, got {distance:.3g} m"
+    return too_far if distance > farthest else ""

@@ -152,15 +152,13 @@ _DRAWS = 5000
 
 @dataclass(frozen=True)
 class RoundVerdict:
-    """Result of a round of learning for one measure of an action.
+    """Result of a round of learning for one measure of an action, with the number of its records `episodes`.
 
     Attributes
     ----------
-    episodes : int
-        Number of records of the measure.
     reason : str
-        Why the tree stays or is replaced, in a sentence with the mean losses of the tree in use and of the
-        best candidate: absolute errors (s, m, rad), of success the Brier score.
+        Why the tree is kept or replaced, with the mean losses of the tree in use and of the best candidate:
+        absolute errors (s, m, rad), for success the Brier score.
     kind, tree
         Name and tree of the better candidate, if any; spreads of durations are as large as its errors on the
         tested records.
@@ -206,8 +204,7 @@ def judge(
     test = np.flatnonzero(data.numbers >= seen)[-max(_TESTED) :][::-1]  # newest first
     if len(test) < _FEWEST_TESTED:
         kind = "" if data.measure == "success" else " that succeeded"
-        reason = f"too few new records: {len(test)}, expected {_FEWEST_TESTED}{kind}"
-        return RoundVerdict(count, reason)
+        return RoundVerdict(count, f"too few new records: {len(test)}, expected {_FEWEST_TESTED}{kind}")
     learners = _candidates(data, names, current, former)
     predicted = {name: _held_out(data, learn, test) for name, learn in learners.items()}
     predicted = {name: values for name, values in predicted.items() if np.isfinite(values).all()}

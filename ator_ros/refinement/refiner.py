@@ -39,7 +39,7 @@ _CUT_SHORT = "its deadline cut the search short"
 
 @dataclass(frozen=True, slots=True)
 class SubgoalCurve:
-    """The `SearchCurve` of a subgoal (counted from 0): values in m, rad, m/s of its free variables `names`."""
+    """The `SearchCurve` of a subgoal (from 0): values in m, rad, m/s of its free variables `names`."""
 
     subgoal: int
     names: tuple[str, ...]
