@@ -279,7 +279,7 @@ def read_sources(
             )
         for name, expected, advice in (
             ("domain", domain.name, "name its domain with --domain"),
-            ("robot_digest", robot.digest(), f"that is {robot.name}; name its robot with --robot"),
+            ("robot_digest", robot.digest(), f"{robot.name} is another robot: set --robot, or collect again"),
         ):
             if (got := table.metadata.get(name, expected)) != expected:
                 raise ExperienceError(
