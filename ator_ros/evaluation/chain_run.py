@@ -1,4 +1,4 @@
-"""Execution of a chain in the simulator, with the chain executor that the node uses."""
+"""Execution of a chain in the simulator, with the chain executor of the node."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class ChainRun:
     duration : float
         In s; the time limit if the chain failed.
     success : bool
-        Whether every action succeeded and the last TOP's post-condition truly holds.
+        Whether every action succeeded and the last TOP's post-condition holds in the simulator.
     reason : str
         How it ended, in a sentence.
     actions : tuple of float
@@ -52,14 +52,9 @@ def run_chain(
     time_limit: float = TIME_LIMIT,
     executor: ChainExecutor | None = None,
 ) -> ChainRun:
-    """Execute `chain` from `start` in a new simulation.
+    """Execute `chain` from `start` in a new simulation, for at most `time_limit` s.
 
-    Parameters
-    ----------
-    time_limit : float
-        Time in s that the chain may take, and so each of its actions.
-    executor : ChainExecutor, optional
-        Executes the chain; by default a new one.
+    `executor` executes the chain; by default it is a new one.
     """
     rolling = Rolling(library.robot)
     if executor is None:
@@ -77,7 +72,7 @@ def run_chain(
             status = Status.RUNNING if done is None else done.status
             message = f"not done after {time_limit:g} s" if done is None else done.message
             ended, ended_actions, last = simulation.time, tuple(executor.records), chain.calls[-1]
-        finally:  # an error must not leave the action under way without its end
+        finally:  # also after an error, the action must be ended
             executor.break_off(simulation.world(), Ending.CANCELED, message)
         judgment = judge(simulation, last.top, last.goal, status, message)
     return ChainRun(

@@ -1,4 +1,4 @@
-"""The policies that are compared: each chooses the open variables of a trial's chain."""
+"""The policies of an evaluation: each chooses the open variables of a trial's chain."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from ator_ros.tops.chain import TopChain
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """A chain to execute, its refinement and prediction, if models chose it."""
+    """A chain to execute; its refinement and prediction, if models chose it."""
 
     chain: TopChain
     refinement: Refinement | None = None
@@ -48,7 +48,7 @@ class PathTime:
     arrival = None
 
     def predict(self, direct: Mapping[str, Any], measures: Any = (), signs: Any = None) -> Any:  # noqa: ARG002
-        """Return the duration in s, shape (n,), and no error of a sum, as none was measured."""
+        """Return the duration in s, shape (n,), and an error of 0, as none was measured."""
         duration = Geometry(direct, self.robot, self.driving).path[0]
         return SimpleNamespace(duration=duration, error_of_sum=(0.0, 0.0))
 
@@ -60,12 +60,12 @@ def naive(tools: Toolset, trial: Trial) -> Choice:
 
 
 def fixed(tools: Toolset, trial: Trial) -> Choice:  # noqa: ARG001
-    """Choose the heading 0, as a list of waypoints without headings does."""
-    return _with_open_headings(trial, dict.fromkeys(range(len(trial.chain) - 1), 0.0))
+    """Choose the heading 0, as in a list of waypoints without headings."""
+    return _with_open_headings(trial, [0.0] * (len(trial.chain) - 1))
 
 
 def arrive(tools: Toolset, trial: Trial) -> Choice:  # noqa: ARG001
-    """Choose the bearing along which the robot comes from the place before."""
+    """Choose the bearing from the previous place."""
     places = [trial.world.robot.pose, *(call.goal.pose for call in trial.chain.calls[:-1])]
     return _with_open_headings(trial, _bearings(places))
 
@@ -75,18 +75,16 @@ def face_goal(tools: Toolset, trial: Trial) -> Choice:  # noqa: ARG001
     return _with_open_headings(trial, _bearings([call.goal.pose for call in trial.chain.calls]))
 
 
-def _bearings(places: Sequence[Pose]) -> dict[int, float]:
-    """Return the bearing of the next place from each one, by its number."""
-    pairs = enumerate(itertools.pairwise(places))
-    return {number: math.atan2(to.y - here.y, to.x - here.x) for number, (here, to) in pairs}
+def _bearings(places: Sequence[Pose]) -> list[float]:
+    """Return the bearing of the next place from each place but the last."""
+    return [math.atan2(to.y - here.y, to.x - here.x) for here, to in itertools.pairwise(places)]
 
 
-def _with_open_headings(trial: Trial, headings: Mapping[int, float]) -> Choice:
-    """Return the chain with these headings of the subgoals that leave them open."""
+def _with_open_headings(trial: Trial, headings: Sequence[float]) -> Choice:
+    """Return the chain with these headings at the intermediate subgoals with an open heading."""
     calls = trial.chain.calls
-    return Choice(
-        with_headings(trial.chain, {at: yaw for at, yaw in headings.items() if calls[at].opens("yaw")})
-    )
+    opened = {at: yaw for at, yaw in enumerate(headings) if calls[at].opens("yaw")}
+    return Choice(with_headings(trial.chain, opened))
 
 
 def analytic(tools: Toolset) -> Toolset:
@@ -104,7 +102,7 @@ def refined(
     gated: bool = False,
     learned: bool = True,
 ) -> Choice:
-    """Refine the naive chain: what `opened` leaves open, or else the plan."""
+    """Refine the naive chain: the variables that the plan opens, or the plan changed by `opened`."""
     plan = trial.chain if opened is None else opened(trial.chain)
     start = naive(tools, trial).chain
     refiner = (tools if learned else analytic(tools)).refiner(gated=gated)
@@ -129,4 +127,4 @@ POLICIES: Mapping[str, Policy] = MappingProxyType(
 )
 """By name; a new policy is a new row. The oracle is no policy, as it executes chains."""
 USUAL = tuple(name for name in POLICIES if name not in ("fixed", "arrive", "refined_place"))
-"""Those of an evaluation that names none: in few chains a place is free, or a robot comes to poses alone."""
+"""The default policies: a place is free in few chains, and few chains have waypoints only."""

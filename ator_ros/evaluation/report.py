@@ -22,16 +22,16 @@ PAPER_TABLE_1 = (
     ("After filtering, paper: runs", "1000", "505", "485", "10"),
     ("After filtering, paper: improvement", "12%", "23%", "0%", "-6%"),
 )
-"""Rows of the paper's Table 1: what it is of, then Total, Higher, Equal and Lower."""
+"""Rows of the paper's Table 1: title, Total, Higher, Equal and Lower."""
 MEANING: Mapping[str, str] = {
     "naive": "heading at which the first action alone is fastest (the paper's unrefined choice)",
-    "fixed": "heading 0 at each subgoal, as a list of waypoints without headings has it",
-    "arrive": "bearing along which the robot comes to each subgoal",
+    "fixed": "heading 0 at each subgoal, as in a list of waypoints without headings",
+    "arrive": "bearing of each subgoal from the place before",
     "face_goal": "bearing of the next goal, from each subgoal",
     "analytic": "search of headings with path times, without trees",
     "analytic_speed": "the same for headings and arrival speeds",
     "refined": "subgoal refinement, headings only",
-    "gated": "the same, where the gate expects it to pay",
+    "gated": "the same, where the gate accepts the predicted gain",
     "refined_speed": "refinement of headings and arrival speeds",
     "gated_speed": "the same, behind the gate",
     "refined_place": "refinement of the place before a step that may start in a region, too",
@@ -49,7 +49,7 @@ pre{background:#f2f3f5;padding:10px;overflow-x:auto;font-size:12.5px}
 _NOTE = (
     f"Higher and Lower: shorter or longer than naive by more than {100 * EQUAL:.0f} %. Intervals: 95 %, "
     "bootstrap over situations. A failed chain counts at the time limit. Of oracle: share of the time that "
-    "the oracle saves against naive; more than 100 % where a policy also chooses what the oracle did not try."
+    "the oracle saves against naive; more than 100 % if a policy chooses other variables, too."
 )
 
 
@@ -126,9 +126,7 @@ def policy_table(summary: Mapping[str, Any]) -> pd.DataFrame:
             "lower": row["lower"],
             "worst loss %": f"{row['worst_loss_percent']:.0f}",
             "failed": row["failures"],
-            "of oracle %": "-"
-            if row["oracle_captured_percent"] is None
-            else f"{row['oracle_captured_percent']:.1f}",
+            "of oracle %": "-" if (share := row["oracle_captured_percent"]) is None else f"{share:.1f}",
         }
         for name, row in _rows(summary).items()
     )

@@ -32,9 +32,7 @@ def to_columns(records: Sequence[Mapping[str, Any] | None]) -> dict[str, Any]:
 
 
 def run_situations(settings: Settings, *, situations: int, folder: Path) -> list[Record]:
-    """Evaluate situations 0 to `situations` - 1, except those whose results are already in `folder`.
-
-    The same call resumes where it was interrupted.
+    """Evaluate situations 0 to `situations` - 1; the results in `folder` of an interrupted call are used.
 
     Raises
     ------
@@ -58,21 +56,10 @@ def run_situations(settings: Settings, *, situations: int, folder: Path) -> list
 
 
 def earlier_oracle(folder: Path, settings: Settings, situations: int) -> list[Record]:
-    """Return what the oracle of an earlier evaluation recorded of the same situations.
+    """Return the oracle's records of an earlier evaluation of the first `situations`.
 
-    Parameters
-    ----------
-    folder : Path
-        Of an `evaluation.json` with an oracle.
-    settings : Settings
-        Seed, chain, domain, action set, robot and map must be those of the earlier evaluation.
-    situations : int
-        Number of situations, from index 0.
-
-    Raises
-    ------
-    FileError
-        The file cannot be read, has no oracle or too few situations, or is of other situations.
+    Raises FileError if `evaluation.json` in `folder` cannot be read, has no oracle or too few situations, or
+    its seed, chain, domain, action set, robot or map are not those of `settings`.
     """
     file = folder / RESULT
     earlier = load(file, KIND, dict[str, Any])

@@ -1,9 +1,9 @@
 """Evaluation of one situation: every policy chooses a chain, and each distinct chain is executed once.
 
-The oracle executes many chains and takes the best. If the robot stands between two actions, the duration of
+The oracle executes many chains and chooses the best. If the robot stands between two actions, the duration of
 an action depends only on the poses at its two ends. Then the oracle can search all open headings jointly:
-each leg is executed for each pair of headings at its ends, and dynamic programming finds the best chain. That
-is executed as a whole; only this duration counts.
+each leg is executed for each pair of headings at its ends, and dynamic programming finds the best chain. This
+chain is executed as a whole, and only the duration of that execution counts.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class Settings:
         Number of evenly spaced headings of the first subgoal that the oracle executes, starting with the
         naive one; 0: no oracle.
     oracle_margin : float or None
-        Headings predicted to take this much longer than the best (s) are not executed; None: all run.
+        Headings that are predicted to take this much longer than the best (s) are not executed; None: all.
     oracle_speeds : tuple of float
         Arrival speeds in m/s that the oracle of heading and speed executes for each heading.
     source : ToolsetSource
@@ -71,7 +71,7 @@ class Settings:
 
 
 class Executions:
-    """Executes chains from one start; equal chains are executed once, and their `runs` kept."""
+    """Executes chains from one start; equal chains are executed once, and `runs` has the results."""
 
     def __init__(self, tools: Toolset, library: TopLibrary, trial: Trial) -> None:
         self._robot, self._library, self._trial = tools.robot, library, trial
@@ -79,7 +79,7 @@ class Executions:
         self.runs: dict[tuple[Goal, ...], ChainRun] = {}
 
     def __call__(self, chain: TopChain) -> ChainRun:
-        """Return the run of `chain`, of which only the goals may differ from those before."""
+        """Return the run of `chain`, which may differ only in its goals from those before."""
         goals = tuple(call.goal for call in chain.calls)
         if goals not in self.runs:
             self.runs[goals] = self._run(self._trial.world, chain)
@@ -103,7 +103,7 @@ def evaluate_trial(task: tuple[Settings, int]) -> Record:
         "index"; "start": robot x, y, yaw, first goal x, y, second goal x, y, yaw, if there is one (m, rad);
         "policies": by name "duration" (s), "success", "reason", "error" (m), "chosen": heading, speed
         and declared goal variables of each intermediate subgoal, "actions": durations of the actions (s),
-        "predicted": duration of the chain (s), "gain" and "uncertainty": what a gate decides from (s);
+        "predicted": duration of the chain (s), "gain" and "uncertainty": the input of the gate (s);
         "oracle": "headings" (rad), "durations" (s), "best" (s) and "success"; "oracle_speed": "best" and
         "success"; "executed": number of chains executed.
     """
@@ -156,7 +156,7 @@ def _policy_record(choice: Choice, run: ChainRun) -> Record:
 def _joint_oracle(
     settings: Settings, tools: Toolset, trial: Trial, execute: Executions, chosen: Sequence[TopChain]
 ) -> dict[str, Record]:
-    """Execute the chain with the best headings by executed legs; the policies' own chains count too."""
+    """Execute the chain with the best headings by executed legs; the chains of the policies count too."""
     chain, legs = best_headings(
         tools, trial, chosen, execute.leg, count=settings.oracle, margin=settings.oracle_margin
     )
@@ -213,17 +213,7 @@ _ROUNDING = 1e-9  # s
 
 
 def candidates(trial: Trial, chains: Sequence[TopChain], count: int) -> list[FloatArray]:
-    """Return the headings (rad) to try at each step, shape (k,); for a closed heading only this one.
-
-    Parameters
-    ----------
-    trial : Trial
-        The situation, with a chain that has open headings.
-    chains : sequence of TopChain
-        Choices of policies, whose headings are tried too.
-    count : int
-        Number of evenly spaced headings.
-    """
+    """Return the headings (rad) to try at each step, shape (k,): `count` ones, and those of `chains`."""
     offered = []
     for index, call in enumerate(trial.chain.calls):
         distinct: list[float] = []
@@ -251,8 +241,6 @@ def best_headings(
     ----------
     tools : Toolset
         Learned models, which exclude slow headings.
-    trial : Trial
-        The situation.
     chosen : sequence of TopChain
         Choices of policies, whose headings are tried too.
     drive : callable

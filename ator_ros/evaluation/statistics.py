@@ -1,4 +1,4 @@
-"""The statistics of Table 1 and others from the records of an evaluation (paper, section 5)."""
+"""The statistics of an evaluation, as in Table 1 (paper, section 5), and errors of predictions."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from ator_ros.performance.accuracy import mean_ci95, resampled_means
 
 EQUAL = 0.02
 """Runs whose durations differ by no more than this share count as equal."""
-_WORTH_SHARING = 0.0005  # share of the naive durations that an oracle must save for captured shares
+_LEAST_SAVED = 0.0005  # share of the naive durations that an oracle must save for captured shares
 
 
 def summarize(records: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
-    """Return for each policy the figures of Table 1, with 95 % bootstrap intervals over situations.
+    """Return the figures of Table 1 of each policy, with 95 % bootstrap intervals over situations.
 
-    `records` are those of `evaluate_trial`. A failed chain counts at its duration, the time limit.
+    `records` are those of `evaluate_trial`. A failed chain counts with the time limit as duration.
 
     Returns
     -------
     dict
         By policy, and for the oracle: mean_duration_s, improvement_percent (of the sums, against naive),
-        improvement_ci95, mean_ratio_improvement_percent (mean of the runs' own percentages),
-        higher, equal, lower (runs), mean_gain_higher_percent, mean_loss_lower_percent,
-        oracle_captured_percent and oracle_captured_ci95 (of what the oracle of the same variables saves),
-        failures, worst_loss_percent.
+        improvement_ci95, mean_ratio_improvement_percent (mean over the runs), higher, equal, lower (runs),
+        mean_gain_higher_percent, mean_loss_lower_percent, worst_loss_percent, failures,
+        oracle_captured_percent and oracle_captured_ci95 (share of the gain of the oracle with the same
+        variables).
     """
     runs = {name: [record["policies"][name] for record in records] for name in records[0]["policies"]}
     oracles = [name for name in ("oracle", "oracle_speed") if name in records[0]]
@@ -51,8 +51,8 @@ def _policy_summary(
     name: str, durations: Mapping[str, FloatArray], resampled: Mapping[str, FloatArray]
 ) -> dict[str, Any]:
     duration, reference = durations[name], durations["naive"]
-    ratio = 100.0 * (reference - duration) / reference
     gain = (reference - duration) / reference
+    ratio = 100.0 * gain
     higher, lower = ratio[gain > EQUAL], ratio[gain < -EQUAL]
     summary: dict[str, Any] = {
         "mean_duration_s": _rounded(duration.mean()),
@@ -70,7 +70,7 @@ def _policy_summary(
     joint = name.endswith("_speed") and "oracle_speed" in durations
     oracle = "oracle_speed" if joint else "oracle"
     possible = reference.sum() - durations.get(oracle, reference).sum()
-    if possible > _WORTH_SHARING * reference.sum():
+    if possible > _LEAST_SAVED * reference.sum():
         summary["oracle_captured_percent"] = _rounded(100.0 * (reference.sum() - duration.sum()) / possible)
         drawn = resampled["naive"] - resampled[oracle]
         shares = (resampled["naive"] - resampled[name])[drawn > 0.0] / drawn[drawn > 0.0]
@@ -95,9 +95,9 @@ def prediction_errors(records: Sequence[Mapping[str, Any]], policy: str) -> dict
         chains: their number; mean_error_s: mean of predicted minus actual; mean_error_ci95: its interval;
         mae_s, rmse_s: mean absolute and root mean square error. Without chains only `chains`.
     """
-    rows = [record["policies"][policy] for record in records]
-    known = [row for row in rows if row["success"] and "predicted" in row]
-    errors = np.array([row["predicted"] - row["duration"] for row in known])
+    rows = (record["policies"][policy] for record in records)
+    predicted = [row for row in rows if row["success"] and "predicted" in row]
+    errors = np.array([row["predicted"] - row["duration"] for row in predicted])
     if not len(errors):
         return {"chains": 0}
     return {

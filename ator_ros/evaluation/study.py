@@ -1,4 +1,4 @@
-"""What `study` reports: the gain of each open variable, and the page of all results."""
+"""The report of `study`: the gain of each open variable, and the page of all results."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ator_ros.evaluation.trials import Trial, open_speeds, reopened
 from ator_ros.refinement.refiner import Refinement
 
 NO_EFFECT = 0.02
-"""Predicted gain in s up to which a variable counts as without effect: less than half a control period."""
+"""Predicted gain in s up to which a variable counts as having no effect: less than half a control period."""
 
 
 def open_variables(tools: Toolset, trials: Iterable[Trial]) -> list[dict[str, Any]]:
@@ -23,9 +23,9 @@ def open_variables(tools: Toolset, trials: Iterable[Trial]) -> list[dict[str, An
     Returns
     -------
     list of dict
-        For each variable "step" that leaves it open, from 1, its "top", "name"; "free": share of the
-        situations in which it was free; "gain_s": mean predicted gain if it alone is chosen; "explanation":
-        what it gains, or why it gains nothing.
+        For each variable its "step", from 1, and "top", its "name"; "free": share of the situations in which
+        it was free; "gain_s": mean predicted gain if only this variable is free; "explanation": this gain, or
+        why there is none.
     """
     refiner = tools.refiner(gated=True)
     found: defaultdict[tuple[int, str, str], list[Refinement]] = defaultdict(list)
@@ -42,7 +42,7 @@ def open_variables(tools: Toolset, trials: Iterable[Trial]) -> list[dict[str, An
 
 
 def _summary(step: int, top: str, name: str, results: list[Refinement]) -> dict[str, Any]:
-    """Return what one variable gained in all situations, and why."""
+    """Return the gain of one variable in all situations, and its explanation."""
     closed = Counter(each.reason for result in results for each in result.not_free)
     refined = [result for result in results if result.free]
     limits = Counter(each for result in refined for variable in result.free for each in variable.limits)

@@ -24,14 +24,14 @@ from ator_ros.world.state import World
 
 @dataclass(frozen=True)
 class Toolset:
-    """The performance models, by action, from which policies choose; with their robot and domain."""
+    """The performance models of the policies, by action, with their robot and domain."""
 
     domain: Domain
     robot: Robot
     models: Mapping[str, PredictsPerformance]
 
     def refiner(self, *, gated: bool = False) -> Refiner:
-        """Return a refiner with these models, and behind the gate if that is wanted."""
+        """Return a refiner with these models, with the gate if `gated`."""
         return Refiner(
             self.robot,
             self.models,
@@ -41,7 +41,7 @@ class Toolset:
         )
 
     def predict(self, world: World, chain: TopChain) -> ChainPrediction:
-        """Return the prediction of a chain as it is."""
+        """Return the prediction of a chain with its own values."""
         return predict_chain(world, chain, self.models, self.robot)
 
 
@@ -86,21 +86,16 @@ class ToolsetSource:
         return models_folder(self.top(), self.action_set)
 
     def digest(self) -> str:
-        """Return a digest of the robot's description and of all files beside the models."""
+        """Return a digest of the robot's description and of all model files."""
         sha = hashlib.sha256(self.described().description_digest().encode())
         for file in sorted(self.folder().glob("*.json")):
             sha.update(file.name.encode() + file.read_bytes())
         return sha.hexdigest()[:16]
 
     def require_executable(self, chain: str) -> None:
-        """Check the actions of a chain, and their models, before anything is executed.
+        """Check the actions of a chain and their models.
 
-        Raises
-        ------
-        EvaluationError
-            The simulator cannot execute an action.
-        FileError
-            A model cannot be used.
+        Raises EvaluationError if the simulator cannot execute an action, and FileError for an unusable model.
         """
         domain, robot = self.in_domain(), self.described()
         trial = random_trial(domain, chain, domain.library(robot, self.action_set), seed=0, index=0)
@@ -111,13 +106,7 @@ class ToolsetSource:
 
 
 def tools_of(source: ToolsetSource) -> tuple[Toolset, TopLibrary]:
-    """Return toolset and library, cached until a file of the source changes.
-
-    Raises
-    ------
-    FileError
-        A model cannot be used; the message names its file.
-    """
+    """Return toolset and library, cached until a file of the source changes; FileError: an unusable model."""
     return _made(source, source.digest())
 
 

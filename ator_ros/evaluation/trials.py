@@ -20,7 +20,7 @@ from ator_ros.world.state import World
 
 
 class EvaluationError(ValueError):
-    """An evaluation that cannot be run or read; the message says what was expected and what was found."""
+    """An evaluation cannot be executed; the message has the expected and the actual value."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,14 +32,12 @@ class Trial:
 
 
 def random_trial(domain: Domain, chain: str, library: TopLibrary, *, seed: int, index: int) -> Trial:
-    """Draw situation `index` of the domain's chain of this name, in an evaluation with this seed.
-
-    It is determined by these alone.
+    """Draw situation `index` of the domain's chain of this name; the same seed gives the same situation.
 
     Raises
     ------
     EvaluationError
-        A goal lacks a variable that its action declares, or has another one.
+        A goal lacks a variable that its action declares, or has an undeclared one.
     LeftOutError
         The chain needs a TOP whose action the library's set lacks.
     """
@@ -70,13 +68,13 @@ def reopened(chain: TopChain, opened: Iterable[frozenset[str]]) -> TopChain:
 
 
 def open_speeds(chain: TopChain) -> TopChain:
-    """Return the chain with the arrival speeds at its intermediate subgoals left open too."""
+    """Return the chain with the arrival speeds at its intermediate subgoals open too."""
     *intermediate, last = (call.open for call in chain.calls)
     return reopened(chain, (*(names | {"speed"} for names in intermediate), last))
 
 
 def open_places(chain: TopChain) -> TopChain:
-    """Return the chain with speeds open, and with places open before steps that may start in a region."""
+    """Return the chain with speeds open, and poses open before steps that may start in a region."""
     opened = [call.open for call in open_speeds(chain).calls]
     for index, following in enumerate(chain.calls[1:]):
         if following.top.pre.relations:
@@ -97,16 +95,15 @@ def with_headings(chain: TopChain, headings: Mapping[int, float]) -> TopChain:
 def possible_actions(
     domain: Domain, action_set: str, robot: Robot, *, over_ros: bool = False
 ) -> tuple[list[str], dict[str, str]]:
-    """Return the actions that a robot can execute, without or over ROS, and the others with the reason."""
+    """Return the actions that a robot can execute, directly or over ROS, and the others with the reason."""
     library = domain.library(robot, action_set)
     lacking = library.left_out
     left_out = {top.action: lacking[top.name] for top in domain.tops if top.name in lacking}
     named = {top.action for top in domain.tops}
     for name, spec in domain.actions(action_set).items():
         if name not in named:
-            left_out[name] = (
-                f"expected a TOP with the action {name}, got TOPs with {', '.join(sorted(named))}"
-            )
+            others = ", ".join(sorted(named))
+            left_out[name] = f"expected a TOP with the action {name}, got TOPs with {others}"
         elif not over_ros and spec.over_ros_only is not None:
             left_out[name] = spec.over_ros_only
         elif name not in left_out:

@@ -1,1 +1,1 @@
-"""Episodes: what was tried and how it went."""
+"""Experience: episodes of actions, from the simulator, records and recordings."""

@@ -1,4 +1,4 @@
-"""Collect episodes in parallel: the same for the same seed, whatever the number of workers."""
+"""Collect episodes in parallel: the same seed gives the same episodes, for any number of workers."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from ator_ros.tops.library import top_of
 
 
 def episode_generator(action: str, seed: int, episode: int) -> np.random.Generator:
-    """Return the random generator of one episode, which depends on nothing but these three."""
+    """Return the random generator of one episode, which depends only on these three values."""
     key = (zlib.crc32(action.encode()), episode)
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))
 
@@ -36,11 +36,9 @@ def _run(
     seed: int,
     time_limit: float,
 ) -> pd.DataFrame:
-    """Run an episode of an action, by its number, in a world of its own and return its rows.
-
-    Bullet keeps contact caches over replacements of the bodies: in a world used before, an episode with
-    contacts differs in the sixth digit. A new world costs 11 ms.
-    """
+    """Run the episode of this number of an action in a new simulation, and return its rows."""
+    # Bullet keeps contact caches when bodies are replaced: in a used simulation, episodes with contacts would
+    # differ in the sixth digit. A new simulation costs 11 ms.
     spec, number = task
     situation = spec.situation(robot, episode_generator(spec.name, seed, number))
     if wrong := wrong_values(situation.goal, spec.goal_variables):
@@ -63,23 +61,23 @@ def collect(
     time_limit: float = TIME_LIMIT,
     finished: Container[tuple[str, int]] = (),
 ) -> Generator[pd.DataFrame, None, None]:
-    """Yield the rows of episode after episode: `episodes` of each action, without those that are finished.
+    """Yield the rows of each episode: `episodes` of each action, without those that are finished.
 
     Parameters
     ----------
     tops : sequence of Top
         The TOPs of the domain: their post-conditions decide on success.
     objects : tuple of str
-        The objects whose places are logged: those of the domain.
+        The objects of the domain, whose places are logged.
     time_limit : float
-        Time in s that each may take.
+        Time in s that each episode may take.
     finished : container of (str, int)
         Action and number of the episodes that are left out.
 
     Raises
     ------
     ConfigError, ExperienceError
-        A situation belongs to none of the TOPs, or its goal lacks a variable that its action declares.
+        A situation belongs to no TOP, or its goal lacks a variable that its action declares.
     """
     tasks = [
         (action, number)

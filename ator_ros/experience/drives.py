@@ -1,12 +1,11 @@
 """Drives in recordings of odometry and velocity commands, or of an action server's goals.
 
-Without goals, a drive lies between two pauses of the commands, and its goal is where the robot came to rest.
-The objects held at both ends determine the TOP of the domain and the point that the goal is meant for.
+Without goals of a server, a drive lies between two pauses of the commands, and its goal is where the robot
+came to rest. The objects held at both ends determine the TOP, and so the point that the goal is for.
 """
 
 from __future__ import annotations
 
-import bisect
 import copy
 import dataclasses
 import math
@@ -21,10 +20,10 @@ import numpy as np
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.actions.base import Goal, Point
 from ator_ros.actions.situation import Situation
-from ator_ros.experience.episode import Episode, sample_of
+from ator_ros.experience.episode import Episode
 from ator_ros.experience.records import ENDED, Vocabulary, episode_of, fault_in
 from ator_ros.experience.server_goals import GOAL_POSE, PLAN, ServerGoal, ServerGoals, status_topics
-from ator_ros.geometry import FloatArray, Pose, wrap_angle
+from ator_ros.geometry import FloatArray, Pose, wrap_angle, wrap_angles
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import Top
 from ator_ros.tops.objects import held_first, held_last, is_held
@@ -54,7 +53,7 @@ NOT_DRIVEN = Standstill(0.01, 0.02)
 """Greatest speeds of a command to stop, and greatest measured speeds of a robot at rest."""
 Rows = list[tuple[float, ...]]
 """Rows of numbers, the time in s first."""
-_ROUNDING = 1e-6  # s; stamps since 1970 are rounded to 0.24 us
+_ROUNDING, _DIGITS = 1e-6, 6  # s, and digits of s; stamps since 1970 are rounded to 0.24 us
 
 
 @dataclass
@@ -82,8 +81,12 @@ class Reader:
 
     A new segment begins after a reset or a long silence.
 
-    `domain` has the sources of the objects, the remote actions, and the TOPs of drives and records;
-    `robot_in_tf`: tf replaces odometry.
+    Parameters
+    ----------
+    domain : Vocabulary
+        Sources of the objects, remote actions, and the TOPs of drives and records.
+    robot_in_tf : bool
+        Whether tf replaces odometry.
 
     Attributes
     ----------
@@ -110,23 +113,25 @@ class Reader:
         self._in_tf = {source.name: source.topic_or_frame for source in sources if source.type == "tf"}
         self._transforms = Transforms()
         self._servers = status_topics(domain)
-        self._goals = ServerGoals(self._odometry_in)
+        self._goals = ServerGoals(self._odom_pose_in)
         self._velocity = RobotVelocity(robot.limits.v, robot.limits.w)
         self._is_older = False
-        self._taken: Counter[str] = Counter()
+        self._counts: Counter[str] = Counter()
         self.left_out: Counter[str] = Counter()
         self.errors: dict[str, str] = {}
 
-    def take(self, role: str, message: Any) -> None:
+    def add(self, role: str, message: Any) -> None:
         """Add a record, or a message of odometry, commands, tf or an object; count it if it is unusable."""
         if role == RECORDS and message.outcome.code not in ENDED:
             return
-        self._taken[role] += 1
+        self._counts[role] += 1
         newest = self.segments[-1]
-        now, *there = newest.odom[-1][:4] if newest.odom else (math.nan,) * 4
+        now, *pose = newest.odom[-1][:4] if newest.odom else (math.nan,) * 4
         try:
             if role == ODOM:
-                self._take_odometry(message)
+                self._add_state(*self._odometry.read(message))
+                if self._odometry.remark:
+                    self._remarks.append(self._odometry.remark)
             elif role == CMD_VEL:
                 command = command_from(message, CMD_VEL)
                 if newest.odom:  # a Twist has no stamp: it gets that of the last odometry message
@@ -135,12 +140,12 @@ class Reader:
                 self.records.append(episode_of(message, self._domain, self._robot))
                 self.action_sets.add(message.action_set or DEFAULT_SET)
             elif role in TF:
-                self._take_transforms(message, fixed=role == "tf_static")
+                self._add_transforms(message, fixed=role == "tf_static")
             elif role in self._servers:
-                action, number = self._servers[role], len(self.segments) - 1
-                self._goals.take_status(action, message, number, now, Pose(*there))
+                number = len(self.segments) - 1
+                self._goals.add_status(self._servers[role], message, number, now, Pose(*pose))
             elif role in (PLAN, GOAL_POSE):
-                self._goals.take_goal(message, now)
+                self._goals.add_pose(message, now)
             else:
                 reader = self._objects[role]
                 reader.frame = self._odometry.frame
@@ -157,55 +162,50 @@ class Reader:
             or [each for segment in self.segments for each in drives(segment, self._robot, self._domain)]
         )
 
-    def _server_episodes(self) -> list[Episode]:
-        """Return the goals that action servers executed; note how many others there are, and why."""
-        episodes, faults, total = list[Episode](), Counter[tuple[str, str]](), Counter[str]()
-        for item in self._goals.goals.values():
-            total[item.action] += 1
-            fault = item.fault() or self._take_goal(item, episodes)
-            if fault:
-                faults[item.action, fault] += 1
-        self._remarks += [
-            f"left out {count} of {total[action]} goals of {action}: {fault}"
-            for (action, fault), count in faults.items()
-        ]
-        return episodes
-
-    def _take_goal(self, item: ServerGoal, episodes: list[Episode]) -> str:
-        """Add the episode of a goal, in the goal's frame; return why it cannot be used, or ""."""
-        segment, robot = self.segments[item.segment], self._robot
-        if segment is not self.segments[-1] and item.end == segment.odom[-1][0]:
-            return "odometry was interrupted"
-        top = next((top for top in self._domain.tops if top.action == item.action), None)
-        if top is None or item.pose is None or item.base is None:
-            return "no TOP calls the action"
-        track, errors = segment.track.seen_from(item.base), (math.nan, math.nan)
-        if item.reached is not None:
-            reached = robot.hold_point(item.reached) if top.point is Point.HOLD else item.reached
-            errors = reached.distance(item.pose), abs(wrap_angle(reached.yaw - item.pose.yaw))
-        start, goal = track.world(item.begin), Goal(item.pose, 0.0, top.point)
-        situation = Situation(item.action, start.robot, start.objects, goal)
-        success, reason = item.status == "succeeded", f"recorded: its server reported {item.status}"
-        episode = _driven(track, item.begin, item.end, situation, success, reason, errors)
-        if fault_in(episode, top, robot):
-            return "the goal is farther than the robot drives in its duration"
-        episodes.append(episode)
-        return ""
-
     def remarks(self) -> list[str]:
-        """Return doubts about messages, and a line for each role of which messages were left out."""
+        """Return remarks about doubtful messages, and about messages that were left out, by role."""
         left_out = (
-            f"left out {count} of {self._taken[role]} {'records' if role == RECORDS else 'messages'}: "
+            f"left out {count} of {self._counts[role]} {'records' if role == RECORDS else 'messages'}: "
             f"{self.errors[role]}"
             for role, count in self.left_out.items()
         )
         return [*self._remarks, *left_out]
 
-    def _take_odometry(self, message: Any) -> None:
-        time, robot = self._odometry.read(message)
-        if self._odometry.remark:
-            self._remarks.append(self._odometry.remark)
-        self._add_state(time, robot)
+    def _server_episodes(self) -> list[Episode]:
+        """Return the goals that action servers executed; note how many others there are, and why."""
+        goals, episodes, rejected = self._goals.goals.values(), list[Episode](), Counter[tuple[str, str]]()
+        for goal in goals:
+            found = goal.rejection() or self._server_episode(goal)
+            if isinstance(found, Episode):
+                episodes.append(found)
+            else:
+                rejected[goal.action, found] += 1
+        total = Counter(goal.action for goal in goals)
+        self._remarks += [
+            f"left out {count} of {total[action]} goals of {action}: {reason}"
+            for (action, reason), count in rejected.items()
+        ]
+        return episodes
+
+    def _server_episode(self, goal: ServerGoal) -> Episode | str:
+        """Return the episode of a server's goal, in the goal's frame, or why it cannot be used."""
+        segment, robot = self.segments[goal.segment], self._robot
+        if segment is not self.segments[-1] and goal.end == segment.odom[-1][0]:
+            return "odometry was interrupted"
+        top = next((top for top in self._domain.tops if top.action == goal.action), None)
+        if top is None or goal.pose is None or goal.odom_pose is None:
+            return "no TOP calls the action"
+        track, errors = segment.track.seen_from(goal.odom_pose), (math.nan, math.nan)
+        if goal.final_pose is not None:
+            reached = robot.hold_point(goal.final_pose) if top.point is Point.HOLD else goal.final_pose
+            errors = reached.distance(goal.pose), abs(wrap_angle(reached.yaw - goal.pose.yaw))
+        start = track.world(goal.begin)
+        situation = Situation(goal.action, start.robot, start.objects, Goal(goal.pose, 0.0, top.point))
+        success, reason = goal.status == "succeeded", f"recorded: its server reported {goal.status}"
+        samples, duration = track.samples(goal.begin, goal.end), round(goal.end - goal.begin, _DIGITS)
+        episode = Episode(situation, samples, duration, success, reason, *errors, tuple(track.objects))
+        too_far = fault_in(episode, top, robot)
+        return "the goal is farther than the robot drives in its duration" if too_far else episode
 
     def _add_state(self, time: float, robot: RobotState) -> None:
         odom = self.segments[-1].odom
@@ -218,7 +218,7 @@ class Reader:
             self.segments.append(Segment())
         self.segments[-1].odom.append((time, *robot.pose, robot.v, robot.w))
 
-    def _take_transforms(self, message: Any, *, fixed: bool) -> None:
+    def _add_transforms(self, message: Any, *, fixed: bool) -> None:
         for transform in message.transforms:
             parent, child, time, placement = transform_from(transform)
             self._transforms.add(parent, child, time, placement, fixed=fixed)
@@ -230,81 +230,84 @@ class Reader:
             if found is not None and not (rows and found[0] == rows[-1][0]):
                 self._add_object(name, *self._objects[name].read_placement(*found))
 
-    def _odometry_in(self, frame: str) -> Pose | None:
+    def _odom_pose_in(self, frame: str) -> Pose | None:
         """Return the pose of odometry's frame in another frame, by the newest transforms."""
         if frame in ("", self._odometry.frame):
             return Pose(0.0, 0.0, 0.0)
         found = self._transforms.latest(frame, self._odometry.frame)
         return None if found is None else pose_from_placement(found[1], f"{self._odometry.frame} in tf")
 
-    def _add_object(self, name: str, time: float, there: ObjectState) -> None:
+    def _add_object(self, name: str, time: float, state: ObjectState) -> None:
         odom = self.segments[-1].odom
         if odom and abs(time - odom[-1][0]) > JUMP:
             raise MessageError(
                 f"{name}.header.stamp: expected about odometry's {odom[-1][0]:.2f} s, got {time:.2f} s: "
                 "another clock"
             )
-        self.segments[-1].objects[name].append((time, there.x, there.y))
+        self.segments[-1].objects[name].append((time, state.x, state.y))
 
 
 class Track:
-    """The state at any time of a segment with odometry, interpolated.
+    """The states in a segment with odometry, interpolated between the messages.
 
     Attributes
     ----------
     odom : ndarray, shape (n, 6)
-        In the order of time, with unwrapped yaw.
+        t, x, y, yaw, v, w in the order of time, with unwrapped yaw.
     begin, end : float
         Times in s of the first and the last odometry.
-    names : tuple of str
-        The objects with messages.
+    objects : mapping of str to ndarray, shape (n, 3)
+        t, x, y of each object with messages.
     """
 
     def __init__(self, segment: Segment) -> None:
         self.odom = _in_order(segment.odom, 6)
         self.odom[:, 3] = np.unwrap(self.odom[:, 3])
-        self._objects = {name: _in_order(rows, 3) for name, rows in segment.objects.items() if rows}
-        self._base = Pose(0.0, 0.0, 0.0)
+        self.objects = {name: _in_order(rows, 3) for name, rows in segment.objects.items() if rows}
+        self._odom_pose = Pose(0.0, 0.0, 0.0)
         self.begin, self.end = float(self.odom[0, 0]), float(self.odom[-1, 0])
-        self.names = tuple(self._objects)
+        self._rows = [
+            np.vstack([np.round(table[:, 0] - self.begin, _DIGITS), table.T[1:]])
+            for table in (self.odom, *self.objects.values())
+        ]
 
-    def seen_from(self, base: Pose) -> Track:
-        """Return it in the frame in which odometry's frame is at `base`; `odom` stays as it is."""
+    def seen_from(self, odom_pose: Pose) -> Track:
+        """Return it in the frame in which odometry's frame is at `odom_pose`; the tables stay as they are."""
         other = copy.copy(self)
-        other._base = base
+        other._odom_pose = odom_pose
         return other
+
+    def states(self, times: FloatArray) -> FloatArray:
+        """Return the states at times (n,) in s, one a row: t, x, y, yaw, v, w, then x, y of each object.
+
+        Objects are NaN before their first message.
+        """
+        since = np.round(times - self.begin, _DIGITS)
+        columns = [np.interp(since, stamps, row, left=np.nan) for stamps, *rows in self._rows for row in rows]
+        states, (x, y, yaw) = np.column_stack([times, *columns]), self._odom_pose
+        turn = np.array([[math.cos(yaw), math.sin(yaw)], [-math.sin(yaw), math.cos(yaw)]])
+        for first in (1, *range(6, states.shape[1], 2)):
+            states[:, first : first + 2] = states[:, first : first + 2] @ turn + (x, y)
+        states[:, 3] = wrap_angles(states[:, 3] + yaw)
+        return states
 
     def world(self, time: float) -> World:
         """Return the state at `time` (s), with the objects that had a message by then."""
-        _, *pose, v, w = _at(self.odom, time).tolist()
-        there = {name: _at(table, time) for name, table in self._objects.items() if time >= table[0, 0]}
-        places = {name: Pose(float(row[1]), float(row[2]), 0.0) for name, row in there.items()}
-        objects = {name: ObjectState(*self._base.compose(place)[:2]) for name, place in places.items()}
-        return World(time, RobotState(self._base.compose(Pose(*pose)), v, w), objects)
+        _, x, y, yaw, v, w, *places = self.states(np.array([time]))[0].tolist()
+        found = zip(self.objects, places[::2], places[1::2], strict=True)
+        objects = {name: ObjectState(*place) for name, *place in found if not math.isnan(place[0])}
+        return World(time, RobotState(Pose(x, y, yaw), v, w), objects)
+
+    def samples(self, begin: float, end: float) -> FloatArray:
+        """Return the samples of an episode from `begin` to `end` (s); see `Episode`."""
+        times: FloatArray = PERIOD * np.arange(int((end - begin - _ROUNDING) / PERIOD) + 1, dtype=float)
+        return np.column_stack([times, self.states(begin + times)[:, 1:]])
 
     def stood(self, since: float, until: float) -> bool:
         """Return whether the robot stood at any time between two (s)."""
         times = self.odom[:, 0]
         during = self.odom[np.searchsorted(times, since, "right") : np.searchsorted(times, until)]
         return bool(NOT_DRIVEN.holds(during[:, 4], during[:, 5]).any())
-
-    def samples(self, begin: float, end: float) -> FloatArray:
-        """Return the samples of an episode from `begin` to `end` (s); see `Episode`."""
-        times = [begin + number * PERIOD for number in range(int((end - begin - _ROUNDING) / PERIOD) + 1)]
-        rows = [
-            (number * PERIOD, *sample_of(self.world(time), begin, self.names)[1:])
-            for number, time in enumerate(times)
-        ]
-        return np.array(rows, dtype=float)
-
-
-def _at(table: FloatArray, time: float) -> FloatArray:
-    """Return the row at `time` (s), interpolated unless a stamp is the same up to rounding."""
-    after = bisect.bisect_right(table[:, 0], time + _ROUNDING)
-    if after > 0 and table[after - 1, 0] >= time - _ROUNDING:
-        return np.asarray(table[after - 1])
-    rows = table[max(0, after - 1) : after + 1]  # the neighbors
-    return np.array([np.interp(time, rows[:, 0], column) for column in rows.T])
 
 
 def drives(segment: Segment, robot: Robot, domain: Vocabulary) -> Iterator[Episode]:
@@ -318,16 +321,17 @@ def drives(segment: Segment, robot: Robot, domain: Vocabulary) -> Iterator[Episo
     for begin, ceased in _spans(_in_order(segment.cmd_vel, 3), track):
         end = _rest(track, ceased)
         if end - begin >= SHORTEST and track.begin <= begin and end <= track.end:
-            # The goal is where the robot comes to rest in the pause.
             goal_pose = track.world(min(end + PAUSE, track.end)).robot.pose
             start, last = track.world(begin), track.world(end)
             at_goal = dataclasses.replace(last, robot=RobotState(goal_pose))
             top = top_between(domain.tops, _held(robot, start), _held(robot, at_goal))
             if top is not None:
                 place = robot.hold_point(goal_pose) if top.point is Point.HOLD else goal_pose
-                situation = Situation(top.action, start.robot, start.objects, Goal(place, 0.0, top.point))
-                why = "recorded: its goal is where it came to rest"
-                yield _driven(track, begin, end, situation, True, why)
+                goal, why = Goal(place, 0.0, top.point), "recorded: its goal is where it came to rest"
+                situation = Situation(top.action, start.robot, start.objects, goal)
+                samples, duration = track.samples(begin, end), round(end - begin, _DIGITS)
+                unknown = math.nan, math.nan
+                yield Episode(situation, samples, duration, True, why, *unknown, tuple(track.objects))
 
 
 def _spans(commands: FloatArray, track: Track) -> Iterator[tuple[float, float]]:
@@ -338,20 +342,20 @@ def _spans(commands: FloatArray, track: Track) -> Iterator[tuple[float, float]]:
     """
     moving = ~NOT_DRIVEN.holds(commands[:, 1], commands[:, 2])
     begin: float | None = None
-    end = last = 0.0
+    end: float | None = None
+    last = 0.0
     for time, moves in zip(commands[:, 0].tolist(), moving.tolist(), strict=True):
-        if begin is not None and end < begin and time - last > _CEASED and track.stood(last, time):
+        if end is None and time - last > _CEASED and track.stood(last, time):
             begin = None
         last = time
-        if begin is not None and not moves and end < begin:
+        if end is None and not moves:
             end = time
-        if begin is not None and end >= begin and time - end >= PAUSE - _ROUNDING:
+        if begin is not None and end is not None and time - end >= PAUSE - _ROUNDING:
             yield begin, end
             begin = None
         if moves:
-            begin = time if begin is None else begin
-            end = begin - 1.0
-    if begin is not None and end >= begin:
+            begin, end = time if begin is None else begin, None
+    if begin is not None and end is not None:
         yield begin, end
 
 
@@ -364,23 +368,10 @@ def _rest(track: Track, ceased: float) -> float:
     return float(after[still][0, 0]) if still.any() else ceased
 
 
-def _driven(
-    track: Track,
-    begin: float,
-    end: float,
-    situation: Situation,
-    success: bool,
-    reason: str,
-    errors: tuple[float, float] = (math.nan, math.nan),
-) -> Episode:
-    samples, duration = track.samples(begin, end), round(end - begin, 6)
-    return Episode(situation, samples, duration, success, reason, *errors, objects=track.names)
-
-
 def top_between(tops: Sequence[Top], first: str | None, last: str | None) -> Top | None:
-    """Return the TOP that drives with `first` (an object, or None) held at its start, and `last` at its end.
+    """Return the TOP that drives, with the object `first` held at its start and `last` at its end, or None.
 
-    Without any, it is the first that drives and holds nothing.
+    If there is none, it is the first TOP that drives without an object.
     """
     driving = {(held_first(top), held_last(top)): top for top in reversed(tops) if top.arrives}
     return driving.get((first, last)) or driving.get((None, None))

@@ -1,4 +1,4 @@
-"""One observed execution of an action, the source of all experience (paper, section 3)."""
+"""An episode: one observed execution of an action (paper, section 3)."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ class Episode:
     situation : Situation
         Start and goal.
     samples : ndarray, shape (n, k)
-        The states at 10 Hz from the start on, at least the start; those at and after the end are left out.
-        Its columns are STATE_COLUMNS, then x, y in m of each object, NaN where unknown.
+        The states at 10 Hz from the start until before the end, at least the start. The columns are
+        STATE_COLUMNS, then x, y in m of each object, NaN where unknown.
     duration : float
         From the start to the tick at which the action ended, in s.
     success : bool
@@ -39,8 +39,8 @@ class Episode:
     reason : str
         How it ended, in a sentence.
     position_error, heading_error : float
-        At the end, between the goal and the point that shall come there, in m and rad. Of a TOP in which the
-        robot does not come to the goal: how far the world is from the post-condition, and NaN.
+        Distance in m and angle in rad to the goal at the end, of the axle or the hold. If the TOP does not
+        place the robot: how far the world is from the post-condition, and NaN.
     objects : tuple of str
         The objects in `samples`.
     """
@@ -63,9 +63,7 @@ def run_episode(
     Parameters
     ----------
     simulation : Simulation
-        A fresh world; robot and objects are placed in it.
-    action : Action
-        Started here, and ended.
+        A new simulation, in which robot and objects are placed.
     top : Top
         The TOP whose post-condition decides on success.
     """
@@ -86,16 +84,8 @@ def run_episode(
     names = tuple(situation.objects)
     rows = [sample_of(world, start, names) for world in worlds[::TICKS_PER_SAMPLE]]
     samples = [row for row in rows if row[0] < duration] or [sample_of(initial, 0.0, names)]
-    return Episode(
-        situation,
-        np.array(samples, dtype=float),
-        duration,
-        judgment.success,
-        judgment.reason,
-        judgment.error,
-        judgment.heading_error,
-        names,
-    )
+    result = (judgment.success, judgment.reason, judgment.error, judgment.heading_error)
+    return Episode(situation, np.array(samples, dtype=float), duration, *result, names)
 
 
 def sample_of(world: World, start: float, objects: Iterable[str]) -> tuple[float, ...]:

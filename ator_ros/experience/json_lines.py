@@ -1,4 +1,4 @@
-"""Results of a computation in a file of JSON objects, one a line, from which it can be resumed."""
+"""Partial results of a computation in a file of JSON objects, one a line, to resume it."""
 
 from __future__ import annotations
 
@@ -13,18 +13,16 @@ from ator_ros.files import FileError, try_lock
 
 
 class PartialResults:
-    """Results of a computation, which can resume with them; the first line holds what they depend on.
+    """The partial results of a computation; `results` are those of earlier runs.
 
     Parameters
     ----------
     path : Path
-        The file; made when missing, with its folder. A last line that was cut off is dropped.
+        The file; created if missing, with its folder. A last line that was cut off is removed.
     identity : mapping
-        What the results depend on, as JSON can hold it.
+        Settings that the results depend on, in JSON types: the first line of the file.
     expected : str
-        What the file holds, for messages, as in "episodes of the same seed".
-
-    `results` are those of earlier runs.
+        Contents of the file, for messages, as in "episodes of the same seed".
 
     Raises
     ------
@@ -44,20 +42,20 @@ class PartialResults:
         *lines, cut_off = path.read_bytes().split(b"\n")
         self._file.truncate(path.stat().st_size - len(cut_off))
         try:
-            there = [dict(json.loads(line)) for line in lines]
+            rows = [dict(json.loads(line)) for line in lines]
         except (TypeError, ValueError) as error:
             raise FileError(f"{path}: expected {expected}, one a line: {error}") from error
-        self._has_results = len(there) > 1
-        if not there:
+        self._has_results = len(rows) > 1
+        if not rows:
             self._write(identity)
-        elif there[0] != json.loads(json.dumps(identity)):
+        elif rows[0] != json.loads(json.dumps(identity)):
             raise FileError(
                 f"{path}: expected {expected}, got others: choose another --out, or delete that file"
             )
-        self.results: list[dict[str, Any]] = there[1:]
+        self.results: list[dict[str, Any]] = rows[1:]
 
     def append(self, result: Mapping[str, Any]) -> None:
-        """Append a result, which a killed process does not lose."""
+        """Append a result; it is kept if the process is killed."""
         self._write(result)
         self._has_results = True
 

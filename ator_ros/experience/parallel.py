@@ -1,4 +1,4 @@
-"""Long computations: spread over processes or a cluster by joblib, and shown as they progress."""
+"""Long computations: spread over processes or a cluster by joblib, with a progress bar."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _WORKERS_S = 60  # s to wait for the first worker of a cluster
 
 
 class BackendError(RuntimeError):
-    """Workers that cannot be used; the message says what to install or to start."""
+    """Workers cannot be used; the message says what to install or to start."""
 
 
 @contextlib.contextmanager
@@ -32,8 +32,8 @@ def workers(jobs: int, cluster: str | None = None) -> Iterator[None]:
     Parameters
     ----------
     jobs : int
-        Number of worker processes; 1 runs in this process, -1 takes every core. A cluster has its own
-        workers, and this only says how many tasks are under way at once (-1: as many as it has threads).
+        Number of worker processes; 1: in this process; -1: one for each core. For a cluster it is the number
+        of tasks under way at once (-1: as many as it has threads).
     cluster : str, optional
         Address of a dask scheduler, as in ``tcp://host:8786``.
 
@@ -69,15 +69,8 @@ def workers(jobs: int, cluster: str | None = None) -> Iterator[None]:
 def run_tasks(function: Callable[[Task], Result], tasks: Iterable[Task]) -> Iterator[Result]:
     """Yield ``function(task)`` for every task, in the order of the tasks, by the present `workers`.
 
-    The results are those of a plain loop whatever the number of workers, as long as `function` depends on
-    its task alone: give every task a seed of its own.
-
-    `function` is one at the top level of a module.
-
-    Raises
-    ------
-    BackendError
-        A worker was killed.
+    `function` is at the top level of a module, and depends on its task alone: then the results do not depend
+    on the number of workers. Raises BackendError if a worker was killed.
     """
     import joblib
 
@@ -98,7 +91,7 @@ def _in_worker(function: Callable[[Task], Result], task: Task, parent: int) -> R
     """Execute a task in a worker of the process `parent`, or in this itself."""
     if os.getpid() == parent:
         return function(task)
-    # Ctrl-C in a terminal, and the SIGTERM of a supervisor, reach the workers too; only the parent may act.
+    # Ctrl-C in a terminal, and the SIGTERM of a supervisor, reach the workers too; only the parent reacts.
     if threading.current_thread() is threading.main_thread():
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             signal.signal(number, signal.SIG_IGN)
@@ -107,16 +100,9 @@ def _in_worker(function: Callable[[Task], Result], task: Task, parent: int) -> R
 
 
 def progress(results: Iterable[Result], *, done: int, total: int, unit: str) -> Any:
-    """Yield results behind a progress bar on a terminal, or a line of it every 30 s in a log.
+    """Yield results with a progress bar on a terminal, or one line of it every 30 s in a log.
 
-    Parameters
-    ----------
-    results : iterable
-        The results that are still missing.
-    done, total : int
-        Number of results of earlier runs, and of all.
-    unit : str
-        What a result is.
+    `done` is the number of results of earlier runs, `total` the number of all; `unit` is what a result is.
     """
     period = 0.1 if sys.stderr.isatty() else 30.0
     return tqdm(results, initial=done, total=total, unit=unit, mininterval=period, delay=period - 0.1)

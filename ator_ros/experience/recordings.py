@@ -1,4 +1,4 @@
-"""Experience from recordings (``ros2 bag record``, MCAP or sqlite3): all that a real robot has.
+"""Experience from recordings (``ros2 bag record``, MCAP or sqlite3), and from all sources of `train`.
 
 Records of the executor on ``performance/action`` are episodes. Without records, the goals of the domain's
 action servers are. Without both, drives are found in ``odom``, ``cmd_vel`` and the topics of the domain's
@@ -33,61 +33,57 @@ from ator_ros.robot.description import Robot
 
 Topic = tuple[str, str]
 """Name of a topic, and type of its messages as in nav_msgs/msg/Odometry."""
-TYPES = {
+_TYPES = {
     ODOM: {"nav_msgs/msg/Odometry"},
     CMD_VEL: {"geometry_msgs/msg/Twist", "geometry_msgs/msg/TwistStamped"},
+    RECORDS: {"ator_interfaces/msg/ActionPerformance"},
     PLAN: {"nav_msgs/msg/Path"},
     GOAL_POSE: {"geometry_msgs/msg/PoseStamped"},
 }
 
 
-class Wanted(NamedTuple):
-    """A topic that is read as a role, such as odometry: absolute, or in any namespace; and its types."""
+class _Wanted(NamedTuple):
+    """A topic to read: its role, such as odometry; its name, absolute or in any namespace; and its types."""
 
     role: str
     name: str
     types: Collection[str]
 
 
-def select(
-    topics: Sequence[Topic], wanted: Sequence[Wanted]
+def _select(
+    topics: Sequence[Topic], wanted: Sequence[_Wanted]
 ) -> tuple[defaultdict[Topic, list[str]], list[str]]:
-    """Select topics by name and type.
+    """Return the roles of the topics to read, and a line for each topic that is skipped.
 
     Records are read from every namespace. Of several other topics with one name, the one in the namespace of
     the odometry is read, by default the one without a namespace.
-
-    Return the roles of the topics that are read, and a line for each topic of another type, and for several
-    of which one is expected.
     """
     roles: defaultdict[Topic, list[str]] = defaultdict(list)
     skipped: list[str] = []
     namespace = "/"
     for role, name, types in wanted:  # the odometry first
-        there = []
-        for topic, kind in topics:
-            if topic == name or topic.endswith(f"/{name}"):
-                if kind in types:
-                    there.append((topic, kind))
-                else:
-                    expected = " or ".join(sorted(types))
-                    skipped.append(f"skipped {printable(topic)}: expected {expected}, got {printable(kind)}")
-        if len(there) > 1 and role != RECORDS:
-            near = [topic for topic in there if topic[0] == f"{namespace}{name}"]
+        named = [(topic, kind) for topic, kind in topics if topic == name or topic.endswith(f"/{name}")]
+        found = [(topic, kind) for topic, kind in named if kind in types]
+        skipped += [
+            f"skipped {printable(topic)}: expected {' or '.join(sorted(types))}, got {printable(kind)}"
+            for topic, kind in named
+            if kind not in types
+        ]
+        if len(found) > 1 and role != RECORDS:
+            near = [topic for topic in found if topic[0] == f"{namespace}{name}"]
             if not near:
-                skipped.append(
-                    f"skipped {_listed(topic for topic, _ in there)}: expected one of them as {role}"
-                )
-            there = near
-        if role == ODOM and there:
-            namespace = there[0][0].rpartition("/")[0] + "/"
-        for link in there:
-            roles[link].append(role)
+                several = _listed(topic for topic, _ in found)
+                skipped.append(f"skipped {several}: expected one of them as {role}")
+            found = near
+        if role == ODOM and found:
+            namespace = found[0][0].rpartition("/")[0] + "/"
+        for topic in found:
+            roles[topic].append(role)
     return roles, skipped
 
 
 class _Mcap:
-    """An .mcap file."""
+    """An .mcap file: `topics` are those with messages, `begin` is the time of the first one."""
 
     def __init__(self, path: Path, stack: contextlib.ExitStack) -> None:
         from mcap.reader import make_reader
@@ -173,8 +169,7 @@ def read_recording(
     Raises
     ------
     ExperienceError
-        The recording is damaged, lacks a topic, has no drive, or has actions
-        of several sets or with an invalid name.
+        The recording is damaged, lacks a topic, has no drive, or has actions of several sets.
     """
     file = Path(path)
     reader, skipped, topics = _read(file, domain, robot, names or {})
@@ -182,29 +177,25 @@ def read_recording(
     if not episodes:
         if wrong := reader.errors.get(RECORDS, ""):
             raise ExperienceError(f"{file}: {RECORDS}: expected a record that can be used, got none: {wrong}")
-        there = [topic for topic, kind in topics if kind in TYPES[ODOM] | TYPES[CMD_VEL]]
-        found = f"topics of these types: {_listed(there)}; name them with --odom and --cmd-vel"
+        usable = [topic for topic, kind in topics if kind in _TYPES[ODOM] | _TYPES[CMD_VEL]]
+        found = f"topics of these types: {_listed(usable)}; name them with --odom and --cmd-vel"
+        found = found if usable else "there are no topics of these types"
         statuses = "".join(f"{name} with tf and {PLAN}, or " for name in status_topics(domain))
         expected = (
             f"expected the topic {RECORDS}, or {statuses}odom (Odometry) and cmd_vel (Twist or TwistStamped) "
             f"in one namespace, with a drive of at least {SHORTEST} s between two stops"
         )
-        found = found if there else "there are no topics of these types"
         raise ExperienceError(f"{file}: {'; '.join([expected, found, *remarks[:3]])}")
+    if len(reader.action_sets) > 1:
+        got = _listed(sorted(reader.action_sets))
+        raise ExperienceError(f"{file}: expected records of one action set, got {got}")
     objects = tuple(dict.fromkeys([*domain.objects, *(name for each in episodes for name in each.objects)]))
-    action_sets = sorted(reader.action_sets)
-    if len(action_sets) > 1:
-        raise ExperienceError(f"{file}: expected records of one action set, got {_listed(action_sets)}")
     numbers: dict[str, Iterator[int]] = defaultdict(itertools.count)
     frames = [episode_frame(next(numbers[each.situation.action]), each, objects) for each in episodes]
-    action_set = action_sets[0] if action_sets else None  # odometry and commands name none
-    metadata = {
-        "robot_digest": robot.digest(),
-        "domain": domain.name,
-        "action_set": action_set,
-        "command": f"recording {file.name}",
-    }
+    action_set = next(iter(reader.action_sets), None)  # odometry and commands name none
     rows = checked_rows(file, join(frames), action_set or DEFAULT_SET)
+    metadata = {"robot_digest": robot.digest(), "domain": domain.name, "action_set": action_set}
+    metadata["command"] = f"recording {file.name}"
     return Experience(rows, metadata, tuple(f"{file.name}: {remark}" for remark in remarks))
 
 
@@ -212,38 +203,36 @@ def _read(
     file: Path, domain: Vocabulary, robot: Robot, names: Mapping[str, str]
 ) -> tuple[Reader, list[str], list[Topic]]:
     """Return the messages, a line for each topic that was skipped, and all topics."""
-    wanted = [Wanted(role, names.get(role, role), TYPES[role]) for role in (ODOM, CMD_VEL)]
-    wanted.append(Wanted(RECORDS, RECORDS, {"ator_interfaces/msg/ActionPerformance"}))
     sources, servers = [domain.source(name) for name in domain.objects], status_topics(domain)
+    roles = [ODOM, CMD_VEL, RECORDS, *((PLAN, GOAL_POSE) if servers else ())]
+    wanted = [_Wanted(role, names.get(role, role), _TYPES[role]) for role in roles]
     packages = {"Odometry": "nav_msgs"}
     wanted += [
-        Wanted(
+        _Wanted(
             item.name, item.topic_or_frame, {f"{packages.get(item.type, 'geometry_msgs')}/msg/{item.type}"}
         )
         for item in sources
         if item.type != "tf"
     ]
-    wanted += [Wanted(name, name, {"action_msgs/msg/GoalStatusArray"}) for name in servers]
-    wanted += [Wanted(role, role, TYPES[role]) for role in (PLAN, GOAL_POSE) if servers]
+    wanted += [_Wanted(name, name, {"action_msgs/msg/GoalStatusArray"}) for name in servers]
     if servers or any(item.type == "tf" for item in sources):
-        wanted += [Wanted(role, f"/{role}", {"tf2_msgs/msg/TFMessage"}) for role in TF]
+        wanted += [_Wanted(role, f"/{role}", {"tf2_msgs/msg/TFMessage"}) for role in TF]
     try:
         with _opened(file) as files:
             topics = sorted(set().union(*(each.topics for each in files)))
-            roles, skipped = select(topics, wanted)
-            has_odometry = any(ODOM in each for each in roles.values())
+            selected, skipped = _select(topics, wanted)
+            has_odometry = any(ODOM in each for each in selected.values())
             reader = Reader(robot, domain, robot_in_tf=not has_odometry)
-            for part in files if roles else ():
-                for topic, message in part.messages(roles.keys() & part.topics):
-                    for role in roles[topic]:
-                        reader.take(role, message)
+            for part in files if selected else ():
+                for topic, message in part.messages(selected.keys() & part.topics):
+                    for role in selected[topic]:
+                        reader.add(role, message)
     except ImportError:  # a package is missing or broken; the recording may be fine
         raise
     except Exception as error:  # a damaged file raises anything
         expected = "a recording of ros2 bag record (mcap recover repairs an .mcap file that was cut off)"
-        raise ExperienceError(
-            f"{file}: expected {expected}: {printable(str(error) or repr(error), 200)}"
-        ) from error
+        why = printable(str(error) or repr(error), 200)
+        raise ExperienceError(f"{file}: expected {expected}: {why}") from error
     return reader, skipped, topics
 
 
@@ -290,18 +279,14 @@ def read_sources(
             raise ExperienceError(
                 f"{path}: expected a table of collect (.parquet) or a recording (.mcap, .db3, or its folder)"
             )
-        found = table.metadata.get("domain", domain.name)
-        if found != domain.name:
-            raise ExperienceError(
-                f"{path}: metadata.domain: expected {domain.name!r}, got {quoted(found)}: "
-                "name its domain with --domain"
-            )
-        digest = table.metadata.get("robot_digest", robot.digest())
-        if digest != robot.digest():
-            raise ExperienceError(
-                f"{path}: metadata.robot_digest: expected {robot.digest()} of {robot.name}, got {digest}: "
-                "give its description with --robot, or collect again"
-            )
+        for name, expected, advice in (
+            ("domain", domain.name, "name its domain with --domain"),
+            ("robot_digest", robot.digest(), f"{robot.name} is another robot: set --robot, or collect again"),
+        ):
+            if (got := table.metadata.get(name, expected)) != expected:
+                raise ExperienceError(
+                    f"{path}: metadata.{name}: expected {expected!r}, got {quoted(got)}: {advice}"
+                )
         tables.append(table)
         frames.append(table.frame.assign(episode=table.frame["episode"] + shift))
         shift = int(frames[-1]["episode"].max()) + 1

@@ -1,4 +1,4 @@
-"""Convert the executor's records (ator_interfaces/msg/ActionPerformance) to episodes, and check them."""
+"""Conversion of the executor's records (ator_interfaces/msg/ActionPerformance) to episodes."""
 
 from __future__ import annotations
 
@@ -24,14 +24,13 @@ from ator_ros.world.state import World
 SUCCEEDED, FAILED = 1, 2  # codes of ator_interfaces/msg/Outcome
 ENDED = (SUCCEEDED, FAILED)
 """Outcomes of actions that ended by themselves."""
-_LONGEST_DRIVE = 600.0
-"""In s, twenty times the default action_timeout: a goal that is farther away is in another unit or frame."""
+_LONGEST_DRIVE = 600.0  # s, twenty default action_timeouts: a farther goal is in another unit or frame
 _SLACK = 0.5  # m, above the tolerances of arrival: a robot that is at its goal already arrives in no time
 _FASTEST = 4.0  # times limits.v: a base may be described at half its real speed, and a factor of 2 is spare
 
 
 class Vocabulary(Protocol):
-    """What recordings need of a domain; `ator_ros.domains.domain.Domain` is one."""
+    """The part of `ator_ros.domains.domain.Domain` that recordings need."""
 
     @property
     def name(self) -> str:
@@ -50,7 +49,7 @@ class Vocabulary(Protocol):
 
     @property
     def action_sets(self) -> Mapping[str, tuple[ActionSpec, ...]]:
-        """Its actions, by the names of their sets."""
+        """Its actions by set."""
 
     @property
     def goal_variables(self) -> Mapping[str, GoalVariable]:
@@ -58,7 +57,7 @@ class Vocabulary(Protocol):
 
 
 def episode_of(message: Any, domain: Vocabulary, robot: Robot) -> Episode:
-    """Convert a record of any action to an episode, whose only sample is its start.
+    """Return the episode of a record of any action; its only sample is its start.
 
     An action that no TOP of the domain calls is accepted under its name, with goals for the axle.
 
@@ -98,7 +97,7 @@ def episode_of(message: Any, domain: Vocabulary, robot: Robot) -> Episode:
 
 
 def fault_in(episode: Episode, top: Top | None, robot: Robot) -> str:
-    """Return why an episode of a TOP cannot be used; an empty text if it can."""
+    """Return why an episode of a TOP cannot be used; empty if it can."""
     goal = episode.situation.goal
     errors = (episode.position_error, episode.heading_error)  # may be NaN
     finite = all(abs(number) <= LARGEST for number in (episode.duration, *goal.values.values()))
@@ -108,6 +107,5 @@ def fault_in(episode: Episode, top: Top | None, robot: Robot) -> str:
     if episode.success and top is not None and top.arrives:
         farthest = _SLACK + _FASTEST * robot.limits.v * episode.duration
     distance = episode.situation.robot.pose.distance(goal.pose)
-    if distance > farthest:
-        return f"start: expected at most {farthest:.3g} m to the goal, got {distance:.3g} m"
-    return ""
+    too_far = f"start: expected at most {farthest:.3g} m to the goal, got {distance:.3g} m"
+    return too_far if distance > farthest else ""

@@ -1,7 +1,7 @@
-"""Goals in recordings of action servers: when each was executed, how it ended, and its pose.
+"""The goals of action servers in recordings: when each was executed, how it ended, and its pose.
 
-Status messages name goals by id, and have no stamp but that of a goal's acceptance; they get the stamp of the
-last odometry message. The latched status topic also names goals from before the recording began.
+Status messages name goals by id. Their only stamp is that of a goal's acceptance, so they get the stamp of
+the last odometry message. The latched status topic also names goals that ended before the recording began.
 """
 
 from __future__ import annotations
@@ -37,18 +37,24 @@ class ServerGoal:
     action : str
         The remote action of the domain.
     segment : int
-        Number of the segment of odometry in which it began.
+        Index of the segment of odometry in which its execution began.
     begin, end : float
-        s by odometry's stamps; NaN: unknown.
+        When its execution began and ended, in s by odometry's stamps; NaN: not recorded.
     status : str
         How it ended; empty: not recorded.
     frame, pose : str, Pose or None
-        The goal's pose in a frame; None: not recorded.
-    base, reached : Pose or None
-        In that frame: odometry's frame when the first pose came, and the robot at the end; None: unknown.
-    early, preempted, exact : bool
-        Whether it is older than the recording, whether another goal came before its end, and whether its
-        pose is that of a goal_pose.
+        The goal's pose, and the frame that it is in; None: not recorded.
+    odom_pose : Pose or None
+        Odometry's frame in `frame` when the first pose in that frame was recorded; None: tf does not connect
+        them.
+    final_pose : Pose or None
+        The robot in `frame` at the end.
+    before_recording : bool
+        Whether the server accepted it before the recording began.
+    preempted : bool
+        Whether the server accepted another goal before this one ended.
+    from_goal_pose : bool
+        Whether the pose is that of a goal_pose, which no plan replaces.
     """
 
     action: str
@@ -58,87 +64,81 @@ class ServerGoal:
     status: str = ""
     frame: str = ""
     pose: Pose | None = None
-    base: Pose | None = None
-    reached: Pose | None = None
-    early: bool = False
+    odom_pose: Pose | None = None
+    final_pose: Pose | None = None
+    before_recording: bool = False
     preempted: bool = False
-    exact: bool = False
+    from_goal_pose: bool = False
 
     @property
     def is_active(self) -> bool:
         """Whether its execution has begun and not ended."""
         return not (math.isnan(self.begin) or self.status)
 
-    def take_pose(self, frame: str, pose: Pose, base: Pose | None, *, exact: bool) -> None:
-        """Take a pose: a later plan replaces an earlier one, and none replaces an `exact` pose."""
-        if exact or not self.exact:
-            self.base = self.base if frame == self.frame and self.base else base
-            self.frame, self.pose, self.exact = frame, pose, exact
+    def set_pose(self, frame: str, pose: Pose, odom_pose: Pose | None, *, from_goal_pose: bool) -> None:
+        """Set the pose of the goal: a later plan replaces an earlier one, and none replaces a goal_pose."""
+        if from_goal_pose or not self.from_goal_pose:
+            if frame != self.frame or self.odom_pose is None:
+                self.odom_pose = odom_pose
+            self.frame, self.pose, self.from_goal_pose = frame, pose, from_goal_pose
 
-    def fault(self) -> str:
-        """Return why it is no experience; an empty text if it is."""
-        faults = {
-            "accepted before the recording began": self.early,
+    def rejection(self) -> str:
+        """Return why the goal is no episode; empty if it is one."""
+        reasons = {
+            "accepted before the recording began": self.before_recording,
             "its end was not recorded": not self.status,
             "canceled": self.status == "canceled",
             "preempted by another goal": self.preempted and self.status == "aborted",
             "its start was not recorded": math.isnan(self.begin),
             "odometry was interrupted": not self.begin <= self.end,
             f"no {PLAN} or {GOAL_POSE} was recorded with it": self.pose is None,
-            f"tf does not connect odometry's frame with {self.frame}": self.base is None,
+            f"tf does not connect odometry's frame with {self.frame}": self.odom_pose is None,
         }
-        return next((reason for reason, holds in faults.items() if holds), "")
+        return next((reason for reason, holds in reasons.items() if holds), "")
 
 
 class ServerGoals:
-    """Collects the goals of action servers in the order of arrival.
+    """Collects the goals of action servers; messages are added in the order of arrival.
 
-    Parameters
-    ----------
-    base : callable
-        Returns the pose of odometry's frame in another frame; None if tf does not connect them.
-
-    Attributes
-    ----------
-    goals : mapping
-        All goals by action and id.
+    `odom_pose_in` returns the pose of odometry's frame in another frame, or None if tf does not connect them.
+    `goals` has all goals, by action and id.
     """
 
-    def __init__(self, base: Callable[[str], Pose | None]) -> None:
-        self._base = base
+    def __init__(self, odom_pose_in: Callable[[str], Pose | None]) -> None:
+        self._odom_pose_in = odom_pose_in
         self.goals: dict[tuple[str, bytes], ServerGoal] = {}
-        self._given: tuple[float, str, Pose] | None = None
+        self._goal_pose: tuple[float, str, Pose] | None = None
         """Time of the last goal_pose, its frame and pose."""
 
-    def take_status(self, action: str, message: Any, segment: int, now: float, robot: Pose) -> None:
-        """Take an action_msgs/GoalStatusArray at `now` (s by odometry); `robot` is in odometry's frame."""
+    def add_status(self, action: str, message: Any, segment: int, now: float, robot: Pose) -> None:
+        """Add an action_msgs/GoalStatusArray at `now` (s by odometry); `robot` is in odometry's frame."""
         is_first = not any(known == action for known, _ in self.goals)
         for item in sorted(message.status_list, key=lambda item: -item.status):  # those that ended first
             status, key = status_name(item.status), (action, bytes(item.goal_info.goal_id.uuid))
             if key not in self.goals:
                 for other in self.goals.values():
                     other.preempted |= other.is_active and other.action == action
-                late = now - seconds_from(item.goal_info.stamp) > _RECENT
-                self.goals[key] = ServerGoal(action, early=is_first and (late or status in _ENDED))
+                is_old = status in _ENDED or now - seconds_from(item.goal_info.stamp) > _RECENT
+                self.goals[key] = ServerGoal(action, before_recording=is_first and is_old)
             goal = self.goals[key]
             if status == "executing" and math.isnan(goal.begin):
                 goal.segment, goal.begin = segment, now
-                if self._given is not None and abs(now - self._given[0]) <= _RECENT:
-                    _, frame, pose = self._given
-                    goal.take_pose(frame, pose, self._base(frame), exact=True)
+                if self._goal_pose is not None and abs(now - self._goal_pose[0]) <= _RECENT:
+                    _, frame, pose = self._goal_pose
+                    goal.set_pose(frame, pose, self._odom_pose_in(frame), from_goal_pose=True)
             elif status in _ENDED and not goal.status:
                 goal.status, goal.end = status, now if segment == goal.segment else math.nan
-                base = self._base(goal.frame)
-                goal.reached = base.compose(robot) if base else None
+                odom_pose = self._odom_pose_in(goal.frame)
+                goal.final_pose = odom_pose.compose(robot) if odom_pose else None
 
-    def take_goal(self, message: Any, now: float) -> None:
-        """Take the path to the active goal, or the pose of the goal that is sent next (PoseStamped)."""
+    def add_pose(self, message: Any, now: float) -> None:
+        """Add the path to the active goal, or the pose of the goal that is sent next (PoseStamped)."""
         frame = plain_frame(message.header.frame_id)
         if hasattr(message, "pose"):
-            self._given = now, frame, pose_from(message.pose, GOAL_POSE)
+            self._goal_pose = now, frame, pose_from(message.pose, GOAL_POSE)
         elif not message.poses:
             raise MessageError(f"{PLAN}.poses: expected at least one, got none")
         else:
             pose = pose_from(message.poses[-1].pose, f"{PLAN}.poses[-1]")
             for goal in filter(lambda goal: goal.is_active, self.goals.values()):
-                goal.take_pose(frame, pose, self._base(frame), exact=False)
+                goal.set_pose(frame, pose, self._odom_pose_in(frame), from_goal_pose=False)

@@ -19,7 +19,7 @@ import pandas as pd
 
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.experience.episode import Episode
-from ator_ros.experience.table import Experience, ExperienceError, checked_rows, join, start_row
+from ator_ros.experience.table import Experience, ExperienceError, checked_rows, episode_frame, join
 from ator_ros.files import FileError
 
 STORE = "records.db"
@@ -32,7 +32,6 @@ CREATE TABLE IF NOT EXISTS episodes (number INTEGER PRIMARY KEY AUTOINCREMENT, a
 CREATE INDEX IF NOT EXISTS by_set ON episodes (action_set, number);
 """
 _SOURCE = "SELECT robot_digest, domain FROM source"
-_STORED = "SELECT seq FROM sqlite_sequence WHERE name = 'episodes'"
 _APPEND = "INSERT INTO episodes (action_set, row) VALUES (:set, :row)"
 _DROP_OLDEST = """
 DELETE FROM episodes WHERE action_set = :set AND number <=
@@ -51,14 +50,15 @@ class StoreInfo:
 class RecordStore:
     """Appends episodes; the oldest ones are dropped if the store is full.
 
-    One process at a time may append: see `ator_ros.files.exclusive_folder`.
+    One process at a time may append: see `ator_ros.files.exclusive_folder`. `stored` is the number of
+    episodes that were ever stored.
 
     Parameters
     ----------
     folder : Path
-        Made when missing.
+        Created if it is missing.
     most : int
-        Episodes of each action set that are kept.
+        How many episodes of each action set are kept.
 
     Raises
     ------
@@ -74,20 +74,19 @@ class RecordStore:
         with _refusing_damage(folder):
             self._database = sqlite3.connect(folder / STORE, check_same_thread=False)
             self._database.executescript(_TABLES)
-            there = self._database.execute(_SOURCE).fetchone()
-            if there is None:
+            source = self._database.execute(_SOURCE).fetchone()
+            if source is None:
                 with self._database:
                     self._database.execute("INSERT INTO source VALUES (?, ?)", astuple(info))
-            elif StoreInfo(*there) != info:
-                got = StoreInfo(*there)
+            elif (got := StoreInfo(*source)) != info:
                 raise FileError(f"{folder / STORE}: expected {info}, got {got}: choose another folder")
-            row = self._database.execute(_STORED).fetchone()
-        #: Episodes that were ever stored.
-        self.stored = 0 if row is None else int(row[0])
+            (newest,) = self._database.execute("SELECT max(number) FROM episodes").fetchone()
+        self.stored: int = newest or 0
 
     def append(self, action_set: str, episode: Episode) -> None:
         """Append an episode; it is written whole or, when OSError is raised, not at all."""
-        values = {"set": action_set, "row": json.dumps(start_row(episode)), "most": self._most}
+        (row, *_) = episode_frame(0, episode, episode.objects).to_dict("records")
+        values = {"set": action_set, "row": json.dumps(row), "most": self._most}
         try:
             with self._database:
                 self._database.execute(_APPEND, values)
@@ -103,7 +102,7 @@ class RecordStore:
 
 @contextmanager
 def _refusing_damage(folder: Path) -> Iterator[None]:
-    """Raise FileError in place of the errors of SQLite, and of what is no JSON."""
+    """Raise FileError instead of the errors of SQLite and of the JSON parser."""
     try:
         yield
     except (sqlite3.Error, json.JSONDecodeError) as error:
@@ -111,13 +110,13 @@ def _refusing_damage(folder: Path) -> Iterator[None]:
 
 
 def _rows_of(folder: Path, query: str, *values: str) -> list[Any]:
-    """Return what a store answers to a query."""
+    """Return the rows that a query of a store yields."""
     with _refusing_damage(folder), closing(sqlite3.connect(folder / STORE)) as database:
         return database.execute(query, values).fetchall()
 
 
 def is_store(path: Path) -> bool:
-    """Return whether `path` is the folder of a store."""
+    """Return whether `path` is a folder with a store."""
     return (path / STORE).is_file()
 
 
@@ -130,30 +129,24 @@ def action_sets_in(folder: Path) -> list[str]:
 def read_store(folder: Path, action_set: str | None = None) -> Experience:
     """Read the episodes of an action set, by default the only one of the store, as experience.
 
-    Raises
-    ------
-    FileError
-        `folder` is no store.
-    ExperienceError
-        It holds no episodes of the set.
+    Raises FileError if `folder` has no store, and ExperienceError if the store has no episodes of the set.
     """
-    there = action_sets_in(folder)
-    if action_set is None and len(there) > 1:
-        raise ExperienceError(f"{folder}: expected --action-set, one of {', '.join(there)}")
-    name = action_set or (there[0] if there else DEFAULT_SET)
+    names = action_sets_in(folder)
+    if action_set is None and len(names) > 1:
+        raise ExperienceError(f"{folder}: expected --action-set, one of {', '.join(names)}")
+    name = action_set or next(iter(names), DEFAULT_SET)
     rows = read_records(folder, name)
     if rows.empty:
         raise ExperienceError(f"{folder}: expected episodes of the action set {name}, found none")
-    info = StoreInfo(*_rows_of(folder, _SOURCE)[0])
-    metadata = {**asdict(info), "action_set": name, "command": "learning"}
+    source = StoreInfo(*_rows_of(folder, _SOURCE)[0])
+    metadata = {**asdict(source), "action_set": name, "command": "learning"}
     return Experience(rows.drop(columns=NUMBER), metadata)
 
 
 def read_records(folder: Path, action_set: str) -> pd.DataFrame:
     """Return the starts of the episodes of an action set, oldest first: columns of a table, and `NUMBER`."""
-    stored = _rows_of(
-        folder, "SELECT number - 1, row FROM episodes WHERE action_set = ? ORDER BY number", action_set
-    )
+    query = "SELECT number - 1, row FROM episodes WHERE action_set = ? ORDER BY number"
+    stored = _rows_of(folder, query, action_set)
     if not stored:
         return join([]).assign(**{NUMBER: np.empty(0, dtype=np.int64)})
     numbers, texts = zip(*stored, strict=True)

@@ -1,4 +1,4 @@
-"""Experience as one table: an example per row at 10 Hz, in Parquet with its metadata (paper, section 3)."""
+"""Experience as one table: an example a row at 10 Hz, in Parquet with its metadata (paper, section 3)."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ from ator_ros.world.messages import MOST_OBJECTS
 
 
 class ExperienceError(ValueError):
-    """Experience that cannot be used; the message names the file, the field and what was expected."""
+    """Experience cannot be used; the message names the file, the field and the expected value."""
 
 
 LARGEST = 1e9
-"""Greatest number in a table: thirty years in s, and beyond `world.messages.FARTHEST` in m."""
+"""Greatest number in a table: thirty years in s; in m it exceeds `world.messages.FARTHEST`."""
 STATE_COLUMNS = ("t", "x", "y", "yaw", "v", "w")
 """Time and the robot's state, in the order of a sample: s since the start, m, m, rad, m/s, rad/s."""
 
@@ -50,10 +50,10 @@ _GOAL = {
     "speedg": "m/s, forward speed at the goal",
 }
 _AFTER = {
-    "hold": "1: the place in the robot's front where it holds objects shall come to (xg, yg); 0: the axle",
+    "hold": "1: (xg, yg) is the goal of the hold, the place in front where objects are held; 0: of the axle",
     "time_to_go": "s until the action ended",
     "duration": "s, of the whole episode",
-    "success": "the action ended well and did what it is for",
+    "success": "the action ended well, and the post-condition of its TOP holds",
     "reason": "how the episode ended",
     "position_error": "m, at the end",
     "heading_error": "rad, at the end; NaN where the heading does not matter",
@@ -63,12 +63,7 @@ _AFTER = {
 def columns(objects: Iterable[str], goal_variables: Iterable[str] = ()) -> dict[str, str]:
     """Return name and meaning of each column of a table; SI units, world frame.
 
-    Parameters
-    ----------
-    objects : iterable of str
-        The objects whose places it holds.
-    goal_variables : iterable of str
-        The goal variables that actions declare beyond pose and speed.
+    `objects` are those whose places it has, `goal_variables` are declared by actions beyond pose and speed.
     """
     places = {name: f"m, NaN without {name.rpartition('_')[0]}" for name in object_columns(objects)}
     declared = {
@@ -85,9 +80,9 @@ def object_columns(objects: Iterable[str]) -> list[str]:
 
 def objects_of_columns(names: Iterable[str]) -> tuple[str, ...]:
     """Return the objects whose two columns are among `names`, in their order."""
-    there = list(names)
-    found = (name.removesuffix("_x") for name in there if name.endswith("_x") and name != "_x")
-    return tuple(name for name in found if f"{name}_y" in there)
+    names = list(names)
+    found = (name.removesuffix("_x") for name in names if name.endswith("_x") and name != "_x")
+    return tuple(name for name in found if f"{name}_y" in names)
 
 
 def goal_variables_of_columns(names: Iterable[str]) -> tuple[str, ...]:
@@ -99,8 +94,8 @@ def goal_variables_of_columns(names: Iterable[str]) -> tuple[str, ...]:
 
 def columns_among(names: Iterable[str]) -> dict[str, str]:
     """Return `columns` for the objects and goal variables whose columns are among `names`."""
-    there = list(names)
-    return columns(objects_of_columns(there), goal_variables_of_columns(there))
+    names = list(names)
+    return columns(objects_of_columns(names), goal_variables_of_columns(names))
 
 
 # The table
@@ -119,21 +114,19 @@ _TYPES = {"episode": np.int32, "hold": np.int8, "success": bool}
 
 
 def checked_rows(source: Path | str, frame: pd.DataFrame, action_set: object) -> pd.DataFrame:
-    """Check rows of experience, and return their known columns with plain types.
+    """Check rows of experience, with columns of any types, and return their known columns with plain types.
 
     Parameters
     ----------
     source : Path or str
         File of the rows, for the message.
-    frame : pandas.DataFrame
-        With the columns of `columns`, of any types.
     action_set : object
-        Name of the set that the actions are of.
+        Name of the set of the actions.
 
     Raises
     ------
     ExperienceError
-        There are no rows, a column is missing, or a value is not what its column holds.
+        There are no rows, a column is missing, or a column has a value of another type or range.
     """
     objects, declared = objects_of_columns(frame.columns), goal_variables_of_columns(frame.columns)
     wanted = columns(objects, declared)
@@ -146,19 +139,20 @@ def checked_rows(source: Path | str, frame: pd.DataFrame, action_set: object) ->
     names = {"action_set": [action_set], "action": frame["action"].unique(), "column": (*objects, *declared)}
     for field, name in ((field, name) for field, several in names.items() for name in several):
         if not is_name(name):
-            raise ExperienceError(
-                f"{source}: {field}: expected a name of letters, digits and _, got {quoted(name)}"
-            )
+            expected = "expected a name of letters, digits and _"
+            raise ExperienceError(f"{source}: {field}: {expected}, got {quoted(name)}")
     if len(objects) > MOST_OBJECTS or len(declared) > MOST_GOAL_VARIABLES:
         most = f"at most {MOST_OBJECTS} objects and {MOST_GOAL_VARIABLES} goal variables"
         raise ExperienceError(f"{source}: expected {most}, got {len(objects)} and {len(declared)}")
-    texts = {name: frame[name].astype(object) for name in _TEXTS}
-    checked = {name: texts[name] if name in texts else _numbers(source, frame[name]) for name in wanted}
+    checked = {
+        name: frame[name].astype(object) if name in _TEXTS else _numbers(source, frame[name])
+        for name in wanted
+    }
     return pd.DataFrame(checked).astype(_TYPES)
 
 
 def _numbers(source: Path | str, column: pd.Series) -> FloatArray:
-    """Return the numbers of a column, which may be of any type that holds numbers."""
+    """Return the numbers of a column of any numeric type, checked."""
     name = str(column.name)
     low, high = _LEAST.get(name, 0.0 if name.endswith("_error") else -LARGEST), _GREATEST.get(name, LARGEST)
     expected = (
@@ -183,12 +177,12 @@ class Experience:
     Attributes
     ----------
     frame : pandas.DataFrame
-        The columns of `columns`; the rows of an episode of an action together, in the order of time.
+        The columns of `columns`; the rows of each episode are together, in the order of time.
     metadata : dict
-        How it was made: robot digest, domain, action set, command; what `collect` wrote has also the seed and
-        the versions of the libraries.
+        Robot digest, domain, action set and command; those of `collect` have also the seed and the versions
+        of the libraries.
     remarks : tuple of str
-        What was skipped or doubtful when it was read; not saved.
+        Skipped or doubtful data in the source; not saved.
     """
 
     frame: pd.DataFrame
@@ -196,57 +190,39 @@ class Experience:
     remarks: tuple[str, ...] = ()
 
     def of(self, action: str) -> pd.DataFrame:
-        """Return the rows of one action; none where there are no episodes of it."""
+        """Return the rows of one action, if there are any."""
         return self.frame[self.frame["action"] == action].reset_index(drop=True)
 
 
 def episode_frame(number: int, episode: Episode, objects: tuple[str, ...]) -> pd.DataFrame:
-    """Return the rows of one episode.
+    """Return the rows of an episode, the one with this number within its action.
 
-    Parameters
-    ----------
-    number : int
-        Number of the episode within its action.
-    objects : tuple of str
-        The objects whose places are kept, NaN in an episode without them.
+    `objects` are those whose places are kept, NaN in an episode without them.
     """
     frame = pd.DataFrame(episode.samples, columns=[*STATE_COLUMNS, *object_columns(episode.objects)])
-    constants = {
-        **dict.fromkeys(object_columns(name for name in objects if name not in episode.objects), np.nan),
-        **_constants(episode),
-        "episode": number,
-        "time_to_go": episode.duration - frame["t"],
-    }
-    return frame.assign(**constants)[list(columns(objects, episode.situation.goal.values))]
-
-
-def start_row(episode: Episode) -> dict[str, Any]:
-    """Return the first row of an episode by column, without its number."""
-    start = zip((*STATE_COLUMNS, *object_columns(episode.objects)), episode.samples[0].tolist(), strict=True)
-    return {**dict(start), **_constants(episode), "time_to_go": episode.duration}
-
-
-def _constants(episode: Episode) -> dict[str, Any]:
-    """Return the columns that are the same in all rows of an episode."""
     goal = episode.situation.goal
-    return {
+    others = {
+        **dict.fromkeys(object_columns(name for name in objects if name not in episode.objects), np.nan),
         "action": episode.situation.action,
+        "episode": number,
         "xg": goal.pose.x,
         "yg": goal.pose.y,
         "yawg": goal.pose.yaw,
         "speedg": goal.speed,
         **{direct_name(name): value for name, value in goal.values.items()},
         "hold": int(goal.point is Point.HOLD),
+        "time_to_go": episode.duration - frame["t"],
         "duration": episode.duration,
         "success": episode.success,
         "reason": episode.reason,
         "position_error": episode.position_error,
         "heading_error": episode.heading_error,
     }
+    return frame.assign(**others)[list(columns(objects, goal.values))]
 
 
 def join(frames: Iterable[pd.DataFrame]) -> pd.DataFrame:
-    """Join frames of episodes, of whatever objects, into one table with the column types of the file."""
+    """Join frames of episodes, of any objects, into one table with the column types of the file."""
     parts = list(frames)
     if not parts:
         return pd.DataFrame({name: pd.Series(dtype=float) for name in columns(())})
@@ -255,7 +231,7 @@ def join(frames: Iterable[pd.DataFrame]) -> pd.DataFrame:
 
 
 def library_versions() -> dict[str, str]:
-    """Return the versions of Python and of the libraries that experience and models depend on."""
+    """Return the versions of Python and of libraries on which experience and models depend."""
     versions = {"python": platform.python_version()}
     for name in ("numpy", "scikit-learn", "pandas", "pybullet"):
         try:
@@ -284,8 +260,7 @@ def read_experience(path: Path | str) -> Experience:
     Raises
     ------
     ExperienceError
-        The file is missing, damaged, not experience, lacks a column, or a value
-        in it is not what its column holds.
+        The file is missing, damaged or not experience, or `checked_rows` raises it.
     """
     import pyarrow as pa
     import pyarrow.parquet as pq
@@ -295,18 +270,15 @@ def read_experience(path: Path | str) -> Experience:
         raise ExperienceError(f"{expected}, got none")
     try:
         with pq.ParquetFile(path) as file:
-            metadata = _metadata(path, (file.schema_arrow.metadata or {}).get(_KEY))
+            text = (file.schema_arrow.metadata or {}).get(_KEY) or b"null"
             table = file.read(columns=list(columns_among(file.schema_arrow.names)))
             frame = table.replace_schema_metadata(None).to_pandas()  # pandas' own may be damaged
     except (OSError, UnicodeError, pa.ArrowException) as error:
         raise ExperienceError(f"{expected}: {printable(error, 200)}") from error
-    return Experience(checked_rows(path, frame, metadata.get("action_set") or DEFAULT_SET), metadata)
-
-
-def _metadata(path: Path | str, text: bytes | None) -> dict[str, Any]:
     try:
-        return content_of(json.loads(text or b"null"), KIND)
+        metadata = content_of(json.loads(text), KIND)
     except SchemaError as error:
         raise ExperienceError(f"{path}: metadata.{error}") from error
     except (ValueError, RecursionError) as error:
         raise ExperienceError(f"{path}: metadata: expected JSON: {error}") from error
+    return Experience(checked_rows(path, frame, metadata.get("action_set") or DEFAULT_SET), metadata)

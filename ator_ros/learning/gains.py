@@ -1,4 +1,4 @@
-"""What refined chains gained, measured beside chains that ran as planned to compare."""
+"""The measured gain of refined chains, compared with chains that ran as planned."""
 
 from __future__ import annotations
 
@@ -22,14 +22,12 @@ _FULL_SHARE = 50  # chains up to which the share of comparisons is greatest; the
 
 @dataclass(frozen=True)
 class ChainGain:
-    """One executed chain.
+    """One executed chain, refined or as planned.
 
     Attributes
     ----------
-    refined : bool
-        Whether it was refined; the others ran as planned.
     gain : float
-        Predicted gain in s.
+        Predicted gain in s of refinement.
     excess : float
         Measured less predicted duration in s of the chain as it was executed.
     """
@@ -42,30 +40,30 @@ class ChainGain:
 
 @dataclass(frozen=True)
 class Gains:
-    """The chains that ran with one set of models, oldest first; `models` is its digest."""
+    """The chains executed with one set of models, oldest first; `models` is its digest."""
 
     models: str = ""
     chains: tuple[ChainGain, ...] = ()
 
     def of(self, action_set: str) -> Gains:
-        """Return those of an action set."""
+        """Return the chains of an action set."""
         return replace(self, chains=tuple(chain for chain in self.chains if chain.action_set == action_set))
 
     def diagnostics(self) -> dict[str, str]:
-        """Return what refined chains of each action set have gained, in words."""
+        """Return the measured gain of each action set, in words."""
         sets = dict.fromkeys((DEFAULT_SET, *(chain.action_set for chain in self.chains)))
         return {f"measured gain per refined chain of {name}": str(self.of(name).measured) for name in sets}
 
     def comparison_share(self, greatest: float) -> float:
-        """Return the probability with which the next chain shall run as planned, at most `greatest`."""
+        """Return the probability with which the next chain runs as planned, at most `greatest`."""
         return greatest * min(1.0, math.sqrt(_FULL_SHARE / (len(self.chains) + 1)))
 
     @cached_property
     def measured(self) -> MeasuredGain:
         """The mean gain of refined chains.
 
-        Predictions of both kinds of chains err, and what comparison shows is the difference. Its interval is
-        that of two means (Welch).
+        Predictions of both kinds of chains have errors, and the difference of these is subtracted. The
+        interval is that of the difference of two means (Welch).
         """
         refined = [chain for chain in self.chains if chain.refined]
         compared = np.array([chain.excess for chain in self.chains if not chain.refined])
@@ -74,19 +72,18 @@ class Gains:
         if min(len(gained), len(compared)) < 2:
             return MeasuredGain(len(gained), len(compared), predicted)
         mean = float(gained.mean() + compared.mean())
-        squares = [float(each.var(ddof=1)) / len(each) for each in (gained, compared)]
-        total = sum(squares)
-        parts = zip(squares, (gained, compared), strict=True)
-        freedom = total**2 / max(sum(one**2 / (len(each) - 1) for one, each in parts), 1e-12)
-        half = float(stdtrit(max(freedom, 1.0), 0.975)) * math.sqrt(total)
+        parts = [(float(each.var(ddof=1)) / len(each), len(each) - 1) for each in (gained, compared)]
+        variance = sum(part for part, _ in parts)
+        freedom = variance**2 / max(sum(part**2 / count for part, count in parts), 1e-12)
+        half = float(stdtrit(max(freedom, 1.0), 0.975)) * math.sqrt(variance)
         return MeasuredGain(len(gained), len(compared), predicted, mean, mean - half, mean + half)
 
 
 def chain_gain(record: Any, models: str) -> ChainGain | None:
-    """Return the gain of a chain by its record (ator_interfaces/ChainPerformance); None if it does not count.
+    """Return the gain of a chain from an ator_interfaces/ChainPerformance; None if it does not count.
 
-    A chain counts that was refined or ran as planned to compare, with the models of this digest, if it
-    succeeded and nothing happened that no prediction contains.
+    A chain counts if it was refined, or ran as planned for comparison, with the models of this digest, and
+    succeeded without events that predictions do not cover.
     """
     gain, counts = record.gain, record.refined or record.gain.comparison
     excess = record.actual.duration - record.predicted.duration
@@ -100,10 +97,7 @@ def chain_gain(record: Any, models: str) -> ChainGain | None:
 
 
 def read_gains(folder: Path, models: str) -> Gains:
-    """Return the chains executed with a set of models; none if the file is missing or of another set.
-
-    Raises FileError if it is damaged.
-    """
+    """Return the chains executed with a set of models, if the file has any; FileError: it is damaged."""
     if not (folder / GAINS).exists():
         return Gains(models)
     gains = load(folder / GAINS, KIND, Gains)

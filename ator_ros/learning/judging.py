@@ -1,4 +1,4 @@
-"""Select the tree that predicts a measure of an action best, if it is significantly better."""
+"""Select the tree that best predicts a measure of an action, if it is significantly better."""
 
 from __future__ import annotations
 
@@ -22,10 +22,8 @@ from ator_ros.performance.tree.nodes import IntArray, ModelTree
 from ator_ros.robot.description import Robot
 
 _COLUMNS = {"duration": "duration", **OUTCOMES}
-_WINDOWS = (1000, 300, 100)
-"""Numbers of newest records from which trees are learned: only these show how the robot changed."""
-FEWEST_LEARNED = 20
-"""Records from which a tree can be learned."""
+_WINDOWS = (1000, 300, 100)  # newest records from which trees are learned, in case the robot changed
+_FEWEST_LEARNED = 20  # records from which a tree can be learned
 _RECENT = (30, 100)  # numbers of newest records to which trees are scaled
 _FEWEST_SCALED = 12
 _SLOPES = (0.3, 3.0)
@@ -58,10 +56,10 @@ class TrainingData:
 def training_data(
     rows: pd.DataFrame, robot: Robot, features: Sequence[Feature], driving: DrivingStyle | None
 ) -> dict[str, TrainingData]:
-    """Return the records of each measure: of all but success, those that succeeded.
+    """Return the records of each measure: for success all of them, for the others those that succeeded.
 
     `rows` are the starts of an action's episodes, oldest first, with `NUMBER`; `driving` is how the action
-    drives, as far as features need it.
+    drives, if features depend on it.
     """
     with np.errstate(all="ignore"):
         table = features_of(rows, robot, features, driving)
@@ -76,15 +74,10 @@ def training_data(
     return found
 
 
-def candidates(
+def _candidates(
     data: TrainingData, names: Sequence[str], current: ModelTree | None, former: Mapping[str, ModelTree]
 ) -> dict[str, Learn]:
-    """Return candidates by name, those that were learned from most records first.
-
-    `names` are the features to learn from, `former` the trees that were in use before, by the names of their
-    sets: they are candidates as they are. For durations, copies of the trees in use and before that are
-    scaled and shifted to the newest records are candidates too.
-    """
+    """Return candidates by name, those that are learned from most records first; see `judge`."""
     count = len(data.values)
     sizes = (count, *(size for size in _WINDOWS if size < 0.8 * count))
     found: dict[str, Learn] = {f"back to {name}": partial(_kept, tree) for name, tree in former.items()}
@@ -104,14 +97,13 @@ def _kept(tree: ModelTree, _: IntArray) -> ModelTree:
 
 
 def _rate(data: TrainingData, size: int, which: IntArray) -> ModelTree:
-    """Return a constant tree of the success rate: a few failures are too few to learn where they occur."""
-    values = data.values[which[-size:]]
-    return constant(data.table.columns[0], float(np.mean(values)), len(values))
+    """Return a constant tree of the success rate: a few failures do not show where they occur."""
+    return constant_tree(data.table.iloc[which[-size:]], data.values[which[-size:]])
 
 
 def _learned(data: TrainingData, names: Sequence[str], size: int, which: IntArray) -> ModelTree | None:
     which = which[-size:]
-    if len(which) < FEWEST_LEARNED:
+    if len(which) < _FEWEST_LEARNED:
         return None
     table, values = data.table[list(names)].iloc[which], data.values[which]
     if data.measure == "duration":
@@ -122,18 +114,13 @@ def _learned(data: TrainingData, names: Sequence[str], size: int, which: IntArra
 
 
 def _scaled_to(data: TrainingData, tree: ModelTree, size: int, which: IntArray) -> ModelTree | None:
-    """Return the tree scaled and shifted to the newest records; medians, so that outliers do not matter."""
+    """Return the tree scaled and shifted to the newest records, by medians, which outliers hardly change."""
     which = which[-size:]
     if len(which) < _FEWEST_SCALED:
         return None
     x, y = data.predicted(tree, which), data.values[which]
     slope = float(np.clip(theilslopes(y, x)[0], *_SLOPES)) if np.ptp(x) > 0.0 else 1.0
-    return scaled(tree, slope, float(np.median(y - slope * x)))
-
-
-def scaled(tree: ModelTree, slope: float, shift: float) -> ModelTree:
-    """Return a tree that predicts `slope` (above 0) times as much as another, and `shift` more."""
-    leaf = tree.is_leaf
+    shift, leaf = float(np.median(y - slope * x)), tree.is_leaf
     return dataclasses.replace(
         tree,
         intercept=np.where(leaf, slope * tree.intercept + shift, 0.0),
@@ -145,21 +132,9 @@ def scaled(tree: ModelTree, slope: float, shift: float) -> ModelTree:
     )
 
 
-def constant(name: str, value: float, samples: int) -> ModelTree:
-    """Return a tree over the feature `name` that predicts the same everywhere."""
-    number, zero, level = np.zeros(1, dtype=np.intp), np.zeros(1), np.array([value])
-    return ModelTree(
-        names=(name,),
-        feature=number,
-        threshold=zero,
-        children=np.zeros((1, 2), dtype=np.intp),
-        intercept=level,
-        coefficients=np.zeros((1, 1)),
-        lower=level,
-        upper=level,
-        spread=zero,
-        samples=np.array([float(samples)]),
-    )
+def constant_tree(table: pd.DataFrame, values: FloatArray) -> ModelTree:
+    """Return a tree over features (n, k) that predicts the mean of values (n,) everywhere."""
+    return small_tree(table, np.full(len(values), np.mean(values)))
 
 
 # The choice
@@ -177,21 +152,18 @@ _DRAWS = 5000
 
 @dataclass(frozen=True)
 class RoundVerdict:
-    """Result of a round of learning for one measure of an action.
+    """Result of a round of learning for one measure of an action, with the number of its records `episodes`.
 
     Attributes
     ----------
-    episodes : int
-        Number of records of the measure.
     reason : str
-        Why the tree stays or is replaced, in a sentence with the mean losses of the tree in use and of the
-        best candidate: absolute errors (s, m, rad), of success the Brier score.
+        Why the tree is kept or replaced, with the mean losses of the tree in use and of the best candidate:
+        absolute errors (s, m, rad), for success the Brier score.
     kind, tree
         Name and tree of the better candidate, if any; spreads of durations are as large as its errors on the
         tested records.
     tested, errors : ndarray or None
-        Positions of the tested records, and what their values are more than the candidate predicted without
-        them.
+        Positions of the tested records, and their values less those predicted by the candidate without them.
     """
 
     episodes: int
@@ -212,23 +184,33 @@ def judge(
 ) -> RoundVerdict:
     """Compare the tree of a measure with all candidates on the newest records, which are new to it.
 
-    These are split into folds. Each fold is predicted by candidates learned from all other records. A
-    candidate that is better is learned again from all records. `seen` is the number from which on records are
-    new to the tree in use; the others are as for `candidates`.
+    These are split into folds. Each fold is predicted by candidates learned from all other records. A better
+    candidate is learned again from all records. For durations, former trees and the current one are also
+    candidates when scaled and shifted to the newest records.
+
+    Parameters
+    ----------
+    names : sequence of str
+        The features to learn from.
+    current : ModelTree or None
+        The tree in use.
+    seen : int
+        The number from which on records are new to it.
+    former : mapping of str to ModelTree
+        Trees that were in use before, by the names of their sets: they are candidates as they are.
     """
     count = len(data.values)
     everything = np.arange(count)
     test = np.flatnonzero(data.numbers >= seen)[-max(_TESTED) :][::-1]  # newest first
     if len(test) < _FEWEST_TESTED:
         kind = "" if data.measure == "success" else " that succeeded"
-        reason = f"too few new records: {len(test)}, expected {_FEWEST_TESTED}{kind}"
-        return RoundVerdict(count, reason)
-    learners = candidates(data, names, current, former)
+        return RoundVerdict(count, f"too few new records: {len(test)}, expected {_FEWEST_TESTED}{kind}")
+    learners = _candidates(data, names, current, former)
     predicted = {name: _held_out(data, learn, test) for name, learn in learners.items()}
     predicted = {name: values for name, values in predicted.items() if np.isfinite(values).all()}
     if not predicted:
         rest = count - math.ceil(len(test) / _FOLDS)
-        reason = f"too few records: {rest} without those that are predicted, expected {FEWEST_LEARNED}"
+        reason = f"too few records: {rest} without those that are predicted, expected {_FEWEST_LEARNED}"
         return RoundVerdict(count, reason)
     if data.measure == "success" and current is not None:
         # Chains predicted to fail are no longer executed, so on the newest records alone a tree that predicts
@@ -272,7 +254,7 @@ def judge(
 
 
 def _held_out(data: TrainingData, learn: Learn, test: IntArray) -> FloatArray:
-    """Return predictions of the tested records, each fold by a tree of all others; NaN without a tree."""
+    """Return predictions of the tested records, each fold by a tree of all others; NaN if there is none."""
     predicted = np.full(len(test), np.nan)
     for fold in range(_FOLDS):
         part = slice(fold, None, _FOLDS)
@@ -297,29 +279,23 @@ def _baseline(data: TrainingData, current: ModelTree | None, test: IntArray) -> 
 
 
 def _best(before: FloatArray, losses: FloatArray, level: float) -> tuple[int, float, bool]:
-    """Return the number of the best candidate, its p-value, and whether it is significantly better.
-
-    Of those that are about as good as the best it is the first: it was learned from most records.
-    """
-    chances, means = p_values(before, losses), losses.mean(axis=0)
+    """Return the number of the best candidate, its p-value, and whether it is significantly better."""
+    # Of those that are about as good as the best it is the first, which was learned from most records.
+    chances, means = _p_values(before, losses), losses.mean(axis=0)
     better = np.flatnonzero((means < before.mean()) & (chances < level)).tolist()
     best = min(better or range(len(means)), key=lambda number: float(means[number]))
     for number in better:
-        if p_values(losses[:, number], losses[:, [best]])[0] >= _AS_GOOD:
+        if _p_values(losses[:, number], losses[:, [best]])[0] >= _AS_GOOD:
             best = number
             break
     return best, float(chances[best]), bool(better)
 
 
-def p_values(before: FloatArray, after: FloatArray) -> FloatArray:
-    """Return by what chance each of k models, or another of them, would appear as much better.
-
-    Under the null hypothesis the signs of the differences of losses are exchangeable: this is a sign-flip
-    permutation test. It assumes no distribution, so outliers decide nothing. All models are compared with the
-    same signs, and the p-value is that of the greatest of their statistics (Westfall and Young 1993), so many
-    similar candidates are corrected for like one. `before` (n,) are losses of the present model, `after` (n,
-    k) those of the others.
-    """
+def _p_values(before: FloatArray, after: FloatArray) -> FloatArray:
+    """Return p-values (k,) of k models with losses `after` (n, k), corrected for their number."""
+    # A sign-flip permutation test against the losses `before` (n,): it assumes no distribution, so outliers
+    # hardly matter. All models have the same signs, and the p-value is that of the greatest statistic
+    # (Westfall and Young 1993), so many similar candidates are corrected for like one.
     gain = before[:, None] - after
     gain = gain / np.maximum(np.sqrt(np.sum(gain * gain, axis=0)), 1e-12)
     signs = np.random.default_rng(0).choice((-1.0, 1.0), (_DRAWS, len(gain)))

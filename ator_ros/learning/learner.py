@@ -26,9 +26,18 @@ _SHARE = 0.02  # new records, as a share of all, after which to learn again
 class Learner:
     """Stores records, starts rounds of learning, and publishes sets with better models.
 
-    No other process may write to the folder of the learned sets, see `exclusive_folder`. `begin` starts a
-    round, after `batch` new records or 2 % of all; `most` episodes of an action set are kept. `start` is
-    the digest of the models of the start, see `digest_of_start`.
+    No other process may write to the folder of the learned sets, see `exclusive_folder`.
+
+    Parameters
+    ----------
+    begin : callable
+        Starts a round.
+    start : str
+        Digest of the models of the start, see `digest_of_start`.
+    batch : int
+        New records after which a round begins, if they are at least 2 % of all.
+    most : int
+        How many episodes of an action set are kept.
 
     Raises
     ------
@@ -84,7 +93,7 @@ class Learner:
             (self._folder / FROZEN).unlink(missing_ok=True)
 
     def learn_now(self) -> str:
-        """Request a round; return an empty text, or why it cannot start."""
+        """Request a round; return why it cannot start, empty if it can."""
         if self.frozen:
             return "learning is frozen"
         self._wanted = True
@@ -96,7 +105,7 @@ class Learner:
         self._put(lambda: self._store.append(action_set, episode))
 
     def take_chain(self, chain: ChainGain) -> None:
-        """Add a chain to what was gained with the set in use; it is kept in memory while the disk is full."""
+        """Add a chain to the gains of the set in use; it is kept in memory while the disk is full."""
         models = self.gains.models
 
         def write() -> None:
@@ -206,7 +215,7 @@ class Learner:
             self._round = None
 
     def _write_waiting(self) -> None:
-        if self._waiting:  # else nothing is written, and a report of a full disk stays
+        if self._waiting:  # without a write, a report of a full disk must not be cleared
             with self._reporting_full_disk():
                 while self._waiting:
                     self._waiting[0]()

@@ -41,6 +41,6 @@ class RoundProcess:
         return {"failed": (last or f"it ended with {self._process.returncode}")[:_LONGEST]}
 
     def kill(self) -> None:
-        """End it; it has published nothing."""
+        """End the process; its result is not published."""
         self._process.kill()
         self._process.communicate()

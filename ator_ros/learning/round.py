@@ -17,7 +17,7 @@ from ator_ros.domains.domain import Domain
 from ator_ros.experience.store import NUMBER, action_sets_in, read_records
 from ator_ros.experience.table import library_versions
 from ator_ros.files import FileError
-from ator_ros.learning.judging import RoundVerdict, TrainingData, constant, judge, training_data
+from ator_ros.learning.judging import RoundVerdict, constant_tree, judge, training_data
 from ator_ros.learning.sets import (
     RECORDS,
     Manifest,
@@ -39,7 +39,6 @@ from ator_ros.performance.model_file import (
     save_model,
 )
 from ator_ros.performance.training import error_features, observed_arrival, routed
-from ator_ros.performance.tree.nodes import ModelTree
 from ator_ros.robot.description import Robot
 
 _LEAST_RECORDS = 12  # to estimate the mean of a measure
@@ -49,7 +48,7 @@ Verdicts = dict[str, RoundVerdict]
 """The verdict on each measure of an action."""
 
 
-def improved(
+def _improved(
     action: str,
     rows: pd.DataFrame,
     robot: Robot,
@@ -59,12 +58,9 @@ def improved(
     seen: Mapping[str, int],
     former: Mapping[str, PerformanceModel],
 ) -> tuple[Verdicts, PerformanceModel | None]:
-    """Judge each tree of an action's model on the newest records; return a model if some tree is better.
-
-    The action, `robot` and `features` are as for `train`. `rows` are starts of its episodes, oldest first,
-    with `NUMBER`. `current` is the model in use, `seen` are the numbers from which on records are new to its
-    trees, by measure, and `former` the models that were in use before, by the names of their sets.
-    """
+    """Judge each tree of an action's model on the newest records; return a model if some tree is better."""
+    # `rows` are starts of its episodes, oldest first, with `NUMBER`. `seen` and `former` are as for `judge`:
+    # `seen` by measure, `former` with models instead of trees.
     rows = _usable(rows, features)
     rows = rows[routed(rows, robot, features)]
     if current is not None:
@@ -94,15 +90,17 @@ def improved(
         return kept, None
     if not better:
         return verdicts, None
-    trees = (trees or _means(data)) | better
+    if current is None:  # measures without a better tree are predicted by their means
+        counted = {name: found for name, found in data.items() if len(found.values) >= _LEAST_RECORDS}
+        trees = {name: constant_tree(found.table, found.values) for name, found in counted.items()}
+    trees |= better
     chosen = {measure: trees[measure] for measure in MEASURES if measure in trees}
     at_goal = current.at_goal if current is not None else UNOBSERVED
     errors, found = current.errors if current is not None else None, verdicts["duration"]
     if found.errors is not None:
         names = error_features(chosen["duration"], known)
-        errors = fit_error_process(
-            names, data["duration"].table[names].to_numpy()[found.tested], found.errors
-        )
+        tested = data["duration"].table[names].to_numpy()[found.tested]
+        errors = fit_error_process(names, tested, found.errors)
     return verdicts, PerformanceModel(
         action,
         robot,
@@ -116,7 +114,7 @@ def improved(
 
 
 def _usable(rows: pd.DataFrame, features: Sequence[Feature]) -> pd.DataFrame:
-    """Return the episodes with all goal variables, without successes of an impossible duration."""
+    """Return the episodes with all goal variables, without successes of an implausible duration."""
     wanted = list(declared_by(features))
     if not set(rows.columns).issuperset(wanted):
         return rows[:0]
@@ -126,20 +124,11 @@ def _usable(rows: pd.DataFrame, features: Sequence[Feature]) -> pd.DataFrame:
     return rows[~good | ((durations > 0.0) & (durations < max(10.0 * usual, 1.0)))]
 
 
-def _means(data: Mapping[str, TrainingData]) -> dict[str, ModelTree]:
-    """Return constant trees of the means of the measures, for an action without a model."""
-    return {
-        measure: constant(of.table.columns[0], float(np.mean(of.values)), len(of.values))
-        for measure, of in data.items()
-        if len(of.values) >= _LEAST_RECORDS
-    }
-
-
 @dataclass(frozen=True)
 class Source:
-    """What a round of learning starts from: `folder` has the learned sets and the store of records.
+    """The input of a round of learning: `folder` has the learned sets and the store of records.
 
-    The folder `models`, with which the node was started, may be missing.
+    `models` is the folder with which the node was started; it may be missing.
     """
 
     folder: Path
@@ -148,7 +137,7 @@ class Source:
     models: Path
 
     def model(self, place: Path, action: str, action_set: str) -> PerformanceModel | None:
-        """Return the model of an action in the folder of a set; None if there is no usable one."""
+        """Return the model of an action in the folder of a set; None if it is missing or unusable."""
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RobotMismatchWarning)
             try:
@@ -159,7 +148,7 @@ class Source:
 
 
 def learn(source: Source, *, time: str) -> dict[str, Any]:
-    """Compare models, and make a new set of this time if one is better; it is not published.
+    """Compare models, and make a new set with this time stamp if one is better; it is not published.
 
     Returns
     -------
@@ -179,7 +168,7 @@ def learn(source: Source, *, time: str) -> dict[str, Any]:
             if action not in source.domain.actions(action_set):
                 continue
             name, current = f"{action_set}/{action}", source.model(base, str(action), action_set)
-            verdicts, model = improved(
+            verdicts, model = _improved(
                 str(action),
                 rows,
                 source.robot,

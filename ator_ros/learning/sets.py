@@ -22,8 +22,7 @@ KIND = "learned set"
 MANIFEST = "set.manifest"
 CURRENT = "current"
 RECORDS = "records"
-KEPT = 10
-"""Sets that are kept: the newest, and the one in use."""
+KEPT = 10  # newest sets that are kept, besides the one in use
 _SETS = "sets"
 
 
@@ -51,7 +50,7 @@ def digest_of(folder: Path, files: Iterable[Path] | None = None) -> str:
 
 
 def digest_of_start(models: Path, action_sets: Iterable[str]) -> str:
-    """Return the digest of the models of the start; empty if one cannot be read, as readers report."""
+    """Return the digest of the models of the start; empty if one cannot be read."""
     try:
         return digest_of(
             models, [file for name in action_sets for file in models_folder(models, name).glob("*.json")]
@@ -99,8 +98,7 @@ def seal(made: Path, manifest: Manifest) -> None:
 def publish(folder: Path, made: Path) -> Path:
     """Give a sealed set its final name and let `current` point to it; return its folder.
 
-    Raises FileError for a damaged set, and OSError if it cannot be written; then `current` is as it
-    was.
+    Raises FileError for a damaged set, and OSError if it cannot be written; `current` then stays as it is.
     """
     digest = read_manifest(made).digest
     numbers = [int(name.name.partition("-")[0]) for name in sets_in(folder)]

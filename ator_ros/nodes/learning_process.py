@@ -19,7 +19,7 @@ NICE = 15
 
 
 def main() -> None:
-    """Do one round, after all other processes, and write its result to standard output.
+    """Execute one round at the lowest priority, and write its result to standard output.
 
     Arguments, in a JSON list: the folder of records, domain, robot, models, map and planner as the parameters
     of the node name them, and the time.

@@ -27,7 +27,7 @@ FROM_X, FROM_Y, FROM_YAW, GOAL_X, GOAL_Y, GOAL_YAW, DX, DY, DIST, ANGLE_TO, ANGL
 AT_BY_TURN, ANGLE_BETWEEN, SPEED, W_BY_TURN, ARRIVAL, HOLDS = range(11, len(BASICS))
 TO_X, TO_Y, TO_DEST, AT_DEST, RESTS, OPENING = range(len(BASICS), len(BASICS) + 6)
 """Rows after them: the destination (m), the signed angles to and at it (rad), whether the robot stands at
-both ends (1 or 0), and four of the opening: x, y (m), heading (rad), and the time until then (s)."""
+both ends (1 or 0), and four of the end of the opening: x, y (m), heading (rad), and its time (s)."""
 ROWS = OPENING + 4
 _REST_V, _REST_W = AT_REST.v, AT_REST.w
 
@@ -36,27 +36,19 @@ _REST_V, _REST_W = AT_REST.v, AT_REST.w
 def wrapped(angle: float) -> float:
     """Return the same angle in rad in [-pi, pi), as `ator_ros.geometry.wrap_angles` does."""
     turned = angle + math.pi
-    if not 0.0 <= turned < 2.0 * math.pi:  # mostly it is: the remainder takes long and would change nothing
+    if not 0.0 <= turned < 2.0 * math.pi:  # usually it is, and the remainder is slow
         turned %= 2.0 * math.pi
     return turned - math.pi
 
 
+# The direct variables `direct` have the shape (10 or more, n), `rows` has the shape (ROWS, n).
+
+
 @compiled
-def derive_positions(direct: FloatArray, hold: float, aw: float, rows: FloatArray) -> None:
-    """Write all rows but those of the bearing, see `derive_angles`.
+def _write_positions(direct: FloatArray, hold: float, aw: float, rows: FloatArray) -> None:
+    """Write all rows but those of the bearing, see `_write_angles`; `hold` in m.
 
-    In the opening the start's rotation is lost at up to `aw`, while the speed stays what it is.
-
-    Parameters
-    ----------
-    direct : ndarray, shape (10 or more, n)
-        Direct variables, in the order of `DIRECT_VARIABLES`.
-    hold : float
-        Distance in m from the axle to the held object.
-    aw : float
-        Limit of the angular acceleration in rad/s^2.
-    rows : ndarray, shape (ROWS, n)
-        Result.
+    In the opening the robot loses its rotation at up to `aw` (rad/s^2), while its speed stays the same.
     """
     for at in range(direct.shape[1]):
         speed, rotation, yaw = direct[V, at], direct[W, at], direct[YAW, at]
@@ -83,18 +75,8 @@ def derive_positions(direct: FloatArray, hold: float, aw: float, rows: FloatArra
 
 
 @compiled
-def derive_angles(direct: FloatArray, bearing: FloatArray, rows: FloatArray) -> None:
-    """Write the rows that need the bearing of the destination.
-
-    Parameters
-    ----------
-    direct : ndarray, shape (10 or more, n)
-        As for `derive_positions`.
-    bearing : ndarray, shape (n,)
-        Of the way in the rows DX and DY, in rad.
-    rows : ndarray, shape (ROWS, n)
-        Result.
-    """
+def _write_angles(direct: FloatArray, bearing: FloatArray, rows: FloatArray) -> None:
+    """Write the rows that need the bearing (n,) of the destination, in rad."""
     for at in range(direct.shape[1]):
         to = wrapped(bearing[at] - direct[YAW, at])
         there = wrapped(direct[YAWG, at] - bearing[at])
@@ -105,37 +87,8 @@ def derive_angles(direct: FloatArray, bearing: FloatArray, rows: FloatArray) -> 
 
 
 @compiled
-def relate_route(rows: FloatArray, straight: BoolArray, table: FloatArray) -> None:
-    """Write lengths of straight routes, and replace headings at both ends by angles, see `route_features`.
-
-    Parameters
-    ----------
-    rows : ndarray, shape (ROWS, n)
-        See `Geometry.rows`.
-    straight : ndarray, shape (n,)
-        Which routes are straight: their length and angles are those to the destination.
-    table : ndarray, shape (5, n)
-        Length, turn, clearance, and the headings at departure and arrival.
-    """
-    for at in range(rows.shape[1]):
-        if straight[at]:
-            table[0, at], table[3, at], table[4, at] = rows[DIST, at], rows[ANGLE_TO, at], rows[ANGLE_AT, at]
-        else:
-            table[3, at] = abs(wrapped(table[3, at] - rows[FROM_YAW, at]))
-            table[4, at] = abs(wrapped(rows[GOAL_YAW, at] - table[4, at]))
-
-
-@compiled
-def write_relative_ends(direct: FloatArray, rows: FloatArray, ends: FloatArray) -> None:
-    """Write destinations as seen from the openings.
-
-    Parameters
-    ----------
-    direct, rows
-        As for `derive_positions`.
-    ends : ndarray, shape (5, n)
-        Result, see `ator_ros.motion.shapes.fastest_paths`.
-    """
+def _write_relative_ends(direct: FloatArray, rows: FloatArray, ends: FloatArray) -> None:
+    """Write the destinations relative to the openings, shape (5, n), see `fastest_paths`."""
     for at in range(direct.shape[1]):
         heading = rows[OPENING + 2, at]
         cos, sin = math.cos(heading), math.sin(heading)
@@ -152,7 +105,7 @@ ALIGNED = 0.1
 
 
 @compiled
-def complete_paths(rows: FloatArray, w: float, aw: float, paths: FloatArray) -> None:
+def _complete_paths(rows: FloatArray, w: float, aw: float, paths: FloatArray) -> None:
     """Add the openings to the paths after them, shape (2, n): time (s) and angle turned (rad).
 
     A robot at rest within `NEAR` of its goal turns on the spot, with an object in front up to `ALIGNED` only,
@@ -171,25 +124,18 @@ Derived = TypeVar("Derived")
 
 
 class Geometry:
-    """The derived quantities of n situations, each computed once, when first asked for.
+    """The derived quantities of n situations, each computed once, when it is first requested.
 
     Parameters
     ----------
     direct, further
         Direct variables, see `direct_table`.
-    robot : Robot
-        Limits, and where it holds an object.
     driving : DrivingStyle, optional
         How the action was observed to drive; by default at all limits of the base.
     """
 
     def __init__(
-        self,
-        direct: Direct,
-        robot: Robot,
-        driving: DrivingStyle | None = None,
-        *,
-        further: Iterable[str] = (),
+        self, direct: Direct, robot: Robot, driving: DrivingStyle | None = None, further: Iterable[str] = ()
     ) -> None:
         self.direct = direct_table(direct, further)
         self._table = self.direct.table
@@ -197,7 +143,7 @@ class Geometry:
         self._kept: dict[Callable[[Geometry], Any], Any] = {}
 
     def once(self, compute: Callable[[Geometry], Derived]) -> Derived:
-        """Return what `compute` returns for this geometry; only the first request calls it."""
+        """Return the result of `compute` for this geometry, which is called once."""
         if compute not in self._kept:
             self._kept[compute] = compute(self)
         kept: Derived = self._kept[compute]
@@ -205,18 +151,18 @@ class Geometry:
 
     @cached_property
     def rows(self) -> FloatArray:
-        """Quantities that all share, shape (ROWS, n), see `ator_ros.performance.derived`."""
+        """The quantities of `BASICS` and those after them, shape (ROWS, n)."""
         rows = np.empty((ROWS, self._table.shape[1]))
-        derive_positions(self._table, self.robot.hold, self.robot.limits.aw, rows)
+        _write_positions(self._table, self.robot.hold, self.robot.limits.aw, rows)
         heading, dist = self.direct["yawg"], rows[DIST]
         pull = _NEAR_PULL * np.maximum(NEAR - dist, 0.0)
         bearing = np.arctan2(rows[DY] + pull * np.sin(heading), rows[DX] + pull * np.cos(heading))
-        derive_angles(self._table, bearing, rows)
+        _write_angles(self._table, bearing, rows)
         return rows
 
     @property
     def at_rest(self) -> BoolArray:
-        """Whether the robot stands at the start and shall stand at the goal."""
+        """Whether the robot stands at the start and at the goal."""
         return np.asarray(self.rows[RESTS] > 0.5)
 
     @property
@@ -238,7 +184,7 @@ class Geometry:
     def ends(self) -> FloatArray:
         """Both ends of the path after the opening, see `ator_ros.motion.shapes.fastest_paths`."""
         ends = np.empty((5, self._table.shape[1]))
-        write_relative_ends(self._table, self.rows, ends)
+        _write_relative_ends(self._table, self.rows, ends)
         return ends
 
     @cached_property
@@ -251,7 +197,7 @@ class Geometry:
         paths = fastest_paths(self.ends, shapes, hold=hold)
         if driving.approaches and holding.any() and not holding.all():
             paths = np.where(holding, paths, fastest_paths(self.ends, driving.drive_paths, hold=hold))
-        complete_paths(self.rows, driving.limits.w, driving.limits.aw, paths)
+        _complete_paths(self.rows, driving.limits.w, driving.limits.aw, paths)
         return paths
 
 

@@ -1,4 +1,4 @@
-"""The direct variables of a situation: what the state estimation and the goal give (paper, section 4.1)."""
+"""The direct variables of a situation: estimated state and goal (paper, section 4.1)."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ DIRECT_VARIABLES: dict[str, str] = {
     "speedg": "m/s",
     "hold": "",
 }
-"""Name and unit. x, y, yaw, v, w: the axle at the start. xg, yg: where the goal's point shall come, the
-axle (hold 0) or an object held in front (hold 1); yawg, speedg: heading and forward speed there.
-All in the world frame. Goal variables that an action declares come besides, as NAMEg."""
+"""Name and unit. x, y, yaw, v, w: the axle at the start. xg, yg: the goal of the axle (hold 0) or of the
+object held in front (hold 1); yawg, speedg: heading and forward speed there. Poses are in the world frame.
+Goal variables that an action declares follow as NAMEg."""
 
 X, Y, YAW, V, W, XG, YG, YAWG, SPEEDG, HOLD = range(len(DIRECT_VARIABLES))
 """Rows of a table of direct variables."""
@@ -32,14 +32,9 @@ Direct = Mapping[str, Any]
 
 
 class DirectTable(Mapping[str, FloatArray]):
-    """Direct variables of n situations by name, each a row of one table.
+    """Direct variables of n situations by name, each a row of `table`, shape (names, n).
 
-    Parameters
-    ----------
-    names : tuple of str
-        All DIRECT_VARIABLES, and after them those that stand for declared goal variables, sorted.
-    table : ndarray, shape (names, n)
-        Their values.
+    `names` are all DIRECT_VARIABLES, then the declared goal variables, sorted.
     """
 
     def __init__(self, names: tuple[str, ...], table: FloatArray) -> None:
@@ -58,22 +53,16 @@ class DirectTable(Mapping[str, FloatArray]):
 
 
 def direct_table(direct: Direct, further: Iterable[str] = ()) -> DirectTable:
-    """Bring direct variables into the rows of a table; one that is such a table stays as it is, unchecked.
+    """Return direct variables as a table; one that has these rows already is returned unchecked.
 
-    Scalars are spread, so that one situation and a thousand go through the same operations: numpy computes
-    them the same to the last bit only then.
+    Scalars become arrays: only then does numpy compute one situation and a thousand identically.
 
     Parameters
     ----------
     direct : mapping
         All DIRECT_VARIABLES by name, each a number or an array of shape (n,); others are ignored.
     further : iterable of str
-        Names of further ones, which are wanted too.
-
-    Raises
-    ------
-    ValueError
-        A variable is missing.
+        Names of required variables besides; a missing one raises ValueError.
     """
     names = (*DIRECT_VARIABLES, *further)
     if isinstance(direct, DirectTable) and direct.names == names:

@@ -1,4 +1,4 @@
-"""How an action was observed to drive, as far as the times of its paths depend on it."""
+"""How an action drives, as far as the times of its paths depend on it."""
 
 from __future__ import annotations
 
@@ -36,13 +36,13 @@ class DrivingStyle:
     free_heading : bool
         Whether it ends at any heading, as a shot does: its paths have no last turn.
     run : float
-        Length in m of the straight run up to the object held at the goal, of an action that also drives
-        backward; the run of one that does not is as long as its change of speed needs.
+        Length in m of the straight run up to the object held at the goal. If the action only drives forward,
+        the run is as long as its change of speed needs.
     passing : float
         Distance in m that a straight drive keeps from the object held at the goal.
     drives, approaches : tuple
-        Groups of the shapes of paths whose fastest counts, to a pose and to one at which the robot holds an
-        object; without approaches these are as the drives.
+        Groups of shapes of paths, the fastest of which counts: to a pose, and to a pose at which the robot
+        holds an object. Without approaches, the drives hold for both.
     """
 
     limits: Limits
@@ -100,7 +100,7 @@ TurnRates = Callable[[float, float], float]
 
 
 def free_shapes(limits: Limits, runs: Iterable[float] = (0.0,)) -> list[Shape]:
-    """Return the shapes of paths of a base that turns at its limit at any speed, forward and backward."""
+    """Return the shapes of paths of a base that turns at its limit at any speed, and drives backward too."""
     return [
         Shape(first * limits.a, limits.w, last * limits.a, limits.w, share, direction=direction)
         for first, last, direction, share in itertools.product(_CHANGES, _CHANGES, (1.0, -1.0), runs)
@@ -111,30 +111,15 @@ def forward_shapes(
     limits: Limits, first_rate: TurnRates, last_rate: TurnRates, *, free_heading: bool = False
 ) -> list[Shape]:
     """Return the shapes of paths forward, whose turns are as fast as `first_rate` and `last_rate` allow."""
+    at_least = [(least, math.nan, least * limits.v if least else math.nan) for least in _LEAST]
     begins = [
-        (
-            gain * limits.a,
-            first_rate(speed, gain) * limits.w,
-            entry * limits.v,
-            least * limits.v if least else math.nan,
-        )
-        for speed, entry, least in (
-            *((least, math.nan, least) for least in _LEAST),
-            *((lead, lead, 0.0) for lead in _LEADS),
-        )
+        (gain * limits.a, first_rate(speed, gain) * limits.w, entry * limits.v, start)
+        for speed, entry, start in (*at_least, *((lead, lead, math.nan) for lead in _LEADS))
         for gain in _GAINS
     ]
     ends = [
-        (
-            loss * limits.brake,
-            last_rate(speed, -loss) * limits.w,
-            share,
-            least * limits.v if least else math.nan,
-        )
-        for speed, share, least in (
-            *((speed, speed, 0.0) for speed in _ARRIVALS),
-            *((least, math.nan, least) for least in _LEAST),
-        )
+        (loss * limits.brake, last_rate(speed, -loss) * limits.w, share, arrival)
+        for speed, share, arrival in (*((speed, speed, math.nan) for speed in _ARRIVALS), *at_least)
         for loss in _LOSSES
     ]
     ends = [(0.0, limits.w, math.nan, math.nan)] if free_heading else ends
@@ -148,9 +133,9 @@ def forward_shapes(
 
 
 def chosen_shapes(shapes: Sequence[Shape], rules: Rules, ends: FloatArray, *, hold: float) -> StoredGroups:
-    """Return the groups of `shapes` that bring the times of paths nearest to those of all.
+    """Return the groups of `shapes` whose paths are about as fast as those of all shapes.
 
-    They are needed between ends like `ends`, shape (5, n), see `ator_ros.motion.shapes.drawn_ends`.
+    Times are compared between ends like `ends`, shape (5, n), see `ator_ros.motion.shapes.drawn_ends`.
     """
     drawn = drawn_ends(ends, _DRAWN, np.random.default_rng(_SEED))
     grid = shape_set([[shape] for shape in shapes], rules)
@@ -162,7 +147,7 @@ def chosen_shapes(shapes: Sequence[Shape], rules: Rules, ends: FloatArray, *, ho
 
 @lru_cache(maxsize=8)
 def plain_driving(robot: Robot) -> DrivingStyle:
-    """Return the assumption for an action that was not observed: all that the base can do."""
+    """Return how an action that was not observed is assumed to drive: at all limits of the base."""
     limits = robot.limits
     speeds = np.linspace(0.0, limits.v, _PLAIN) * (np.arange(_PLAIN) % 2)
     unturned = np.zeros(_PLAIN)

@@ -1,9 +1,8 @@
-"""What a model's errors on episodes that it was not learned from say about its predictions elsewhere.
+"""The errors of a model as a Gaussian process over its features (Rasmussen and Williams 2006, chapter 2).
 
-A model of the wrong form errs in the same way in similar situations, and so do models of resampled episodes:
-their spread does not show it. Here the errors are a Gaussian process over the features (Rasmussen and
-Williams 2006, chapter 2). Where similar episodes show an error, it is expected again. Where there are none,
-its mean is 0 and its deviation `signal`.
+It is fitted to errors on episodes that the model was not learned from. Where similar episodes have an error,
+the same error is expected; where there are none, its mean is 0 and its deviation `signal`. The spread of
+models of resampled episodes would not show such errors: models of the same form err in the same way.
 """
 
 from __future__ import annotations
@@ -43,7 +42,7 @@ class ErrorProcess:
     errors : tuple of float
         Actual less predicted duration in s of each episode, by a model that was learned without it.
     signal, noise : float
-        Standard deviations in s of the process, and of the rest, which differs between similar episodes.
+        Standard deviations in s of the process, and of what differs between similar episodes.
     length : float
         Distance between points over which errors are similar.
     """
@@ -69,12 +68,7 @@ class ErrorProcess:
     def of_sum(self, features: FloatArray, signs: FloatArray) -> tuple[float, float]:
         """Return the expected error of a signed sum of durations in s, and its variance in s².
 
-        Parameters
-        ----------
-        features : ndarray, shape (n, k)
-            Situations.
-        signs : ndarray, shape (n,)
-            Of their durations in the sum.
+        `features` (n, k) are the situations, `signs` (n,) those of their durations in the sum.
         """
         points = (features - np.array(self.center)) / np.array(self.scale)
         known, inverse, weights = self._solved
@@ -114,13 +108,10 @@ def fit_error_process(names: Sequence[str], features: FloatArray, errors: FloatA
     signal = ConstantKernel(spread**2, ((_LEAST_SIGNAL * spread) ** 2, (10.0 * spread) ** 2))
     kernel = signal * Matern(0.5 * longest, (shortest, longest), nu=1.5)
     noise = WhiteKernel(spread**2, ((0.2 * spread) ** 2, (3.0 * spread) ** 2))
-    with warnings.catch_warnings():  # a result at a bound is what the bound is for
+    with warnings.catch_warnings():  # results at a bound are intended
         warnings.simplefilter("ignore", ConvergenceWarning)
-        found = (
-            GaussianProcessRegressor(kernel + noise)
-            .fit(points, _clipped(errors, points))
-            .kernel_.get_params()
-        )
+        process = GaussianProcessRegressor(kernel + noise).fit(points, _clipped(errors, points))
+    found = process.kernel_.get_params()
     return ErrorProcess(
         tuple(names),
         tuple(center.tolist()),

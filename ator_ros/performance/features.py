@@ -1,7 +1,6 @@
 """Features: derived variables that correlate better with performance than the direct ones (paper, section 3).
 
-Those here hold for any action of a robot that drives; a domain adds its own, see `Domain.features`. One
-function, `feature_table`, serves learning and prediction. A feature is computed only if asked for.
+Those here hold for any action of a robot that drives; a domain adds its own, see `Domain.features`.
 """
 
 from __future__ import annotations
@@ -12,19 +11,23 @@ from dataclasses import dataclass
 import numpy as np
 
 from ator_ros.actions.goal_variables import GoalVariable, direct_name
-from ator_ros.geometry import FloatArray
+from ator_ros.geometry import FloatArray, wrap_angles
 from ator_ros.motion.durations import drive_time, turn_time
 from ator_ros.motion.routes import routes_of
 from ator_ros.performance.derived import (
+    ANGLE_AT,
+    ANGLE_TO,
     ARRIVAL,
     BASICS,
+    DIST,
     FROM_X,
     FROM_Y,
+    FROM_YAW,
+    GOAL_YAW,
     SPEED,
     TO_X,
     TO_Y,
     Geometry,
-    relate_route,
 )
 from ator_ros.performance.direct import DIRECT_VARIABLES, Direct
 from ator_ros.performance.driving import DrivingStyle
@@ -55,7 +58,7 @@ def variables(words: str) -> frozenset[str]:
 
 
 def _basic(name: str, unit: str, derives: str) -> Feature:
-    """Return a feature that is one of the quantities that all share."""
+    """Return the feature that is one of the rows of `BASICS`."""
     row = BASICS.index(name)
     return Feature(name, unit, variables(derives), lambda g: g.rows[row])
 
@@ -97,20 +100,19 @@ GENERAL: dict[str, Feature] = {feature.name: feature for feature in (*PAPER_11, 
 """The features that every domain has, by name."""
 
 CANDIDATES: tuple[Feature, ...] = (*PAPER_3, *SIGNED, *PATHS)
-"""Features from which the model tree of an action selects that names none; see `ActionSpec.features`."""
+"""Candidate features of an action that names none; see `ActionSpec.features`."""
 
 
 def _on_route(geometry: Geometry) -> FloatArray:
-    """Return the features of routes without their times, shape (5, n), in the order of `ROUTE_FEATURES`.
-
-    Straight routes have length and angles of `PAPER_3`.
-    """
+    """Return the features of routes but their times, shape (5, n); straight ones have those of `PAPER_3`."""
     rows, routes = geometry.rows, routes_of(geometry.robot)
     assert routes is not None
     route = routes.between(rows[FROM_X], rows[FROM_Y], rows[TO_X], rows[TO_Y])
-    table = np.stack([route.length, route.turn, route.clearance, route.departure, route.arrival])
-    relate_route(rows, route.straight, table)
-    return table
+    to = np.abs(wrap_angles(route.departure - rows[FROM_YAW]))
+    at = np.abs(wrap_angles(rows[GOAL_YAW] - route.arrival))
+    pairs = ((DIST, route.length), (ANGLE_TO, to), (ANGLE_AT, at))
+    length, to, at = (np.where(route.straight, rows[row], around) for row, around in pairs)
+    return np.stack([length, route.turn, route.clearance, to, at])
 
 
 def _route_time(geometry: Geometry) -> FloatArray:
@@ -146,16 +148,16 @@ def names_of(features: Iterable[Feature]) -> tuple[str, ...]:
 def feature_table(
     direct: Direct, robot: Robot, features: Sequence[Feature], driving: DrivingStyle | None = None
 ) -> FloatArray:
-    """Compute features, shape (n, len(features)).
+    """Return the features of n situations, shape (n, len(features)).
 
     Parameters
     ----------
     direct : mapping
-        Direct variables of n situations, see `direct_table`.
+        Direct variables, see `direct_table`.
     driving : DrivingStyle, optional
         How the action was observed to drive, for `PATHS`.
     """
-    geometry = Geometry(direct, robot, driving, further=declared_by(features))
+    geometry = Geometry(direct, robot, driving, declared_by(features))
     table = np.empty((len(geometry.direct["x"]), len(features)))
     for column, feature in enumerate(features):
         table[:, column] = geometry.once(feature.compute)
@@ -168,5 +170,5 @@ def derived_from(features: Iterable[Feature]) -> frozenset[str]:
 
 
 def declared_by(features: Iterable[Feature]) -> tuple[str, ...]:
-    """Return those direct variables of `features` that stand for declared goal variables, sorted."""
+    """Return the direct variables of `features` that are declared goal variables, sorted."""
     return tuple(sorted(derived_from(features) - DIRECT_VARIABLES.keys()))

@@ -28,7 +28,7 @@ MEASURES: dict[str, str] = {"duration": "s", "success": "", "accuracy": "m", "he
 
 @dataclass(frozen=True)
 class Prediction:
-    """Predicted performance of n situations: arrays of shape (n,), None where not asked for.
+    """Predicted performance of n situations: arrays of shape (n,), None if not requested.
 
     Attributes
     ----------
@@ -62,7 +62,7 @@ class AtGoal:
         Mean and standard deviation in s.
     """
 
-    # Beyond 1 m or 1 rad a robot drives or turns to the goal. No server takes a day to answer.
+    # Beyond 1 m or 1 rad a robot drives or turns to the goal. No server takes a day to respond.
     dist: Annotated[float, Within(0.0, 1.0)] = 0.01
     angle: Annotated[float, Within(0.0, 1.0)] = 0.02
     duration: Annotated[float, Within(0.0, 86_400.0)] = CONTROL_PERIOD
@@ -70,7 +70,7 @@ class AtGoal:
 
 
 UNOBSERVED = AtGoal()
-"""What holds for an action of which no run at its goal was observed: it ends within a tick."""
+"""Assumption for an action of which no run at its goal was observed: it ends within a tick."""
 
 
 @dataclass(frozen=True)
@@ -79,10 +79,9 @@ class Arrival:
 
     Attributes
     ----------
-    dist : float
-        Distance in m, on the line from the start to the goal.
-    angle : float
-        Angle in rad that is left of a turn to the goal's heading.
+    dist, angle : float
+        Distance in m that is left on the line from the start to the goal, and angle in rad that is left of
+        the turn to the goal's heading.
     """
 
     dist: Annotated[float, Within(0.0)]
@@ -100,7 +99,7 @@ class PerformanceModel:
     trees : mapping of str to ModelTree
         A tree for each measure that was learned; "duration" is always among them.
     features : mapping of str to Feature
-        The features that the trees name, by name, and perhaps others.
+        By name: those of the trees, and perhaps others.
     metadata : mapping
         Where the model comes from and how accurate it is; see `model_file`.
     driving : DrivingStyle or None
@@ -108,7 +107,7 @@ class PerformanceModel:
     at_goal : AtGoal or None
         How long it takes at its goal; None where the tree predicts that too.
     errors : ErrorProcess or None
-        What its errors on other episodes say about predictions elsewhere; None: any error is possible.
+        Its errors on episodes that it was not learned from; None: any error is possible.
     arrival : Arrival or None
         Where it ends, if the robot stands at its start and end; None: at the goal.
     """
@@ -131,21 +130,20 @@ class PerformanceModel:
     @cached_property
     def used_variables(self) -> frozenset[str]:
         """The direct variables that any prediction derives from (paper, section 4.2)."""
-        names = {name for tree in self.trees.values() for name in tree.used_features()}
-        return derived_from(self.features[name] for name in names)
+        trees = self.trees.values()
+        return derived_from(self.features[name] for tree in trees for name in tree.used_features())
 
     @cached_property
     def declared_variables(self) -> tuple[str, ...]:
-        """The direct variables of the trees that stand for goal variables which the action declares."""
-        names = {name for tree in self.trees.values() for name in tree.names}
-        return declared_by(self.features[name] for name in names)
+        """The direct variables of the trees that are goal variables declared by the action."""
+        return declared_by(self.features[name] for tree in self.trees.values() for name in tree.names)
 
     @cached_property
     def experience(self) -> Mapping[str, tuple[float, float]]:
-        """Least and greatest value of direct variables and of `way` at the starts that it was learned from.
+        """Least and greatest value of each quantity at the starts that it was learned from, if known.
 
-        Places are relative to the center of the area in the file, and here as in the robot's area. Empty
-        where that is not known; see `ator_ros.performance.training.start_ranges`.
+        Places are in the robot's area, while those of the file are relative to the area's center; see
+        `ator_ros.performance.training.start_ranges`.
         """
         ranges = self.metadata.get("training", {}).get("starts", {})
         area = self.robot.scene.area
@@ -167,7 +165,7 @@ class PerformanceModel:
         measures : tuple of str
             Which fields of the prediction to compute; those that were not learned stay None.
         signs : ndarray, shape (n,), optional
-            Of the durations in a sum, whose error is then predicted as well.
+            Signs of the durations in a sum, whose error is then predicted as well.
         """
         geometry = self._geometry(direct)
         fields: dict[str, FloatArray] = {}
@@ -207,7 +205,7 @@ class PerformanceModel:
         return self._writer("duration").explanation(rows[:, 0])
 
     def _geometry(self, direct: Direct) -> Geometry:
-        return Geometry(direct, self.robot, self.driving, further=self.declared_variables)
+        return Geometry(direct, self.robot, self.driving, self.declared_variables)
 
     def _rows(self, geometry: Geometry, names: Iterable[str]) -> FloatArray:
         columns = [geometry.once(self.features[name].compute) for name in names]

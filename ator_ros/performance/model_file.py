@@ -26,7 +26,7 @@ KIND = "performance model"
 
 @dataclass(frozen=True)
 class _ModelFile:
-    """The fields of a model file; features: unit by name; accuracy: empty if not measured."""
+    """The fields of a model file: `features` are units by name; `accuracy` is empty if not measured."""
 
     action: str
     action_set: str
@@ -42,7 +42,7 @@ class _ModelFile:
     arrival: Arrival | None = None
 
     def __post_init__(self) -> None:
-        """Check what the annotations do not."""
+        """Check what depends on several fields, and numbers that are read later."""
         require("duration" in self.trees, "trees.duration", "a tree", None)
         for measure, tree in self.trees.items():
             unknown = sorted(set(tree.features) - self.features.keys())
@@ -62,20 +62,17 @@ class _ModelFile:
 
 
 class NoModelsError(FileError):
-    """A folder of models without a single one for an action set."""
+    """A folder has no model for an action set."""
 
 
 class RobotMismatchWarning(UserWarning):
-    """A model was learned with another robot than the one that it is to predict for."""
+    """A model was learned with another robot than the one that it predicts for."""
 
 
 def model_path(action: str, action_set: str = DEFAULT_SET) -> Path:
     """Return the place of a model below models/: goToPose.json, or bezier/goToPose.json for that set.
 
-    Raises
-    ------
-    FileError
-        A name that is no name, and could lead elsewhere.
+    Raises FileError for a name with other characters, which could lead elsewhere.
     """
     for field, name in (("action", action), ("action_set", action_set)):
         if not is_name(name):
@@ -89,10 +86,7 @@ def models_folder(top: Path, action_set: str = DEFAULT_SET) -> Path:
 
 
 def save_model(path: Path | str, model: PerformanceModel) -> None:
-    """Write `model` and its metadata, whole or not at all; the same model gives the same bytes.
-
-    Its `metadata` gives action_set, training, versions and accuracy.
-    """
+    """Write `model`, with the action_set, training, versions and accuracy of its metadata; atomic."""
     names = dict.fromkeys(name for tree in model.trees.values() for name in tree.names)
     names.update(dict.fromkeys(model.errors.features if model.errors is not None else ()))
     file = _ModelFile(
@@ -118,7 +112,7 @@ def load_model(path: Path | str, robot: Robot, features: Mapping[str, Feature]) 
     Parameters
     ----------
     robot : Robot
-        For whose limits features are computed; another one than in learning raises a RobotMismatchWarning.
+        The robot to predict for; a RobotMismatchWarning is raised if the model was learned with another one.
     features : mapping of str to Feature
         All features that the file may name; see `Domain.known_features`.
 
@@ -153,17 +147,8 @@ def load_model(path: Path | str, robot: Robot, features: Mapping[str, Feature]) 
     names = ("action", "action_set", "robot_digest", "training", "versions", "accuracy")
     metadata = {name: getattr(file, name) for name in names}
     trees = {measure: restored(tree) for measure, tree in file.trees.items()}
-    return PerformanceModel(
-        file.action,
-        robot,
-        trees,
-        named,
-        metadata,
-        file.driving,
-        file.at_goal,
-        file.errors,
-        file.arrival,
-    )
+    observed = (file.driving, file.at_goal, file.errors, file.arrival)
+    return PerformanceModel(file.action, robot, trees, named, metadata, *observed)
 
 
 def _is_finite(value: Any) -> bool:
@@ -179,12 +164,7 @@ def load_models(
 ) -> dict[str, PerformanceModel]:
     """Read all models of an action set, by action; `folder` is the shipped models/ by default.
 
-    Raises
-    ------
-    NoModelsError
-        There are none.
-    FileError
-        One of them cannot be used, or `folder` is none.
+    Raises NoModelsError if there are none, and FileError if one of them, or the folder, cannot be used.
     """
     top = folder if folder is not None else resource_path("models")
     if not top.is_dir():

@@ -1,9 +1,8 @@
-"""How an action drives, read off odometry and durations: its limits, its turns, how it approaches objects.
+"""How an action drives, estimated from odometry and durations: its limits, turns, and approach of objects.
 
-A path turns, drives straight and turns again. Which turns an action drives, at which speeds, and how fast,
-its runs show: a robot that pushes a ball turns more slowly while it brakes, a server that only turns on the
-spot turns at no other speed. From these turns the shapes of paths are made whose times are features
-(`ator_ros.performance.driving`).
+A path turns, drives straight and turns again. The episodes of an action show at which speeds it turns, and
+how fast: a robot that pushes a ball turns more slowly while it brakes, and some servers turn on the spot.
+The shapes of paths, whose times are features, consist of these turns (`ator_ros.performance.driving`).
 """
 
 from __future__ import annotations
@@ -47,28 +46,23 @@ _BETTER = 0.97  # share of the error that a change of run or passing must leave 
 
 
 def observed_driving(rows: pd.DataFrame, robot: Robot) -> DrivingStyle:
-    """Return how an action drives.
+    """Return how an action drives, from its rows of an experience table.
 
-    Parameters
-    ----------
-    rows : pandas.DataFrame
-        Its rows of an experience table.
-    robot : Robot
-        Its limits hold where too little was observed.
+    Where too little was observed, the limits of `robot` are assumed.
     """
     starts = rows[(rows["t"] == 0.0) & rows["success"]]
     if starts.empty or not (rows["t"] > 0.0).any():  # records hold only the starts of episodes
         return plain_driving(robot)
-    limits = observed_limits(rows, robot)
+    limits = _observed_limits(rows, robot)
     holding = starts["hold"] > 0.5
     if np.mean(rows["v"] < _BACKWARD[0]) <= _BACKWARD[1]:
         turns = _turns(rows, limits)
         first, last = _rates(turns.start, turns.gain, turns), _rates(turns.end, turns.loss, turns)
         known = np.isfinite(starts[["position_error", "heading_error"]]).any()
-        alike = holding.all() or not holding.any()  # what comes to the goal: the object held, or the robot
+        alike = holding.all() or not holding.any()  # all goals are for the hold, or all for the axle
         free_heading = bool(alike and known["position_error"] and not known["heading_error"])
         shapes = forward_shapes(limits, first, last, free_heading=free_heading)
-        if not shapes:  # of an action whose odometry shows no turns, too
+        if not shapes:  # the odometry shows no turns
             first = last = lambda speed, change: float(speed == change == 0.0)  # on the spot
             shapes = forward_shapes(limits, first, last, free_heading=free_heading)
         rules = Rules(rates_of(limits), math.nan, forward=True, free_heading=free_heading)
@@ -77,9 +71,8 @@ def observed_driving(rows: pd.DataFrame, robot: Robot) -> DrivingStyle:
         return DrivingStyle(limits, drives, forward=True, free_heading=free_heading)
     free = starts if holding.all() else starts[~holding]
     ends = _geometry(free, robot).ends
-    driving = DrivingStyle(
-        limits, chosen_shapes(free_shapes(limits), Rules(rates_of(limits)), ends, hold=0.0)
-    )
+    drives = chosen_shapes(free_shapes(limits), Rules(rates_of(limits)), ends, hold=0.0)
+    driving = DrivingStyle(limits, drives)
     return _best_approach(driving, starts[holding], robot) if holding.any() else driving
 
 
@@ -88,31 +81,31 @@ def _geometry(starts: pd.DataFrame, robot: Robot, driving: DrivingStyle | None =
     return Geometry(direct, robot, driving)
 
 
-def observed_limits(rows: pd.DataFrame, robot: Robot) -> Limits:
+def _observed_limits(rows: pd.DataFrame, robot: Robot) -> Limits:
     """Return the greatest speeds and accelerations; glitches count as at most the bounds of `Limits`."""
     v, w, time, after = _series(rows)
     step = time[after] - time[after - 1]
     change = (np.abs(v[after]) - np.abs(v[after - 1])) / step
     base = robot.limits
-    seen = (
+    observed = (
         _quantile(np.abs(v), _GREATEST, base.v),
         _quantile(np.abs(w), _GREATEST, base.w),
         _quantile(change[change > 0.0], _OFTEN, base.a),
         _quantile(-change[change < 0.0], _OFTEN, base.brake),
         _quantile(np.abs(w[after] - w[after - 1]) / step, _OFTEN, base.aw),
     )
-    return Limits(*np.clip(seen, LEAST, list(GREATEST.values())).tolist())
+    return Limits(*np.clip(observed, LEAST, list(GREATEST.values())).tolist())
 
 
 def _series(rows: pd.DataFrame) -> tuple[FloatArray, FloatArray, FloatArray, np.ndarray]:
-    """Return speed, turn rate and time of all rows, and which of them follow another of their episode."""
+    """Return speed, turn rate and time of all rows, and the rows that follow another of their episode."""
     v, w, time = (rows[name].to_numpy(dtype=float) for name in ("v", "w", "t"))
     episode = rows["episode"].to_numpy()
     return v, w, time, np.flatnonzero((episode[1:] == episode[:-1]) & (time[1:] > time[:-1])) + 1
 
 
 def _quantile(values: FloatArray, share: float, otherwise: float) -> float:
-    """Return a quantile, but what the base can do where (almost) nothing was observed."""
+    """Return a quantile, or the limit `otherwise` of the base if (almost) nothing was observed."""
     found = float(np.quantile(values, share)) if len(values) >= _LEAST_SAMPLES else 0.0
     return found if found > 0.05 * otherwise else otherwise
 
@@ -120,8 +113,8 @@ def _quantile(values: FloatArray, share: float, otherwise: float) -> float:
 class _Turns(NamedTuple):
     """The turns of an action as shares of its limits, arrays of shape (n,).
 
-    start, end: speeds. gain, loss: changes of speed in the first half of the turn, and in the second. rate:
-    greatest turn rate. full: whether it turned far enough to reach the greatest rate of the base.
+    start, end: speeds; gain, loss: changes of speed in the first and second half of the turn; rate: greatest
+    turn rate; full: whether the turn is long enough for the greatest rate of the base.
     """
 
     start: FloatArray
@@ -145,7 +138,7 @@ def _turns(rows: pd.DataFrame, limits: Limits) -> _Turns:
     ends = np.where(np.append(follows[1:], False)[ends], ends + 1, ends)
     found = []
     for begin, end in zip(begins.tolist(), ends.tolist(), strict=True):
-        if end - begin < 3:  # too short to tell a change of speed
+        if end - begin < 3:  # too short for a change of speed
             continue
         part = slice(begin, end + 1)
         changes = np.diff(v[part]) / np.diff(time[part])
@@ -163,10 +156,10 @@ def _turns(rows: pd.DataFrame, limits: Limits) -> _Turns:
 
 
 def _rates(speeds: FloatArray, changes: FloatArray, turns: _Turns) -> TurnRates:
-    """Return the usual rates of turns with such a speed and change of speed at one end.
+    """Return the usual turn rate as a function of the speed and its change at one end of a turn.
 
-    What goes at a lower speed is taken to go at a higher one, if turns at higher ones were seen at all, and
-    what goes while the speed falls, while it falls less.
+    A rate at one speed is assumed at higher ones too, up to the highest observed, and a rate while the speed
+    falls also while it falls less.
     """
     full = turns.full if turns.full.any() else ~turns.full
     speeds, changes, rates = speeds[full], changes[full], turns.rate[full]

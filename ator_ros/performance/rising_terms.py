@@ -1,7 +1,7 @@
 """Durations as a sum of rising functions of single features, whose bends are thresholds and dead zones.
 
-Each function is piecewise linear and nowhere falls: farther, or more to turn, takes no less time. In rules,
-where slopes are per degree, a dead zone of 40° is a term such as ``0.0147*max(0, angle_to_dest - 40°)``.
+Each function is piecewise linear and never falls: a longer way, or a larger turn, takes no less time. In
+rules, a dead zone of 40° is a term such as ``0.0147*max(0, angle_to_dest - 40°)``.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _ON_MAP: dict[str, FloatArray] = {
     "route_angle_to": _ANGLES,
     "route_angle_at": _ANGLES,
 }
-"""Those that take their place in a domain with a map."""
+"""Those of a domain with a map."""
 _TERM_COST = 0.75  # of a segment in the corrected error; more makes shorter rules, which refine less well
 _CLIPPED_AT, _ROUNDS = 3.0, 3
 """Standard deviations at which residuals are clipped, in rounds: now and then a drive takes much longer."""
@@ -48,14 +48,8 @@ def sum_of(base: tuple[Hinge, ...], table: pd.DataFrame) -> FloatArray:
 def rising_terms(table: pd.DataFrame, durations: FloatArray) -> tuple[Hinge, ...]:
     """Return the terms that fit durations (n,) in s best, without the constant.
 
-    Non-negative least squares on the segments between bends; then bends go, those first that are worth least,
-    while the corrected error of M5' does not grow.
-
-    Parameters
-    ----------
-    table : pandas.DataFrame
-        Features, those of `rising_in` among them.
-    durations : ndarray, shape (n,)
+    It is a non-negative least-squares fit on the segments between bends. Bends are removed, those first that
+    are worth least, while the corrected error of M5' does not grow. `table` has the features `rising_in`.
     """
     rising = rising_in(table.columns)
     segments = np.hstack([_segments(table[name].to_numpy(), bends) for name, bends in rising.items()])
@@ -68,20 +62,18 @@ def rising_terms(table: pd.DataFrame, durations: FloatArray) -> tuple[Hinge, ...
         target = fitted + np.clip(error, -most, most)
         target -= target.mean()
     factor: FloatArray = np.asarray(np.linalg.qr(np.column_stack([centered, target]), mode="r"))
-    groups, at = [], 0
-    for bends in rising.values():
-        groups.append([[column] for column in range(at, at + len(bends))])
-        at += len(bends)
+    begins = [(name, float(bend)) for name, bends in rising.items() for bend in bends]
+    groups = [[[at] for at, (other, _) in enumerate(begins) if other == name] for name in rising]
     error, slopes = _fit(groups, factor, len(target))
     while fewer := [(*_fit(merged, factor, len(target)), merged) for merged in _merged(groups)]:
         least, other, merged = min(fewer, key=lambda each: each[0])
         if least[0] > error[0]:
             break
         error, slopes, groups = least, other, merged
-    return _hinges(rising, groups, slopes)
+    return _hinges(begins, groups, slopes)
 
 
-_Groups = list[list[list[int]]]  # by feature, the segments that share a slope
+_Groups = list[list[list[int]]]  # by feature, the numbers of the segments that share a slope
 
 
 def _segments(values: FloatArray, bends: FloatArray) -> FloatArray:
@@ -100,7 +92,7 @@ def _merged(groups: _Groups) -> list[_Groups]:
 
 
 def _fit(groups: _Groups, factor: FloatArray, count: int) -> tuple[tuple[float, float], FloatArray]:
-    """Return the corrected error of the groups, which may be infinite, the plain one, and the slopes."""
+    """Return the corrected error of the groups, which may be infinite, with the plain one, and the slopes."""
     table = np.column_stack([factor[:, part].sum(axis=1) for parts in groups for part in parts])
     slopes, residual = nnls(table, factor[:, -1])
     terms = np.array([1.0 + _TERM_COST * len(slopes)])
@@ -108,15 +100,14 @@ def _fit(groups: _Groups, factor: FloatArray, count: int) -> tuple[tuple[float, 
     return (float(error[0]), float(residual)), slopes
 
 
-def _hinges(rising: dict[str, FloatArray], groups: _Groups, slopes: FloatArray) -> tuple[Hinge, ...]:
-    """Return the changes of slope as terms."""
-    left, hinges, first = iter(slopes.tolist()), [], 0
-    for (name, bends), parts in zip(rising.items(), groups, strict=True):
+def _hinges(begins: list[tuple[str, float]], groups: _Groups, slopes: FloatArray) -> tuple[Hinge, ...]:
+    """Return the changes of slope as terms; `begins` are feature and begin of each segment."""
+    remaining, hinges = iter(slopes.tolist()), []
+    for parts in groups:
         before = 0.0
         for part in parts:
-            slope = next(left)
+            slope = next(remaining)
             if slope != before:
-                hinges.append(Hinge(name, float(bends[part[0] - first]), slope - before))
+                hinges.append(Hinge(*begins[part[0]], slope - before))
             before = slope
-        first += len(bends)
     return tuple(hinges)

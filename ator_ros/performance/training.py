@@ -38,32 +38,30 @@ from ator_ros.world.state import AT_REST, CONTROL_PERIOD
 
 _SMOOTHINGS = (5.0, 60.0)
 """Smoothing constants to choose from (M5': 15). With a few hundred starts the leaves are small, and a search
-along a heading runs into the jumps between them: much smoothing is better, unless an action changes its
+along a heading exploits the jumps between them: much smoothing is better, unless an action changes its
 behavior at thresholds."""
 _FOLDS, _FEW_FOLDS = 10, 3
 _LEAF, _SMALL_LEAF = 25, 8
-"""Least number of episodes in a leaf; the latter if the robot stands at both ends, where a tree of the basic
+"""Least number of episodes in a leaf; the second if the robot stands at both ends, where a tree of the basic
 features finds the thresholds of an action server in fifty drives."""
 _PATH, _LENGTH = "path_time", "route_length"
 _CLIPPED_AT = 3.0
 """Median absolute deviations below the median at which duration less path time is clipped. A drive that is
-much faster drove a shape that was not chosen. Unclipped, it lowers predictions nearby, and a search finds
-what is predicted too short."""
+much faster had a shape that was not chosen. Unclipped, it lowers predictions nearby, and a search selects
+predictions that are too low."""
 _FASTER_SHARE, _FASTER_BY = 0.05, 0.25
 """An action does not follow its path if this share of its drives is faster than their paths by that share of
 the median duration."""
 _NEAR_GOAL = 0.5  # m; closer to a goal its bearing does not matter, and terms are not fitted to such drives
 OUTCOMES = {"success": "success", "accuracy": "position_error", "heading": "heading_error"}
 """The column of an experience table for each measure except the duration."""
-LEAST_EPISODES = 20
-"""Episodes that must have succeeded."""
-SMALL_LEAF = 50
-"""Least number of episodes at a leaf of the trees of `OUTCOMES`."""
+LEAST_EPISODES = 20  # that must have succeeded
+SMALL_LEAF = 50  # least number of episodes at a leaf of the trees of `OUTCOMES`
 _NEAREST = 0.01  # m, least distance
 _AT_GOAL = ((0.02, 0.05), (0.03, 0.08))  # m and rad to the goal that may count as being there
 _LEAST_AT_GOAL = 3  # episodes that show how long an action takes there
 _MOSTLY, _STOPPING = 0.95, 0.2  # share of starts, m/s: a robot may still be stopping when an action starts
-_TURNED = 0.5  # rad of a turn at the goal, which shows how much of it is left
+_TURNED = 0.5  # rad, least turn at the goal for which the angle that is left is measured
 _ALIKE = 0.15  # greatest difference in s of durations that count as the same there: three ticks
 _BRAKING_EPISODES, _BRAKING_SHARE = 15, 0.05  # episodes, or at most a share, that make a deceleration known
 
@@ -73,9 +71,8 @@ def train(
 ) -> PerformanceModel:
     """Learn the performance model of `action`.
 
-    Duration is learned from the episodes that succeeded, success from the starts of all of them (its rate
-    where no tree is better), and the errors from the starts of those that succeeded, if enough have them; see
-    `without_errors`.
+    The success is learned from all episodes: its rate if no tree is better. Durations are learned from those
+    that succeeded, and so are the errors at the goal, if enough episodes have them; see `without_errors`.
 
     Parameters
     ----------
@@ -89,15 +86,13 @@ def train(
     Raises
     ------
     ExperienceError
-        Too few episodes have succeeded, or rows lack values of a goal variable that a feature derives from.
+        Too few episodes succeeded, or rows lack a goal variable that a feature derives from.
     """
     for name in declared_by(features):
         missing = rows[name].isna().sum() if name in rows else len(rows)
         if missing:
-            raise ExperienceError(
-                f"{action}: {name}: expected a value in each row of experience, "
-                f"{missing} of {len(rows)} have none"
-            )
+            expected = "expected a value in each row of experience"
+            raise ExperienceError(f"{action}: {name}: {expected}, {missing} of {len(rows)} have none")
     starts = rows[rows["t"] == 0.0]
     starts = starts[routed(starts, robot, features)]
     good_starts = starts[starts["success"]]
@@ -111,8 +106,8 @@ def train(
     durations = good_starts["duration"].to_numpy(dtype=float)
     good = table(good_starts)
     duration, errors = duration_tree(good, durations)
-    trees = {"duration": duration}
-    trees["success"] = _success_tree(starts["success"].to_numpy(dtype=float), table(starts))
+    success = _success_tree(starts["success"].to_numpy(dtype=float), table(starts))
+    trees = {"duration": duration, "success": success}
     for measure in ("accuracy", "heading"):
         values = good_starts[OUTCOMES[measure]].to_numpy(dtype=float)
         known = np.isfinite(values)
@@ -127,14 +122,14 @@ def train(
         trees,
         named,
         driving=driving,
-        at_goal=observed_at_goal(good_starts, robot),
+        at_goal=_observed_at_goal(good_starts, robot),
         arrival=observed_arrival(good_starts, robot),
         errors=fit_error_process(names, good.loc[counted, names].to_numpy(), errors[counted]),
     )
 
 
 def without_errors(action: str, rows: pd.DataFrame) -> list[str]:
-    """Return remarks on errors at the goal that only some of the episodes that succeeded have."""
+    """Return a remark on each error at the goal that some of the episodes that succeeded lack."""
     errors = rows.loc[(rows["t"] == 0.0) & rows["success"], ["position_error", "heading_error"]]
     return [
         f"{action}: {name}: {count} of {len(errors)} episodes have none and are left out"
@@ -150,14 +145,14 @@ def routed(rows: pd.DataFrame, robot: Robot, features: Sequence[Feature]) -> Boo
 
 
 def without_routes(rows: pd.DataFrame, robot: Robot, features: Sequence[Feature]) -> list[str]:
-    """Return a remark on episodes that no route on the map leads through, if there are any."""
+    """Return a remark on episodes without a route on the map, if there are any."""
     found = routed(rows[rows["t"] == 0.0], robot, features)
     text = "have no route on the map and are left out: is it the map of these drives, in their frame?"
     return [] if found.all() else [f": {(~found).sum()} of {len(found)} episodes {text}"]
 
 
 def error_features(tree: ModelTree, known: Container[str]) -> list[str]:
-    """Return the features over which a tree may err: its own, and those that durations rise with."""
+    """Return the features of an error process: those of the tree, and those that durations rise with."""
     return list(dict.fromkeys((*tree.names, *filter(known.__contains__, rising_in(known)))))
 
 
@@ -172,11 +167,11 @@ def features_of(
 def duration_tree(table: pd.DataFrame, durations: FloatArray) -> tuple[ModelTree, FloatArray]:
     """Return a tree of durations (n,) in s, and its errors in cross-validation: actual less predicted, in s.
 
-    Where the time of the path is among the features, the tree is learned of what drives take longer than
-    their paths: linear models of whole durations undercut that time where there is hardly room, which is
-    where a search looks. It is learned of the whole durations of an action that does not follow its path to
-    the end, such as a shot. If the robot stands at both ends, it is learned of what drives take longer than a
-    sum of rising terms, which a search cannot exploit as it does the jumps of a tree at a threshold.
+    If the time of the path is among the features, the tree predicts the difference of both times: linear
+    models of whole durations would fall below the path time where there is hardly room, and a search selects
+    such predictions. It predicts the whole duration of an action that does not follow its path to the end,
+    such as a shot. If the robot stands at both ends, it predicts the difference to a sum of rising terms,
+    which has no jumps at thresholds that a search could exploit.
     """
     if _PATH not in table:
         tree, errors = _best_learning(table, durations, _unbased, extrapolation=1.0)
@@ -203,13 +198,13 @@ def _is_at_rest(rows: pd.DataFrame) -> bool:
 
 
 def _drives(table: pd.DataFrame) -> BoolArray:
-    """Return which episodes lead away from where they start; all, if those are too few."""
+    """Return which episodes have a goal away from their start; all, if those are too few."""
     far: BoolArray = table[next(iter(rising_in(table.columns)))].to_numpy() > _NEAR_GOAL
     return far if far.sum() >= LEAST_EPISODES else np.full(len(far), True)
 
 
 _Base = Callable[[pd.DataFrame, FloatArray], tuple[tuple[Hinge, ...], FloatArray]]
-"""Returns the terms that fit durations, and what the tree is to learn besides, shape (n,)."""
+"""Returns the terms that fit durations, and the target (n,) of the tree: durations less these terms."""
 
 
 def _unbased(_: pd.DataFrame, durations: FloatArray) -> tuple[tuple[Hinge, ...], FloatArray]:
@@ -264,12 +259,9 @@ def small_tree(table: pd.DataFrame, values: FloatArray, *, leaf: int = SMALL_LEA
 
 
 def _success_tree(happened: FloatArray, table: pd.DataFrame) -> ModelTree:
-    """Learn the probability of success: the rate of all episodes, unless a tree predicts it better.
-
-    A few failures make leaves of any shape, and each would repel refinement, as failures cost much. So the
-    tree has to have the smaller squared error (Brier score) on episodes that it was not learned from, by more
-    than two standard errors.
-    """
+    """Learn the probability of success: the rate of all episodes, unless a tree predicts it better."""
+    # A few failures make leaves of any shape, and refinement would avoid each, as failures cost much. So the
+    # tree must have a smaller squared error (Brier score) in cross-validation, by two standard errors.
     fold, gains = np.arange(len(happened)) % _FOLDS, np.zeros(len(happened))
     for number in range(_FOLDS if happened.min() < happened.max() else 0):
         held, seen = fold == number, fold != number
@@ -281,22 +273,9 @@ def _success_tree(happened: FloatArray, table: pd.DataFrame) -> ModelTree:
     return small_tree(table, np.full(len(happened), happened.mean()))
 
 
-def observed_at_goal(starts: pd.DataFrame, robot: Robot) -> AtGoal | None:
-    """Return how long an action takes for a robot that is at its goal already.
-
-    Parameters
-    ----------
-    starts : pandas.DataFrame
-        First rows of episodes that succeeded.
-    robot : Robot
-        The robot of the experience.
-
-    Returns
-    -------
-    AtGoal or None
-        With the widest bounds within which durations hardly differ; the usual one if there is no such
-        episode; None if they differ even next to the goal.
-    """
+def _observed_at_goal(starts: pd.DataFrame, robot: Robot) -> AtGoal | None:
+    """Return how long an action takes at its goal, from first rows of episodes that succeeded."""
+    # The bounds are the widest within which durations hardly differ; if they differ next to the goal, None.
     geometry = Geometry(direct_of(starts), robot)
     durations = starts["duration"].to_numpy(dtype=float)
     angle = geometry.rows[ANGLE_BETWEEN]
@@ -307,16 +286,15 @@ def observed_at_goal(starts: pd.DataFrame, robot: Robot) -> AtGoal | None:
             continue
         if np.ptp(within) > _ALIKE:
             return None if dist == UNOBSERVED.dist else found
-        found = AtGoal(
-            dist, most, max(float(within.mean()), CONTROL_PERIOD), max(float(within.std()), CONTROL_PERIOD)
-        )
+        mean, spread = (max(float(value), CONTROL_PERIOD) for value in (within.mean(), within.std()))
+        found = AtGoal(dist, most, mean, spread)
     return found
 
 
 def observed_arrival(starts: pd.DataFrame, robot: Robot) -> Arrival | None:
-    """Return how far short of its goals an action stops whose robot stands at both ends; else None.
+    """Return how far short of its goals an action stops if its robot stands at both ends; else None.
 
-    It is the usual error at the end of the episodes that succeeded, of whose first rows `starts` consists.
+    It is the median error at the end, from the first rows of episodes that succeeded.
     """
     if not _is_at_rest(starts):
         return None
@@ -327,10 +305,7 @@ def observed_arrival(starts: pd.DataFrame, robot: Robot) -> Arrival | None:
 
 
 def direct_of(rows: pd.DataFrame) -> dict[str, np.ndarray]:
-    """Return the direct variables of rows of an experience table, with the goal variables that they hold.
-
-    What other actions of the table declare is left out.
-    """
+    """Return the direct variables of rows of an experience table, and the goal variables with values."""
     declared = map(direct_name, goal_variables_of_columns(rows.columns))
     names = (*DIRECT_VARIABLES, *(name for name in declared if rows[name].notna().any()))
     return {name: rows[name].to_numpy(dtype=float) for name in names}
@@ -339,9 +314,9 @@ def direct_of(rows: pd.DataFrame) -> dict[str, np.ndarray]:
 def start_ranges(rows: pd.DataFrame, robot: Robot) -> dict[str, list[float]]:
     """Return the least and the greatest value of the direct variables at the starts of episodes.
 
-    Places are relative to the center of the robot's area. `way` is the distance in m from axle or hold,
-    whichever comes to the goal, to the goal's place; `turn` is the angle in rad between both headings;
-    `braking` are decelerations in m/s^2 that enough episodes asked for, see `_braking`.
+    Places are relative to the center of the robot's area. `way` is the distance in m to the goal's place from
+    the axle or the hold, whichever the goal is for; `turn` is the angle in rad between both headings;
+    `braking` are decelerations in m/s^2 that enough episodes needed, see `_braking`.
     """
     starts = rows[rows["t"] == 0.0]
     names = (name for name in DIRECT_VARIABLES if name not in ("yaw", "yawg", "hold"))
@@ -355,20 +330,17 @@ def start_ranges(rows: pd.DataFrame, robot: Robot) -> dict[str, list[float]]:
 
 
 def _braking(starts: pd.DataFrame, robot: Robot) -> float:
-    """Return the deceleration in m/s^2 that enough episodes asked for.
-
-    It is that of a straight drive from the speed at the start to the speed at the goal. If there is hardly
-    room to brake, the robot makes a detour, and models err by seconds. Such starts are too rare to show in
-    trees or spreads.
-    """
+    """Return the deceleration in m/s^2 that enough episodes needed for a straight drive to the goal."""
+    # If there is hardly room to brake, the robot makes a detour, and models err by seconds. Such starts are
+    # too rare to influence trees or spreads.
     squares = starts["v"].to_numpy(dtype=float) ** 2 - starts["speedg"].to_numpy(dtype=float) ** 2
-    asked = np.sort(np.maximum(squares, 0.0) / (2.0 * np.maximum(_distances(starts, robot), _NEAREST)))
-    beyond = min(_BRAKING_EPISODES, math.ceil(_BRAKING_SHARE * len(asked)))
-    return float(asked[-beyond]) if beyond else 0.0
+    needed = np.sort(np.maximum(squares, 0.0) / (2.0 * np.maximum(_distances(starts, robot), _NEAREST)))
+    beyond = min(_BRAKING_EPISODES, math.ceil(_BRAKING_SHARE * len(needed)))
+    return float(needed[-beyond]) if beyond else 0.0
 
 
 def _distances(starts: pd.DataFrame, robot: Robot) -> FloatArray:
-    """Return the distances in m from axle or hold, whichever comes to the goal, to the goal's place."""
+    """Return the distances in m to the goal's place from the axle or the hold, whichever it is for."""
     back = robot.hold * starts["hold"] if robot.holder is not None else 0.0
     distances: FloatArray = np.hypot(
         starts["xg"] - starts["x"] - back * np.cos(starts["yaw"]),

@@ -2,4 +2,4 @@
 
 
 class RefinementError(ValueError):
-    """A request that cannot be refined; the message says what was expected and what was given."""
+    """A request cannot be refined; the message has the expected and the actual value."""

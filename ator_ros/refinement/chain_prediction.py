@@ -1,8 +1,8 @@
 """The predicted performance of a whole chain as a function of its free variables (paper, section 4.3).
 
 `StepRows` computes the situations in which the actions of a chain start and end: at the subgoals (paper,
-section 4.1), or as far short of them as the action was observed to stop. `ChainModel` predicts the actions
-from these situations and adds up their costs.
+section 4.1), or as far short of them as the action usually stops. `ChainModel` predicts the actions in these
+situations and adds up their costs.
 """
 
 from __future__ import annotations
@@ -56,9 +56,9 @@ class PredictsPerformance(Protocol):
 
 
 def columns_after(goal: Mapping[str, Any], point: Point, robot: Robot) -> dict[str, float | FloatArray]:
-    """Return the start variables x, y, yaw, v, w of the action that follows a subgoal reached exactly.
+    """Return the start variables x, y, yaw, v, w of the action after a subgoal that is reached exactly.
 
-    They are numbers, or arrays of shape (n,) for n candidates, as those of the goal are.
+    They are numbers, or arrays (n,) for n candidates, as the variables of the goal are.
     """
     x, y, yaw = goal["x"], goal["y"], goal["yaw"]
     if point is Point.HOLD:
@@ -67,20 +67,16 @@ def columns_after(goal: Mapping[str, Any], point: Point, robot: Robot) -> dict[s
 
 
 class StepRows:
-    """The direct variables of one step of a chain, for candidates of the subgoals on both its sides.
+    """The direct variables of one step of a chain, for candidates of the subgoals on both sides.
 
     Parameters
     ----------
     start : sequence of float
-        Start variables x, y, yaw, v, w of the chain itself.
-    goal : Goal
-        The subgoal that the step leads to.
-    names : sequence of str
-        Its free variables.
-    previous : Goal, optional
-        The subgoal at which the step starts; None for the first step.
-    previous_names : sequence of str
-        Its free variables.
+        Start variables x, y, yaw, v, w of the step, if candidates of `previous` do not change them.
+    goal, names : Goal, sequence of str
+        The subgoal that the step leads to, and its free variables.
+    previous, previous_names : Goal or None, sequence of str
+        The subgoal at which the step starts, and its free variables; None for the first step.
     hold : float
         Distance in m from the axle to the hold.
     arrival : Arrival or None
@@ -100,16 +96,10 @@ class StepRows:
         arrival: Arrival | None = None,
         bearing: float = 0.0,
     ) -> None:
-        pose, declared = goal.pose, sorted(goal.values)
+        declared = sorted(goal.values)
         self._names = (*DIRECT_VARIABLES, *map(direct_name, declared))
-        self._alike = np.array(
-            [
-                *start,
-                *(pose.x, pose.y, pose.yaw, goal.speed, 1.0 if goal.point is Point.HOLD else 0.0),
-                *(goal.values[name] for name in declared),
-            ],
-            dtype=float,
-        )
+        values = goal.speed, goal.point is Point.HOLD, *(goal.values[name] for name in declared)
+        self._fixed = np.array([*start, *goal.pose, *values], dtype=float)
         self._of_goal = [
             (_GOAL_ROWS[name] if name in _GOAL_ROWS else self._names.index(direct_name(name)), column)
             for column, name in enumerate(names)
@@ -124,7 +114,7 @@ class StepRows:
     def table(self, before: FloatArray, after: FloatArray) -> DirectTable:
         """Return the table for candidates, shapes (n or 1, k), of the subgoals before and after the step."""
         count = max(len(before) if self._of_start else 1, len(after) if self._of_goal else 1)
-        table = self._alike[:, None].repeat(count, axis=1)
+        table = self._fixed[:, None].repeat(count, axis=1)
         for row, column in self._of_goal:
             table[row] = after[:, column]
         for row, column in self._of_start:
@@ -148,10 +138,7 @@ def step_rows(
     names: Sequence[Sequence[str]],
     models: Mapping[str, PredictsPerformance],
 ) -> list[StepRows]:
-    """Return the direct variables of each action of `chain`; `names` are the subgoals' free variables.
-
-    A step whose TOP does not arrive leaves the robot where its post-condition puts it.
-    """
+    """Return the direct variables of each action of `chain`; `names` are the subgoals' free variables."""
     state, rows = world.robot, []
     start: Sequence[Any] = (*state.pose, state.v, state.w)
     previous: Goal | None = None
@@ -168,7 +155,7 @@ def step_rows(
             arrival = model.arrival if model is not None and previous.point is Point.AXLE else None
             bearing = arrival_heading(start[:2], previous.pose, robot)
             start = tuple(columns_after(goal_values(previous), previous.point, robot).values())
-        else:
+        else:  # the robot is where the post-condition puts it
             previous, before, arrival = None, (), None
             start = (*world.robot.pose, world.robot.v, world.robot.w)
     return rows
@@ -193,8 +180,8 @@ class ChainPrediction:
     Attributes
     ----------
     actions : tuple of mapping
-        For each action the predicted fields of `REPORTED`, as in `Prediction`, and what else the objective
-        needs; a field that the model does not predict is left out, and all are for an action without a model.
+        For each action the predicted fields of `REPORTED`, as in `Prediction`, and those of the objective.
+        Fields that the model does not predict are left out; an action without a model has none.
     cost : float
         The objective summed over the actions that have a model.
     """
@@ -215,6 +202,8 @@ class ChainPrediction:
 
 class ChainModel:
     """The cost of the steps of one chain, from one state of the world, for candidates of its free variables.
+
+    `given` are the chain's own values of the free variables of each subgoal, shapes (k,).
 
     Parameters
     ----------
@@ -244,7 +233,6 @@ class ChainModel:
         self._actions = [call.top.action for call in chain.calls]
         self._models = [models.get(action) for action in self._actions]
         self.objective = objective
-        #: The chain's own values, shapes (k,).
         self.given = [
             np.array([goal_values(call.goal)[name] for name in names], dtype=float)
             for call, names in zip(chain.calls, self.names, strict=True)
@@ -272,8 +260,8 @@ class ChainModel:
     ) -> tuple[ChainPrediction, ChainPrediction, float]:
         """Return the predictions of two chains, and the uncertainty of the second's gain in duration (s).
 
-        It is what the models may err by, not how much single runs differ (`ChainPrediction.spread`). Where
-        episodes that a model was not learned from show an error, the gain is that uncertain.
+        It is the error of the models, from their errors on episodes that they were not learned from; the
+        difference between single runs is `ChainPrediction.spread`.
         """
         (first, second), uncertainty = self._predicted((before, after), (1.0, -1.0))
         return first, second, uncertainty
@@ -281,7 +269,7 @@ class ChainModel:
     def _predicted(
         self, chains: Sequence[Sequence[FloatArray]], signs: tuple[float, ...] | None
     ) -> tuple[list[ChainPrediction], float]:
-        """Return the predictions, and how much the sum of their durations with these signs may err (s)."""
+        """Return the predictions, and the uncertainty in s of the sum of their durations with these signs."""
         error = variance = 0.0
         actions: list[list[dict[str, float]]] = [[{} for _ in self._actions] for _ in chains]
         costs = np.zeros((len(chains), len(self._actions)))
@@ -295,7 +283,7 @@ class ChainModel:
             model = self._models[steps[0]]
             if model is None:
                 continue
-            # One prediction for all steps of a model costs hardly more than one.
+            # One prediction for all steps of a model takes hardly longer than for one step.
             places = [(number, step) for number in range(len(chains)) for step in steps]
             table = np.hstack([tables[number][step].table for number, step in places])
             direct = DirectTable(tables[0][steps[0]].names, table)
@@ -327,13 +315,8 @@ def predict_chain(
 ) -> ChainPrediction:
     """Return the prediction for `chain` with its own values, from the state `world`.
 
-    Parameters
-    ----------
-    models : mapping
-        Action name to performance model, one for each action of the chain.
-    objective : Objective, optional
-        Defines the cost; by default the duration.
+    `models` has a model for each action of the chain; `objective` defines the cost, by default the duration.
     """
-    objective = objective if objective is not None else Objective()
     names: list[tuple[str, ...]] = [()] * len(chain.calls)
+    objective = objective or Objective()
     return ChainModel(world, chain, robot, models=models, names=names, objective=objective).predict()

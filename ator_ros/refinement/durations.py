@@ -1,4 +1,4 @@
-"""Predicted durations of steps from several situations, for planners and for the assignment of tasks."""
+"""Predicted durations of steps from several situations, for planners and task assignment."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from ator_ros.world.state import World
 
 
 class Durations(NamedTuple):
-    """Predictions for n situations and m steps, NaN where an action has no model.
+    """Predictions for n situations and m steps; NaN if the action of the step has no model.
 
     Attributes
     ----------
     durations, spreads : ndarray, shape (n, m)
-        Expected durations, and the standard deviations of single ones, in s.
+        Expected durations in s, and the standard deviations in s of actual durations about them.
     success : ndarray, shape (n, m)
-        Probabilities.
+        Probabilities of success.
     """
 
     durations: FloatArray
@@ -39,13 +39,18 @@ def predict_durations(
     Parameters
     ----------
     worlds : sequence of World
-        Situations in which a step would start; only the robot's state counts.
+        The n situations in which a step would start, in the goals' frame; only the robot's state counts.
     calls : sequence of TopCall
-        The steps, with their own goals; whether their pre-conditions hold is not checked.
+        The m steps, with their own goals; pre-conditions are not checked.
     robot : Robot
         The robot in all situations.
-    models : mapping
-        Action name to performance model.
+    models : mapping of str to PredictsPerformance
+        By action; an action may lack one.
+
+    Returns
+    -------
+    Durations
+        Arrays of shape (n, m).
     """
     found = Durations(*np.full((3, len(worlds), len(calls)), np.nan))
     starts = np.array([(*world.robot.pose, world.robot.v, world.robot.w) for world in worlds])

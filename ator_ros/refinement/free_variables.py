@@ -5,7 +5,7 @@ performance it may change has a performance model, and one of these models uses 
 changes.
 
 Free variables are bounded by their ranges, by the regions of conditions, and by the experience of the models:
-what lies well beyond all starts and goals that a model was trained on is not searched.
+values well outside the starts and goals that a model was trained on are not searched.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ class NotFree:
 class Analysis:
     """The free variables of a chain, and those that the plan opens and that are not free.
 
-    `outside` are sentences on quantities of the chain that lie outside the models' experience.
+    `outside` are sentences about quantities of the chain that lie outside the models' experience.
     """
 
     free: tuple[FreeVariable, ...]
@@ -83,7 +83,7 @@ def names_of(chain: TopChain, free: Sequence[FreeVariable]) -> list[tuple[str, .
     ]
 
 
-def start_variables(name: str, point: Point) -> frozenset[str]:
+def _start_variables(name: str, point: Point) -> frozenset[str]:
     """Return the direct variables of the next action's start that the goal variable `name` changes."""
     if name not in GOAL_VARIABLES:
         return frozenset()
@@ -132,7 +132,7 @@ def _why_unknown(
 ) -> str | None:
     """Return why the effect of a variable on the performance is unknown."""
     changed = {index: frozenset({direct_name(name)})}
-    following = start_variables(name, chain.calls[index].goal.point)
+    following = _start_variables(name, chain.calls[index].goal.point)
     if following and index + 1 < len(chain.calls):
         changed[index + 1] = following
     actions = {step: chain.calls[step].top.action for step in changed}
@@ -149,9 +149,9 @@ def _why_unknown(
 
 
 class _Rule(NamedTuple):
-    """A bound by a condition or model, the `source`, with a margin `room` to keep.
+    """A bound by a condition or model, the `source`, with a margin `room`.
 
-    It refers to a `goal` (None for the subgoal's own) and, if `before`, to the state before the step.
+    It refers to a `goal` (None: the subgoal's own) and, if `before`, to the state before the step.
     """
 
     source: str
@@ -167,7 +167,7 @@ class Regions:
     A condition on a distance, or on the range of a variable, binds no goal variable. It limits the candidates
     to those from which the next step may start, with a margin for the tolerance of the step before. The
     distance to drive is limited to the experience of the action's model, unless the place at which the step
-    starts is free, too: then each place is bounded separately.
+    starts is free too: then each place is bounded separately.
 
     Parameters
     ----------
@@ -237,7 +237,7 @@ class Regions:
         return [rule for rule in rules if np.ndim(self._clearance(rule, index, after, own)) > 0]
 
     def _rules(self, index: int) -> Iterator[_Rule]:
-        """Yield the bounds by the step that leads to a subgoal, and by the step that starts there."""
+        """Yield the bounds by the step that leads to a subgoal, and by the step that starts at it."""
         call = self._calls[index]
         step = f"of step {index + 1} ({call.top.name})"
         yield from (_Rule(f"post-condition {step}", bound) for bound in _bounds_in(call.top.post))
@@ -308,14 +308,14 @@ def _bounds_in(condition: Condition) -> list[Bound]:
 
 def experience_of(model: Any) -> Mapping[str, tuple[float, float]]:
     """Return the ranges of the episodes that a performance model was trained on, as far as it has them."""
-    known: Mapping[str, tuple[float, float]] = getattr(model, "experience", {})
-    return known
+    ranges: Mapping[str, tuple[float, float]] = getattr(model, "experience", {})
+    return ranges
 
 
 def _outside_experience(
     world: World, chain: TopChain, models: Mapping[str, PredictsPerformance], robot: Robot
 ) -> tuple[list[str], set[int]]:
-    """Return sentences on what of a chain lies outside the experience, and steps whose distance does."""
+    """Return sentences about quantities outside the experience, and the steps whose distance is outside."""
     found, far, opened = list[str](), set[int](), frozenset[str]()
     situations = chain_situations(world, chain, robot, models)
     for step, (call, direct) in enumerate(zip(chain.calls, situations, strict=True)):
@@ -380,16 +380,14 @@ def within_experience(
 def _experience_bounds(
     variable: FreeVariable, chain: TopChain, models: Mapping[str, PredictsPerformance]
 ) -> Iterator[tuple[float, float, str]]:
-    """Yield the bounds of a variable by experience: low, high and a description; a heading has none.
-
-    The place at which the next action starts is left out, since it is relative to its goal.
-    """
+    """Yield the bounds of a variable by experience: low, high and a description; a heading has none."""
     if variable.domain.periodic:
         return
     call, *following = chain.calls[variable.subgoal : variable.subgoal + 2]
     affected = [(call.top.action, direct_name(variable.name))]
     for after in following:
-        starts = start_variables(variable.name, call.goal.point) - {"x", "y", "yaw"}
+        # The place at which the next action starts does not count: only that relative to its goal matters.
+        starts = _start_variables(variable.name, call.goal.point) - {"x", "y", "yaw"}
         affected += [(after.top.action, direct) for direct in sorted(starts)]
     for action, direct in affected:
         known = experience_of(models.get(action))
@@ -397,8 +395,8 @@ def _experience_bounds(
             low, high = known[direct]
             yield low, high, f"experience of {action}: {direct} from {low:.2f} to {high:.2f}"
     for after in following if variable.name == "speed" else ():
-        # From faster arrivals the next action cannot brake to its goal's speed. Nothing is known if a place
-        # is free, or if the goals are for different points of the robot.
+        # From faster arrivals the next action cannot brake to its goal's speed. The distance to brake is
+        # unknown if a place is free, or if the goals are for different points of the robot.
         braking = experience_of(models.get(after.top.action)).get("braking")
         moved = any(step.opens(name) for step in (call, after) for name in ("x", "y"))
         if braking is None or moved or call.goal.point != after.goal.point:
@@ -461,8 +459,8 @@ def allowed_changes(
     Raises
     ------
     InvalidChainError
-        It has other steps or goal variables than `plan`, or changes what `plan` does not open or a condition
-        binds, or a value lies outside the variable's range, or it has none.
+        It has other steps or goal variables than `plan`, it changes a variable that `plan` does not open or
+        that a condition binds, or a value is not in the variable's range.
     """
     if [call.top for call in plan.calls] != [call.top for call in refined.calls]:
         raise InvalidChainError("expected the steps of the question")
@@ -493,6 +491,6 @@ def allowed_changes(
 
 
 def same_value(name: str, old: float, new: float) -> bool:
-    """Return whether two values of a goal variable are the same, whole turns apart if it is a heading."""
+    """Return whether two values of a goal variable are the same, headings up to whole turns."""
     difference = new - old if math.isfinite(new) else math.inf
     return abs(wrap_angle(difference) if name == "yaw" and difference < math.inf else difference) <= _SAME

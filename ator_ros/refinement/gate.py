@@ -14,16 +14,16 @@ _ZERO = 0.005  # gain in s that is shown as 0.00 s
 
 @dataclass(frozen=True)
 class MeasuredGain:
-    """What refined chains have gained, compared with chains that ran as planned.
+    """The gain of refined chains, compared with chains that ran as planned.
 
     Attributes
     ----------
     refined, compared : int
         Numbers of chains.
     predicted : float
-        Mean predicted gain in s of the refined ones, in duration: an objective may ask for longer chains.
+        Mean predicted gain in duration of the refined ones, in s; it may be negative with other objectives.
     mean, low, high : float
-        Mean gain in s, and its 95 % interval; NaN until two chains of both kinds were executed.
+        Mean gain in s, and its 95 % interval; NaN until two chains of each kind were executed.
     """
 
     refined: int = 0
@@ -66,10 +66,10 @@ class Gate:
     factor : float
         Uncertainties that the gain must exceed.
     measured : MeasuredGain
-        What refined chains have gained; the gate is closed if that is too low.
+        The gain of refined chains; if it is too low, the gate is closed.
     drawn : bool
-        Whether this chain was drawn to run the other way, to measure what refinement gains: as planned
-        although it would be refined, or refined although the gate is closed.
+        Whether this chain was drawn for the opposite decision, to measure the gain: as planned although it
+        would be refined, or refined although the gate is closed.
     """
 
     least: float = CONTROL_PERIOD

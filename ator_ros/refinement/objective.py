@@ -1,4 +1,4 @@
-"""What shall be least: weighted measures of performance, combined at request time (paper, section 6)."""
+"""The objective: a weighted sum of measures of performance, given with each request (paper, section 6)."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from ator_ros.geometry import FloatArray
 from ator_ros.refinement import RefinementError
 
 MEASURES = ("accuracy", "duration", "success")
-"""Fields of a prediction that may have a weight: m, s, and a probability, of which its complement costs."""
+"""Fields of a prediction that may have a weight: m, s, and a probability, whose complement is the cost."""
 LEAST_WEIGHT, MOST_WEIGHT = 1e-6, 1e6
-"""Costs that are smaller or greater would drown in rounding, or overflow, beside others."""
+"""Smaller or greater costs would be lost in rounding, or overflow, in a sum with others."""
 
 
 @dataclass(frozen=True)
@@ -54,17 +54,14 @@ class Objective:
 
     @cached_property
     def needs(self) -> tuple[str, ...]:
-        """The measures that count."""
+        """The measures with a weight above 0."""
         return tuple(name for name, weight in self.weights.items() if weight)
 
     def cost(self, prediction: Any) -> FloatArray:
         """Return the weighted cost, shape (n,), of a prediction for n candidates.
 
-        Raises
-        ------
-        RefinementError
-            The performance model does not predict a measure that has a weight and is not among
-            `where_predicted`, or no measure that has a weight.
+        Raises RefinementError if the model does not predict a measure with a weight. Those of
+        `where_predicted` may be missing, unless they are all.
         """
         terms = []
         for name in self.needs:
@@ -77,11 +74,9 @@ class Objective:
 
 
 def expected_time(failure_cost: float) -> Objective:
-    """Return the default objective: the duration, and what failing is expected to cost.
+    """Return the default objective: the duration, and the expected cost of failures.
 
-    Parameters
-    ----------
-    failure_cost : float
-        Time in s that one failure costs, such as the time limit of a chain; only for models that predict it.
+    `failure_cost` is the time in s that one failure costs, such as the time limit of a chain. It counts for
+    models that predict success.
     """
     return Objective({"duration": 1.0, "success": failure_cost}, frozenset({"success"}))

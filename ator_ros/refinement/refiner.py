@@ -32,22 +32,14 @@ from ator_ros.world.state import World
 LONGEST_CHAIN = 32
 """Most actions of a chain: longer ones would occupy a node for long."""
 MOST_ALTERNATIVES = 7
-"""Most alternatives of a request."""
+"""Most alternative chains of a request."""
 _MOST_LISTED = 6
 _CUT_SHORT = "its deadline cut the search short"
 
 
 @dataclass(frozen=True, slots=True)
 class SubgoalCurve:
-    """What was searched at one subgoal (counted from 0): candidates of its free variables `names`.
-
-    Attributes
-    ----------
-    values : ndarray, shape (n, k)
-        Candidates in m, rad, m/s.
-    totals : ndarray, shape (n,)
-        Cost of the whole chain, the other subgoals at their best for this candidate.
-    """
+    """The `SearchCurve` of a subgoal (from 0): values in m, rad, m/s of its free variables `names`."""
 
     subgoal: int
     names: tuple[str, ...]
@@ -64,8 +56,8 @@ class Refinement:
     refined, reason
         Whether a subgoal is changed, and why.
     original, best : TopChain
-        The chain compared with, which is the chain of the request with its placeholders filled in, and the
-        best chain found.
+        The reference, which is the chain of the request with naive values for placeholders, and the best
+        chain found.
     before, after : ChainPrediction
         Predictions for `original` and for `best`.
     free, not_free
@@ -75,11 +67,11 @@ class Refinement:
     complete : bool
         Whether the search was completed; otherwise `best` is the best found until the deadline.
     uncertainty : float
-        Of the predicted gain in duration, in s. The best of many candidates is predicted too well: for one
-        variable by about its uncertainty. Of n variables this optimism adds up, while the uncertainty of the
-        sum grows with √n only. So it is √n times that of `ChainModel.compare`.
+        Of the predicted gain in duration, in s. The prediction of the best of many candidates is optimistic,
+        for one variable by about its uncertainty. For n variables the optimism adds up, while the uncertainty
+        of the sum grows with √n only. So this is √n times that of `ChainModel.compare`.
     comparison : bool
-        Whether it would have been refined, but runs as planned, to measure what refinement gains.
+        Whether it would have been refined, but runs as planned, to measure the gain of refinement.
     """
 
     refined: bool
@@ -156,7 +148,7 @@ class Refiner:
         placeholders: bool = False,
         deadline: Deadline = no_deadline,
     ) -> Refinement:
-        """Find the best free variables of `chain` from the state `world`, and change it where that pays.
+        """Find the best free variables of `chain` from the state `world`; the gate decides about the change.
 
         Parameters
         ----------
@@ -165,10 +157,10 @@ class Refiner:
         objective : Objective, optional
             Defines the cost; by default `expected_time` with the refiner's failure cost.
         placeholders : bool
-            The values of free variables are placeholders: the chain compared with is the naive one.
+            The values of free variables are placeholders: the reference is the naive chain.
         deadline : callable, optional
-            Once it has passed, the answer is the best found until then. Placeholders without a naive value
-            keep their values.
+            Returns whether time is up; then the answer is the best chain found until then. Placeholders whose
+            naive value has not been computed keep their values.
 
         Raises
         ------
@@ -202,16 +194,12 @@ class Refiner:
         return self._answer(world, chain, analysis, model, optimum, compared)
 
     def naive(self, world: World, chain: TopChain) -> TopChain:
-        """Return the chain that the paper compares with: each subgoal suits the action leading to it alone.
+        """Return the paper's reference: each subgoal is optimal for the action that leads to it alone.
 
-        Free variables with a rest value (arrival speed: 0) take it; the others those at which the action is
-        predicted to be fastest. A variable that affects only the action after it keeps its value, and so does
-        one that is bounded by a region in which no candidate is found.
-
-        Raises
-        ------
-        RefinementError
-            As in `refine`.
+        Free variables with a rest value (arrival speed: 0) take it. The others take the value at which the
+        action is predicted to be fastest. A variable that affects only the action after it keeps its value,
+        and so does one that is bounded by a region in which no candidate is found. Raises RefinementError as
+        `refine` does.
         """
         analysis, regions = self.bounded(world, chain)
         return self._fastest_alone(world, chain, analysis.free, regions, no_deadline)
@@ -224,11 +212,10 @@ class Refiner:
         regions: Regions,
         deadline: Deadline,
     ) -> TopChain:
-        """Return `chain` with naive values of its free variables, as far as the deadline allows."""
+        """Return `chain` with naive values of its free variables, until the deadline."""
         for variable in free:
             if variable.domain.rest is not None:
                 chain = replaced(chain, variable.subgoal, {variable.name: variable.domain.rest})
-        # A variable that affects only the action after it keeps its value.
         searched = [
             v
             for v in free
@@ -320,7 +307,7 @@ class Refiner:
         )
 
     def _left_alone(self, chain: TopChain, analysis: Analysis, model: ChainModel) -> Refinement:
-        """Return the answer where nothing is free."""
+        """Return the answer if no variable is free."""
         prediction = model.predict()
         reason = "nothing is open: the plan commits to every goal variable"
         if any(call.open for call in chain.calls):
@@ -340,10 +327,8 @@ class Refiner:
         return tuple(step for step, call in enumerate(chain.calls) if call.top.action not in self.models)
 
     def _remarks(self, chain: TopChain, analysis: Analysis, not_free: Sequence[NotFree]) -> str:
-        """Return remarks to add to the reason; empty, or they begin with a semicolon.
-
-        What "*" opened appears only in `Refinement.not_free`: not all of it is expected to be free.
-        """
+        """Return remarks to add to the reason; empty, or they begin with a semicolon."""
+        # Variables opened by "*" appear only in `Refinement.not_free`: few of them are expected to be free.
         text = ""
         named = [each for each in not_free if each.name in chain.calls[each.subgoal].open]
         if named:
@@ -375,7 +360,7 @@ def _described(chain: TopChain, not_free: Sequence[NotFree]) -> str:
 
 
 def _listed(items: Sequence[str]) -> str:
-    """Join a few items; of many, the first ones and how many more there are."""
+    """Join the first items, and the number of the others."""
     more = len(items) - _MOST_LISTED
     return "; ".join(items[:_MOST_LISTED]) + (f"; and {more} more" if more > 0 else "")
 
@@ -388,7 +373,7 @@ Judged = Refinement | str
 
 
 def rank(judged: Judged) -> tuple[float, float]:
-    """Return the sort key of several chains: the cost; those with steps without a model come after others."""
+    """Return the sort key of a chain: first the number of steps without a model, then the cost."""
     if isinstance(judged, str):
         return math.inf, math.inf
     return float(len(judged.without_model)), judged.predicted.cost
@@ -396,7 +381,7 @@ def rank(judged: Judged) -> tuple[float, float]:
 
 @dataclass(frozen=True, slots=True)
 class Selection:
-    """The chains of a request in their order, and the number, from 0, and refinement of the best."""
+    """The chains of a request in their order; index and refinement of the best one."""
 
     judged: tuple[Judged, ...]
     number: int
@@ -412,19 +397,19 @@ def choose(
     placeholders: bool = False,
     deadline: Deadline = no_deadline,
 ) -> Selection:
-    """Refine each of `chains` and choose the best; once the deadline has passed, the rest is only predicted.
+    """Refine each of `chains` and choose the best; after the deadline, chains are only predicted.
 
     Parameters
     ----------
     refiner, world, objective, placeholders, deadline
         As for `Refiner.refine`.
     chains : sequence of TopChain or str
-        The chains, or why one cannot be used. One that is no valid plan from `world` is skipped.
+        The chains, or why one cannot be used. A chain that is no valid plan from `world` is skipped.
 
     Raises
     ------
     RefinementError
-        None of them can be used; the message says why, for each.
+        None of them can be used; the message has the reason for each.
     """
     judged: list[Judged] = []
     for chain in chains:

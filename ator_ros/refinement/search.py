@@ -8,8 +8,8 @@ The first sets cover the domains. The later ones are windows around the best can
 to round. Neighboring subgoals take turns: one has windows while the other has its best candidates only, as
 pairs of windows would cost more than they gain. Nothing is random: the same request has the same answer.
 
-The core reads no clock. The caller passes a `Deadline`, which is checked between blocks of candidates. Once
-time is up, the subgoals that have not been searched keep their values.
+The caller passes a `Deadline`, which is checked between blocks of candidates. Once time is up, the subgoals
+that have not been searched keep their values.
 """
 
 from __future__ import annotations
@@ -39,19 +39,16 @@ BLOCK = 512
 # By the number of a subgoal's free variables, from 0; the last entry is for all that have more
 _FIRST_ALONE = (1, 40, 108, 256, 400)  # first candidates: 9 degrees of an angle
 _FIRST_BESIDE = (1, 30, 24, 36, 48)  # beside another subgoal with free variables: all pairs are evaluated
-
 _IN_WINDOW = (0, 6, 10, 15, 20)  # candidates of a window, besides its center
-
 _ROUNDS = 4  # most rounds for each free variable of a subgoal: more variables need more moves
-
 _ON_GRID = 2  # free variables up to which the first candidates form a grid, which has the ends of ranges
 _LEAST_STEPS = 3  # of a grid in each direction
-_BEST = 2  # candidates that have windows: the valley of the best first one need not be the deepest
+_BEST = 2  # candidates that have windows: the valley of the best first candidate may not be the deepest
 _APART = 0.5  # least distance between them, in half widths of a window
 _GAIN = 1e-3  # least gain of a round that counts, as a share of the mean cost of a step: 5 ms of 5 s
 _SHRINKS = 0.5  # least factor by which a window shrinks in a round
 _REACH = 2.0  # least half width of a window in multiples of the last move: windows follow a bent valley
-_TRIES = 40  # points tested for each wanted candidate in a region, of _POINTS
+_TRIES = 40  # points tested for each candidate in a region, of _POINTS
 _POINTS = 1 << 13
 
 
@@ -72,7 +69,7 @@ class SearchCurve(NamedTuple):
     values : ndarray, shape (n, k)
         Candidates: values of the subgoal's k free variables.
     totals : ndarray, shape (n,)
-        Least cost of the whole chain through each candidate.
+        Cost of the whole chain with each candidate and the best values of the other subgoals.
     """
 
     values: FloatArray
@@ -122,8 +119,8 @@ def search(
     allowed : callable, optional
         Limits the candidates, but for given values.
     deadline : callable, optional
-        Once it has passed, subgoals that have not been searched keep their given values. Without given values
-        all first candidates are evaluated nevertheless.
+        Once it has passed, subgoals that have not been searched keep their given values. Without given
+        values, all first candidates are evaluated nevertheless.
 
     Raises
     ------
@@ -178,7 +175,7 @@ def least_path(
     given: Sequence[FloatArray],
     deadline: Deadline = no_deadline,
 ) -> Optimum:
-    """Find the best candidate of each subgoal; once time is up, subgoals that follow keep the `given` one."""
+    """Find the best candidate of each subgoal; after the deadline, later subgoals keep the `given` value."""
     searched: list[FloatArray] = []
     costs: list[FloatArray] = []
     forward: list[FloatArray] = []
@@ -229,14 +226,10 @@ def _pairwise(
 
 
 class _Windows:
-    """The candidates of one subgoal: the first ones, and windows that shrink around the best.
+    """The candidates of one subgoal: the first ones (n, k), and windows that shrink around the best.
 
-    Parameters
-    ----------
-    index, domains, allowed
-        The subgoal, the domains of its k free variables, and what its region allows, if there is one.
-    beside : bool
-        Whether a neighboring subgoal has free variables.
+    `domains` are those of its k free variables, `allowed` limits the candidates to its region, and `beside`
+    is whether a neighboring subgoal has free variables.
     """
 
     def __init__(
@@ -246,7 +239,6 @@ class _Windows:
         self._period = np.array([_period(domain) for domain in domains])
         self._used = 0  # points of the sequence
         count = _of(_FIRST_BESIDE if beside else _FIRST_ALONE, len(domains))
-        #: The first candidates, shape (n, k).
         self.first, self._radius = self._first(count)
 
     def candidates(self, center: FloatArray, curve: SearchCurve, number: int) -> FloatArray:
@@ -262,8 +254,8 @@ class _Windows:
         offsets = 2.0 * spread_points(free, self._used, each * len(best)) - 1.0
         self._used += len(offsets)
         if free > 1:
-            # Every second one differs in one variable only: what is aligned exactly, or at the end of its
-            # range, remains so while another variable changes.
+            # Every second candidate differs in one variable only: a variable that is aligned exactly, or at
+            # the end of its range, remains so while another one changes.
             rows = np.arange(0, len(offsets), 2)
             moved = (rows // 2 + number) % free
             kept = offsets[rows, moved]

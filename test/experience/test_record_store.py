@@ -97,4 +97,4 @@ def test_a_killed_writer_leaves_a_readable_store(tmp_path: Path) -> None:
             printed = [int(line) for line in process.stdout.read().split("\n")[:-1]]
         rows = read_records(tmp_path, "default")
         assert len(rows) >= max(printed, default=0)
-    assert len(rows) > 10
+    assert len(rows) >= 3  # each writer was killed after its first episode

@@ -12,7 +12,7 @@ from experience_rows import dead_zone_drives
 from ator_ros.actions.base import Goal
 from ator_ros.domains.domain import find_domain
 from ator_ros.geometry import Pose
-from ator_ros.learning.judging import constant
+from ator_ros.learning.judging import constant_tree
 from ator_ros.performance.error_process import fit_error_process
 from ator_ros.performance.features import GENERAL, PAPER_3
 from ator_ros.performance.model import PerformanceModel
@@ -38,7 +38,7 @@ def linear() -> PerformanceModel:
     rows, others = (dead_zone_drives(100, seed=seed) for seed in (1, 2))
     known, other = (features_of(each, ROBOT, PAPER_3, None).assign(one=1.0) for each in (rows, others))
     terms, names = np.linalg.lstsq(known, rows["duration"])[0], tuple(known)[:-1]
-    leaf = constant(names[0], terms[-1], 100)
+    leaf = constant_tree(known[[names[0]]], np.full(100, terms[-1]))
     tree = dataclasses.replace(leaf, names=names, coefficients=terms[None, :-1], upper=np.array([100.0]))
     errors = fit_error_process(
         names, other[[*names]].to_numpy(), (others["duration"] - other @ terms).to_numpy()

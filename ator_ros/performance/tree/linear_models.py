@@ -9,26 +9,24 @@ import numpy as np
 from ator_ros.geometry import FloatArray
 from ator_ros.performance.tree.nodes import IntArray
 
-# Added to the diagonal of the normal equations of standardized features: it settles features that are
-# constant or collinear in a node, and biases the others by a millionth.
+# Moments are the normal equations of nodes over standardized rows, shape (…, n_features + 2, n_features + 2).
+
+# Added to the diagonal of the moments: it determines the slopes of features that are constant or collinear in
+# a node, and biases the others by a millionth.
 _RIDGE = 1e-6
 # How much each term of a model counts in v of the corrected error. Quinlan's 1 does not count the choice of
 # the split and keeps half as many leaves again without being more accurate.
 TERM_COST = 2.0
-# Share of the target's squares that keeps an exact fit from looking better than exact by rounding.
+# Share of the target's squares that keeps an exact fit from appearing better than exact by rounding.
 _ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
 class Standardized:
-    """Rows centered and scaled for well-conditioned normal equations, and the way back to their units.
+    """Rows centered and scaled for well-conditioned normal equations, and the conversion of models to units.
 
-    Attributes
-    ----------
-    rows : array of float, shape (n, n_features + 2)
-        Columns: the constant 1, the features, the target; all but the first of mean 0 and deviation 1 (or 0).
-    mean, scale : array of float, shape (n_features + 1,)
-        Of the features and the target.
+    `rows` (n, n_features + 2) are the constant 1, the features and the target, with mean 0 and deviation 1
+    (or 0). `mean` and `scale` (n_features + 1,) are those of features and target.
     """
 
     rows: FloatArray
@@ -55,37 +53,25 @@ class Standardized:
 
 
 def solve(moments: FloatArray) -> FloatArray:
-    """Return the linear model of one node with all features, shape (1 + n_features,)."""
+    """Return the linear model of one node with all features, shape (1 + n_features,), from its moments."""
     left = moments[:-1, :-1] / moments[0, 0]
     left.flat[:: len(left) + 1] += _RIDGE
     return np.asarray(np.linalg.solve(left, moments[:-1, -1] / moments[0, 0]))
 
 
 def residual_squares(moments: FloatArray) -> FloatArray:
-    """Return the sum of squared residuals of the linear model with all features, shape (…).
-
-    Parameters
-    ----------
-    moments : array of float, shape (…, 2 + n_features, 2 + n_features)
-        Normal equations.
-    """
+    """Return the sum of squared residuals of the linear model with all features, shape (…), from moments."""
     weight = moments[..., 0, 0]
     scaled = moments / weight[..., None, None]
     terms = np.arange(moments.shape[-1] - 1)
     scaled[..., terms, terms] += _RIDGE
     scaled[..., -1, -1] *= 1.0 + _ROUNDING
-    # The last element of the Cholesky factor is what the others leave of the target.
+    # The square of the last diagonal element of the Cholesky factor is the residual of the target.
     return np.asarray(weight * np.linalg.cholesky(scaled)[..., -1, -1] ** 2)
 
 
 def squared_error(models: FloatArray, moments: FloatArray) -> FloatArray:
-    """Return the sum of squared residuals of each node's model on the rows of its moments, shape (n_nodes,).
-
-    Parameters
-    ----------
-    models : array of float, shape (n_nodes, 1 + n_features)
-    moments : array of float, shape (n_nodes, 2 + n_features, 2 + n_features)
-    """
+    """Return the sum of squared residuals of models (n_nodes, 1 + n_features), shape (n_nodes,)."""
     residual = np.column_stack([-models, np.ones(len(models))])
     error = np.einsum("ni,nij,nj->n", residual, moments, residual)
     return np.asarray(np.maximum(error, 0.0))
@@ -94,19 +80,14 @@ def squared_error(models: FloatArray, moments: FloatArray) -> FloatArray:
 def corrected_error(squared: FloatArray, samples: FloatArray, terms: FloatArray) -> FloatArray:
     """Return M5's estimate of the root-mean-square error on new rows: RMSE × (n + v) / (n − v).
 
+    It is infinite where there are no more samples than terms. All arrays have the shape (n_nodes,).
+
     Parameters
     ----------
-    squared : array of float, shape (n_nodes,)
-        Sum of squared residuals on the learning rows.
-    samples : array of float, shape (n_nodes,)
-        n: number of these rows.
-    terms : array of float, shape (n_nodes,)
-        v: how many terms the model has, the constant included.
-
-    Returns
-    -------
-    array of float, shape (n_nodes,)
-        Infinite where there are no more samples than terms.
+    squared, samples : array of float
+        Sum of squared residuals on the learning rows, and n, the number of these rows.
+    terms : array of float
+        v: the number of terms of the model, including the constant.
     """
     spare = samples - terms
     factor = np.where(spare > 0, (samples + terms) / np.where(spare > 0, spare, 1.0), np.inf)
@@ -117,13 +98,8 @@ def corrected_error(squared: FloatArray, samples: FloatArray, terms: FloatArray)
 def fit_node_models(moments: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Fit every node's linear model and greedily remove terms while the corrected error does not grow.
 
-    The work is done by sweeping all nodes' normal equations together: sweeping a column in or out adds or
-    removes its term, and the swept matrix shows what each removal would cost.
-
-    Parameters
-    ----------
-    moments : array of float, shape (n_nodes, 2 + n_features, 2 + n_features)
-        Normal equations of the nodes over standardized rows.
+    The moments of all nodes are swept together: sweeping a column in or out adds or removes its term, and the
+    swept matrix has the cost of each removal.
 
     Returns
     -------
@@ -143,7 +119,7 @@ def fit_node_models(moments: FloatArray) -> tuple[FloatArray, FloatArray]:
     error = corrected_error(swept[:, -1, -1] * samples, samples, np.full(len(swept), TERM_COST * n_terms))
     active = np.arange(len(swept))
     while len(active):
-        # Each node's term that is missed least, and the mean squared error without it; the constant stays.
+        # The term of each node whose removal costs least, and the mean squared error without it.
         left, there = swept[active], kept[active]
         variance = np.abs(left[:, np.arange(n_terms), np.arange(n_terms)])
         increase = np.where(there, left[:, :-1, -1] ** 2 / variance, np.inf)
@@ -161,7 +137,7 @@ def fit_node_models(moments: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _sweep(matrices: FloatArray, column: IntArray) -> FloatArray:
-    """Sweep one column of each symmetric matrix: a term that is out comes in, one that is in goes out."""
+    """Sweep one column of each symmetric matrix, which adds a missing term or removes a present one."""
     node = np.arange(len(matrices))
     pivot = matrices[node, column, column]
     row = matrices[node, column, :]

@@ -47,7 +47,7 @@ class ModelTreeRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
     min_samples_leaf : float, default=25
         Least number of rows at a leaf.
     max_leaves : int, default=500
-        How far to grow before pruning, best split first.
+        Most leaves before pruning; the best splits are made first.
     smoothing : float, default=15.0
         How many samples the model of the node above counts for (M5's k); 0 for none.
     extrapolation : float, default=1.0
@@ -56,7 +56,7 @@ class ModelTreeRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
     Attributes
     ----------
     tree_ : ModelTree
-        What was learned; it predicts without scikit-learn.
+        The tree; it predicts without scikit-learn.
     n_features_in_ : int
     feature_names_in_ : array of str, shape (n_features,)
         Only if `X` had column names.
@@ -76,13 +76,7 @@ class ModelTreeRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         self.extrapolation = extrapolation
 
     def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
-        """Learn the tree.
-
-        Parameters
-        ----------
-        X : array of float, shape (n, n_features)
-        y : array of float, shape (n,)
-        """
+        """Learn the tree from features `X` (n, n_features) and the target `y` (n,)."""
         checked = validate_data(self, X, y, dtype=np.float64, y_numeric=True, order="C")
         features, target = (np.asarray(part, dtype=np.float64) for part in checked)
         standard = Standardized.from_rows(features, target)
@@ -98,7 +92,7 @@ class ModelTreeRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         return tree.predict(validate_data(self, X, dtype=np.float64, order="C", reset=False))
 
     def _finish(self, nodes: list[GrownNode], standard: Standardized, names: tuple[str, ...]) -> ModelTree:
-        """Fit the linear models, prune, smooth, and lay out what is left as flat arrays in preorder."""
+        """Fit the linear models, prune and smooth; return the remaining nodes as arrays in preorder."""
         children = [node.children for node in nodes]
         moments = np.stack([node.moments for node in nodes])
         samples = moments[:, 0, 0]
@@ -111,17 +105,17 @@ class ModelTreeRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
                 first, second = pair
                 of_subtree = (samples[first] * best[first] + samples[second] * best[second]) / samples[node]
                 is_leaf[node], best[node] = error[node] <= of_subtree, min(error[node], of_subtree)
-        # M5 filters a prediction p on its way up to the root, p' = (n p + k q) / (n + k) with q predicted by
-        # the node above, n its samples and k `smoothing`. All of these are linear in the features, so mixing
+        # M5 smooths a prediction p from the leaf up to the root: p' = (n p + k q) / (n + k), with q predicted
+        # by the node above, n the samples and k `smoothing`. All are linear in the features, so mixing the
         # coefficients once, from the root down, predicts the same.
         models = fitted.copy()
         for node, pair in enumerate(children):
             for child in pair or ():
                 share = samples[child] / (samples[child] + self.smoothing)
                 models[child] = share * models[child] + (1 - share) * models[node]
-        # Smoothing leaves traces of the terms of all models above. They would clutter the rules and count as
-        # features that influence performance (paper, section 4.2). A term goes if its deviation over a node's
-        # rows is a trace of the error; the constant takes over its mean.
+        # Smoothing adds traces of the terms of all models above. They would clutter the rules and count as
+        # features that influence performance (paper, section 4.2). A term is removed if its deviation over a
+        # node's rows is a trace of the error; its mean is added to the constant.
         features = np.arange(1, models.shape[1])
         mean = moments[:, 0, 1:-1] / samples[:, None]
         variance = np.maximum(moments[:, features, features] / samples[:, None] - mean**2, 0.0)
@@ -152,18 +146,17 @@ class ModelTreeRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
 
 
 def _preorder(children: list[tuple[int, int] | None], is_leaf: BoolArray) -> tuple[IntArray, IntArray]:
-    """Renumber the nodes that pruning left, in preorder: their old numbers (n,) and new children (n, 2)."""
+    """Return the remaining nodes in preorder: their old numbers (n,), and new numbers of children (n, 2)."""
     at: list[int] = []
     below: list[list[int]] = []
-    waiting = [(0, -1, 0)]
-    while waiting:
-        node, parent, side = waiting.pop()
-        number = len(at)
+
+    def add(node: int) -> int:
+        number, pair = len(at), children[node]
         at.append(node)
         below.append([number, number])
-        if parent >= 0:
-            below[parent][side] = number
-        pair = children[node]
         if pair is not None and not is_leaf[node]:
-            waiting += [(pair[1], number, 1), (pair[0], number, 0)]
+            below[number] = [add(child) for child in pair]
+        return number
+
+    add(0)
     return np.array(at, dtype=np.intp), np.array(below, dtype=np.intp)

@@ -19,15 +19,9 @@ IntArray = NDArray[np.intp]
 
 @dataclass(frozen=True)
 class Hinge:
-    """A term of a rule, ``slope*max(0, feature - above)``: it shows a threshold, or a dead zone.
+    """A term of a rule, ``slope*max(0, feature - above)``; if `above` is 0, ``slope*feature``.
 
-    Attributes
-    ----------
-    feature : str
-        Never negative, if `above` is not 0.
-    above : float
-        0: the term is ``slope*feature``.
-    slope : float
+    A feature with an `above` other than 0 is never negative.
     """
 
     feature: str
@@ -35,7 +29,7 @@ class Hinge:
     slope: float
 
     def of(self, values: Any) -> Any:
-        """Return what the term adds for values of the feature, elementwise."""
+        """Return the term for values of the feature, elementwise."""
         return self.slope * (np.maximum(values - self.above, 0.0) if self.above else values)
 
 
@@ -86,7 +80,7 @@ class ModelTree:
 
     @property
     def n_leaves(self) -> int:
-        """How many leaves, that is rules, the tree has."""
+        """Number of leaves, and so of rules."""
         return int(self.is_leaf.sum())
 
     def used_features(self) -> tuple[str, ...]:
@@ -97,21 +91,15 @@ class ModelTree:
         return tuple(name for name, is_used in zip(self.names, used, strict=True) if is_used)
 
     def apply(self, X: FloatArray) -> IntArray:
-        """Return the number of the leaf that each row falls into, shape (n,).
-
-        Parameters
-        ----------
-        X : array of float, shape (n, n_features)
-            Finite features, columns as in `names`.
-        """
+        """Return the number of the leaf of each row of finite features `X` (n, n_features), shape (n,)."""
         return self.evaluate(np.ascontiguousarray(X.T))[1]
 
     def predict(self, X: FloatArray) -> FloatArray:
-        """Predict the target of each row, in its unit; shapes as in `apply`."""
+        """Predict the target of each row of `X` (n, n_features), in its unit, shape (n,)."""
         return self.evaluate(np.ascontiguousarray(X.T))[0]
 
     def evaluate(self, rows: FloatArray) -> tuple[FloatArray, IntArray]:
-        """Return what `predict` and `apply` do, of features in rows, shape (n_features, n)."""
+        """Return the results of `predict` and `apply` for the transpose of `X`, shape (n_features, n)."""
         if rows.ndim != 2 or len(rows) != len(self.names):
             raise ValueError(f"expected features of shape (n, {len(self.names)}), got {rows.T.shape}")
         value, leaf = np.empty(rows.shape[1]), np.empty(rows.shape[1], dtype=np.intp)
@@ -166,7 +154,7 @@ def leaves(tree: ModelTree) -> Iterator[tuple[int, Bounds]]:
 class RuleWriter:
     """Writes the leaves of a tree as rules; angles in rad are written in degrees, as the paper does.
 
-    `units` are those of the features, `target` is what is predicted.
+    `units` are those of the features, `target` is the name of the prediction.
     """
 
     tree: ModelTree
@@ -187,7 +175,7 @@ class RuleWriter:
         return "\n".join(itertools.starmap(self.rule, leaves(self.tree)))
 
     def explanation(self, situation: FloatArray) -> str:
-        """Return the rule that holds in one situation (n_features,), and what each of its terms adds."""
+        """Return the rule that holds in one situation (n_features,), and the values of its terms."""
         tree, values = self.tree, dict(zip(self.tree.names, situation.tolist(), strict=True))
         predicted, leaf = float(tree.predict(situation[None, :])[0]), int(tree.apply(situation[None, :])[0])
         intercept, spread = float(tree.intercept[leaf]), float(tree.spread[leaf])
@@ -216,7 +204,7 @@ class RuleWriter:
         return f"({self._value(name, lower)} < {name} <= {self._value(name, upper)})"
 
     def _terms(self, leaf: int) -> list[Hinge]:
-        """Return the terms of a rule, with those of the base."""
+        """Return the terms of a rule, including those of the base."""
         tree = self.tree
         slopes = dict(zip(tree.names, tree.coefficients[leaf].tolist(), strict=True))
         for hinge in tree.base:

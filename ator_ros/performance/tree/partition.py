@@ -1,9 +1,9 @@
 """Grow the partition of a model tree by standard-deviation reduction (paper, section 3).
 
-M5 chooses the split that leaves the least standard deviation on its two sides, as if each side were predicted
-by a constant. Here each side is predicted by what a model tree uses, a linear model of all features, and
-its deviation is corrected for the number of its terms. That finds the kinks of the target rather than its
-slopes, and leaves half the error for as many leaves.
+M5 chooses the split with the least standard deviation on both sides, as if each side were predicted by a
+constant. Here each side is predicted as in a model tree, by a linear model of all features, and its deviation
+is corrected for the number of its terms. That finds the kinks of the target rather than its slopes, and trees
+with as many leaves have half the error.
 """
 
 from __future__ import annotations
@@ -17,25 +17,17 @@ from ator_ros.geometry import BoolArray, FloatArray
 from ator_ros.performance.tree.linear_models import corrected_error, residual_squares, solve
 from ator_ros.performance.tree.nodes import IntArray
 
-# A node whose root-mean-square residual is this fraction of the target's deviation is exact.
-_EXACT = 1e-9
+_EXACT = 1e-9  # share of the target's deviation up to which the residuals of a node count as 0
 _CANDIDATES = 15  # thresholds to try per feature and node, at quantiles
-# Deviation, in standard deviations of the target, of a side with no more samples than terms.
-_WORST = 1e6
+_WORST = 1e6  # deviation, in those of the target, of a side with no more samples than terms
 
 
 @dataclass(eq=False)
 class GrownNode:
     """A node while the tree grows; without children it is a leaf.
 
-    Attributes
-    ----------
-    order : array of int, shape (n_features, n)
-        The node's rows, sorted by each feature.
-    moments : array of float, shape (n_features + 2, n_features + 2)
-        Normal equations of the node's rows.
-    target_range : tuple of float
-        Least and greatest standardized target.
+    `order` (n_features, n) are its rows, sorted by each feature; `moments` are those of `linear_models`;
+    `target_range` is the least and the greatest standardized target.
     """
 
     order: IntArray
@@ -52,16 +44,14 @@ Split = tuple[float, int, int, int]
 
 @dataclass(eq=False)
 class Partition:
-    """Grows a tree best split first.
+    """Grows a tree, best split first; in `nodes`, a node comes before all nodes below it.
 
-    Attributes
+    Parameters
     ----------
     X : array of float, shape (n, n_features)
-        Features in their own units, from which thresholds are taken.
+        Features in their own units, for the thresholds.
     rows : array of float, shape (n, n_features + 2)
         Standardized rows: constant, features, target.
-    nodes : list of GrownNode
-        What has grown; a node comes before all nodes below it.
     """
 
     X: FloatArray
@@ -71,9 +61,9 @@ class Partition:
     nodes: list[GrownNode] = field(default_factory=list)
 
     def grow(self) -> list[GrownNode]:
-        """Split the nodes, those first that gain most, and return all of them."""
+        """Split the nodes, those with the greatest reduction first, and return all of them."""
         order = np.ascontiguousarray(np.argsort(self.X, axis=0, kind="stable").T)
-        # What the sides of splits are fitted to: the rows, with the residuals of their node for a target.
+        # The sides of splits are fitted to the rows with the residuals of their node as target.
         self._residuals = self.rows.copy()
         self._goes_left = np.zeros(len(self.X), dtype=bool)
         queue: list[Split] = []
@@ -92,8 +82,7 @@ class Partition:
         node = GrownNode(order, table.T @ table, (float(target.min()), float(target.max())))
         self.nodes.append(node)
         number = len(self.nodes) - 1
-        split = self._best_split(node, table)
-        if split is not None:
+        if (split := self._best_split(node, table)) is not None:
             reduction, feature, position = split
             heapq.heappush(queue, (-reduction, number, feature, position))
         return number
@@ -142,7 +131,7 @@ class Partition:
         weight = sides[..., 0, 0]
         error = corrected_error(residual_squares(sides), weight, np.full(weight.shape, len(solution)))
         after[is_split] = (weight * np.where(np.isfinite(error), error, _WORST)).sum(axis=0)
-        # Rounding errors shall not choose between equal splits: the first wins, in any order of the rows.
+        # Rounding errors must not choose between equal splits: the first is chosen, in any order of the rows.
         best = np.round(after / before, 6).argmin()
         feature, candidate = np.unravel_index(int(best), after.shape)
         reduction = float(before - after[feature, candidate])

@@ -1,4 +1,4 @@
-"""A model tree as nested dataclasses, which JSON files hold, and back, with every number exact."""
+"""Conversion of a model tree to nested dataclasses, for JSON files, and back, with every number exact."""
 
 from __future__ import annotations
 
@@ -16,20 +16,9 @@ _NonNegative = Annotated[float, Within(0.0)]
 
 @dataclass(frozen=True)
 class StoredLeaf:
-    """A leaf.
+    """A leaf: number of training examples, and a linear model with slopes other than 0 by feature.
 
-    Attributes
-    ----------
-    samples : float
-        Training examples.
-    intercept : float
-        Of its linear model.
-    slopes : dict
-        By feature, zeros left out.
-    range : tuple of float
-        Least and greatest prediction.
-    spread : float
-        Standard deviation of the residuals.
+    `range` are the least and the greatest prediction, `spread` is the standard deviation of the residuals.
     """
 
     samples: _NonNegative
@@ -46,7 +35,7 @@ class StoredLeaf:
 
 @dataclass(frozen=True)
 class StoredSplit:
-    """A node that tests a feature; `at_most` and `above` are the nodes for its two outcomes."""
+    """A node that tests a feature; `at_most` and `above` are the nodes below for both results."""
 
     samples: _NonNegative
     feature: str
@@ -86,7 +75,7 @@ def _preorder(node: StoredNode) -> Iterator[StoredNode]:
 
 
 def stored(tree: ModelTree) -> StoredTree:
-    """Return the tree as dataclasses; `restored` makes the same tree of them."""
+    """Return the tree as dataclasses."""
     return StoredTree(tree.names, _stored_node(tree, 0), tree.base)
 
 
@@ -107,7 +96,7 @@ def _stored_node(tree: ModelTree, number: int) -> StoredNode:
 
 
 def restored(tree: StoredTree) -> ModelTree:
-    """Return the tree that was stored; it predicts the same to the last bit."""
+    """Return the tree that was stored; its predictions are identical."""
     nodes = list(_preorder(tree.root))
     numbers = {id(node): number for number, node in enumerate(nodes)}
     column = {name: number for number, name in enumerate(tree.features)}
