@@ -41,7 +41,7 @@ BY_TEST = {
     r"scripts/run COMMAND …": "test_environment.py::test_a_command_keeps_its_exit_code",
     r"make bench": "test_programs.py::test_each_part_of_the_speed_is_measured",
     r"python scripts/figures\.py": "test_programs.py::test_both_figures_are_drawn",
-    r"collect .*my_domain\.yaml --over-ros": "nodes/test_tour_node.py::test_drives_over_ros_take_as_long",
+    
     r"dask .*|.*--cluster .*": "test_documentation.py::test_a_cluster_collects",
     r".*examples/call\.py|ros2 (service|action) \w+": "nodes/test_call_example.py::test_a_service_is_",
     r"make run EXE=executor .*my_config.*": f"{_ROS}::test_a_copy_of_the_configuration_is_used",
@@ -63,10 +63,12 @@ BY_TEST = {
     r"(scripts/run python -m )?colcon build": f"{_ROS}::test_a_checkout_is_built_by_hand",
     r"export ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET": "nodes/test_network.py::test_user_settings_are_kept",
     r"ros2 run ator_ros \w+ .*domain:=stat.*": "nodes/test_executor_remote_node.py::test_a_",
+        r"ros2 run ator_ros (executor|refinement) .*nav2\.yaml.*": "nodes/test_nav2_files.py::test_nodes_start",
     r"ros2 run ator_ros waypoints .*": "nodes/test_waypoints_node.py::test_waypoints_are_followed_",
     r"(ros2 run ator_ros )?collect .*--attach.*": "nodes/test_attached.py::test_drives_are_kept_on_",
     r"ros2 run ator_ros train .*--map .*": "performance/test_route_features.py::test_a_model_learned_with_",
-    r"ros2 action send_goal -f /execute_chain .*": "domains/test_remote_documentation.py::test_the_tour_",
+    r"ros2 action send_goal -f /execute_chain .*x: 4.*": "domains/test_remote_documentation.py::test_the_tour_",
+    r"ros2 action send_goal -f /execute_chain .*": "nodes/test_own_server.py::test_own_",
     r"ros2 run ator_ros collect .* --map .*map\.yaml .*": "domains/test_building.py::test_drives_on_",
     r"ros2 run .* domain:=building": "nodes/test_map_node.py::test_a_tour_of_the_",
     r"ros2 run ator_ros learning": "nodes/test_learning_node.py::test_learning_can_be_frozen_and_",
@@ -77,7 +79,8 @@ BY_TEST = {
     r"python3 examples/behavior_tree\.py": "nodes/test_behavior_tree.py::test_the_example_drives_",
     r".* examples/plan_and_execute\.py .*": "nodes/test_client_example.py::test_the_exa",
     r".* examples/refine_and_execute\.py": "nodes/test_client_example.py::test_it_drives_the_",
-    r"make run EXE=(collect|train|demo) ARGS='.*~/ws/src/shuttle/.*'": "nodes/test_own_server.py::test_own_",
+    r"make run EXE=\w+ ARGS='.*/ws/src/shuttle/.*'": "nodes/test_own_server.py::test_own_",
+    r"scripts/run python ~/ws/src/shuttle/server\.py": "nodes/test_own_server.py::test_own_",
     r"ros2 run ator_ros train rosbag2_.*": "nodes/test_recording_node.py::test_the_installed_train_learns_",
 }
 """Commands, as regular expressions, and the test that executes them, shortened or in another folder."""

@@ -1,4 +1,4 @@
-"""The commands of docs/own_server.md: a package with an action server, models and demo."""
+"""The commands of docs/own_server.md: a package with an action server, models, demo and a goal."""
 
 import os
 import re
@@ -15,7 +15,7 @@ PAGE = (ROOT / "docs" / "own_server.md").read_text(encoding="utf-8")
 
 @pytest.mark.node
 @pytest.mark.long
-def test_own_server_is_built_driven_learned_and_refined(tmp_path: Path) -> None:
+def test_own_server_is_built_driven_learned_and_refined(tmp_path: Path, domain: int) -> None:
     def run(words: str) -> str:
         command = f"[ ! -e install ] || . install/setup.sh; {words}"
         jobs = os.environ | {"MAKEFLAGS": f"-j{os.cpu_count()}"}  # colcon's default starves on a busy machine
@@ -40,3 +40,11 @@ def test_own_server_is_built_driven_learned_and_refined(tmp_path: Path) -> None:
     assert "s by cross-validation on 4" in outputs["train"]
     assert "three nodes and server start" in outputs["demo"]
     assert "1 of 1 situations succeeded both ways" in outputs["demo"]
+
+    nodes = dict(re.findall(r"make run EXE=(\w+) ARGS='(--ros-args .*)'", PAGE))
+    assert set(nodes) == {"simulation", "executor", "refinement"}
+    (goal,) = re.findall(r"send_goal -f (/execute_chain .*?\"\{.*?\"\n)", PAGE, re.DOTALL)
+    starts = [f"{executable(name)} {words.replace('../ws/', '')} &" for name, words in nodes.items()]
+    starts.append(f"python src/shuttle/server.py & sleep 20; python {ROOT}/examples/call.py {goal}")
+    output = run(f"export ROS_DOMAIN_ID={domain}; {' '.join(starts)}; kill $(jobs -p)")
+    assert "reason: go succeeded" in output
