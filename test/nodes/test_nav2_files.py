@@ -23,7 +23,8 @@ def test_nodes_start(tmp_path: Path, domain: int, monkeypatch: pytest.MonkeyPatc
     try:
         end = time.monotonic() + PATIENCE
         while READY[name] not in node.output:
-            assert node.running and time.monotonic() < end, node.output
+            assert node.running, node.output
+            assert time.monotonic() < end, node.output
             time.sleep(0.1)
         assert "ignored: parameters" not in node.output
     finally:
