@@ -1,7 +1,7 @@
 """Measure the actions of soccer: success, duration, and its change with the start.
 
-scripts/run python benchmarks/actions.py --out docs/actions.md
-scripts/run python benchmarks/actions.py --action-set bezier --out docs/actions_bezier.md
+scripts/run python benchmarks/actions.py --out actions.md
+scripts/run python benchmarks/actions.py --action-set bezier --out actions_bezier.md
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Write pages with the accuracy of learned models, or with the feature ablation (paper, end of section 3).
 
 scripts/run python scripts/accuracy.py --models models --out docs/accuracy.md
-scripts/run python scripts/accuracy.py experience.parquet fresh.parquet --out docs/ablation.md
+scripts/run python scripts/accuracy.py experience.parquet fresh.parquet --out ablation.md
 """
 
 from __future__ import annotations

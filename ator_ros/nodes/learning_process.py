@@ -15,7 +15,7 @@ from ator_ros.domains.domain import domain_for
 from ator_ros.learning.round import Source, learn
 from ator_ros.nodes.path_planner import PathPlanner
 
-NICE = 15
+_NICE = 15
 
 
 def main() -> None:
@@ -24,9 +24,9 @@ def main() -> None:
     Arguments, in a JSON list: the folder of records, domain, robot, models, map and planner as the parameters
     of the node name them, and the time.
     """
-    os.nice(NICE)
+    os.nice(_NICE)
     with suppress(OSError):  # Linux weighs sessions before processes, and this process has its own session
-        Path("/proc/self/autogroup").write_text(str(NICE), encoding="ascii")
+        Path("/proc/self/autogroup").write_text(str(_NICE), encoding="ascii")
     folder, name, robot, models, grid, planner, time = json.loads(sys.argv[1])
     domain = domain_for(name, robot).on_map(grid)
     if planner and domain.grid is not None:
