@@ -5,7 +5,6 @@ import json
 import math
 import shutil
 import tempfile
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -170,10 +169,8 @@ def test_invalid_robots_are_rejected_in_one_line(text: str, message: str, tmp_pa
     assert text != PIONEER
     file = tmp_path / "robot.yaml"
     file.write_text(text, encoding="utf-8")
-    began = time.process_time()
     with pytest.raises(ConfigError) as refusal:
         load_robot(file)
-    assert time.process_time() - began < 2.0
     assert message in str(refusal.value)
     assert len(str(refusal.value)) < 1000
     assert len(str(refusal.value).splitlines()) <= 4  # a YAML error shows where

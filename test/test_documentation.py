@@ -317,8 +317,3 @@ def test_clean_leaves_the_sources(tmp_path: Path) -> None:
     (tmp_path / "ator_ros" / "world.py").touch()
     assert make("clean", cwd=tmp_path).returncode == 0
     assert {path.name for path in tmp_path.rglob("*")} == {"Makefile", "ator_ros", "world.py"}
-
-
-def test_no_page_has_an_unfilled_placeholder() -> None:
-    pages = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
-    assert [page.name for page in pages if "@@" in page.read_text(encoding="utf-8")] == []

@@ -100,21 +100,6 @@ def test_a_base_that_fails_on_one_axis_is_stopped_within_half_a_second() -> None
     assert slow(PIONEER, stops(PIONEER, (1.0,), ("bend", "turn")), 0.5) == ""
 
 
-@pytest.mark.parametrize("name", ["pioneer_lx", "turtlebot4"])
-def test_a_base_that_reverses_is_stopped(name: str) -> None:
-    """Each new plan starts at the measured speed, so that the commands also change sign."""
-    robot = ROBOTS[name]
-    library, chain = SOCCER.library(robot), go(robot, Pose(3.0, 0.0, 0.0))
-    plain = execute(library, chain, KinematicBase(robot, Pose(0.0, 0.0, 0.0)))
-    for since in np.linspace(0.2, 0.9, 8) * (plain.ended or 0.0):
-        base = KinematicBase(
-            robot, Pose(0.0, 0.0, 0.0), failure=Failure("reversed", "v", float(since), "motion")
-        )
-        done = execute(library, chain, base, longest=float(since) + 3.0, until_stood=False)
-        assert done.ending is Ending.BASE_FAULT
-        assert done.late <= 0.5, f"{since:.2f} s"
-
-
 @pytest.mark.parametrize("since", [0.6, 1.0, 1.5, 2.0, 3.0])
 def test_a_base_that_keeps_driving_is_stopped_although_plans_start_at_its_speed(since: float) -> None:
     failure = Failure("constant", "v", since, "motion", 0.8)

@@ -85,15 +85,6 @@ def test_a_base_that_moves_without_a_command_ends_the_goal(speeds: Command) -> N
     assert 0.5 < done.ended <= 1.0
 
 
-def test_a_base_that_drives_on_after_its_goal_fails_the_goal() -> None:
-    near = chain(("goToPose", Pose(0.0, 0.0, 0.0)))
-    plain = drive(LIBRARY, START, near)
-    assert plain.ending is Ending.SUCCEEDED
-    end = plain.worlds[-1].time
-    done = drive(LIBRARY, START, near, motors=runaway(end - 0.4, Command(0.8, 0.0)))
-    assert done.ending is not Ending.SUCCEEDED
-
-
 def test_motion_before_the_goal_is_ignored() -> None:
     watch = MotionWatch(ROBOT, 0.0)
     for tick in range(40):  # pushed by hand

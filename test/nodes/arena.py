@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from chain_client import ChainClient, SentGoal, call
+from chain_client import ChainClient, SentChain, call
 from process import Process, Processes
 from ros_client import Client
 
@@ -47,7 +47,7 @@ class ArenaClient(ChainClient):
             "robot and ball at their places",
         )
 
-    def ended(self, sent: SentGoal) -> ExecuteChain.Result:
+    def ended(self, sent: SentChain) -> ExecuteChain.Result:
         """Wait for the end of a goal; assert that it has a reason and that its record is published once."""
         result = sent.result()
         assert result.outcome.code

@@ -13,6 +13,7 @@ from nav_msgs.msg import Odometry
 from process import PATIENCE
 from rcl_interfaces.msg import SetParametersResult
 from rcl_interfaces.srv import SetParameters
+from rclpy.action import ActionClient
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -186,6 +187,34 @@ class Client:
         self._spinning.end(PATIENCE)
         self.node.destroy_node()
         self._context.try_shutdown()
+
+
+class SentGoal:
+    """An accepted goal of an action client, with its feedback."""
+
+    def __init__(self, client: Client, server: ActionClient, goal: Any) -> None:
+        self.client, self.feedback = client, list[Any]()
+        future = client.within(
+            lambda: server.send_goal_async(goal, lambda message: self.feedback.append(message.feedback))
+        )
+        client.eventually(future.done, "the goal's acceptance")
+        self.handle = future.result()
+        assert self.handle.accepted
+        self._future = client.within(self.handle.get_result_async)
+
+    def cancel(self) -> bool:
+        """Cancel the goal; return whether it was still active."""
+        future = self.client.within(self.handle.cancel_goal_async)
+        self.client.eventually(future.done, "an answer to cancel")
+        return bool(future.result().goals_canceling)
+
+    def ended(self) -> bool:
+        return bool(self._future.done())
+
+    def response(self, patience: float = 4 * PATIENCE) -> Any:
+        """Wait for the end; return the response with status and result."""
+        self.client.eventually(self._future.done, "the goal's end", patience)
+        return self._future.result()
 
 
 def stamp(message: Any) -> float:

@@ -4,7 +4,7 @@ import signal
 from collections.abc import Callable
 
 from arena import Arena, ArenaClient
-from chain_client import SentGoal, call
+from chain_client import SentChain, call
 
 from ator_interfaces.srv import PlaceObject
 from ator_ros.geometry import Pose
@@ -15,10 +15,10 @@ SHOT = [
     call("dribbleBall", Pose(1.6, 0.0, 0.0)),
     call("shoot", Pose(4.0, 0.0, 0.0)),
 ]
-Stage = Callable[[Arena, ArenaClient], SentGoal]
+Stage = Callable[[Arena, ArenaClient], SentChain]
 
 
-def waiting(arena: Arena, client: ArenaClient) -> SentGoal:
+def waiting(arena: Arena, client: ArenaClient) -> SentChain:
     """Send a goal that waits for a ball."""
     assert client.ros.call(PlaceObject, "place_ball", PlaceObject.Request(remove=True)).success
     count = len(client.ros.robots)
@@ -30,7 +30,7 @@ def waiting(arena: Arena, client: ArenaClient) -> SentGoal:
     return sent
 
 
-def refining(arena: Arena, client: ArenaClient) -> SentGoal:
+def refining(arena: Arena, client: ArenaClient) -> SentChain:
     """Send a goal that waits for the frozen refinement node."""
     client.place()
     arena.nodes["refinement"].send(signal.SIGSTOP)
@@ -39,7 +39,7 @@ def refining(arena: Arena, client: ArenaClient) -> SentGoal:
     return sent
 
 
-def approach(arena: Arena, client: ArenaClient) -> SentGoal:
+def approach(arena: Arena, client: ArenaClient) -> SentChain:
     """Send a goal; wait until the robot drives to the ball."""
     client.place()
     sent = client.send(CHAIN)
@@ -47,7 +47,7 @@ def approach(arena: Arena, client: ArenaClient) -> SentGoal:
     return sent
 
 
-def dribble(arena: Arena, client: ArenaClient) -> SentGoal:
+def dribble(arena: Arena, client: ArenaClient) -> SentChain:
     """Send a goal; wait until the robot drives with the ball."""
     sent = approach(arena, client)
     client.ros.eventually(lambda: any(each.top == "dribbleBall" for each in sent.feedback), "the dribble")
@@ -55,7 +55,7 @@ def dribble(arena: Arena, client: ArenaClient) -> SentGoal:
     return sent
 
 
-def shoot(arena: Arena, client: ArenaClient) -> SentGoal:
+def shoot(arena: Arena, client: ArenaClient) -> SentChain:
     """Send a goal; wait until the robot shoots."""
     client.place()
     sent = client.send(SHOT)

@@ -5,7 +5,7 @@ machine. With late ticks the robot may lose the ball once more than planned, and
 """
 
 import pytest
-from chain_client import ChainClient, SentGoal, call, chain_of_the_paper
+from chain_client import ChainClient, SentChain, call, chain_of_the_paper
 from process import Processes
 from ros_client import Client
 
@@ -34,13 +34,13 @@ def placed(chains: ChainClient) -> None:
     chains.place(START)
 
 
-def until(chains: ChainClient, sent: SentGoal, top: str) -> None:
+def until(chains: ChainClient, sent: SentChain, top: str) -> None:
     """Wait until the robot drives in step `top`."""
     chains.ros.eventually(lambda: sent.feedback and sent.feedback[-1].top == top, top, LONG)
     chains.wait_until_moving()
 
 
-def steps(sent: SentGoal) -> list[tuple[int, int]]:
+def steps(sent: SentChain) -> list[tuple[int, int]]:
     """Return the step and outcome of each action."""
     return [(action.step, action.outcome.code) for action in sent.result(LONG).record.actions]
 

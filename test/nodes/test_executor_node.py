@@ -1,12 +1,11 @@
 """The `executor` node over its ROS interfaces; all tests share one set of processes."""
 
 import math
-import signal
 import time
 
 import pytest
 from action_msgs.msg import GoalStatus, GoalStatusArray
-from chain_client import PATROL, ChainClient, SentGoal, call, chain_of_the_paper
+from chain_client import PATROL, ChainClient, SentChain, call, chain_of_the_paper
 from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Path
 from process import Process, Processes
@@ -72,7 +71,7 @@ def test_cancel_stops_the_robot_and_goals_have_the_status_that_clients_expect(ch
         GoalStatusArray, "execute_chain/_action/status", qos_profile_action_status_default
     )
 
-    def last(sent: SentGoal) -> int | None:
+    def last(sent: SentChain) -> int | None:
         found = [
             each for a in arrays for each in a.status_list if each.goal_info.goal_id == sent.handle.goal_id
         ]
@@ -148,23 +147,6 @@ def test_a_goal_succeeds_without_a_refinement_node(chains: ChainClient) -> None:
     assert result.outcome.code == Outcome.SUCCEEDED
     assert not result.record.refined
     assert "executed as sent, refinement failed: no answer within 1 s" in result.record.refinement
-
-
-def test_missing_odometry_stops_the_robot_and_a_new_goal_works(
-    chains: ChainClient, simulation: Process
-) -> None:
-    sent = chains.send(PATROL)
-    chains.wait_until_moving()
-    simulation.send(signal.SIGSTOP)
-    try:
-        outcome = sent.outcome()
-    finally:
-        simulation.send(signal.SIGCONT)
-    assert outcome.code == Outcome.INPUT_LOST
-    assert "odom is missing" in outcome.reason
-    chains.ros.eventually(lambda: chains.commands[-1].linear.x == 0.0, "a stop")
-    chains.ros.eventually(chains.standing, "the robot stands")
-    assert chains.send([call("goToPose", Pose(-1.0, 0.5, 0.0))]).outcome().code == Outcome.SUCCEEDED
 
 
 def test_a_reset_ends_the_goal(chains: ChainClient) -> None:

@@ -83,21 +83,3 @@ def test_a_given_robot_file_is_used(host: Host, client: Client, slow_robot: Path
     assert status.level == DiagnosticStatus.WARN
     assert "dribbleBall was learned with ANOTHER ROBOT" in status.message
     assert "ANOTHER ROBOT" in node.output
-
-
-@pytest.mark.parametrize(
-    ("remove", "settings", "expected"),
-    [
-        ("", {}, "a chain is changed where the predicted gain exceeds its uncertainty"),
-        ("", {"gate": False}, "gate is false: a chain is changed whenever a gain is predicted"),
-        ("*.json", {}, "no models ("),
-    ],
-)
-def test_refinement_reports_its_gate_in_one_line(
-    host: Host, models: Path, remove: str, settings: dict[str, object], expected: str
-) -> None:
-    for file in models.glob(remove) if remove else ():
-        file.unlink()
-    last = host("refinement", models=models, **settings).output.splitlines()[-1]
-    assert "refining chains for pioneer_3dx (domain soccer, ROS domain " in last
-    assert expected in last
