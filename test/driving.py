@@ -1,6 +1,5 @@
-"""Goals executed in simulation, as the executor node does, on various bases."""
+"""Goals executed in simulation, as the executor node executes them."""
 
-import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -11,41 +10,17 @@ from ator_ros.execution.chain_executor import Ending
 from ator_ros.execution.fence import Fence
 from ator_ros.execution.motion_watch import MotionWatch
 from ator_ros.execution.supervisor import Phase, Supervisor
-from ator_ros.robot.description import Robot
-from ator_ros.simulation.sensors import ObjectErrors, SensorConfig, Sensors
+from ator_ros.simulation.sensors import SensorConfig, Sensors
 from ator_ros.simulation.simulation import TICK, Simulation
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
-from ator_ros.world.estimation import ObjectTracker
-from ator_ros.world.state import STOP, Command, World
+from ator_ros.world.state import Command, World
 
 _LONGEST = 60.0
 
 
 def same(world: World) -> World:
     return world
-
-
-@dataclass(frozen=True)
-class Base:
-    """How the base and its sensors differ from the described robot."""
-
-    sensors: SensorConfig = field(default_factory=SensorConfig)
-    latency: float = 0.0  # s, which the executor compensates
-    motor_lag: float = 0.0  # time constant in s; 0: as described
-    dead_zone: Command = STOP  # speeds up to which a command does nothing
-    scale: float = 1.0  # of the described speeds and accelerations
-
-    def robot(self, robot: Robot) -> Robot:
-        """Return the actual robot."""
-        lag = self.motor_lag or robot.motor_time_constant
-        return dataclasses.replace(robot, motor_time_constant=lag, limits=robot.limits.scaled(self.scale))
-
-    def respond(self, command: Command) -> Command:
-        """Return the motion that the base makes of a command."""
-        v = 0.0 if abs(command.v) <= self.dead_zone.v else command.v
-        w = 0.0 if abs(command.w) <= self.dead_zone.w else command.w
-        return Command(v, w)
 
 
 @dataclass
@@ -71,7 +46,7 @@ def drive(
     library: TopLibrary,
     start: World,
     chain: TopChain,
-    base: Base | None = None,
+    sensors: SensorConfig | None = None,
     *,
     seed: int = 0,
     fence: Fence | None = None,
@@ -83,12 +58,11 @@ def drive(
 
     `odometry` changes the observed world, `motors` the response of the base to a command at a time (s).
     """
-    base, robot = base or Base(), library.robot
+    config, last = sensors or SensorConfig(), -1.0
     execution = execution_of(chain, library=library, again_after=0.0, now=0.0, fence=fence)
-    done, watch, sensors = Drive(execution), MotionWatch(robot, base.latency), Sensors(base.sensors, seed)
-    errors = base.sensors.objects.get(BALL, ObjectErrors())
-    tracker, last = ObjectTracker(errors.noise, errors.velocity_noise), -1.0
-    with Simulation(base.robot(robot)) as simulation:
+    latency = config.latency and config.latency + TICK  # of states and commands
+    done, watch, observer = Drive(execution), MotionWatch(library.robot, latency), Sensors(config, seed)
+    with Simulation(library.robot) as simulation:
         simulation.place_robot(start.robot.pose, v=start.robot.v, w=start.robot.w)
         if ball_of(start) is not None:
             simulation.place_object(
@@ -96,22 +70,16 @@ def drive(
             )
         while execution.phase is not Phase.ENDED and simulation.time < limit:
             world = simulation.world()
-            observed, now = sensors.observe(world), world.time
-            if ball_of(observed) is not None:
-                observed = observed.with_object(BALL, tracker.update(observed.time, ball_of(observed)))
-            observed = odometry(observed)
+            observed, now = odometry(observer.observe(world)), world.time
             if observed.time > last:
                 last = observed.time
                 fault = watch.fault(observed.time, observed.robot, now)
                 command = execution.tick(watch.foresight.ahead(observed), now, fault=fault)
                 watch.sent(observed.time, command)
-                simulation.command(motors(now, command) if motors else base.respond(command))
+                simulation.command(motors(now, command) if motors else command)
                 if done.ended is None and execution.ending is not None:
                     done.ended = now
                 done.commands.append(command)
                 done.worlds.append(world)
             simulation.tick()
     return done
-
-
-LATE = Base(SensorConfig(latency=0.1), latency=0.1 + TICK)
