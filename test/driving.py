@@ -5,11 +5,11 @@ from dataclasses import dataclass, field
 
 from executions import execution as execution_of
 
-from ator_ros.domains.soccer.field import BALL, ball_of
 from ator_ros.execution.chain_executor import Ending
 from ator_ros.execution.fence import Fence
 from ator_ros.execution.motion_watch import MotionWatch
 from ator_ros.execution.supervisor import Phase, Supervisor
+from ator_ros.simulation.run import place
 from ator_ros.simulation.sensors import SensorConfig, Sensors
 from ator_ros.simulation.simulation import TICK, Simulation
 from ator_ros.tops.chain import TopChain
@@ -63,11 +63,7 @@ def drive(
     latency = config.latency and config.latency + TICK  # of states and commands
     done, watch, observer = Drive(execution), MotionWatch(library.robot, latency), Sensors(config, seed)
     with Simulation(library.robot) as simulation:
-        simulation.place_robot(start.robot.pose, v=start.robot.v, w=start.robot.w)
-        if ball_of(start) is not None:
-            simulation.place_object(
-                BALL, ball_of(start).x, ball_of(start).y, vx=ball_of(start).vx, vy=ball_of(start).vy
-            )
+        place(simulation, start)
         while execution.phase is not Phase.ENDED and simulation.time < limit:
             world = simulation.world()
             observed, now = odometry(observer.observe(world)), world.time

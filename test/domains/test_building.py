@@ -86,16 +86,7 @@ def test_in_free_space_its_path_is_hardly_longer_than_the_line_and_none_leads_in
 
 def test_drives_on_a_given_map_are_collected(tmp_path: Path) -> None:
     table = tmp_path / "table.parquet"
-    words = [
-        "--domain",
-        "pursuit",
-        "--map",
-        str(write_map(tmp_path, hall())),
-        "--episodes",
-        "6",
-        "--jobs",
-        "1",
-    ]
+    words = ["--domain", "pursuit", "--map", str(write_map(tmp_path, hall())), "--episodes", "6"]
     assert collect.main([*words, "--jobs", "1", "--seed", "3", "--out", str(table)]) == 0
     read = read_experience(table)
     assert read.metadata["map"].startswith("hall.yaml (")

@@ -2,7 +2,6 @@
 
 import dataclasses
 import itertools
-import math
 from collections.abc import Iterator
 from typing import Any
 
@@ -262,22 +261,13 @@ def test_the_goal_continues_without_an_answer(drive: Drive) -> None:
     assert drive.run.refining.refined_again == 0
 
 
-@pytest.mark.parametrize(
-    ("step", "change", "reason"),
-    [
-        (0, {"x": -2.0}, "x of step 1 (goToBall): expected 0.3 as planned, got -2"),
-        (1, {"yaw": math.nan}, "yaw of step 2 (dribbleBall): expected a number from"),
-        (1, {"speed": 0.4}, "speed of step 2 (dribbleBall): expected 0 as planned, got 0.4"),
-    ],
-)
-def test_an_answer_that_changes_bound_variables_is_ignored(
-    drive: Drive, step: int, change: dict[str, float], reason: str
-) -> None:
+def test_an_answer_that_changes_bound_variables_is_ignored(drive: Drive) -> None:
     question = moved_ball_question(drive)
-    goal = with_values(question.chain.calls[step].goal, change)
-    drive.run.refined_to(with_yaw(question.chain, NEW_YAW).with_goal(step, goal), True, "nonsense")
+    goal = with_values(question.chain.calls[0].goal, {"x": -2.0})
+    drive.run.refined_to(with_yaw(question.chain, NEW_YAW).with_goal(0, goal), True, "nonsense")
     drive.tick()
     assert drive.run.executor.chain == question.chain
+    reason = "x of step 1 (goToBall): expected 0.3 as planned, got -2"
     assert f"m from the forecast: the answer cannot be used: {reason}" in drive.run.refining.reason
     assert drive.to_the_end() is Ending.SUCCEEDED
     assert drive.run.refining.refined_again == 0

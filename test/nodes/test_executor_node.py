@@ -6,17 +6,16 @@ import time
 import pytest
 from action_msgs.msg import GoalStatus, GoalStatusArray
 from chain_client import PATROL, ChainClient, SentChain, call, chain_of_the_paper
-from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Path
 from process import Process, Processes
 from rclpy.qos import qos_profile_action_status_default
-from ros_client import Client
+from ros_client import Client, values_of
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
 from ator_interfaces.msg import Outcome
 from ator_ros.geometry import Pose
-from ator_ros.nodes.qos import LATCHED, RESULTS
+from ator_ros.nodes.qos import LATCHED
 
 SETTINGS = {
     # Long, since the machine may be busy with other tests.
@@ -160,17 +159,16 @@ def test_a_reset_ends_the_goal(chains: ChainClient) -> None:
 
 
 def test_health_is_published(chains: ChainClient) -> None:
-    health = chains.ros.listen(DiagnosticArray, "/diagnostics", RESULTS)
+    health = chains.ros.statuses()
     assert chains.send([call("goToPose", Pose(-1.8, 0.0, 0.0))]).outcome().code == Outcome.SUCCEEDED
 
     def known() -> bool:
         # Sent repeatedly, since other errors may replace the last error of the executor.
         assert chains.send([]).outcome().code == Outcome.REFUSED
         time.sleep(0.3)
-        status = [message.status[0] for message in health if message.status[0].name == "/executor"]
-        errors = [value.value for each in status for value in each.values if value.key == "last error"]
+        errors = [values_of(each)["last error"] for each in health if each.name == "/executor"]
         return any("chain.calls: expected 1 to 32 items, got 0" in error for error in errors)
 
     chains.ros.eventually(known, "diagnostics with the last error")
-    names = {value.key for each in health[-20:] for value in each.status[0].values}
+    names = {key for each in health[-20:] for key in values_of(each)}
     assert {"odom", "99 % of the last 1000 ticks within (ms)"} <= names

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from chain_client import call
 from conftest import Host
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticStatus
 from experience_rows import uncertain
 from process import Processes
 from refinement_requests import refine, request_of_the_paper, save_small_models
@@ -17,7 +17,7 @@ from ator_interfaces.msg import GoalTerm, PlanGoal, Situation, TopCall
 from ator_interfaces.srv import PlanChains, PredictDurations
 from ator_ros.geometry import Pose
 from ator_ros.nodes.messages import pose_of
-from ator_ros.nodes.qos import LATCHED, RESULTS
+from ator_ros.nodes.qos import LATCHED
 
 
 @pytest.fixture(scope="module")
@@ -92,12 +92,12 @@ def test_the_failure_cost_is_the_parameter_unless_requested(host: Host, client: 
 
 
 def test_without_models_it_warns_and_continues(host: Host, client: Client, tmp_path: Path) -> None:
-    health = client.listen(DiagnosticArray, "/diagnostics", RESULTS)
+    health = client.statuses()
     host("refinement", models=tmp_path)
     response = refine(client, request_of_the_paper())
     assert not response.accepted
     assert str(tmp_path) in response.reason
-    client.eventually(lambda: health and health[-1].status[0].level == DiagnosticStatus.ERROR, "an error")
+    client.eventually(lambda: health and health[-1].level == DiagnosticStatus.ERROR, "an error")
 
 
 def test_markers_of_the_last_search_are_latched(service_client: Client) -> None:

@@ -5,9 +5,10 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from action_servers import Server, UnresponsiveServer
+from action_servers import Server
 from remote_bench import GOAL, Bench
 
+from ator_interfaces.action import ExecuteChain
 from ator_ros.actions.base import Status
 from ator_ros.world.messages import pose_from
 from ator_ros.world.state import STOP
@@ -116,15 +117,14 @@ def test_a_killed_server_is_detected_long_before_dds_drops_it(bench: Bench) -> N
 
 
 def test_feedback_resets_the_silence_timeout(bench: Bench) -> None:
-    server = UnresponsiveServer(bench.theirs)
-    server.unresponsive = False
+    server = Server(bench.theirs)
     bench.declare(result=600.0)
     bench.begin()
     drive_for(bench, 0.5)
-    server.unresponsive = True
+    bench.freeze()  # it answers no request
     for _ in range(4):
         drive_for(bench, 0.3)
-        server.publish_feedback()
+        server.goals[-1].publish_feedback(ExecuteChain.Feedback())
     assert "is gone or hangs" in bench.outcome()[0].message
 
 

@@ -5,11 +5,10 @@ import itertools
 import math
 
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
 from process import Process, Processes
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from ros_client import Client
+from ros_client import Client, values_of
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
@@ -19,7 +18,7 @@ from tf2_msgs.msg import TFMessage
 from ator_interfaces.srv import PlaceObject, PlaceRobot
 from ator_ros.geometry import Pose, yaw_from_quaternion
 from ator_ros.nodes.messages import pose_of
-from ator_ros.nodes.qos import LATCHED, NEWEST, RESULTS, SENSOR_DATA
+from ator_ros.nodes.qos import LATCHED, NEWEST, SENSOR_DATA
 from ator_ros.world.messages import OdometryReader
 
 START = Pose(-2.0, 0.0, 0.0)
@@ -162,15 +161,12 @@ def test_invalid_commands_are_reported_and_move_nothing(simulation: Process, wor
 def test_clock_description_and_health_are_published(world: Client) -> None:
     client = world
     clocks = client.listen(Clock, "/clock", SENSOR_DATA)
-    health = client.listen(DiagnosticArray, "/diagnostics", RESULTS)
     client.eventually(lambda: len(clocks) > 5, "the clock")
     description = client.listen(String, "robot_description", LATCHED)
     client.eventually(
         lambda: description and "<robot" in description[0].data, "the description, to a late listener"
     )
-    client.eventually(lambda: health and health[-1].status[0].name == "/simulation", "diagnostics")
-    values = {value.key: value.value for value in health[-1].status[0].values}
-    assert float(values["simulated time (s)"]) > 0.0
+    assert float(values_of(client.status_of("simulation"))["simulated time (s)"]) > 0.0
 
 
 def test_topics_for_rviz_and_robot_state_publisher(world: Client) -> None:
