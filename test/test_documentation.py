@@ -143,7 +143,7 @@ def runnable() -> list[str]:
 
 def coverage_of(printed: Printed) -> list[str]:
     """Return how a command is executed, or why not; empty if it is not covered."""
-    found = [way for key, way in (BY_TEST | NOT_HERE).items() if re.fullmatch(key, printed.text)]
+    found = [how for key, how in (BY_TEST | NOT_HERE).items() if re.fullmatch(key, printed.text)]
     found += ["scripts/reproduce"] * is_reproduced(printed.text)
     found += ["test_a_printed_tool_runs"] * (printed.text in runnable())
     found += ["a name in a sentence"] * (printed.text in TOOLS)

@@ -27,12 +27,12 @@ def test_the_path_is_the_curve_from_robot_to_goal(robot: Robot) -> None:
     action.start(world, Goal(goal))
     assert action.path() is None
     action.step(world)
-    way = action.path()
-    assert way[0] == pytest.approx(start, abs=0.1)
-    assert way[-1] == pytest.approx(goal)
+    path = action.path()
+    assert path[0] == pytest.approx(start, abs=0.1)
+    assert path[-1] == pytest.approx(goal)
     # The curve ends where the straight run-in begins.
-    assert abs(Pose(*way[-2]).relative(goal).y) < 0.01
-    assert way[-2] == pytest.approx(goal, abs=0.4)
+    assert abs(Pose(*path[-2]).relative(goal).y) < 0.01
+    assert path[-2] == pytest.approx(goal, abs=0.4)
 
 
 @pytest.mark.parametrize("name", ["dribbleBall", "shoot"])

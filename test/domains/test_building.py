@@ -1,4 +1,4 @@
-"""The domain `building`: what its tours are, its planner, and drives between walls that are simulated."""
+"""The domain `building`: its tours, its planner, and simulated drives between walls."""
 
 import itertools
 import math
@@ -75,7 +75,7 @@ def test_the_server_drives_through_doors_in_the_middle() -> None:
     assert end.distance(goal) < 0.2
 
 
-def test_in_free_space_its_path_is_hardly_longer_than_the_line_and_none_leads_into_walls() -> None:
+def test_paths_in_free_space_are_nearly_straight_and_none_leads_into_a_wall() -> None:
     path = NavFn(np.ones((100, 100), dtype=bool), 0.1, (-5.0, -5.0, 0.0), 0.2).path((-3.0, -2.0), (3.0, 1.0))
     assert path is not None
     assert np.hypot(*np.diff(path, axis=0).T).sum() < 1.03 * math.hypot(6.0, 3.0)

@@ -62,9 +62,9 @@ class TestPolicies:
         assert robot.distance(ball) + ball.distance(goal) == pytest.approx(robot.distance(goal))
 
     def test_arrival_speed_is_refined_only_if_open(self, tools: Toolset) -> None:
-        # The fakes' failure probability grows with the speed; here a failure costs almost nothing.
-        bold = dataclasses.replace(tools, domain=dataclasses.replace(tools.domain, time_limit=0.1))
-        chains = [POLICIES["refined_speed"](bold, trial(index)).chain for index in range(5)]
+        # The failure probability of the fakes grows with the speed; here a failure costs almost nothing.
+        without_cost = dataclasses.replace(tools, domain=dataclasses.replace(tools.domain, time_limit=0.1))
+        chains = [POLICIES["refined_speed"](without_cost, trial(index)).chain for index in range(5)]
         speeds = [chain.calls[0].goal.speed for chain in chains]
         assert max(speeds) > 0.2
 

@@ -122,7 +122,7 @@ def test_an_action_that_failed_to_start_is_not_ended() -> None:
     assert actions.ends == []
 
 
-def test_a_goal_that_a_server_does_not_take_is_no_experience() -> None:
+def test_a_goal_that_the_server_rejects_is_no_experience() -> None:
     actions = ActionLog()
     goal = started_goal(actions)
     actions.outcome = Status.REFUSED
@@ -133,7 +133,7 @@ def test_a_goal_that_a_server_does_not_take_is_no_experience() -> None:
     assert record.ending.value not in ENDED
 
 
-def test_a_robot_that_a_program_moves_on_is_commanded_to_stand_and_reported() -> None:
+def test_a_robot_that_another_program_moves_is_stopped_and_reported() -> None:
     """As by Nav2's controller server after its navigator was killed, while the robot stood for a moment."""
     actions = ActionLog()
     goal = started_goal(actions)

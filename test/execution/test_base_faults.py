@@ -36,11 +36,11 @@ def go(robot: Robot, pose: Pose) -> TopChain:
 def goals(robot: Robot, speed: float) -> dict[str, Pose]:
     """Return goals for which the robot reaches a share of its maximum speed, or only turns."""
     limits = robot.limits
-    way = (speed * limits.v) ** 2 / min(limits.a, limits.brake) + 0.3 * limits.v
-    way = min(3.0, max(way, 2.0 * limits.v, 0.1))
+    distance = (speed * limits.v) ** 2 / min(limits.a, limits.brake) + 0.3 * limits.v
+    distance = min(3.0, max(distance, 2.0 * limits.v, 0.1))
     return {
-        "bend": Pose(way, 0.5 * way, 1.57),
-        "ahead": Pose(way, 0.0, 0.0),
+        "bend": Pose(distance, 0.5 * distance, 1.57),
+        "ahead": Pose(distance, 0.0, 0.0),
         "turn": Pose(0.0, 0.0, 2.5 * speed),
     }
 

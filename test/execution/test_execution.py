@@ -106,7 +106,7 @@ def test_a_refined_chain_is_executed_if_it_is_valid() -> None:
     )
     other = execution(FORWARD, refine=True)
     other.tick(world(), 100.0)
-    other.refined_to(chain(("shoot", Pose(4.0, 0.0, 0.0))), True, "nonsense")
+    other.refined_to(chain(("shoot", Pose(4.0, 0.0, 0.0))), True, "invalid")
     assert other.executor.chain is FORWARD
     assert "expected the steps of the question" in other.refining.reason
     assert not other.refining.refined
@@ -168,7 +168,7 @@ class TestAlternatives:
         assert run.refining.reason == "alternative 1 is chosen: better"
         other = execution(FORWARD, opened, refine=True)
         other.tick(world(), 100.0)
-        other.refined_to(FORWARD_LEFT, True, "nonsense", chosen=0)
+        other.refined_to(FORWARD_LEFT, True, "invalid", chosen=0)
         assert other.executor.chain == FORWARD
         assert "x of step 1" in other.refining.reason or "y of step 1" in other.refining.reason
 

@@ -196,7 +196,7 @@ def test_a_delayed_command_counts_from_when_it_was_sent() -> None:
 
 
 @pytest.mark.parametrize("in_odometry", [True, False])
-def test_corrections_of_the_pose_in_tf_are_no_motion(in_odometry: bool) -> None:
+def test_corrections_of_the_pose_in_tf_are_not_motion(in_odometry: bool) -> None:
     """A localization shifts odometry's frame in the map by 5 cm twice a second, dated ahead as by AMCL."""
     known, estimate, watch = Transforms(), RobotVelocity(1.2, 2.4), MotionWatch(ROBOT, 0.0)
     faults: set[str | None] = set()

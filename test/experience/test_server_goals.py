@@ -1,4 +1,4 @@
-"""Drives from recordings of an action server's goals, as of Nav2: status, plan and tf, no records."""
+"""Drives from recordings of the goals of an action server such as Nav2: status, plan and tf, no records."""
 
 import math
 from pathlib import Path
@@ -148,7 +148,7 @@ def test_goals_of_a_server_are_drives(tmp_path: Path, domain: Domain, storage: s
     }
 
 
-def test_without_transforms_the_frame_is_named(tmp_path: Path, domain: Domain) -> None:
+def test_without_transforms_the_frame_is_reported(tmp_path: Path, domain: Domain) -> None:
     states: Extra = ("/odom", ODOMETRY, Messages.odometry)
     bag = write_bag(tmp_path / "bag", Messages(offset=100.0), ticks(), states, *TOPICS)
     with pytest.raises(

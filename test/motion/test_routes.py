@@ -1,4 +1,4 @@
-"""Routes on a map: lengths, headings, margins, places that none leads to."""
+"""Routes on a map: lengths, headings, margins, places without a route."""
 
 import math
 
@@ -68,7 +68,7 @@ def test_a_turned_map_has_the_same_routes(yaw: float) -> None:
     assert wrap_angles(found.departure - usual.departure) == pytest.approx(yaw, abs=1e-4)
 
 
-def test_places_that_no_route_leads_to_are_named() -> None:
+def test_places_without_a_route_are_reported() -> None:
     closed = hall()
     closed[:, 118:122] = False
     routes = Routes(GridMap("closed", closed, 0.05, GRID.origin), RADIUS)

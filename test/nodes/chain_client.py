@@ -32,8 +32,8 @@ def chain_of_the_paper() -> list[TopCall]:
     ]
 
 
-#: Takes minutes of simulated time, since the simulation does not wait for the test's process, so that all
-#: events of a test occur before the chain's end.
+# Takes minutes of simulated time, so that all events of a test occur before the chain's end: the simulation
+# does not wait for the test's process.
 PATROL = [call("goToPose", Pose(2.5, 1.5, 0.0)), call("goToPose", Pose(-2.5, 1.5, 3.1))] * 16
 
 

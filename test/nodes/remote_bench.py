@@ -23,15 +23,17 @@ PERIOD = 0.02
 
 
 class Bench:
-    """The client's node and the server's node, in one rclpy executor of this process."""
+    """The node of the client and that of the server, in one rclpy executor of this process."""
 
     def __init__(self, domain: int) -> None:
         self._context = rclpy.Context()
         self._context.init(domain_id=domain)
-        self.ours, self.theirs = (Node(name, context=self._context) for name in ("ours", "theirs"))
+        self.client_node, self.server_node = (
+            Node(name, context=self._context) for name in ("client_node", "server_node")
+        )
         self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self.ours)
-        self._executor.add_node(self.theirs)
+        self._executor.add_node(self.client_node)
+        self._executor.add_node(self.server_node)
         self.declare()
         self.steps: list[Step] = []
         self._time = 0.0
@@ -40,15 +42,15 @@ class Bench:
         """Set the timeouts of the server's declaration."""
         call = declared()
         call = dataclasses.replace(call, timeouts=dataclasses.replace(call.timeouts, **timeouts))
-        self.server = RemoteServer(self.ours, call, "odom")
+        self.server = RemoteServer(self.client_node, call, "odom")
         self.action = RemoteAction(ROBOT, self.server)
 
     def freeze(self) -> None:
         """Stop spinning the server's node, as if it was killed: DDS still lists it."""
-        self._executor.remove_node(self.theirs)
+        self._executor.remove_node(self.server_node)
 
-    def thaw(self) -> None:
-        self._executor.add_node(self.theirs)
+    def resume(self) -> None:
+        self._executor.add_node(self.server_node)
 
     def spin(self) -> None:
         end = time.monotonic() + PERIOD
@@ -92,7 +94,7 @@ class Bench:
 
     def close(self) -> None:
         self._executor.shutdown()
-        for node in (self.ours, self.theirs):
+        for node in (self.client_node, self.server_node):
             for waitable in list(node.waitables):  # otherwise they outlive their node
                 getattr(waitable, "destroy", bool)()
             node.destroy_node()

@@ -95,7 +95,7 @@ def test_a_goal_of_another_client_ends_the_drives(
     assert sent[0].outcome().code == Outcome.SUCCEEDED
 
 
-def test_the_robot_is_not_moved_without_a_yes(
+def test_the_robot_is_not_moved_without_confirmation(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(sys, "stdin", io.StringIO("\n"))

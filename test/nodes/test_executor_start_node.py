@@ -23,7 +23,7 @@ def test_shutdown_stops_the_robot_and_ends_cleanly(start: Start, host: Host, cli
     assert executor.stop(number) == 0
     assert "Traceback" not in executor.output
     # A client that is not discovered before the node ends may miss one of the two.
-    client.eventually(lambda: sent.ended() or chains.chains, "news of the end")
+    client.eventually(lambda: sent.ended() or chains.chains, "the goal's end")
     record = sent.result().record if sent.ended() else chains.chains[-1]
     assert record.outcome.code == Outcome.SHUTDOWN
     assert math.isnan(record.actual.success)

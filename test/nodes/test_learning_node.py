@@ -99,7 +99,7 @@ def test_learning_can_be_frozen_and_requested(
     assert client.call(SetBool, "learning/freeze", SetBool.Request(data=False)).success
     assert client.call(Trigger, "learning/learn_now", Trigger.Request()).success
     place = client.eventually(lambda: current_set(folder), "a set", patience=90.0)
-    client.eventually(lambda: "default/goToPose: " in node.output, "word of it")
+    client.eventually(lambda: "default/goToPose: " in node.output, "the verdict in the log")
     manifest, values = read_manifest(place), values_of(client.status_of("learning"))
     assert (values["set"], values["last switch"]) == (manifest.digest, manifest.time)
     assert values["default/goToPose: switched"] == manifest.reasons["default/goToPose"]

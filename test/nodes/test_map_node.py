@@ -86,7 +86,7 @@ def test_a_new_map_replaces_the_old_one_and_answers_name_theirs(
         "a warning of a map without room",
     )
     assert refine(client, sent).accepted
-    maps.publish(occupancy_grid_of(WALL, frame="moon"))
+    maps.publish(occupancy_grid_of(WALL, frame="attic"))
     maps.publish(occupancy_grid_of(WALL, frame="map"))
     inside = request(call("visit", Pose(0.0, 0.0, 0.0)))
     client.eventually(lambda: not refine(client, inside).accepted, "the wall again")

@@ -80,6 +80,6 @@ def test_a_robot_that_moves_when_odometry_returns_is_stopped(host: Host, client:
     base.timer.cancel()
     assert sent.outcome().code == Outcome.INPUT_LOST
     base.commanded = Twist()
-    base.commanded.linear.x = 0.5  # it has driven on
+    base.commanded.linear.x = 0.5  # it has kept driving
     base.timer.reset()
     client.eventually(lambda: base.commanded.linear.x == 0.0, "a command to stop")

@@ -65,7 +65,7 @@ def test_an_open_angle_is_compared_with_the_fastest_approach(service_client: Cli
 
 
 def test_startup_parameters_are_read_only(service_client: Client) -> None:
-    results = service_client.set_parameters("refinement", models="/etc", frame="moon")
+    results = service_client.set_parameters("refinement", models="/etc", frame="attic")
     assert [result.successful for result in results] == [False] * 2
     assert all("read-only" in result.reason for result in results)
 

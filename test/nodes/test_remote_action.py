@@ -25,7 +25,7 @@ def bench(domain: int) -> Iterator[Bench]:
 
 
 def test_a_goal_is_sent_as_declared_once_the_robot_is_at_rest(bench: Bench) -> None:
-    server = Server(bench.theirs)
+    server = Server(bench.server_node)
     bench.begin()
     assert [bench.tick(v=0.5).command for _ in range(3)] == [STOP] * 3
     assert not server.goals
@@ -49,7 +49,7 @@ def test_a_goal_is_sent_as_declared_once_the_robot_is_at_rest(bench: Bench) -> N
     ],
 )
 def test_an_unsuccessful_result_is_reported(bench: Bench, end: dict[str, Any], expected: str) -> None:
-    server = Server(bench.theirs)
+    server = Server(bench.server_node)
     bench.begin()
     bench.drive(lambda: server.goals)
     server.finish(**end)
@@ -61,7 +61,7 @@ def test_an_unsuccessful_result_is_reported(bench: Bench, end: dict[str, Any], e
 
 
 def test_a_rejected_goal_fails_immediately(bench: Bench) -> None:
-    Server(bench.theirs, accepts=False)
+    Server(bench.server_node, accepts=False)
     bench.begin()
     step, took = bench.outcome()
     assert (step.status, step.message) == (Status.REFUSED, "drive rejected the goal")
@@ -69,12 +69,12 @@ def test_a_rejected_goal_fails_immediately(bench: Bench) -> None:
 
 
 def test_a_goal_accepted_too_late_is_canceled(bench: Bench) -> None:
-    server = Server(bench.theirs)
+    server = Server(bench.server_node)
     bench.begin()
     bench.freeze()
     late = "drive did not answer the goal: expected that within 0.5 s"
     assert bench.outcome()[0].message == late
-    bench.thaw()
+    bench.resume()
     bench.until(lambda: server.canceled)
 
 
@@ -87,7 +87,7 @@ def test_without_a_server_it_fails_after_its_timeout(bench: Bench) -> None:
 
 
 def test_a_server_that_dies_is_detected(bench: Bench) -> None:
-    server = Server(bench.theirs)
+    server = Server(bench.server_node)
     bench.begin()
     bench.drive(lambda: server.goals)
     server.destroy()
@@ -104,7 +104,7 @@ def drive_for(bench: Bench, duration: float) -> None:
 
 
 def test_a_killed_server_is_detected_long_before_dds_drops_it(bench: Bench) -> None:
-    Server(bench.theirs)
+    Server(bench.server_node)
     bench.declare(result=600.0)
     bench.begin()
     drive_for(bench, 1.2)  # longer than `silence`: the server responds
@@ -117,7 +117,7 @@ def test_a_killed_server_is_detected_long_before_dds_drops_it(bench: Bench) -> N
 
 
 def test_feedback_resets_the_silence_timeout(bench: Bench) -> None:
-    server = Server(bench.theirs)
+    server = Server(bench.server_node)
     bench.declare(result=600.0)
     bench.begin()
     drive_for(bench, 0.5)
@@ -129,7 +129,7 @@ def test_feedback_resets_the_silence_timeout(bench: Bench) -> None:
 
 
 def test_a_server_that_never_ends_times_out_and_is_canceled(bench: Bench) -> None:
-    server = Server(bench.theirs)
+    server = Server(bench.server_node)
     bench.begin()
     step, took = bench.outcome()
     assert step.message == "drive took too long: expected a result within 4 s, got none"
@@ -142,7 +142,7 @@ def test_a_server_that_never_ends_times_out_and_is_canceled(bench: Bench) -> Non
 
 
 def test_two_servers_with_one_name_are_rejected(bench: Bench) -> None:
-    servers = [Server(bench.theirs), Server(bench.theirs)]
+    servers = [Server(bench.server_node), Server(bench.server_node)]
     bench.begin()
     bench.until(lambda: "got 2" in bench.server.unusable())
     step, took = bench.outcome()

@@ -103,7 +103,7 @@ def test_success_is_the_status_and_all_fields() -> None:
     assert failure(ABORTED, Success(status=("aborted",))) is None
 
 
-def test_an_error_code_is_named_also_where_it_is_forwarded(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_error_code_is_reported_by_its_name_also_if_forwarded(monkeypatch: pytest.MonkeyPatch) -> None:
     """As of nav2_msgs: the navigator's result holds the code of its planner, and no text."""
     package = ModuleType("some_msgs.action")
     kinds = {

@@ -112,9 +112,9 @@ def test_a_ball_rolls_and_is_removed(world: Client) -> None:
     assert client.balls[-1][0] < time + 0.5
 
 
-NONSENSE = [
+INVALID = [
     ("place_robot", "pose.pose.position.x", math.nan, "pose.pose.position.x: expected a finite number"),
-    ("place_robot", "pose.header.frame_id", "moon", "expected the frame 'odom', got 'moon'"),
+    ("place_robot", "pose.header.frame_id", "attic", "expected the frame 'odom', got 'attic'"),
     ("place_robot", "v", math.inf, "v: expected a finite number"),
     ("place_ball", "position.point.y", -500.0, "position.point.y: expected a finite number"),
     ("place_ball", "velocity.y", 99.0, "velocity.y: expected a finite number"),
@@ -122,7 +122,7 @@ NONSENSE = [
 KINDS = {"place_robot": PlaceRobot, "place_ball": PlaceObject}
 
 
-@pytest.mark.parametrize(("service", "where", "value", "expected"), NONSENSE)
+@pytest.mark.parametrize(("service", "where", "value", "expected"), INVALID)
 def test_invalid_requests_are_rejected_and_move_nothing(
     world: Client, service: str, where: str, value: object, expected: str
 ) -> None:
@@ -139,9 +139,9 @@ def test_invalid_requests_are_rejected_and_move_nothing(
 
 
 def test_invalid_commands_are_reported_and_move_nothing(simulation: Process, world: Client) -> None:
-    node, stranger = simulation, Client(world.domain, "stranger")
+    node, other = simulation, Client(world.domain, "other")
     try:
-        words = stranger.node.create_publisher(String, "/cmd_vel", NEWEST)
+        words = other.node.create_publisher(String, "/cmd_vel", NEWEST)
         world.eventually(
             lambda: (
                 words.publish(String(data="go"))
@@ -152,7 +152,7 @@ def test_invalid_commands_are_reported_and_move_nothing(simulation: Process, wor
         )
         world.eventually(lambda: world.command(w=math.inf) or "cmd_vel.angular.z" in node.output, "a warning")
     finally:
-        stranger.close()
+        other.close()
     assert "Traceback" not in node.output
     assert node.running
     assert world.robot().pose.distance(START) < 0.02

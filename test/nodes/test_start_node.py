@@ -1,4 +1,4 @@
-"""Command line, parameters and parameter files of a node, valid and invalid."""
+"""Command line, parameters and parameter files of a node."""
 
 import importlib
 import signal

@@ -105,14 +105,14 @@ def test_time_resumes_after_a_failed_start_and_at_the_end(mocked: Mocked) -> Non
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("fate", [MockNodes.vanish, MockNodes.restart])
-def test_a_chain_whose_executor_has_gone_is_lost(mocked: Mocked, fate: Callable[[MockNodes], None]) -> None:
+@pytest.mark.parametrize("event", [MockNodes.vanish, MockNodes.restart])
+def test_a_chain_whose_executor_has_gone_is_lost(mocked: Mocked, event: Callable[[MockNodes], None]) -> None:
     backend, nodes = mocked
     nodes.accepts = True
     run = Run(NAIVE)
     backend.execute(run, DRAFT, refine=False)
     backend.spin(0.1)
-    fate(nodes)
+    event(nodes)
     until(lambda: run.ended, "the end", lambda: backend.spin(0.02))
     assert run.status == LOST
     backend.stop()  # no chain is active any more

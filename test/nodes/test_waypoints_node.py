@@ -173,7 +173,7 @@ def test_a_newer_goal_preempts_also_one_of_the_other_action(navigator: Navigator
 def test_a_goal_ends_where_the_executor_was_restarted(navigator: Navigator) -> None:
     client, sent = navigator.client, navigator.send("follow_waypoints", SQUARE)
     navigator.chains.wait_until_moving()
-    node = client.node  # one that was killed stays listed for some time
+    node = client.node  # DDS lists a killed node for some time
     another = client.within(lambda: ActionServer(node, ExecuteChain, "execute_chain", lambda _: None))
     status, result = sent.end()
     client.within(another.destroy)
@@ -209,7 +209,7 @@ def test_after_a_waypoint_that_is_not_reached_the_next_is_driven_to(navigator: N
     assert navigator.is_at(poses[2])
 
 
-def test_poses_in_other_frames_are_transformed_or_named(navigator: Navigator) -> None:
+def test_poses_in_other_frames_are_transformed_or_rejected(navigator: Navigator) -> None:
     status, result = navigator.send("navigate_through_poses", SQUARE, "attic").end()
     assert (status, result.error_code) == (GoalStatus.STATUS_ABORTED, 9102)
     assert "expected the frame 'odom', got 'attic'" in result.error_msg

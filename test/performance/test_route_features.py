@@ -1,4 +1,4 @@
-"""Models learned with a map: they predict drives around walls, and need the map to predict."""
+"""Models learned with a map predict drives around walls, and need the map to predict."""
 
 from pathlib import Path
 
@@ -92,7 +92,7 @@ def test_a_model_learned_with_a_map_needs_one(
         load_model(file, ROBOT, TOUR.known_features)
 
 
-def test_a_map_of_another_place_is_named(walled: Domain) -> None:
+def test_a_map_of_another_place_is_reported(walled: Domain) -> None:
     rows = dead_zone_drives(60, seed=1).assign(x=100.0)
     with pytest.raises(ExperienceError, match="60 of 60 episodes have no route on the map and are left out"):
         train("drive_to", rows, walled.robot(), features=walled.candidates("drive_to"))

@@ -137,14 +137,14 @@ class TestJudge:
         assert episode.position_error == pytest.approx(max(0.0, 2.0 - x))
         assert math.isnan(episode.heading_error)
 
-    def test_a_wrong_success_is_a_failure_and_a_failure_stays_one(self) -> None:
+    def test_success_needs_the_post_condition_and_the_success_of_the_action(self) -> None:
         with Simulation(ROBOT) as simulation:
             place(simulation, with_ball(1.0, 1.0))
             done = run_action(simulation, Push(ROBOT), AHEAD)
-            lie = judge(simulation, pushing(ROLLED, 1.0), AHEAD, done.status, done.message)
+            early = judge(simulation, pushing(ROLLED, 1.0), AHEAD, done.status, done.message)
             place(simulation, with_ball(2.5, 1.0))
-            luck = judge(simulation, pushing(ROLLED, 1.0), AHEAD, Status.FAILED, "gave up")
-        assert (lie.success, luck.success, luck.reason) == (False, False, "gave up")
-        assert lie.reason == (
+            late = judge(simulation, pushing(ROLLED, 1.0), AHEAD, Status.FAILED, "gave up")
+        assert (early.success, late.success, late.reason) == (False, False, "gave up")
+        assert early.reason == (
             "pushed; but post-condition of push: expected ball.x 0 to 1 of goal.x, it is 1 beyond"
         )
