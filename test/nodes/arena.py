@@ -16,7 +16,6 @@ from ator_ros.nodes.network import free_domain
 from ator_ros.world.state import STOP
 
 START = Pose(-1.2, 0.0, 0.0)
-BALL = (0.0, 0.0)
 STOP_DEADLINE = 0.5
 """Simulated seconds from the last command to move until the robot stands."""
 LONG_START = 60.0
@@ -40,12 +39,8 @@ class ArenaClient(ChainClient):
     """
 
     def place(self, robot: Pose = START) -> None:
-        """Place robot and ball at the start of the tests' chain, and wait for their messages."""
-        self.ros.place(robot=robot, ball=BALL)
-        self.ros.eventually(
-            lambda: self.ros.robot().pose.distance(robot) < 0.02 and abs(self.ros.ball().x) < 0.02,
-            "robot and ball at their places",
-        )
+        """Place robot and ball at the start of the tests' chain."""
+        super().place(robot)
 
     def ended(self, sent: SentChain) -> ExecuteChain.Result:
         """Wait for the end of a goal; assert that it has a reason and that its record is published once."""

@@ -148,9 +148,6 @@ def test_a_goal_is_planned_and_an_impossible_goal_is_rejected(service_client: Cl
         (PlanGoal(name="ball_in_basket"), "goal.name: expected one of ['ball_held', 'ball_in_goal']"),
         (PlanGoal(), "goal.terms: expected 1 to 8 items, got 0"),
         (PlanGoal(terms=[GoalTerm(variable="ball.x")] * 9), "goal.terms: expected 1 to 8 items, got 9"),
-        (PlanGoal(terms=[GoalTerm(variable="cup.x")]), "goal.terms[0].variable: expected one of"),
-        (PlanGoal(terms=[GoalTerm(variable="ball.vx", value=1.0, high=0.1)]), "no TOP achieves ball.vx"),
-        (PlanGoal(terms=[GoalTerm(variable="ball.x", low=1.0)]), "expected low <= high"),
         (PlanGoal(terms=[GoalTerm(variable="ball.x", value=float("nan"))]), "expected a finite number"),
     ):  # fmt: skip
         answer = answered(goal)

@@ -3,6 +3,7 @@
 import importlib
 import signal
 from collections.abc import Callable, Iterator
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -120,3 +121,11 @@ def test_an_unknown_parameter_is_reported(host: Host, client: Client) -> None:
     expected = "ignored: parameters real_time_factr: expected some of "
     client.eventually(lambda: expected in node.output, expected)
     assert "real_time_factor" in node.output.partition(expected)[2]
+
+
+@pytest.mark.skipif(find_spec("nav2_msgs") is not None, reason="nav2_msgs is installed")
+def test_without_nav2_msgs_waypoints_ends_with_one_line(start: Start) -> None:
+    node = start("waypoints")
+    assert node.wait() == 1
+    (line,) = node.output.splitlines()
+    assert "expected nav2_msgs/action/FollowWaypoints to be installed, as by `apt install" in line
