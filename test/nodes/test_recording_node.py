@@ -1,26 +1,68 @@
 """`train` learns from a recording of the nodes."""
 
 import random
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from bags import own_types
 from chain_client import ChainClient, call, chain_of_the_paper
 from conftest import Start
 from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
 from process import executable, run
-from recorder import Recorder
+from rclpy.qos import QoSProfile
 from ros_client import Client
 
 from ator_interfaces.msg import ActionPerformance, ChainPerformance, Outcome, TopCall
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience.recordings import read_recording
 from ator_ros.geometry import Pose
+from ator_ros.nodes.diagnostics import type_name
 from ator_ros.nodes.qos import LATCHED, RESULTS, SENSOR_DATA
 from ator_ros.performance.model_file import load_model
 from ator_ros.robot.description import load_robot
 from ator_ros.world.messages import pose_from
+
+DEPTH = 5000
+"""Queue depth for a busy machine: as fast as possible, nodes publish hundreds of messages per second."""
+
+
+class Recorder:
+    """Stores all messages of topics, in publishing order.
+
+    `topics` contains the message type and QoS profile by topic name, which begins with a slash.
+    """
+
+    def __init__(self, client: Client, topics: dict[str, tuple[Any, Any]]) -> None:
+        self._types = {topic: type_name(kind) for topic, (kind, _) in topics.items()}
+        self._messages: list[tuple[str, int, bytes]] = []
+        for topic, (kind, offered) in topics.items():
+            qos = QoSProfile(depth=DEPTH, reliability=offered.reliability, durability=offered.durability)
+            client.node.create_subscription(kind, topic, self._keeper(topic), qos, raw=True)
+
+    def _keeper(self, topic: str) -> Callable[[bytes, dict[str, int]], None]:
+        def keep(raw: bytes, info: dict[str, int]) -> None:
+            self._messages.append((topic, info["source_timestamp"], bytes(raw)))
+
+        return keep
+
+    def write(self, folder: Path, *topics: str) -> Path:
+        """Write the messages of these topics to a new folder: an MCAP file and its metadata.yaml."""
+        from rosbags.rosbag2 import StoragePlugin, Writer
+
+        store = own_types()
+        with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+            links = {
+                topic: writer.add_connection(topic, self._types[topic], typestore=store) for topic in topics
+            }
+            for topic, stamp, raw in sorted(self._messages, key=lambda kept: kept[1]):
+                if topic in links:
+                    writer.write(links[topic], stamp, raw)
+        return folder
+
 
 pytestmark = pytest.mark.long
 
