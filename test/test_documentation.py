@@ -92,7 +92,7 @@ NOT_HERE = {
     r"make run EXE=evaluate ARGS='…'": "shows the form; others of this form are executed",
     r"mkdir -p ~/ws/src .*|cd ~/ws && ~/ator_ros/.*|\. ~/ws/install/.*": "see test_environment.py",
     r"ros2 action info -t": "ros2cli is not among the wheels",
-    r"ros2 bag (record|play)( .*)?": "rosbag2 is not among the wheels; test_recording_node.py writes its format",
+    r"ros2 bag (record|play)( .*)?": "rosbag2 is not among the wheels; test_recording_node.py writes it",
     r"(ros2 security .*|ros2 security|keystore=.*|policy=.*|for node in .*|done)": "needs SROS2",
     r"export ROS_SECURITY_.*|ros2 run .* --enclave .*": "needs Fast DDS with the security plugins",
     r"ros2 launch ator_ros ator\.launch\.xml (view|rviz):=true": "needs ros2 launch; test_launch_file.py",

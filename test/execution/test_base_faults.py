@@ -127,15 +127,15 @@ def test_a_dribbling_base_that_stops_turning_is_stopped() -> None:
     ball = {BALL: ObjectState(PIONEER.hold, 0.0)}
     for axis, kind in (("w", "stuck"), ("v", "stuck"), ("v", "reversed")):
         base = KinematicBase(PIONEER, Pose(0.0, 0.0, 0.0), failure=Failure(kind, axis, 0.0))
-        done = execute(library, chain, base, objects=ball, longest=4.0, until_stood=False)
+        done = execute(library, chain, base, objects=lambda _: ball, longest=4.0, until_stood=False)
         assert done.ended is not None
         assert done.late <= 0.5
 
 
-def noisy(seed: int) -> Callable[[RobotState], RobotState]:
+def noisy(seed: int) -> Callable[[float, RobotState], RobotState]:
     rng = np.random.default_rng(seed)
 
-    def sense(state: RobotState) -> RobotState:
+    def sense(_: float, state: RobotState) -> RobotState:
         x, y, yaw = state.pose
         pose = Pose(
             x + rng.normal(0.0, 0.005),
@@ -179,7 +179,7 @@ def test_a_base_that_follows_raises_no_fault(kind: str, odometry: str, noise: bo
         done = execute(
             SOCCER.library(robot), go(robot, Pose(1.0, -0.5, 2.5)), base,
             rate=rate, jitter=jitter, dropped=dropped,
-            latency=0.1 if kind == "late" else 0.0, sense=noisy(1) if noise else None, longest=25.0,
+            latency=0.1 if kind == "late" else 0.0, longest=25.0, **({"sense": noisy(1)} if noise else {}),
         )  # fmt: skip
         assert done.ending is not Ending.BASE_FAULT, done.execution.reason
 
