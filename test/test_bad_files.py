@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 import yaml
-from bags import record
+from bags import recorded
 from experience_rows import synthetic_experience
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -62,7 +62,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     rows = synthetic_experience("goToPose")
     save_model(folder / "model.json", train("goToPose", rows, ROBOT))
     write_experience(folder / "table.parquet", Experience(rows, {"robot_digest": ROBOT.digest()}))
-    record(folder / "bag")
+    recorded(folder)
     shutil.copy(next((folder / "bag").glob("*.mcap")), folder / "drive.mcap")
     return folder
 

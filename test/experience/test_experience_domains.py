@@ -53,7 +53,7 @@ def test_records_of_any_action_are_learned(tmp_path: Path) -> None:
     write_records(tmp_path / "bag", store, records)
     experience = read_recording(tmp_path / "bag", ROBOT, DELIVERY)
     assert experience.metadata["domain"] == "delivery"
-    assert objects_of_columns(experience.frame) == ("parcel", "box", "station")
+    assert objects_of_columns(experience.frame) == ("parcel", "station", "box")
     rows = experience.of("dock")
     assert set(rows["hold"]) == {0}
     assert rows[["station_x", "station_y", "box_x", "box_y"]].iloc[3].tolist() == [2.0, 0.5, 0.5, 1.0]
