@@ -12,7 +12,6 @@ from ator_ros.actions.situation import Situation
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import BALL, ball_of
 from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
-from ator_ros.domains.soccer.planned.holding import DribbleBall
 from ator_ros.execution.chain_executor import ChainExecutor
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import load_robot
@@ -75,11 +74,6 @@ def test_coming_straight_to_a_ball_at_speed_takes_no_longer_than_stopping_there(
 def test_an_impossible_arrival_speed_is_rejected(speed: float) -> None:
     with pytest.raises(ActionError, match="arrival speed"):
         GoToPose(ROBOT).start(AT_ORIGIN, Goal(Pose(1.0, 0.0, 0.0), speed))
-
-
-def test_dribbling_without_a_ball_is_rejected() -> None:
-    with pytest.raises(ActionError, match="ball in front"):
-        DribbleBall(ROBOT).start(AT_ORIGIN, Goal(Pose(1.0, 0.0, 0.0), 0.0, Point.HOLD))
 
 
 def test_starts_in_motion_are_driven_as_planned() -> None:

@@ -15,14 +15,6 @@ ROBOT = load_robot()
 STANDING = RobotState(Pose(0.0, 0.0, 0.0))
 
 
-def test_a_command_acts_only_after_the_latency() -> None:
-    foresight = Foresight(ROBOT, 0.2)
-    foresight.sent(0.8, STOP)
-    foresight.sent(0.9, Command(1.0, 0.0))
-    ahead = foresight.ahead(World(1.0, STANDING)).robot
-    assert ahead.v == pytest.approx(0.1 * ROBOT.limits.a)
-
-
 def stepped(value: float, goal: float, acceleration: float) -> float:
     """Return a velocity after a tick of acceleration toward `goal`."""
     return value + float(np.clip(goal - value, -acceleration * TICK, acceleration * TICK))
