@@ -41,6 +41,10 @@ class RefinedAlong:
         )
 
     @property
+    def again(self) -> int:
+        return self._supervisor.refining.refined_again
+
+    @property
     def records(self) -> list[ActionRecord]:
         return self._supervisor.executor.records
 

@@ -122,7 +122,7 @@ AHEAD = Goal(Pose(2.0, 0.0, 0.0))
     [(6.0, 1.0, True, 2.0), (0.0, 1.0, False, 1.5), (0.2, 1.0, False, 1.7), (6.0, 0.1, False, 1.5)],
 )
 def test_objects_settle_within_the_time_of_the_top(
-    self, settles: float, vx: float, success: bool, end: float
+    settles: float, vx: float, success: bool, end: float
 ) -> None:
     situation = Situation("push", HERE, {BALL: ObjectState(1.5, 1.0, vx)}, AHEAD)
     top = pushing(ROLLED, settles)
