@@ -2,32 +2,27 @@
 
 import math
 from collections.abc import Callable, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from turning_action import TurnDriveTurn
 
-from ator_ros.actions.base import Goal, Point, Status
-from ator_ros.geometry import Pose, quaternion_from_yaw
+from ator_ros.geometry import Pose, quaternion_from_yaw, wrap_angle
 from ator_ros.resources import share_folder
 from ator_ros.robot.description import load_robot
-from ator_ros.simulation.simulation import Simulation
-from ator_ros.world.state import STOP, Command, World
 
 ROBOT = load_robot()
 ODOMETRY, TWIST = "nav_msgs/msg/Odometry", "geometry_msgs/msg/Twist"
-GOALS = (Pose(1.0, 0.5, 1.0), Pose(-0.5, 0.5, 3.0))
 
 
 class Tick(NamedTuple):
-    """A state of the robot, its stamp, and the command that follows, by default to go on as it drives."""
+    """A state of the robot, and its stamp; the command that follows is its velocity."""
 
     time: float
     pose: Pose
     v: float
     w: float
-    then: Command | None = None
 
 
 class Messages:
@@ -56,8 +51,7 @@ class Messages:
         return self.types[TWIST](vector(vx, vy, 0.0), vector(0.0, 0.0, w))
 
     def command(self, tick: Tick) -> Any:
-        then = tick.then or Command(tick.v, tick.w)
-        return self.twist(then.v, 0.0, then.w)
+        return self.twist(tick.v, 0.0, tick.w)
 
     def odometry(
         self,
@@ -103,6 +97,29 @@ class Messages:
 
 
 Extra = tuple[str, str, Callable[[Messages, Tick], Any]]
+TICK = 0.04
+HEADINGS = (0.6, -1.1, 2.0, -2.8, 1.4)
+"""Headings to which the robot turns before each drive."""
+
+
+def drives(jump: float = 0.0) -> list[list[Tick]]:
+    """Return ticks of drives: turn, drive and stop for each heading; the base follows commands immediately.
+
+    The robot's clock jumps by `jump` s after the first drive.
+    """
+    time, pose, made = 0.0, Pose(0.3, -0.2, 0.1), list[list[Tick]]()
+    for heading in HEADINGS:
+        turn = wrap_angle(heading - pose.yaw)
+        count = math.ceil(abs(turn) / (0.8 * TICK))
+        made.append([])
+        for v, w, number in ((0.0, turn / count / TICK, count), (0.4, 0.0, 40), (0.0, 0.0, 30)):
+            for _ in range(number):
+                made[-1].append(Tick(time, pose, v, w))
+                half = pose.yaw + 0.5 * w * TICK
+                x, y = pose.x + v * TICK * math.cos(half), pose.y + v * TICK * math.sin(half)
+                pose, time = Pose(x, y, wrap_angle(pose.yaw + w * TICK)), time + TICK
+        time += jump * (len(made) == 1)
+    return made
 
 
 def write_bag(
@@ -120,34 +137,21 @@ def write_bag(
     return bag
 
 
-def record(bag: Path, *, jump: float = 0.0, commands: bool = True) -> list[float]:
-    """Record two drives with pauses as the nodes do, and return their durations in s.
-
-    The robot's clock jumps by `jump` s between them.
-    """
-    ticks, durations = list[Tick](), list[float]()
-    with Simulation(ROBOT) as sim:
-
-        def tick(command: Command) -> World:
-            robot = sim.world().robot
-            ticks.append(Tick(sim.time + jump * bool(durations), robot.pose, robot.v, robot.w, command))
-            sim.command(command)
-            sim.tick()
-            return sim.world()
-
-        for goal in GOALS:
-            action = TurnDriveTurn(ROBOT)
-            world = sim.world()
-            start = world.time
-            action.start(world, Goal(goal, 0.0, Point.AXLE))
-            while (step := action.step(world)).status is Status.RUNNING:
-                world = tick(step.command)
-            durations.append(world.time - start)
-            for _ in range(12):
-                tick(STOP)
-    sent = [("/robot/cmd_vel", TWIST, Messages.command)] if commands else []
-    write_bag(bag, Messages(), ticks, ("/robot/odom", ODOMETRY, Messages.odometry), *sent)
-    return durations
+def recorded(
+    folder: Path,
+    *extra: Extra,
+    odom: str = "/odom",
+    cmd_vel: str = "/cmd_vel",
+    offset: float = 0.0,
+    place: tuple[float, float] = (0.0, 0.0),
+    jump: float = 0.0,
+    **odometry: Any,
+) -> Path:
+    """Write a recording of odometry and commands of drives, and of `extra` topics."""
+    states: Extra = (odom, ODOMETRY, lambda make, tick: make.odometry(tick, **odometry))
+    commands: Extra = (cmd_vel, TWIST, Messages.command)
+    ticks = list(chain.from_iterable(drives(jump)))
+    return write_bag(folder / "bag", Messages(offset, place), ticks, *extra, states, commands)
 
 
 def action_performance(

@@ -1,10 +1,14 @@
-"""A domain as a YAML file, for tests of valid and invalid domain files."""
+"""Domains as YAML files, valid and invalid, and as entry points of packages."""
 
 import copy
+from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any
 
+import pytest
 import yaml
+
+from ator_ros.domains import domain as domains
 
 TOUR: dict[str, Any] = {
     "name": "errands",
@@ -62,6 +66,11 @@ def file_of(folder: Path, data: object) -> Path:
     return file
 
 
+def install(monkeypatch: pytest.MonkeyPatch, name: str, value: str) -> None:
+    """Install a single domain of this name with `value` as its entry point."""
+    monkeypatch.setattr(domains, "entry_points", lambda **_: [EntryPoint(name, value, domains.GROUP)])
+
+
 def visiting(cart: dict[str, Any], target: str) -> dict[str, Any]:
     """Return a domain in which the only TOP drives to the `target`, goal or cart; `cart` is its source."""
     post = [{"variable": f"robot.{x}", "target": f"{target}.{x}", "tolerance": 0.1} for x in "xy"]
@@ -76,9 +85,9 @@ def visiting(cart: dict[str, Any], target: str) -> dict[str, Any]:
 def changed(path: str, value: object) -> dict[str, Any]:
     """Return the domain with the value at a path replaced, or a field added."""
     data = copy.deepcopy(TOUR)
-    *way, last = (int(key) if key.isdigit() else key for key in path.split("."))
+    *outer, last = (int(key) if key.isdigit() else key for key in path.split("."))
     inner: Any = data
-    for key in way:
+    for key in outer:
         inner = inner[key]
     inner[last] = value
     return data

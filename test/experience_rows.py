@@ -11,6 +11,7 @@ import pandas as pd
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience.table import columns
 from ator_ros.geometry import wrap_angles
+from ator_ros.motion.routes import routes_of
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.training import train
 from ator_ros.robot.description import Robot
@@ -66,3 +67,16 @@ def dead_zone_drives(count: int, *, seed: int, noise: float = 0.12) -> pd.DataFr
     rows = synthetic_experience("drive_to", episodes=count, seed=seed)
     duration = dead_zone_time(rows) + np.random.default_rng(seed).normal(0.0, noise, count)
     return rows.assign(time_to_go=duration, duration=duration, success=True)
+
+
+def route_drives(robot: Robot, count: int, *, seed: int, noise: float = 0.0) -> pd.DataFrame:
+    """Return drives from rest in the hall with a wall; their durations follow from their routes."""
+    rows, routes = dead_zone_drives(count, seed=seed), routes_of(robot)
+    assert routes is not None
+    rows = rows[(rows["x"].abs() > 0.7) & (rows["xg"].abs() > 0.7)].reset_index(drop=True)
+    route = routes.between(*(rows[name].to_numpy() for name in ("x", "y", "xg", "yg")))
+    to = np.abs(wrap_angles(route.departure - rows["yaw"]))
+    at = np.abs(wrap_angles(rows["yawg"] - route.arrival))
+    duration = 1.0 + route.length / 0.6 + 0.5 * route.turn + np.maximum(0.0, to - 0.8) + 0.9 * at
+    duration += np.random.default_rng(seed).normal(0.0, noise, len(rows))
+    return rows.assign(time_to_go=duration, duration=duration)

@@ -22,8 +22,7 @@ from ator_ros.world.state import World
 class RefinedAlong:
     """Executes a chain as `ChainExecutor` does; answers of refinement arrive one tick after questions.
 
-    `chain` was chosen by refinement from `plan`, which has its open variables. A distance of `again_after` m
-    between the world and the refined forecast causes a question; 0: never.
+    `chain` was chosen by refinement from `plan`, which has its open variables.
     """
 
     def __init__(
@@ -33,13 +32,12 @@ class RefinedAlong:
         plan: TopChain,
         refiner: Refiner,
         *,
-        again_after: float = AGAIN_AFTER,
         time_limit: float,
     ) -> None:
         self._chain, self._refiner, self._begun = chain, refiner, False
         deadlines = Deadlines(action=time_limit)
         self._supervisor = execution(
-            plan, refine=True, library=library, deadlines=deadlines, again_after=again_after, now=0.0
+            plan, refine=True, library=library, deadlines=deadlines, again_after=AGAIN_AFTER, now=0.0
         )
 
     @property

@@ -5,14 +5,13 @@ import json
 import math
 import shutil
 import tempfile
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
-from bags import record
+from bags import recorded
 from experience_rows import synthetic_experience
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -63,7 +62,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     rows = synthetic_experience("goToPose")
     save_model(folder / "model.json", train("goToPose", rows, ROBOT))
     write_experience(folder / "table.parquet", Experience(rows, {"robot_digest": ROBOT.digest()}))
-    record(folder / "bag")
+    recorded(folder)
     shutil.copy(next((folder / "bag").glob("*.mcap")), folder / "drive.mcap")
     return folder
 
@@ -170,10 +169,8 @@ def test_invalid_robots_are_rejected_in_one_line(text: str, message: str, tmp_pa
     assert text != PIONEER
     file = tmp_path / "robot.yaml"
     file.write_text(text, encoding="utf-8")
-    began = time.process_time()
     with pytest.raises(ConfigError) as refusal:
         load_robot(file)
-    assert time.process_time() - began < 2.0
     assert message in str(refusal.value)
     assert len(str(refusal.value)) < 1000
     assert len(str(refusal.value).splitlines()) <= 4  # a YAML error shows where

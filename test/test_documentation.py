@@ -75,7 +75,7 @@ BY_TEST = {
     r"scripts/run pip install .* \./my_package": "nodes/test_outside_domain.py::test_a_domain_from_another_",
     r".* examples/paper_in_one_file\.py": "test_paper_in_one_file.py::test_it_prints_",
     r".* examples/who_goes_to_the_ball\.py .*": "test_programs.py::test_both_decisions_are_",
-    r".* examples/plan_with_durations\.py .*": "test_plan_with_durations.py::test_stations_are_divided_",
+    r".* examples/plan_with_durations\.py .*": "test_programs.py::test_stations_are_divided_",
     r"python3 examples/behavior_tree\.py": "nodes/test_behavior_tree.py::test_the_example_drives_",
     r".* examples/plan_and_execute\.py .*": "nodes/test_client_example.py::test_the_exa",
     r".* examples/refine_and_execute\.py": "nodes/test_client_example.py::test_it_drives_the_",
@@ -95,7 +95,7 @@ NOT_HERE = {
     r"make run EXE=evaluate ARGS='…'": "shows the form; others of this form are executed",
     r"mkdir -p ~/ws/src .*|cd ~/ws && ~/ator_ros/.*|\. ~/ws/install/.*": "see test_environment.py",
     r"ros2 action info -t": "ros2cli is not among the wheels",
-    r"ros2 bag (record|play)( .*)?": "rosbag2 is not among the wheels; nodes/recorder.py writes its format",
+    r"ros2 bag (record|play)( .*)?": "rosbag2 is not among the wheels; test_recording_node.py writes it",
     r"(ros2 security .*|ros2 security|keystore=.*|policy=.*|for node in .*|done)": "needs SROS2",
     r"export ROS_SECURITY_.*|ros2 run .* --enclave .*": "needs Fast DDS with the security plugins",
     r"ros2 launch ator_ros ator\.launch\.xml (view|rviz):=true": "needs ros2 launch; test_launch_file.py",
@@ -146,7 +146,7 @@ def runnable() -> list[str]:
 
 def coverage_of(printed: Printed) -> list[str]:
     """Return how a command is executed, or why not; empty if it is not covered."""
-    found = [way for key, way in (BY_TEST | NOT_HERE).items() if re.fullmatch(key, printed.text)]
+    found = [how for key, how in (BY_TEST | NOT_HERE).items() if re.fullmatch(key, printed.text)]
     found += ["scripts/reproduce"] * is_reproduced(printed.text)
     found += ["test_a_printed_tool_runs"] * (printed.text in runnable())
     found += ["a name in a sentence"] * (printed.text in TOOLS)
@@ -320,8 +320,3 @@ def test_clean_leaves_the_sources(tmp_path: Path) -> None:
     (tmp_path / "ator_ros" / "world.py").touch()
     assert make("clean", cwd=tmp_path).returncode == 0
     assert {path.name for path in tmp_path.rglob("*")} == {"Makefile", "ator_ros", "world.py"}
-
-
-def test_no_page_has_an_unfilled_placeholder() -> None:
-    pages = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
-    assert [page.name for page in pages if "@@" in page.read_text(encoding="utf-8")] == []

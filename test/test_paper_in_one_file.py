@@ -76,7 +76,7 @@ def test_it_chooses_as_the_product_does_from_invented_experience() -> None:
 
 
 @pytest.mark.parametrize("action", example.CHAIN)
-def test_it_observes_what_the_product_observes(action: str) -> None:
+def test_its_observations_are_those_of_the_product(action: str) -> None:
     situation, duration = example.observe(action, 2, 0)
     drawn = ACTIONS[action].sample(ROBOT, np.random.default_rng([2, example.CHAIN.index(action), 0]))
     with Simulation(ROBOT) as simulation:

@@ -1,13 +1,15 @@
-"""Programs beside the package: figures, benchmarks, and two robots that decide who goes to the ball."""
+"""Programs beside the package: figures, benchmarks, and examples that use predicted durations."""
 
+import re
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from documentation import ROOT
 
 from benchmarks import speed
-from examples import who_goes_to_the_ball
+from examples.who_goes_to_the_ball import who_goes
 from scripts import figures
 
 
@@ -25,15 +27,26 @@ def test_each_part_of_the_speed_is_measured(part: str, capsys: pytest.CaptureFix
     assert all(line.startswith((part, "longest tick")) for line in lines)
 
 
+def printed_by(example: str, *words: str) -> list[str]:
+    """Return the lines that an example prints."""
+    command = [sys.executable, str(ROOT / "examples" / f"{example}.py"), *words]
+    return subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
+
+
+def test_stations_are_divided_by_each_kind_of_durations() -> None:
+    lines = printed_by("plan_with_durations", "--problems", "1", "--seconds", "2")
+    assert [line.partition(":")[0] for line in lines] == ["equal", "by distance", "predicted"]
+    equal, _, predicted = (float(re.findall(r"[\d.]+", line)[0]) for line in lines)
+    assert predicted <= equal
+
+
 def test_both_decisions_are_compared() -> None:
-    command = [sys.executable, who_goes_to_the_ball.__file__, "--situations", "4"]
-    lines = subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
+    lines = printed_by("who_goes_to_the_ball", "--situations", "4")
     assert "of 4 situations in which both robots reach the ball" in lines[0]
     assert [line.partition(":")[0] for line in lines[1:]] == ["by distance", "by predicted time"]
 
 
 def test_the_robot_that_goes_is_kept_unless_another_is_clearly_faster() -> None:
-    who_goes = who_goes_to_the_ball.who_goes
     assert who_goes([3.0, 2.9], [0.1, 0.1]) == 1
     assert who_goes([3.0, 2.9], [0.1, 0.1], now=0) == 0
     assert who_goes([3.0, 2.8], [0.1, 0.1], now=0) == 1

@@ -1,7 +1,7 @@
 """The paper's action set on Bezier curves."""
 
 import pytest
-from action_runs import KINDS, Task, execute, execute_situation
+from action_runs import Task, execute, execute_situation
 
 from ator_ros.actions.base import ActionError, Goal, Point
 from ator_ros.actions.situation import Situation
@@ -27,20 +27,22 @@ def test_the_path_is_the_curve_from_robot_to_goal(robot: Robot) -> None:
     action.start(world, Goal(goal))
     assert action.path() is None
     action.step(world)
-    way = action.path()
-    assert way[0] == pytest.approx(start, abs=0.1)
-    assert way[-1] == pytest.approx(goal)
+    path = action.path()
+    assert path[0] == pytest.approx(start, abs=0.1)
+    assert path[-1] == pytest.approx(goal)
     # The curve ends where the straight run-in begins.
-    assert abs(Pose(*way[-2]).relative(goal).y) < 0.01
-    assert way[-2] == pytest.approx(goal, abs=0.4)
+    assert abs(Pose(*path[-2]).relative(goal).y) < 0.01
+    assert path[-2] == pytest.approx(goal, abs=0.4)
 
 
-@pytest.mark.parametrize("name", ["dribbleBall", "shoot"])
-def test_ball_must_be_held_at_the_start(robot: Robot, name: str) -> None:
+@pytest.mark.parametrize(
+    ("action_set", "name"), [("bezier", "dribbleBall"), ("bezier", "shoot"), ("default", "dribbleBall")]
+)
+def test_ball_must_be_held_at_the_start(robot: Robot, action_set: str, name: str) -> None:
     world = World(0.0, RobotState(Pose(0.0, 0.0, 0.0)), {BALL: ObjectState(1.0, 0.0)})
     goal = Goal(Pose(*field_of(robot).goal_center(), 0.0), point=Point.HOLD)
-    with pytest.raises(ActionError, match="expected the ball in front"):
-        SOCCER.actions("bezier")[name].factory(robot).start(world, goal)
+    with pytest.raises(ActionError, match="ball in front"):
+        SOCCER.actions(action_set)[name].factory(robot).start(world, goal)
 
 
 def test_shot_at_a_place_without_a_goal_is_rejected(robot: Robot) -> None:
@@ -68,14 +70,6 @@ def test_approach_keeps_clear_of_the_posts(
     outcome = execute_situation(situation, Task("approach", "bezier", 0, 0))
     assert outcome.success
     assert outcome.duration < 15.0
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_the_actions_reach_their_goals_within_the_limits(kind: str) -> None:
-    outcomes = [execute(Task(kind, "bezier", 11, index)) for index in range(8)]
-    assert sum(outcome.success for outcome in outcomes) >= 7
-    assert not any(outcome.early for outcome in outcomes)
-    assert max(outcome.excess for outcome in outcomes) <= 1.0 + 1e-9
 
 
 @pytest.mark.parametrize("kind", ["pose", "approach", "dribble"])

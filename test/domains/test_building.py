@@ -1,4 +1,4 @@
-"""The domain `building`: what its tours are, its planner, and drives between walls that are simulated."""
+"""The domain `building`: its tours, its planner, and simulated drives between walls."""
 
 import itertools
 import math
@@ -75,7 +75,7 @@ def test_the_server_drives_through_doors_in_the_middle() -> None:
     assert end.distance(goal) < 0.2
 
 
-def test_in_free_space_its_path_is_hardly_longer_than_the_line_and_none_leads_into_walls() -> None:
+def test_paths_in_free_space_are_nearly_straight_and_none_leads_into_a_wall() -> None:
     path = NavFn(np.ones((100, 100), dtype=bool), 0.1, (-5.0, -5.0, 0.0), 0.2)((-3.0, -2.0), (3.0, 1.0))
     assert path is not None
     assert np.hypot(*np.diff(path, axis=0).T).sum() < 1.03 * math.hypot(6.0, 3.0)
@@ -86,16 +86,7 @@ def test_in_free_space_its_path_is_hardly_longer_than_the_line_and_none_leads_in
 
 def test_drives_on_a_given_map_are_collected(tmp_path: Path) -> None:
     table = tmp_path / "table.parquet"
-    words = [
-        "--domain",
-        "pursuit",
-        "--map",
-        str(write_map(tmp_path, hall())),
-        "--episodes",
-        "6",
-        "--jobs",
-        "1",
-    ]
+    words = ["--domain", "pursuit", "--map", str(write_map(tmp_path, hall())), "--episodes", "6"]
     assert collect.main([*words, "--jobs", "1", "--seed", "3", "--out", str(table)]) == 0
     read = read_experience(table)
     assert read.metadata["map"].startswith("hall.yaml (")

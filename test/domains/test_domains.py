@@ -1,22 +1,15 @@
 """Domains: found by entry point name and complete, otherwise rejected with one sentence."""
 
 import dataclasses
-from importlib.metadata import EntryPoint
 
 import pytest
+from domain_files import install
 
-from ator_ros.domains import domain as domains
 from ator_ros.domains.domain import DomainError, find_domain
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.evaluation.trials import possible_actions, possible_chain, random_trial
 from ator_ros.performance.features import GENERAL
 from ator_ros.robot.description import ConfigError, load_robot
-
-
-def install(monkeypatch: pytest.MonkeyPatch, value: str) -> None:
-    """Install a single domain with `value` as its entry point."""
-    entry = EntryPoint("other", value, domains.GROUP)
-    monkeypatch.setattr(domains, "entry_points", lambda *, group: [entry] if group == domains.GROUP else [])
 
 
 def test_an_unknown_name_is_rejected_with_the_known_names() -> None:
@@ -26,14 +19,8 @@ def test_an_unknown_name_is_rejected_with_the_known_names() -> None:
         find_domain("chess")
 
 
-def test_each_domain_has_models_and_undescribed_objects_are_points() -> None:
-    assert find_domain("tour").shipped_models == SOCCER.shipped_models / "tour"
-    more = dataclasses.replace(SOCCER, objects=(*SOCCER.objects, "cart")).robot()
-    assert more.scene.radius("cart") == 0.0 < more.scene.radius("ball")
-
-
 def test_a_domain_of_another_package_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    install(monkeypatch, "ator_ros.domains.soccer.domain:SOCCER")
+    install(monkeypatch, "other", "ator_ros.domains.soccer.domain:SOCCER")
     assert find_domain("other") is SOCCER
     with pytest.raises(DomainError, match="other"):
         find_domain("soccer")
@@ -48,7 +35,7 @@ def test_a_domain_of_another_package_is_found(monkeypatch: pytest.MonkeyPatch) -
     ],
 )
 def test_an_invalid_domain_is_reported(monkeypatch: pytest.MonkeyPatch, value: str, expected: str) -> None:
-    install(monkeypatch, value)
+    install(monkeypatch, "other", value)
     with pytest.raises(DomainError, match=f"^domain other: .*{expected}"):
         find_domain("other")
 

@@ -3,7 +3,6 @@
 import math
 from pathlib import Path
 
-import numpy as np
 import pytest
 from robots import FIFTH, HEAVY, PIONEER, PLAIN, QUICK, SHIPPED
 
@@ -12,18 +11,10 @@ from ator_ros.evaluation.chain_run import run_chain
 from ator_ros.evaluation.trials import random_trial, with_headings
 from ator_ros.geometry import Pose
 from ator_ros.nodes.parameters import domain_and_robot
-from ator_ros.robot.description import ConfigError, Robot, load_robot
+from ator_ros.robot.description import Robot, load_robot
 from ator_ros.simulation.run import place
 from ator_ros.simulation.simulation import CONTROL_RATE, Simulation
 from ator_ros.world.state import Command, RobotState, World
-
-
-def test_a_robot_without_a_holder_has_a_chain_but_no_dribble() -> None:
-    with pytest.raises(ConfigError, match="dribbleBall needs a holder; robot turtlebot4 has none"):
-        SOCCER.actions()["dribbleBall"].factory(PLAIN)
-    world, chain = SOCCER.chains["drive"](PLAIN, SOCCER.library(PLAIN), np.random.default_rng(1))
-    assert [call.top.name for call in chain.calls] == ["goToPose", "goToPose"]
-    assert not world.objects
 
 
 @pytest.mark.parametrize("robot", [PIONEER, PLAIN, HEAVY, QUICK, FIFTH], ids=lambda robot: robot.name)

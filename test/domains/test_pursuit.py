@@ -1,4 +1,4 @@
-"""The control law that behaves as Nav2, its durations against drives of Nav2, and the domain `pursuit`."""
+"""The control law of the domain `pursuit`, and its durations compared with drives of Nav2."""
 
 import csv
 import math

@@ -64,8 +64,8 @@ def test_no_drive_exceeds_the_time_limit_on_a_straight_line(robot: Robot, action
     rng, sample = np.random.default_rng(1), SOCCER.actions()[action].sample
     for _ in range(100):
         drawn = sample(robot, rng)
-        way = drawn.robot.pose.distance(drawn.goal.robot_pose(robot))
-        assert way <= 0.9 * TIME_LIMIT * robot.limits.v
+        distance = drawn.robot.pose.distance(drawn.goal.robot_pose(robot))
+        assert distance <= 0.9 * TIME_LIMIT * robot.limits.v
 
 
 @pytest.mark.parametrize("name", SOCCER.chains)
@@ -78,5 +78,5 @@ def test_no_chain_of_a_slow_robot_exceeds_the_time_limit(name: str) -> None:
             rest = robot.scene.at_rest(BALL, world.objects[BALL])
             goals[0] = dataclasses.replace(goals[0], pose=goals[0].pose._replace(x=rest.x, y=rest.y))
         places = [world.robot.pose, *(goal.robot_pose(robot) for goal in goals)]
-        way = sum(one.distance(other) for one, other in itertools.pairwise(places))
-        assert way <= TIME_LIMIT * robot.limits.v
+        distance = sum(one.distance(other) for one, other in itertools.pairwise(places))
+        assert distance <= TIME_LIMIT * robot.limits.v

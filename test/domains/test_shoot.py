@@ -27,7 +27,7 @@ def planned(start: Pose, speed: float = 0.0, mouth: Pose = MOUTH) -> Manoeuvre:
 
 
 def starts(seed: int, count: int) -> list[RobotState]:
-    """Draw starts at least a meter before the goal line, where no post is in the way."""
+    """Draw starts at least a meter before the goal line, without a post in between."""
     rng = np.random.default_rng(seed)
     drawn: list[RobotState] = []
     while len(drawn) < count:
@@ -41,14 +41,14 @@ def test_every_run_up_ends_with_the_ball_rolling_between_the_posts() -> None:
     for state in starts(71, 25):
         plan = planned(state.pose, max(0.0, state.v))
         ball = MOUTH.relative(plan.goal).ahead(ROBOT.hold)
-        way = (ROBOT.scene.radius(BALL) - ball.x) / math.cos(ball.yaw)
+        left = (ROBOT.scene.radius(BALL) - ball.x) / math.cos(ball.yaw)
         rolled_out = plan.exit.outer_speed**2 / (2.0 * ROBOT.scene.objects[BALL].rolling_deceleration)
-        assert 0.0 <= way < 0.7 * rolled_out
+        assert 0.0 <= left < 0.7 * rolled_out
         crossing = ball.y - ball.x * math.tan(ball.yaw)  # on the goal line, from the middle of the mouth
         assert abs(crossing) + ROBOT.scene.radius(BALL) < field_of(ROBOT).goal_width / 2.0 - 0.2
         trajectory = Trajectory(plan)
-        unspread = trajectory.at(trajectory.duration - 1e-9).pose
-        assert unspread.distance(plan.goal) < 1e-3
+        last = trajectory.at(trajectory.duration - 1e-9).pose
+        assert last.distance(plan.goal) < 1e-3
         speeds, _, _ = plan.pieces()
         assert speeds[:, 1:].min() >= -1e-6
 

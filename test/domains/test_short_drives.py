@@ -1,4 +1,4 @@
-"""Turns on the spot, short drives and goals at the start: sampling, execution; leaving a ball."""
+"""Turns on the spot, short drives and goals at the start: sampling and execution; leaving a ball."""
 
 import math
 from collections.abc import Iterator

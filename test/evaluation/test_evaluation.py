@@ -23,67 +23,66 @@ def tools() -> Toolset:
     return Toolset(SOCCER, ROBOT, models())
 
 
-class TestTrials:
-    def test_depend_on_seed_and_index_only(self) -> None:
-        assert trial(3) == trial(3)
-        assert trial(3) != trial(4)
-        assert trial(3) != random_trial(SOCCER, "dribble", LIBRARY, seed=404, index=3)
-
-    @pytest.mark.parametrize("chain", list(SOCCER.chains))
-    def test_are_valid_plans_that_leave_only_headings_open(self, chain: str) -> None:
-        for index in range(50):
-            drawn = trial(index, chain)
-            ready = with_headings(drawn.chain, dict.fromkeys(range(len(drawn.chain.calls) - 1), 0.3))
-            assert ready.violations(drawn.world, ROBOT) == []
-            assert [call.open for call in drawn.chain.calls[:-1]] == [frozenset({"yaw"})] * (
-                len(ready.calls) - 1
-            )
-            assert not drawn.chain.calls[-1].open
+def test_trials_depend_on_seed_and_index_only() -> None:
+    assert trial(3) == trial(3)
+    assert trial(3) != trial(4)
+    assert trial(3) != random_trial(SOCCER, "dribble", LIBRARY, seed=404, index=3)
 
 
-class TestPolicies:
-    @pytest.mark.parametrize("name", POLICIES)
-    def test_choose_a_valid_chain_and_keep_commitments(self, name: str, tools: Toolset) -> None:
-        for chain in SOCCER.chains:
-            drawn = trial(1, chain)
-            chosen = POLICIES[name](tools, drawn).chain
-            opened = open_places(drawn.chain) if name == "refined_place" else drawn.chain
-            assert chosen.violations(drawn.world, ROBOT) == []
-            for plan, call in zip(opened.calls, chosen.calls, strict=True):
-                assert plan.opens("x") or call.goal.pose[:2] == plan.goal.pose[:2]
-                if not name.endswith(("_speed", "_place")):
-                    assert call.goal.speed == 0.0
-
-    def test_face_goal_puts_the_ball_between_robot_and_goal(self, tools: Toolset) -> None:
-        drawn = trial(2)
-        chosen = POLICIES["face_goal"](tools, drawn).chain
-        robot = chosen.calls[0].goal.robot_pose(ROBOT)
-        ball, goal = chosen.calls[0].goal.pose, chosen.calls[1].goal.pose
-        assert robot.distance(ball) + ball.distance(goal) == pytest.approx(robot.distance(goal))
-
-    def test_arrival_speed_is_refined_only_if_open(self, tools: Toolset) -> None:
-        # The fakes' failure probability grows with the speed; here a failure costs almost nothing.
-        bold = dataclasses.replace(tools, domain=dataclasses.replace(tools.domain, time_limit=0.1))
-        chains = [POLICIES["refined_speed"](bold, trial(index)).chain for index in range(5)]
-        speeds = [chain.calls[0].goal.speed for chain in chains]
-        assert max(speeds) > 0.2
+@pytest.mark.parametrize("chain", list(SOCCER.chains))
+def test_trials_are_valid_plans_that_leave_only_headings_open(chain: str) -> None:
+    for index in range(50):
+        drawn = trial(index, chain)
+        ready = with_headings(drawn.chain, dict.fromkeys(range(len(drawn.chain.calls) - 1), 0.3))
+        assert ready.violations(drawn.world, ROBOT) == []
+        assert [call.open for call in drawn.chain.calls[:-1]] == [frozenset({"yaw"})] * (len(ready.calls) - 1)
+        assert not drawn.chain.calls[-1].open
 
 
-class TestExecution:
-    def test_a_chain_moves_the_ball_to_its_goal_reproducibly(self) -> None:
-        drawn = trial(5)
-        to_ball = drawn.world.robot.pose.relative(drawn.chain.calls[0].goal.pose)
-        chain = with_headings(drawn.chain, {0: drawn.world.robot.pose.yaw + math.atan2(to_ball.y, to_ball.x)})
-        runs = [run_chain(ROBOT, LIBRARY, drawn.world, chain) for _ in range(2)]
-        assert runs[0] == runs[1]
-        assert runs[0].success, runs[0].reason
-        assert runs[0].duration == pytest.approx(sum(runs[0].actions))
-        assert runs[0].error < 0.1
+@pytest.mark.parametrize("name", POLICIES)
+def test_policies_choose_a_valid_chain_and_keep_commitments(name: str, tools: Toolset) -> None:
+    for chain in SOCCER.chains:
+        drawn = trial(1, chain)
+        chosen = POLICIES[name](tools, drawn).chain
+        opened = open_places(drawn.chain) if name == "refined_place" else drawn.chain
+        assert chosen.violations(drawn.world, ROBOT) == []
+        for plan, call in zip(opened.calls, chosen.calls, strict=True):
+            assert plan.opens("x") or call.goal.pose[:2] == plan.goal.pose[:2]
+            if not name.endswith(("_speed", "_place")):
+                assert call.goal.speed == 0.0
 
-    def test_a_failed_chain_counts_at_the_time_limit(self) -> None:
-        drawn = trial(5)
-        without_ball = dataclasses.replace(drawn.world, objects={})
-        run = run_chain(ROBOT, LIBRARY, without_ball, with_headings(drawn.chain, {0: 0.0}))
-        assert not run.success
-        assert run.duration == TIME_LIMIT
-        assert "pre-condition of goToBall" in run.reason
+
+def test_face_goal_puts_the_ball_between_robot_and_goal(tools: Toolset) -> None:
+    drawn = trial(2)
+    chosen = POLICIES["face_goal"](tools, drawn).chain
+    robot = chosen.calls[0].goal.robot_pose(ROBOT)
+    ball, goal = chosen.calls[0].goal.pose, chosen.calls[1].goal.pose
+    assert robot.distance(ball) + ball.distance(goal) == pytest.approx(robot.distance(goal))
+
+
+def test_arrival_speed_is_refined_only_if_open(tools: Toolset) -> None:
+    # The failure probability of the fakes grows with the speed; here a failure costs almost nothing.
+    without_cost = dataclasses.replace(tools, domain=dataclasses.replace(tools.domain, time_limit=0.1))
+    chains = [POLICIES["refined_speed"](without_cost, trial(index)).chain for index in range(5)]
+    speeds = [chain.calls[0].goal.speed for chain in chains]
+    assert max(speeds) > 0.2
+
+
+def test_a_chain_moves_the_ball_to_its_goal_reproducibly() -> None:
+    drawn = trial(5)
+    to_ball = drawn.world.robot.pose.relative(drawn.chain.calls[0].goal.pose)
+    chain = with_headings(drawn.chain, {0: drawn.world.robot.pose.yaw + math.atan2(to_ball.y, to_ball.x)})
+    runs = [run_chain(ROBOT, LIBRARY, drawn.world, chain) for _ in range(2)]
+    assert runs[0] == runs[1]
+    assert runs[0].success, runs[0].reason
+    assert runs[0].duration == pytest.approx(sum(runs[0].actions))
+    assert runs[0].error < 0.1
+
+
+def test_a_failed_chain_counts_at_the_time_limit() -> None:
+    drawn = trial(5)
+    without_ball = dataclasses.replace(drawn.world, objects={})
+    run = run_chain(ROBOT, LIBRARY, without_ball, with_headings(drawn.chain, {0: 0.0}))
+    assert not run.success
+    assert run.duration == TIME_LIMIT
+    assert "pre-condition of goToBall" in run.reason

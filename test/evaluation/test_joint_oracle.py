@@ -1,18 +1,17 @@
 """The oracle that searches all open headings of a chain jointly."""
 
 import itertools
-import math
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from refinement_fakes import FakeModel
 
 from ator_ros.domains.domain import find_domain
 from ator_ros.evaluation.situation import best_headings, candidates
 from ator_ros.evaluation.toolset import Toolset
 from ator_ros.evaluation.trials import Trial, random_trial, with_headings
-from ator_ros.geometry import FloatArray, wrap_angle
+from ator_ros.geometry import wrap_angles
 from ator_ros.tops.chain import TopChain
 from ator_ros.world.state import World
 
@@ -21,26 +20,18 @@ ROBOT = DOMAIN.robot()
 LIBRARY = DOMAIN.library(ROBOT)
 
 
-def turned(x: float, y: float, yaw: float, xg: float, yg: float, yawg: float) -> float:
+NAMES = ("x", "y", "yaw", "xg", "yg", "yawg")
+
+
+def turned(x: Any, y: Any, yaw: Any, xg: Any, yg: Any, yawg: Any) -> Any:
     """Return the duration (s) of a drive whose final turn is faster than its first."""
-    path = math.atan2(yg - y, xg - x)
-    return (
-        math.hypot(xg - x, yg - y) + abs(wrap_angle(path - yaw)) + 0.4 * abs(wrap_angle(yawg - path)) ** 1.5
-    )
+    path = np.arctan2(yg - y, xg - x)
+    first, final = np.abs(wrap_angles(path - yaw)), np.abs(wrap_angles(yawg - path))
+    return np.hypot(xg - x, yg - y) + first + 0.4 * final**1.5
 
 
-class Model:
-    arrival = None
-    used_variables = frozenset({"x", "y", "yaw", "xg", "yg", "yawg"})
-
-    def predict(self, direct: dict[str, FloatArray], *_: Any) -> SimpleNamespace:
-        names = ("x", "y", "yaw", "xg", "yg", "yawg")
-        columns = np.broadcast_arrays(*(np.atleast_1d(direct[name]) for name in names))
-        duration = np.array([turned(*row) for row in zip(*columns, strict=True)])
-        return SimpleNamespace(duration=duration, error_of_sum=(0.0, 0.0))
-
-
-TOOLS = Toolset(DOMAIN, ROBOT, {"drive_to": Model()})
+MODEL = FakeModel(lambda direct: turned(*(direct[name] for name in NAMES)), frozenset(NAMES), spread=0.0)
+TOOLS = Toolset(DOMAIN, ROBOT, {"drive_to": MODEL})
 
 
 def trial(index: int) -> Trial:
@@ -48,12 +39,12 @@ def trial(index: int) -> Trial:
 
 
 def drive(start: World, chain: TopChain) -> float:
-    return turned(*start.robot.pose, *chain.calls[0].goal.pose)
+    return float(turned(*start.robot.pose, *chain.calls[0].goal.pose))
 
 
 def total(trial: Trial, chain: TopChain) -> float:
     poses = [trial.world.robot.pose, *(call.goal.pose for call in chain.calls)]
-    return sum(turned(*here, *there) for here, there in itertools.pairwise(poses))
+    return sum(float(turned(*here, *there)) for here, there in itertools.pairwise(poses))
 
 
 @pytest.mark.parametrize("index", range(2))

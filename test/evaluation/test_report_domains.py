@@ -1,52 +1,48 @@
 """Evaluations and reports of other domains, without soccer terms."""
 
+import dataclasses
 import json
 import re
-from importlib.metadata import EntryPoint
 from pathlib import Path
-from typing import Any
 
+import numpy as np
 import pytest
+from domain_files import install
 from experience_rows import synthetic_experience
-from parcels import PARCELS
+from outside.delivery import DELIVERY, two_visits
 
-from ator_ros.domains import domain as domains
 from ator_ros.performance.model_file import save_model
 from ator_ros.performance.training import train
+from ator_ros.robot.description import Robot
 from ator_ros.tools import evaluate
+from ator_ros.tops.chain import TopChain
+from ator_ros.tops.library import TopLibrary
+from ator_ros.world.state import World
 
 WORDS = r"\b(balls?|goToBall|goToPose|dribble\w*|shoot|soccer|533)\b"
 
 
-@pytest.fixture(autouse=True)
-def installed(monkeypatch: pytest.MonkeyPatch) -> None:
-    entries = [EntryPoint("parcels", "parcels:PARCELS", domains.GROUP)]
-    monkeypatch.setattr(domains, "entry_points", lambda **_: entries)
+def one_visit(robot: Robot, library: TopLibrary, rng: np.random.Generator) -> tuple[World, TopChain]:
+    """Draw a chain of one step."""
+    world, chain = two_visits(robot, library, rng)
+    return world, TopChain(chain.calls[:1])
 
 
-@pytest.fixture(scope="module")
-def models(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("models")
-    save_model(folder / "carry.json", train("carry", synthetic_experience("carry"), PARCELS.robot()))
-    return folder
+VISITS = dataclasses.replace(DELIVERY, chains={"two_visits": two_visits, "one_visit": one_visit})
 
 
-def evaluated(models: Path, out: Path, *words: str) -> tuple[dict[str, Any], str]:
-    place = ["--models", str(models), "--out", str(out), "--jobs", "1", "--seed", "405"]
-    policies = ["--policies", "naive", "face_goal", "analytic", "refined", "--situations", "2"]
-    assert evaluate.main(["--domain", "parcels", *place, *policies, *words]) == 0
-    result = json.loads((out / "evaluation.json").read_text())
-    return result, (out / "report.html").read_text()
-
-
-def test_a_report_of_another_domain_has_no_soccer_terms(models: Path, tmp_path: Path) -> None:
-    result, report = evaluated(models, tmp_path, "--oracle", "3")
-    assert result["settings"]["chain"] == "two_legs"
-    assert len(result["runs"]["start"][0]) == 8
+@pytest.mark.parametrize(("chain", "count"), [("two_visits", 8), ("one_visit", 5)])
+def test_a_report_of_another_domain_has_no_soccer_terms(
+    chain: str, count: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    install(monkeypatch, "delivery", "test_report_domains:VISITS")
+    model = train("turnDriveTurn", synthetic_experience("turnDriveTurn"), VISITS.robot())
+    save_model(tmp_path / "models" / "turnDriveTurn.json", model)
+    words = f"--domain delivery --chain {chain} --situations 2 --oracle 3 --jobs 1 --seed 405".split()
+    words += ["--policies", "naive", "face_goal", "analytic", "refined"]
+    assert evaluate.main([*words, "--models", str(tmp_path / "models"), "--out", str(tmp_path)]) == 0
+    result = json.loads((tmp_path / "evaluation.json").read_text())
+    assert [len(start) for start in result["runs"]["start"]] == [count] * 2
+    report = (tmp_path / "report.html").read_text()
+    assert f"Subgoal refinement: chain {chain} of delivery" in report
     assert re.findall(WORDS, report) == []
-
-
-def test_a_chain_of_one_step_is_reported(models: Path, tmp_path: Path) -> None:
-    result, report = evaluated(models, tmp_path, "--chain", "one_leg", "--oracle", "3")
-    assert [len(start) for start in result["runs"]["start"]] == [5, 5]
-    assert "Subgoal refinement: chain one_leg of parcels" in report

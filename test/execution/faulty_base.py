@@ -1,4 +1,4 @@
-"""A kinematic base that can fail on one axis, and goals driven on it as the executor node drives them."""
+"""A kinematic base that can fail on one axis, and goals executed on it as the executor node executes them."""
 
 import copy
 import math
@@ -150,17 +150,21 @@ def execute(
     *,
     rate: float = 20.0,
     latency: float = 0.0,
-    objects: dict[str, ObjectState] | None = None,
-    sense: Callable[[RobotState], RobotState] | None = None,
+    fence: Fence | None = None,
+    objects: Callable[[float], dict[str, ObjectState]] = lambda _: {},
+    sense: Callable[[float, RobotState], RobotState] = lambda _, state: state,
     jitter: float = 0.0,
     dropped: float = 0.0,
     longest: float = 60.0,
     until_stood: bool = True,
     cancel: float = math.inf,
 ) -> Goal:
-    """Execute a goal until it ends, at most for `longest` s."""
+    """Execute a goal until it ends, at most for `longest` s.
+
+    `objects` and `sense` return the observed objects and the observed state of the robot at a time (s).
+    """
     robot, rng = library.robot, np.random.default_rng(0)
-    fence = Fence(-100.0, -100.0, 100.0, 100.0)
+    fence = fence or Fence(-100.0, -100.0, 100.0, 100.0)
     execution = execution_of(chain, library=library, again_after=0.0, now=0.0, fence=fence)
     goal, twin = Goal(execution, MotionWatch(robot, latency)), None
     due, stopped = 0.0, False
@@ -179,8 +183,8 @@ def execute(
         if base.time >= due - 1e-9:
             due += (1.0 + rng.uniform(-jitter, jitter)) / rate
             if rng.random() >= dropped:
-                state = sense(base.state()) if sense else base.state()
-                world = World(base.time, state, objects or {})
+                state = sense(base.time, base.state())
+                world = World(base.time, state, objects(base.time))
                 command = execution.tick(
                     goal.watch.foresight.ahead(world),
                     base.time,

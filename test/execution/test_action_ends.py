@@ -1,22 +1,90 @@
 """Each started action is ended once, with the reason; external actions cause no velocity commands."""
 
+import itertools
 from collections.abc import Callable
 
 import pytest
-from carried import CALL, ROBOT, ActionLog, DrivenGoal, started_goal
+from executions import ROBOT, execution
 
 from ator_ros.actions.base import Action, ActionError, Goal, Status, Step, finished
 from ator_ros.evaluation.chain_run import run_chain
 from ator_ros.execution.chain_executor import ChainExecutor, Ending
 from ator_ros.execution.motion_watch import MotionWatch
-from ator_ros.execution.supervisor import LONGEST_STOP_TIME, Phase
+from ator_ros.execution.supervisor import LONGEST_STOP_TIME, Deadlines, Phase
 from ator_ros.experience.records import ENDED
 from ator_ros.geometry import Pose
 from ator_ros.tops.chain import Top, TopCall, TopChain
-from ator_ros.tops.conditions import Condition
+from ator_ros.tops.conditions import Condition, Term
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.inputs import Inputs
-from ator_ros.world.state import STOP, ObjectState, RobotState, World
+from ator_ros.world.state import STOP, Command, ObjectState, RobotState, World
+
+VISIT = Top(
+    "visit", "carried", Condition((Term("mark.x", "goal.x", 0.1), Term("mark.y", "goal.y", 0.1))), Condition()
+)
+CALL = TopCall(VISIT, Goal(Pose(2.0, 0.0, 0.0)))
+
+
+class ActionLog:
+    """Actions that run on an external server, with a log of their starts and ends."""
+
+    def __init__(self) -> None:
+        self.starts: list[Goal] = []
+        self.ends: list[tuple[Goal, str]] = []
+        self.outcome, self.refuses = Status.RUNNING, False
+
+    def library(self) -> TopLibrary:
+        actions = self
+
+        class External(Action):
+            name = "carried"
+
+            def start(self, world: World, goal: Goal) -> None:
+                if actions.refuses:
+                    raise ActionError("no server")
+                self._goal = goal
+                actions.starts.append(goal)
+
+            def step(self, world: World) -> Step:
+                return Step(None, actions.outcome, f"carried: {actions.outcome.value}")
+
+            def end(self, reason: str) -> None:
+                actions.ends.append((self._goal, reason))
+
+        return TopLibrary(ROBOT, "carried", tops=(VISIT,), actions={"carried": External})
+
+
+class DrivenGoal:
+    """One goal on a robot that an external server moves, in ticks of 1/20 s."""
+
+    def __init__(self, actions: ActionLog, chain: TopChain, *, refine: bool = False) -> None:
+        self.execution = execution(
+            chain,
+            refine=refine,
+            again_after=0.0,
+            now=0.0,
+            library=actions.library(),
+            deadlines=Deadlines(action=1.0),
+        )
+        self.sent: list[Command | None] = []
+        self._ticks = itertools.count()
+        self.now = 0.0
+
+    def tick(self, *, v: float = 0.0, mark: float = 2.0) -> None:
+        self.now = 0.05 * next(self._ticks)
+        objects = {"mark": ObjectState(mark, 0.0)}
+        self.sent.append(
+            self.execution.tick(World(self.now, RobotState(Pose(0.0, 0.0, 0.0), v), objects), self.now)
+        )
+
+
+def started_goal(actions: ActionLog) -> DrivenGoal:
+    goal = DrivenGoal(actions, TopChain((CALL,)))
+    goal.tick()
+    goal.tick()
+    assert actions.starts == [CALL.goal]
+    return goal
+
 
 NOTE = TopCall(Top("note", "carried", Condition(), Condition()), Goal(Pose(1.0, 0.0, 0.0)))
 
@@ -77,6 +145,41 @@ def test_an_action_is_ended_once_with_the_reason(how: str) -> None:
     assert goal.sent[-1] == STOP
 
 
+def goal_in(phase: Phase, actions: ActionLog) -> DrivenGoal:
+    goal = DrivenGoal(actions, TopChain((CALL,)), refine=phase is Phase.REFINING)
+    ticks = {Phase.WAITING: 0, Phase.REFINING: 1}.get(phase, 2)
+    for _ in range(ticks):
+        goal.tick()
+    if phase is Phase.STOPPING:
+        actions.outcome = Status.SUCCEEDED
+        goal.tick(v=0.5)
+    assert goal.execution.phase is phase
+    return goal
+
+
+@pytest.mark.parametrize("cause", [Ending.CANCELED, Ending.INPUT_LOST, Ending.BASE_FAULT, None])
+@pytest.mark.parametrize("phase", [Phase.WAITING, Phase.REFINING, Phase.EXECUTING, Phase.STOPPING])
+def test_a_goal_may_end_in_each_phase(phase: Phase, cause: Ending | None) -> None:
+    actions = ActionLog()
+    goal = goal_in(phase, actions)
+    execution = goal.execution
+    if cause is Ending.INPUT_LOST:
+        execution.watch(goal.now + 3.0)
+    elif cause is Ending.BASE_FAULT:
+        execution.base_fault("it does not move")
+    elif cause is not None:
+        execution.end(cause, "asked for")
+    expected = cause
+    if phase is Phase.STOPPING and cause is not Ending.BASE_FAULT:
+        expected = Ending.SUCCEEDED  # it had already ended
+    assert execution.ending is expected
+    execution.end(Ending.SHUTDOWN, "the end")
+    execution.drop()
+    assert execution.phase is Phase.ENDED
+    assert execution.ending is (expected or Ending.SHUTDOWN)
+    assert len(actions.starts) == len(actions.ends)
+
+
 def test_an_action_that_failed_to_start_is_not_ended() -> None:
     actions = ActionLog()
     actions.refuses = True
@@ -87,7 +190,7 @@ def test_an_action_that_failed_to_start_is_not_ended() -> None:
     assert actions.ends == []
 
 
-def test_a_goal_that_a_server_does_not_take_is_no_experience() -> None:
+def test_a_goal_that_the_server_rejects_is_no_experience() -> None:
     actions = ActionLog()
     goal = started_goal(actions)
     actions.outcome = Status.REFUSED
@@ -98,7 +201,7 @@ def test_a_goal_that_a_server_does_not_take_is_no_experience() -> None:
     assert record.ending.value not in ENDED
 
 
-def test_a_robot_that_a_program_moves_on_is_commanded_to_stand_and_reported() -> None:
+def test_a_robot_that_another_program_moves_is_stopped_and_reported() -> None:
     """As by Nav2's controller server after its navigator was killed, while the robot stood for a moment."""
     actions = ActionLog()
     goal = started_goal(actions)
@@ -110,15 +213,6 @@ def test_a_robot_that_a_program_moves_on_is_commanded_to_stand_and_reported() ->
         assert goal.sent[-1] == STOP
     assert goal.now > LONGEST_STOP_TIME
     assert "carried: failed; the robot still moves at 0.55 m/s" in goal.execution.reason
-
-
-def test_each_action_of_a_chain_is_ended_before_the_next_one_starts() -> None:
-    actions = ActionLog()
-    goal = started_goal(actions, steps=2)
-    actions.outcome = Status.SUCCEEDED
-    goal.tick()
-    assert goal.execution.ending is Ending.SUCCEEDED
-    assert actions.log == ["start", "end", "start", "end"]
 
 
 def test_a_moved_goal_ends_the_action_of_the_previous_goal() -> None:
@@ -144,7 +238,7 @@ def test_external_actions_cause_no_commands_and_no_base_fault() -> None:
     assert goal.sent[1:] == [None]
 
 
-def test_an_action_is_set_up_once_before_its_first_start() -> None:
+def test_an_action_is_set_up_once_and_each_start_is_ended_before_the_next() -> None:
     log: list[str] = []
 
     class CountingAction(Carried):

@@ -106,7 +106,7 @@ def test_a_refined_chain_is_executed_if_it_is_valid() -> None:
     )
     other = execution(FORWARD, refine=True)
     other.tick(world(), 100.0)
-    other.refined_to(chain(("shoot", Pose(4.0, 0.0, 0.0))), True, "nonsense")
+    other.refined_to(chain(("shoot", Pose(4.0, 0.0, 0.0))), True, "invalid")
     assert other.executor.chain is FORWARD
     assert "expected the steps of the question" in other.refining.reason
     assert not other.refining.refined
@@ -145,32 +145,33 @@ DRIBBLE = chain(("dribbleBall", Pose(1.0, 0.0, 0.0)))
 AWAY = world(ball=ObjectState(2.0, 2.0))
 
 
-class TestAlternatives:
-    def test_without_refinement_the_first_valid_plan_is_executed(self) -> None:
-        run = execution(DRIBBLE, FORWARD, FORWARD_LEFT)
-        run.tick(AWAY, 100.0)
-        assert run.executor.chain == FORWARD
-        assert run.ending is None
+def test_without_refinement_the_first_valid_plan_is_executed() -> None:
+    run = execution(DRIBBLE, FORWARD, FORWARD_LEFT)
+    run.tick(AWAY, 100.0)
+    assert run.executor.chain == FORWARD
+    assert run.ending is None
 
-    def test_without_a_valid_plan_all_reasons_are_reported(self) -> None:
-        run = execution(DRIBBLE, DRIBBLE)
-        run.tick(AWAY, 100.0)
-        assert run.ending is Ending.REFUSED
-        assert run.reason.count(" | ") == 1
 
-    def test_refinement_chooses_a_plan_and_changes_only_its_open_variables(self) -> None:
-        opened = chain(("goToPose", Pose(1.0, 1.0, 0.0)), opened=frozenset({"yaw"}))
-        turned = chain(("goToPose", Pose(1.0, 1.0, 0.5)), opened=frozenset({"yaw"}))
-        run = execution(FORWARD, opened, refine=True)
-        run.tick(world(), 100.0)
-        run.refined_to(turned, True, "better", chosen=1)
-        assert run.executor.chain == turned
-        assert run.refining.reason == "alternative 1 is chosen: better"
-        other = execution(FORWARD, opened, refine=True)
-        other.tick(world(), 100.0)
-        other.refined_to(FORWARD_LEFT, True, "nonsense", chosen=0)
-        assert other.executor.chain == FORWARD
-        assert "x of step 1" in other.refining.reason or "y of step 1" in other.refining.reason
+def test_without_a_valid_plan_all_reasons_are_reported() -> None:
+    run = execution(DRIBBLE, DRIBBLE)
+    run.tick(AWAY, 100.0)
+    assert run.ending is Ending.REFUSED
+    assert run.reason.count(" | ") == 1
+
+
+def test_refinement_chooses_a_plan_and_changes_only_its_open_variables() -> None:
+    opened = chain(("goToPose", Pose(1.0, 1.0, 0.0)), opened=frozenset({"yaw"}))
+    turned = chain(("goToPose", Pose(1.0, 1.0, 0.5)), opened=frozenset({"yaw"}))
+    run = execution(FORWARD, opened, refine=True)
+    run.tick(world(), 100.0)
+    run.refined_to(turned, True, "better", chosen=1)
+    assert run.executor.chain == turned
+    assert run.refining.reason == "alternative 1 is chosen: better"
+    other = execution(FORWARD, opened, refine=True)
+    other.tick(world(), 100.0)
+    other.refined_to(FORWARD_LEFT, True, "invalid", chosen=0)
+    assert other.executor.chain == FORWARD
+    assert "x of step 1" in other.refining.reason or "y of step 1" in other.refining.reason
 
 
 def test_a_goal_before_the_first_ball_message_waits_at_rest() -> None:

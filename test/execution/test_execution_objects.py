@@ -20,7 +20,7 @@ VISIT = Top(
     Condition((Term("robot.x", "cup.x", 0.1), Term("robot.y", "cup.y", 0.1))),
 )
 LIBRARY = TopLibrary(ROBOT, "visiting", tops=(VISIT,), actions={"drive": TurnDriveTurn})
-CUP, BALL = ObjectState(2.0, 0.0), ObjectState(-1.0, 0.0)
+CUP, OTHER = ObjectState(2.0, 0.0), ObjectState(-1.0, 0.0)
 
 
 def world(tick: int, **objects: ObjectState) -> World:
@@ -34,21 +34,21 @@ def run() -> Supervisor:
 
 
 def test_a_step_follows_only_its_own_object(run: Supervisor) -> None:
-    run.tick(world(0, cup=CUP, ball=BALL), 100.0)
-    assert run.tick(world(1, cup=CUP, ball=ObjectState(-1.0, 2.0)), 100.05).v > 0.0
+    run.tick(world(0, cup=CUP, cupboard=OTHER), 100.0)
+    assert run.tick(world(1, cup=CUP, cupboard=ObjectState(-1.0, 2.0)), 100.05).v > 0.0
     assert run.executor.chain.calls[0].goal.pose == Pose(2.0, 0.0, 0.0)
-    run.tick(world(2, cup=ObjectState(2.0, 0.5), ball=BALL), 100.1)
+    run.tick(world(2, cup=ObjectState(2.0, 0.5), cupboard=OTHER), 100.1)
     assert run.executor.chain.calls[0].goal.pose == Pose(2.0, 0.5, 0.0)
     assert run.ending is None
 
 
 def test_a_step_pauses_while_its_object_is_overdue_and_then_ends(run: Supervisor) -> None:
     run.tick(world(0, cup=CUP), 100.0)
-    assert run.tick(world(1, cup=CUP), 100.05, overdue=frozenset({"ball"})).v > 0.0
+    assert run.tick(world(1, cup=CUP), 100.05, overdue=frozenset({"cupboard"})).v > 0.0
     assert run.tick(world(2, cup=CUP), 100.1, overdue=frozenset({"cup"})) == STOP
     assert run.reason == "visit paused: no recent message of the cup"
     for tick in (3, 4):
         assert run.ending is None
-        assert run.tick(world(tick, ball=BALL), 100.0 + 0.05 * tick) == STOP
+        assert run.tick(world(tick, cupboard=OTHER), 100.0 + 0.05 * tick) == STOP
     assert run.ending is Ending.INPUT_LOST
     assert run.reason == "cup is missing: visit needs it, and no recent one is known"

@@ -4,15 +4,15 @@ import dataclasses
 import math
 
 import pytest
-from driving import drive
 from executions import LIBRARY, ROBOT, chain
+from faulty_base import KinematicBase, execute
 
 from ator_ros.domains.soccer.field import BALL
 from ator_ros.execution.chain_executor import Ending
 from ator_ros.execution.fence import Fence
 from ator_ros.geometry import Pose
 from ator_ros.tops.chain import TopChain
-from ator_ros.world.state import STOP, ObjectState, RobotState, World
+from ator_ros.world.state import STOP, Command, ObjectState
 
 FENCE = Fence.around(ROBOT)
 
@@ -67,33 +67,20 @@ def test_accepted_goals_beside_the_edge_succeed(speed: float) -> None:
     small = Fence(-3.0, -3.0, 1.0, 3.0)
     x = max(x for x in (0.01 * cm for cm in range(100)) if small.violation(plan(x), ROBOT) is None)
     for y in (-1.0, 0.0, 1.0, 2.5):
-        done = drive(LIBRARY, World(0.0, RobotState(Pose(-2.0, y, 0.0))), plan(x), fence=small)
-        assert done.ending is Ending.SUCCEEDED, done.reason
+        done = execute(LIBRARY, plan(x), KinematicBase(ROBOT, Pose(-2.0, y, 0.0)), fence=small)
+        assert done.ending is Ending.SUCCEEDED, done.execution.reason
 
 
-@pytest.mark.parametrize("vx", [1.5, 40.0])
-def test_a_ball_is_not_followed_beyond_the_fence(vx: float) -> None:
-    """The reported velocity of the ball is correct, or impossible."""
+def test_a_ball_that_leaves_the_fence_is_not_followed_and_ends_the_goal() -> None:
+    def balls(time: float) -> dict[str, ObjectState]:
+        rolls = max(0.0, time - 1.0)
+        return {BALL: ObjectState(2.0, 2.0 + rolls, 0.0, 1.2 * (rolls > 0.0))}
 
-    def observed(world: World) -> World:
-        return World(world.time, world.robot, {BALL: ObjectState(4.0 + vx * world.time, 0.0, vx, 0.0)})
-
-    start = World(0.0, RobotState(Pose(2.0, 0.0, 0.0)), {BALL: ObjectState(4.0, 0.0)})
-    done = drive(LIBRARY, start, chain(("goToBall", Pose(4.0, 0.0, 0.0))), odometry=observed)
-    assert done.ending is not Ending.SUCCEEDED
-    assert all(FENCE.outside(w.robot.pose.x, w.robot.pose.y) == 0.0 for w in done.worlds)
-    assert done.worlds[-1].time < 5.0
-
-
-def test_a_ball_that_leaves_the_fence_ends_the_goal() -> None:
-    def observed(world: World) -> World:
-        rolls = max(0.0, world.time - 1.0)
-        return World(world.time, world.robot, {BALL: ObjectState(2.0, 2.0 + rolls, 0.0, 1.2 * (rolls > 0.0))})
-
-    start = World(0.0, RobotState(Pose(-1.0, 0.0, 0.0)), {BALL: ObjectState(2.0, 2.0)})
-    done = drive(LIBRARY, start, chain(("goToBall", Pose(2.0, 2.0, 0.0))), odometry=observed)
+    base = KinematicBase(ROBOT, Pose(-1.0, 0.0, 0.0))
+    done = execute(LIBRARY, chain(("goToBall", Pose(2.0, 2.0, 0.0))), base, objects=balls, fence=FENCE)
     assert done.ending is Ending.OUT_OF_BOUNDS
-    assert "the ball leaves the fence" in done.reason
+    assert "the ball leaves the fence" in done.execution.reason
+    assert all(FENCE.outside(state.pose.x, state.pose.y) == 0.0 for _, state in done.states)
 
 
 @pytest.mark.parametrize("speed", [0.6, 1.2])
@@ -101,16 +88,17 @@ def test_a_robot_is_stopped_before_it_leaves_the_fence(speed: float) -> None:
     """The robot is fast and its goal beside the edge: no plan can brake in time."""
     small = Fence(-3.0, -3.0, 1.0, 3.0)
     x = 1.0 - 0.4 * speed**2 / (2.0 * ROBOT.limits.brake)
-    start = World(0.0, RobotState(Pose(x, 0.0, 0.0), speed))
-    done = drive(LIBRARY, start, chain(("goToPose", Pose(0.9, 2.0, math.pi / 2))), fence=small)
+    moves = Command(speed, 0.0)
+    base = KinematicBase(ROBOT, Pose(x, 0.0, 0.0), setpoint=moves, speeds=moves)
+    done = execute(LIBRARY, chain(("goToPose", Pose(0.9, 2.0, math.pi / 2))), base, fence=small)
     assert done.ending is Ending.OUT_OF_BOUNDS
-    assert "the robot would leave the fence" in done.reason
-    assert max(w.robot.pose.x for w in done.worlds) < 1.0
+    assert "the robot would leave the fence" in done.execution.reason
+    assert max(state.pose.x for _, state in done.states) < 1.0
     assert done.commands[-1] == STOP
 
 
 @pytest.mark.parametrize("yaw", [0.0, 1.5, math.pi])
 def test_a_robot_outside_may_drive_in(yaw: float) -> None:
-    start = World(0.0, RobotState(Pose(5.6, 2.4, yaw)))
-    done = drive(LIBRARY, start, chain(("goToPose", Pose(3.5, 2.4, math.pi))))
-    assert done.ending is Ending.SUCCEEDED, done.reason
+    base = KinematicBase(ROBOT, Pose(5.6, 2.4, yaw))
+    done = execute(LIBRARY, chain(("goToPose", Pose(3.5, 2.4, math.pi))), base, fence=FENCE)
+    assert done.ending is Ending.SUCCEEDED, done.execution.reason

@@ -1,97 +1,100 @@
 """The motion watch: bases that do not follow commands are detected in time, without false alarms."""
 
-import dataclasses
-import itertools
-from collections.abc import Callable
-
 import pytest
-from driving import LATE, Base, Drive, drive
 from executions import LIBRARY, ROBOT, chain
+from faulty_base import Failure, KinematicBase, execute
 
+from ator_ros.actions.base import Status, Step
 from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.evaluation.chain_run import run_chain
 from ator_ros.evaluation.trials import random_trial
-from ator_ros.execution.chain_executor import Ending
-from ator_ros.execution.fence import Fence
+from ator_ros.execution.chain_executor import ChainExecutor, Ending
 from ator_ros.execution.motion_watch import MotionWatch
 from ator_ros.geometry import Pose
 from ator_ros.robot.response import ramped
-from ator_ros.simulation.sensors import SensorConfig
+from ator_ros.simulation.sensors import SensorConfig, Sensors
+from ator_ros.tops.chain import TopChain
+from ator_ros.tops.library import TopLibrary
 from ator_ros.world.estimation import RobotVelocity
 from ator_ros.world.messages import robot_from_placement
 from ator_ros.world.state import STOP, Command, RobotState, World
 from ator_ros.world.transforms import HERE, Placement, Transforms
 
 TICK = 0.05
+AHEAD = chain(("goToPose", Pose(4.0, 0.0, 0.0)))
 
 
-class HalfAsFast(Base):
-    """A base that drives at half of each command."""
-
-    def respond(self, command: Command) -> Command:
-        return Command(0.5 * command.v, 0.5 * command.w)
-
-
-AHEAD = chain(("goToPose", Pose(3.0, 0.0, 0.0)))
-START = World(0.0, RobotState(Pose(-1.0, 0.0, 0.0)))
-BASES = {
-    "as described": Base(),
-    "late": LATE,
-    "noisy": Base(SensorConfig(drift=0.02, heading_drift=0.01)),
-    "motor lag": Base(motor_lag=0.15),
-    "dead zone": Base(dead_zone=Command(0.05, 0.1)),
-    "half as fast": HalfAsFast(),
-}
-
-
-class Frozen:
-    """Odometry that repeats one state from `since` (s) on, with advancing stamps."""
-
-    def __init__(self, since: float) -> None:
-        self._since, self._last = since, START
-
-    def __call__(self, world: World) -> World:
-        if world.time <= self._since:
-            self._last = world
-        return dataclasses.replace(self._last, time=world.time)
-
-
-def time_to_stop(done: Drive, since: float) -> float:
-    """Return for how long after `since` (s) the robot actually moved."""
-    return (
-        max([w.time for w in done.worlds if w.time >= since and not w.robot.is_standing], default=since)
-        - since
-    )
-
-
-def runaway(since: float, speeds: Command) -> Callable[[float, Command], Command]:
-    return lambda time, command: speeds if time >= since else command
+def base(failure: Failure | None = None) -> KinematicBase:
+    return KinematicBase(ROBOT, Pose(0.0, 0.0, 0.0), failure=failure)
 
 
 @pytest.mark.parametrize("since", [0.0, 0.15, 0.3, 1.0, 2.0])
 def test_frozen_odometry_stops_the_robot_within_half_a_second(since: float) -> None:
-    done = drive(LIBRARY, START, AHEAD, odometry=Frozen(since))
+    last = RobotState(Pose(0.0, 0.0, 0.0))
+
+    def frozen(time: float, state: RobotState) -> RobotState:
+        nonlocal last
+        last = state if time <= since else last
+        return last
+
+    done = execute(LIBRARY, AHEAD, base(), sense=frozen)
     assert done.ending is Ending.BASE_FAULT
-    assert "frozen" in done.reason
-    assert time_to_stop(done, since) <= 0.5 + 1e-6
+    assert "frozen" in done.execution.reason
+    assert max([time for time, state in done.states if not state.is_standing], default=0.0) <= since + 0.5
 
 
-@pytest.mark.parametrize("speeds", [Command(0.6, 0.0), Command(0.0, 1.0), Command(-0.6, 0.0)])
-def test_a_base_that_moves_without_a_command_ends_the_goal(speeds: Command) -> None:
+@pytest.mark.parametrize(("axis", "speed"), [("v", 0.6), ("w", 1.0), ("v", -0.6)])
+def test_a_base_that_moves_without_a_command_ends_the_goal(axis: str, speed: float) -> None:
     waits = chain(("goToBall", Pose(2.0, 0.0, 0.0)))  # at rest, for a ball
-    done = drive(LIBRARY, START, waits, motors=runaway(0.5, speeds), limit=3.0)
+    done = execute(LIBRARY, waits, base(Failure("constant", axis, 0.5, "motion", speed)), longest=3.0)
     assert done.ending is Ending.BASE_FAULT
-    assert ("turns" if speeds.w else "moves") + " although it was not commanded to" in done.reason
+    verb = "moves" if axis == "v" else "turns"
+    assert f"{verb} although it was not commanded to" in done.execution.reason
     assert done.execution.executor.records == []
     assert 0.5 < done.ended <= 1.0
 
 
-def test_a_base_that_drives_on_after_its_goal_fails_the_goal() -> None:
-    near = chain(("goToPose", Pose(0.0, 0.0, 0.0)))
-    plain = drive(LIBRARY, START, near)
-    assert plain.ending is Ending.SUCCEEDED
-    end = plain.worlds[-1].time
-    done = drive(LIBRARY, START, near, motors=runaway(end - 0.4, Command(0.8, 0.0)))
-    assert done.ending is not Ending.SUCCEEDED
+@pytest.mark.parametrize("share", [0.05, 0.12])
+def test_odometry_that_shows_a_fraction_of_the_motion_is_detected_in_time(share: float) -> None:
+    def shrunk(_: float, state: RobotState) -> RobotState:
+        return RobotState(Pose(*(share * part for part in state.pose)), share * state.v, share * state.w)
+
+    done = execute(LIBRARY, AHEAD, base(), sense=shrunk)
+    assert done.ending is Ending.BASE_FAULT
+    assert "odometry" in done.execution.reason
+    assert done.ended <= 0.5
+
+
+class Watched(ChainExecutor):
+    """Executes a chain with drifting, late odometry, and keeps the faults that the motion watch raises."""
+
+    def __init__(self, library: TopLibrary, chain: TopChain, latency: float, seed: int) -> None:
+        super().__init__(library, chain)
+        self._sensors = Sensors(SensorConfig(drift=0.02, heading_drift=0.01, latency=latency), seed)
+        self._watch, self._last = MotionWatch(ROBOT, latency and latency + TICK), -1.0
+        self.faults: set[str] = set()
+
+    def step(self, world: World) -> Step:
+        observed = self._sensors.observe(world)
+        if observed.time == self._last:
+            return Step(None, Status.RUNNING, "")
+        self._last = observed.time
+        self.faults |= {self._watch.fault(observed.time, observed.robot, world.time) or ""} - {""}
+        step = super().step(self._watch.foresight.ahead(observed))
+        self._watch.sent(observed.time, step.command)
+        return step
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("latency", [0.0, 0.1])
+@pytest.mark.parametrize("action_set", ["default", "bezier"])
+def test_no_fault_is_raised_in_random_chains_with_drifting_odometry(action_set: str, latency: float) -> None:
+    library = SOCCER.library(ROBOT, action_set)
+    for index in range(100, 130):
+        trial = random_trial(SOCCER, ("dribble", "shoot")[index % 2], library, seed=902, index=index)
+        executor = Watched(library, trial.chain, latency, index)
+        run_chain(ROBOT, library, trial.world, trial.chain, executor=executor)
+        assert not executor.faults, index
 
 
 def test_motion_before_the_goal_is_ignored() -> None:
@@ -137,52 +140,6 @@ def fault_of_coasting(deceleration: float) -> str | None:
 def test_a_base_may_brake_at_half_its_described_deceleration() -> None:
     assert fault_of_coasting(0.5 * ROBOT.limits.brake) is None
     assert "not commanded to" in (fault_of_coasting(0.0) or "")
-
-
-def collided(done: Drive) -> bool:
-    """Return whether the robot collided: it decelerated five times as fast as it can brake.
-
-    With the paper's actions, a base with slow motors may hit a goal post, which blocks it.
-    """
-    speeds = [abs(world.robot.v) for world in done.worlds]
-    most = 5.0 * ROBOT.limits.brake * TICK
-    return any(earlier - later > most for earlier, later in itertools.pairwise(speeds))
-
-
-def alarms(base: Base, action_set: str, indices: range) -> list[str]:
-    """Return the faults and fence violations of random chains without collisions."""
-    library, faults = SOCCER.library(ROBOT, action_set), []
-    # Slow bases overshoot in bends, and the paper's actions ignore the field: both may leave the fence.
-    stays = base.scale == 1.0 and action_set == "default"
-    fence = Fence.around(ROBOT) if stays else Fence(-50.0, -50.0, 50.0, 50.0)
-    for index in indices:
-        trial = random_trial(SOCCER, ("dribble", "shoot")[index % 2], library, seed=902, index=index)
-        done = drive(library, trial.world, trial.chain, base, seed=index, fence=fence)
-        if done.ending in (Ending.BASE_FAULT, Ending.OUT_OF_BOUNDS) and not collided(done):
-            faults.append(f"{action_set} {index}: {done.reason}")
-    return faults
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("action_set", ["default", "bezier"])
-@pytest.mark.parametrize("name", BASES)
-def test_a_fault_is_raised_in_many_chains_only_where_there_is_one(name: str, action_set: str) -> None:
-    found = alarms(BASES[name], action_set, range(100, 130))
-    # The paper's actions creep at 0.04 m/s, which a base with a dead zone truly does not follow.
-    assert bool(found) is ((name, action_set) == ("dead zone", "bezier")), found
-
-
-@pytest.mark.parametrize("share", [0.05, 0.12])
-def test_odometry_that_shows_a_fraction_of_the_motion_is_detected_in_time(share: float) -> None:
-    def shrunk(world: World) -> World:
-        robot, start = world.robot, START.robot.pose
-        pose = Pose(start.x + share * (robot.pose.x - start.x), share * robot.pose.y, share * robot.pose.yaw)
-        return dataclasses.replace(world, robot=RobotState(pose, share * robot.v, share * robot.w))
-
-    done = drive(LIBRARY, START, AHEAD, odometry=shrunk)
-    assert done.ending is Ending.BASE_FAULT
-    assert "odometry" in done.reason
-    assert done.ended <= 0.5
 
 
 STANDING = RobotState(Pose(0.0, 0.0, 0.0))
@@ -240,7 +197,7 @@ def test_a_delayed_command_counts_from_when_it_was_sent() -> None:
 
 
 @pytest.mark.parametrize("in_odometry", [True, False])
-def test_corrections_of_the_pose_in_tf_are_no_motion(in_odometry: bool) -> None:
+def test_corrections_of_the_pose_in_tf_are_not_motion(in_odometry: bool) -> None:
     """A localization shifts odometry's frame in the map by 5 cm twice a second, dated ahead as by AMCL."""
     known, estimate, watch = Transforms(), RobotVelocity(1.2, 2.4), MotionWatch(ROBOT, 0.0)
     faults: set[str | None] = set()

@@ -2,7 +2,6 @@
 
 import dataclasses
 import itertools
-import math
 from collections.abc import Iterator
 from typing import Any
 
@@ -165,14 +164,14 @@ def test_an_invalid_choice_is_ignored(simulation: Simulation) -> None:
     drive = Drive(simulation, HERE, ANYWHERE)
     drive.moved_ball_question()
     before = drive.run.executor.chain
-    drive.run.refined_to(ANYWHERE, False, "nonsense", chosen=2)
+    drive.run.refined_to(ANYWHERE, False, "invalid", chosen=2)
     assert "chosen: expected an index from 0 to 1, got 2" in drive.run.refining.reason
     drive.simulation.place_object(BALL, 2.0, 0.0)
     drive.tick()
     question = drive.run.question
     _, other = question.others[0]
-    astray = other.with_goal(2, dataclasses.replace(other.calls[2].goal, pose=Pose(4.0, 1.0, 0.0)))
-    drive.run.refined_to(astray, True, "nonsense", chosen=1)
+    changed = other.with_goal(2, dataclasses.replace(other.calls[2].goal, pose=Pose(4.0, 1.0, 0.0)))
+    drive.run.refined_to(changed, True, "invalid", chosen=1)
     drive.tick()
     assert "y of step 3 (shoot): expected 0 as planned, got 1" in drive.run.refining.reason
     assert drive.run.executor.chain.calls[1:] == before.calls[1:]
@@ -262,22 +261,13 @@ def test_the_goal_continues_without_an_answer(drive: Drive) -> None:
     assert drive.run.refining.refined_again == 0
 
 
-@pytest.mark.parametrize(
-    ("step", "change", "reason"),
-    [
-        (0, {"x": -2.0}, "x of step 1 (goToBall): expected 0.3 as planned, got -2"),
-        (1, {"yaw": math.nan}, "yaw of step 2 (dribbleBall): expected a number from"),
-        (1, {"speed": 0.4}, "speed of step 2 (dribbleBall): expected 0 as planned, got 0.4"),
-    ],
-)
-def test_an_answer_that_changes_bound_variables_is_ignored(
-    drive: Drive, step: int, change: dict[str, float], reason: str
-) -> None:
+def test_an_answer_that_changes_bound_variables_is_ignored(drive: Drive) -> None:
     question = moved_ball_question(drive)
-    goal = with_values(question.chain.calls[step].goal, change)
-    drive.run.refined_to(with_yaw(question.chain, NEW_YAW).with_goal(step, goal), True, "nonsense")
+    goal = with_values(question.chain.calls[0].goal, {"x": -2.0})
+    drive.run.refined_to(with_yaw(question.chain, NEW_YAW).with_goal(0, goal), True, "invalid")
     drive.tick()
     assert drive.run.executor.chain == question.chain
+    reason = "x of step 1 (goToBall): expected 0.3 as planned, got -2"
     assert f"m from the forecast: the answer cannot be used: {reason}" in drive.run.refining.reason
     assert drive.to_the_end() is Ending.SUCCEEDED
     assert drive.run.refining.refined_again == 0

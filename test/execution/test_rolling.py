@@ -1,59 +1,22 @@
-"""Rolling balls: chains refined during execution, and estimation of the deceleration."""
+"""Rolling balls: estimation of the deceleration."""
 
 import dataclasses
 
 import numpy as np
 import pytest
-from refined_along import RefinedAlong
 
 from ator_ros.actions.base import ActionError
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import BALL
 from ator_ros.domains.soccer.planned.holding import DribbleBall
-from ator_ros.evaluation.chain_run import ChainRun, run_chain
-from ator_ros.evaluation.policies import POLICIES
-from ator_ros.evaluation.toolset import Toolset, ToolsetSource, tools_of
-from ator_ros.evaluation.trials import Trial, random_trial
+from ator_ros.evaluation.chain_run import run_chain
+from ator_ros.evaluation.trials import random_trial
 from ator_ros.execution.chain_executor import ChainExecutor
-from ator_ros.execution.refining import AGAIN_AFTER
 from ator_ros.execution.rolling import Rolling
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import load_robot
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import ObjectState, RobotState, World
-
-SOURCE = ToolsetSource()
-SEED = 453
-
-
-@pytest.fixture(scope="module")
-def tools() -> Toolset:
-    return tools_of(SOURCE)[0]
-
-
-def trial(tools: Toolset, index: int) -> Trial:
-    return random_trial(SOCCER, "rolling", SOCCER.library(tools.robot), seed=SEED, index=index)
-
-
-def test_questions_change_the_chain_and_disabled_ones_do_not(tools: Toolset) -> None:
-    drawn, library = trial(tools, 3), SOCCER.library(tools.robot)
-    choice = POLICIES["refined_speed"](tools, drawn)
-    plan, refiner = choice.refinement.original, tools.refiner(gated=False)
-
-    def run(again_after: float) -> tuple[ChainRun, int]:
-        limit = SOCCER.time_limit
-        executor = RefinedAlong(
-            library, choice.chain, plan, refiner, again_after=again_after, time_limit=limit
-        )
-        done = run_chain(tools.robot, library, drawn.world, choice.chain, executor=executor)
-        return done, executor.again
-
-    once = run_chain(tools.robot, library, drawn.world, choice.chain)
-    never, _ = run(0.0)
-    assert dataclasses.replace(never, reason=once.reason) == once
-    again, changes = run(AGAIN_AFTER)
-    assert again.success
-    assert changes >= 1
 
 
 def test_a_ball_that_is_lost_in_every_turn_cannot_be_dribbled() -> None:

@@ -97,7 +97,7 @@ def test_episode_logs_at_10_hz_until_the_action_has_ended(robot: Robot) -> None:
     assert episode.position_error < 0.06
     assert episode.heading_error < 0.06
     assert np.diff(episode.samples[:, 0]) == pytest.approx(0.1)
-    assert episode.duration - 0.1 <= episode.samples[-1, 0] < episode.duration
+    assert episode.duration - 0.1 - 1e-9 <= episode.samples[-1, 0] < episode.duration
 
 
 def test_episode_ends_at_the_time_limit_as_a_failure(robot: Robot) -> None:

@@ -1,19 +1,18 @@
 """Goal variables that an action declares, from the specification to experience, model and refinement."""
 
 import dataclasses
-from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from bags import action_performance, own_types, write_records
+from domain_files import install
 from outside.delivery import CRUISE, DELIVERY, PASS, VISIT
 from refinement_fakes import FakeModel
 
 from ator_ros.actions.base import Goal
 from ator_ros.actions.goal_variables import GoalVariable
-from ator_ros.domains import domain as domains
 from ator_ros.domains.domain import DomainError
 from ator_ros.experience.collect import collect
 from ator_ros.experience.recordings import read_sources
@@ -121,8 +120,7 @@ def test_records_of_the_executor_hold_the_values(tmp_path: Path) -> None:
 def test_a_model_uses_the_value(
     collected: Experience, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    entry = EntryPoint("delivery", "outside.delivery:DELIVERY", domains.GROUP)
-    monkeypatch.setattr(domains, "entry_points", lambda **_: [entry])
+    install(monkeypatch, "delivery", "outside.delivery:DELIVERY")
     file = tmp_path / "table.parquet"
     write_experience(file, collected)
     words = ["--domain", "delivery", "--models", str(tmp_path)]

@@ -1,57 +1,23 @@
 """Recordings of real robots: stamps, topics, types, frames and quaternions of various drivers."""
 
-import math
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
-from bags import ODOMETRY, TWIST, Extra, Messages, Tick, write_bag
+from bags import HEADINGS, ODOMETRY, TICK, TWIST, Messages, Tick, recorded
 from domain_files import file_of, visiting
 
 from ator_ros.domains.domain import Domain, find_domain
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience.recordings import read_recording
 from ator_ros.experience.table import Experience, ExperienceError
-from ator_ros.geometry import Pose, wrap_angle
+from ator_ros.geometry import Pose
 from ator_ros.tools import train
 
 ROBOT = SOCCER.robot(None)
 POSES = "geometry_msgs/msg/PoseStamped"
-TICK = 0.04
-HEADINGS = (0.6, -1.1, 2.0, -2.8, 1.4)
-"""Headings to which the robot turns before each drive."""
-
-
-def ticks() -> Iterator[Tick]:
-    """Turn, drive and stop, once for each heading; the base follows commands immediately."""
-    time, pose = 0.0, Pose(0.3, -0.2, 0.1)
-    for heading in HEADINGS:
-        turn = wrap_angle(heading - pose.yaw)
-        count = math.ceil(abs(turn) / (0.8 * TICK))
-        for v, w, number in ((0.0, turn / count / TICK, count), (0.4, 0.0, 40), (0.0, 0.0, 30)):
-            for _ in range(number):
-                yield Tick(time, pose, v, w)
-                half = pose.yaw + 0.5 * w * TICK
-                x, y = pose.x + v * TICK * math.cos(half), pose.y + v * TICK * math.sin(half)
-                pose, time = Pose(x, y, wrap_angle(pose.yaw + w * TICK)), time + TICK
-
-
-def recorded(
-    folder: Path,
-    *extra: Extra,
-    odom: str = "/odom",
-    cmd_vel: str = "/cmd_vel",
-    offset: float = 0.0,
-    place: tuple[float, float] = (0.0, 0.0),
-    **odometry: Any,
-) -> Path:
-    """Write a recording of odometry and commands, and of `extra` topics."""
-    states: Extra = (odom, ODOMETRY, lambda make, tick: make.odometry(tick, **odometry))
-    commands: Extra = (cmd_vel, TWIST, Messages.command)
-    return write_bag(folder / "bag", Messages(offset, place), list(ticks()), *extra, states, commands)
 
 
 def read(bag: Path, domain: Domain = SOCCER) -> Experience:

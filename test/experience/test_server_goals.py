@@ -1,4 +1,4 @@
-"""Drives from recordings of an action server's goals, as of Nav2: status, plan and tf, no records."""
+"""Drives from recordings of the goals of an action server such as Nav2: status, plan and tf, no records."""
 
 import math
 from pathlib import Path
@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from bags import ODOMETRY, ROBOT, Extra, Messages, Tick, write_bag
+from domain_files import changed, file_of
 
 from ator_ros.domains.domain import Domain, find_domain
 from ator_ros.experience.recordings import read_recording
@@ -20,21 +21,6 @@ GOALS = ("succeeded", "aborted", "canceled", "without a plan", "by goal_pose", "
 PERIOD = LENGTH / SPEED + 0.5
 BEGAN = 0.2  # s
 CODES = {"aborted": 6, "canceled": 5}
-DOMAIN = """
-name: stations
-tops:
-  - name: visit
-    action: navigate
-    post:
-      - {variable: robot.x, target: goal.x, tolerance: 0.3}
-      - {variable: robot.y, target: goal.y, tolerance: 0.3}
-actions:
-  - name: navigate
-    remote:
-      server: navigate_to_pose
-      type: nav2_msgs/action/NavigateToPose
-      goal: [{field: pose, source: goal}]
-"""
 
 
 def pose_at(time: float) -> Pose:
@@ -118,8 +104,7 @@ TOPICS: list[Extra] = [
 
 @pytest.fixture
 def domain(tmp_path: Path) -> Domain:
-    (tmp_path / "stations.yaml").write_text(DOMAIN)
-    return find_domain(str(tmp_path / "stations.yaml"))
+    return find_domain(str(file_of(tmp_path, changed("tops.0.pre", []))))
 
 
 @pytest.mark.parametrize(("storage", "odometry"), [("MCAP", True), ("SQLITE3", False)])
@@ -148,7 +133,7 @@ def test_goals_of_a_server_are_drives(tmp_path: Path, domain: Domain, storage: s
     }
 
 
-def test_without_transforms_the_frame_is_named(tmp_path: Path, domain: Domain) -> None:
+def test_without_transforms_the_frame_is_reported(tmp_path: Path, domain: Domain) -> None:
     states: Extra = ("/odom", ODOMETRY, Messages.odometry)
     bag = write_bag(tmp_path / "bag", Messages(offset=100.0), ticks(), states, *TOPICS)
     with pytest.raises(

@@ -1,4 +1,4 @@
-"""What refined chains gained, and how the gate takes it."""
+"""The measured gain of refined chains, and the gate that uses it."""
 
 from pathlib import Path
 
@@ -37,7 +37,7 @@ def test_the_gate_closes_where_the_predicted_gain_does_not_materialize() -> None
         assert Gate(measured=gains.measured).decide(0.7, 0.2) == (True, "gain 0.70 s ± 0.20 s: refined")
 
 
-def test_ever_fewer_chains_run_as_planned() -> None:
+def test_the_share_of_comparison_chains_decreases() -> None:
     shares = [executed(0.5, refined=count, compared=0).comparison_share(0.1) for count in (0, 49, 199, 499)]
     assert shares == pytest.approx([0.1, 0.1, 0.05, 0.0316], abs=1e-4)
 

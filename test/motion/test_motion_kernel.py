@@ -36,10 +36,10 @@ def test_drives_respect_the_accelerations_and_cover_the_distance(a: float, brake
     limits = Limits(v=1.2, w=1.5, a=a, brake=brake, aw=1.3)
     for distance, before, after in drawn_drives(limits).tolist():
         gaining, steady, losing, top = durations.drive_parts(distance, before, after, limits)
-        way = steady * top
+        covered = steady * top
         for duration, start, end in ((gaining, before, top), (losing, top, after)):
             faster = abs(end) > abs(start)
             bound = min(a, brake) if start * end < 0.0 else a if faster else brake
             assert abs(end - start) <= bound * duration + 1e-9
-            way += duration * (start + end) / 2.0
-        assert way == pytest.approx(distance, abs=1e-9)
+            covered += duration * (start + end) / 2.0
+        assert covered == pytest.approx(distance, abs=1e-9)

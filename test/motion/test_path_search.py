@@ -1,4 +1,4 @@
-"""The search for paths: each takes the stated time to its goal; the chosen ones are nearly the fastest."""
+"""The search for paths: each takes the stated time, and the chosen ones are nearly the fastest."""
 
 import math
 
@@ -33,7 +33,7 @@ def goals(count: int) -> list[Pose]:
 
 
 @every_robot
-def test_each_path_leads_to_its_goal_in_the_time_that_is_said(robot: Robot) -> None:
+def test_each_path_leads_to_its_goal_in_the_stated_time(robot: Robot) -> None:
     limits = robot.limits
     entries, exits = ends(limits, 0.4 * limits.v)
     off = []
@@ -55,7 +55,7 @@ def test_each_path_leads_to_its_goal_in_the_time_that_is_said(robot: Robot) -> N
     assert np.percentile(off, 95) < 0.02
 
 
-def test_paths_drive_forward_and_take_no_longer_where_that_is_asked() -> None:
+def test_paths_are_forward_and_within_a_time_if_requested() -> None:
     limits = PIONEER.limits
     entries, exits = ends(limits, 0.0)
     for goal in goals(20):

@@ -52,7 +52,7 @@ class Server(ActionServer):
 
     def notify_execute(self, goal_handle: ServerGoalHandle, execute_callback: Any) -> None:
         """Store a goal for `finish`."""
-        (execute_callback or self._execute_callback)(goal_handle)
+        self.goals.append(goal_handle)
 
     def finish(self, state: str = "succeed", *, code: int = 1, reason: str = "") -> None:
         """End the latest goal: succeed, abort or canceled."""
@@ -60,16 +60,3 @@ class Server(ActionServer):
         result.outcome.code, result.outcome.reason = code, reason
         getattr(handle, state)()
         super().notify_execute(handle, lambda _: result)
-
-
-class UnresponsiveServer(Server):
-    """A server that does not answer cancel requests, like one with a single busy thread."""
-
-    unresponsive = True
-
-    async def _execute_cancel_request(self, request_header_and_message: Any) -> None:
-        if not self.unresponsive:
-            await super()._execute_cancel_request(request_header_and_message)
-
-    def publish_feedback(self) -> None:
-        self.goals[-1].publish_feedback(ExecuteChain.Feedback())

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from chain_client import ChainClient, SentGoal, call
+from chain_client import ChainClient, SentChain, call
 from process import Process, Processes
 from ros_client import Client
 
@@ -16,7 +16,6 @@ from ator_ros.nodes.network import free_domain
 from ator_ros.world.state import STOP
 
 START = Pose(-1.2, 0.0, 0.0)
-BALL = (0.0, 0.0)
 STOP_DEADLINE = 0.5
 """Simulated seconds from the last command to move until the robot stands."""
 LONG_START = 60.0
@@ -40,14 +39,10 @@ class ArenaClient(ChainClient):
     """
 
     def place(self, robot: Pose = START) -> None:
-        """Place robot and ball at the start of the tests' chain, and wait for their messages."""
-        self.ros.place(robot=robot, ball=BALL)
-        self.ros.eventually(
-            lambda: self.ros.robot().pose.distance(robot) < 0.02 and abs(self.ros.ball().x) < 0.02,
-            "robot and ball at their places",
-        )
+        """Place robot and ball at the start of the tests' chain."""
+        super().place(robot)
 
-    def ended(self, sent: SentGoal) -> ExecuteChain.Result:
+    def ended(self, sent: SentChain) -> ExecuteChain.Result:
         """Wait for the end of a goal; assert that it has a reason and that its record is published once."""
         result = sent.result()
         assert result.outcome.code

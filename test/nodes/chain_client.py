@@ -6,7 +6,7 @@ from typing import Any
 from geometry_msgs.msg import Twist
 from process import PATIENCE
 from rclpy.action import ActionClient
-from ros_client import Client
+from ros_client import Client, SentGoal
 
 from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import ActionPerformance, ChainPerformance, GoalValue, Outcome, TopCall
@@ -32,33 +32,19 @@ def chain_of_the_paper() -> list[TopCall]:
     ]
 
 
-#: Takes minutes of simulated time, since the simulation does not wait for the test's process, so that all
-#: events of a test occur before the chain's end.
+# Takes minutes of simulated time, so that all events of a test occur before the chain's end: the simulation
+# does not wait for the test's process.
 PATROL = [call("goToPose", Pose(2.5, 1.5, 0.0)), call("goToPose", Pose(-2.5, 1.5, 3.1))] * 16
 
 
-class SentGoal:
-    """An accepted goal, with its feedback."""
-
-    def __init__(self, client: Client, handle: Any, feedback: list[Any]) -> None:
-        self._client, self.handle, self.feedback = client, handle, feedback
-        self._future = client.within(handle.get_result_async)
-
-    def cancel(self) -> bool:
-        """Cancel the goal; return whether it was still active."""
-        future = self._client.within(self.handle.cancel_goal_async)
-        self._client.eventually(future.done, "an answer to cancel")
-        return bool(future.result().goals_canceling)
+class SentChain(SentGoal):
+    """An accepted goal of execute_chain."""
 
     def wait_for_status(self, words: str) -> None:
-        self._client.eventually(lambda: any(words in each.status for each in self.feedback), words)
-
-    def ended(self) -> bool:
-        return bool(self._future.done())
+        self.client.eventually(lambda: any(words in each.status for each in self.feedback), words)
 
     def result(self, patience: float = 2 * PATIENCE) -> ExecuteChain.Result:
-        self._client.eventually(self._future.done, "the goal's end", patience)
-        return self._future.result().result
+        return self.response(patience).result
 
     def outcome(self) -> Outcome:
         return self.result().outcome
@@ -98,7 +84,7 @@ class ChainClient:
         count = len(self.ros.robots)
         self.ros.eventually(lambda: len(self.ros.robots) > count + 3, "newer odometry")
 
-    def send(self, calls: list[TopCall], **options: Any) -> SentGoal:
+    def send(self, calls: list[TopCall], **options: Any) -> SentChain:
         """Send a chain; options are fields of the goal."""
         assert self._server.wait_for_server(timeout_sec=PATIENCE), "execute_chain is missing"
         self.wait_for_publishers()
@@ -107,13 +93,7 @@ class ChainClient:
             self._known = True
         goal = ExecuteChain.Goal(**options)
         goal.chain.calls = calls
-        feedback: list[Any] = []
-        future = self.ros.within(
-            lambda: self._server.send_goal_async(goal, lambda message: feedback.append(message.feedback))
-        )
-        self.ros.eventually(future.done, "the goal's acceptance")
-        assert future.result().accepted
-        return SentGoal(self.ros, future.result(), feedback)
+        return SentChain(self.ros, self._server, goal)
 
     def standing(self) -> bool:
         robot = self.ros.robot()

@@ -27,7 +27,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def pytest_collection_finish() -> None:
-    """Exempt what the imported modules hold from the collections after each test, which take a tenth so."""
+    """Exempt objects of imported modules from the collections after each test, which then take a tenth."""
     gc.collect()
     gc.freeze()
 
@@ -47,8 +47,8 @@ def domain() -> Iterator[int]:
     """Yield a ROS domain that no other test uses at the same time, in this run or another."""
     with free_domain() as number:
         yield number
-    # Nodes in reference cycles, as those with action clients are, are DDS participants that keep their
-    # numbers, and those from 32 on are not found by others.
+    # A node with an action client is in a reference cycle. Until it is collected, it is a DDS participant;
+    # participants with numbers from 32 on are not discovered.
     gc.collect()
 
 

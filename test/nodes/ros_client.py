@@ -8,11 +8,13 @@ from typing import Any
 
 import rclpy
 from action_msgs.srv import CancelGoal
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
 from process import PATIENCE
 from rcl_interfaces.msg import SetParametersResult
 from rcl_interfaces.srv import SetParameters
+from rclpy.action import ActionClient
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -20,7 +22,7 @@ from rclpy.parameter import Parameter
 from ator_interfaces.srv import PlaceObject, PlaceRobot
 from ator_ros.geometry import Pose
 from ator_ros.nodes.messages import pose_of
-from ator_ros.nodes.qos import NEWEST, SENSOR_DATA
+from ator_ros.nodes.qos import NEWEST, RESULTS, SENSOR_DATA
 from ator_ros.nodes.remote_actions import cancel_request_for_unknown_goal
 from ator_ros.world.messages import ObjectReader, ObjectSource, OdometryReader, seconds_from
 from ator_ros.world.state import ObjectState, RobotState
@@ -101,6 +103,19 @@ class Client:
         messages: list[Any] = []
         self.node.create_subscription(kind, topic, messages.append, qos)
         return messages
+
+    def statuses(self) -> list[DiagnosticStatus]:
+        """Subscribe to the diagnostics; return a list to which the status of every message is appended."""
+        found: list[DiagnosticStatus] = []
+        self.node.create_subscription(
+            DiagnosticArray, "/diagnostics", lambda message: found.extend(message.status), RESULTS
+        )
+        return found
+
+    def status_of(self, name: str) -> DiagnosticStatus:
+        """Wait for the diagnostic status of a node."""
+        found = self.statuses()
+        return self.eventually(lambda: [each for each in found if each.name == f"/{name}"], "diagnostics")[0]
 
     def eventually(self, happened: Callable[[], Any], what: str, patience: float = PATIENCE) -> Any:
         """Wait until `happened` returns a true value, and return it; fail after `patience` s."""
@@ -186,6 +201,38 @@ class Client:
         self._spinning.end(PATIENCE)
         self.node.destroy_node()
         self._context.try_shutdown()
+
+
+class SentGoal:
+    """An accepted goal of an action client, with its feedback."""
+
+    def __init__(self, client: Client, server: ActionClient, goal: Any) -> None:
+        self.client, self.feedback = client, list[Any]()
+        future = client.within(
+            lambda: server.send_goal_async(goal, lambda message: self.feedback.append(message.feedback))
+        )
+        client.eventually(future.done, "the goal's acceptance")
+        self.handle = future.result()
+        assert self.handle.accepted
+        self._future = client.within(self.handle.get_result_async)
+
+    def cancel(self) -> bool:
+        """Cancel the goal; return whether it was still active."""
+        future = self.client.within(self.handle.cancel_goal_async)
+        self.client.eventually(future.done, "an answer to cancel")
+        return bool(future.result().goals_canceling)
+
+    def ended(self) -> bool:
+        return bool(self._future.done())
+
+    def response(self, patience: float = 4 * PATIENCE) -> Any:
+        """Wait for the end; return the response with status and result."""
+        self.client.eventually(self._future.done, "the goal's end", patience)
+        return self._future.result()
+
+
+def values_of(status: DiagnosticStatus) -> dict[str, str]:
+    return {value.key: value.value for value in status.values}
 
 
 def stamp(message: Any) -> float:

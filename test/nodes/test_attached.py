@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from chain_client import SentGoal, call
+from chain_client import SentChain, call
 from conftest import Start
 from hall import Hall
 from maps import hall as cells
@@ -77,7 +77,7 @@ def test_a_goal_of_another_client_ends_the_drives(
     hall: Hall, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("ROS_DOMAIN_ID", str(hall.client.domain))
-    server, sent, place = hall.serve(), list[SentGoal](), Pose(1.0, 0.5, 0.3)
+    server, sent, place = hall.serve(), list[SentChain](), Pose(1.0, 0.5, 0.3)
 
     def take_over() -> None:
         hall.client.eventually(lambda: server.goals, "a drive")
@@ -95,7 +95,7 @@ def test_a_goal_of_another_client_ends_the_drives(
     assert sent[0].outcome().code == Outcome.SUCCEEDED
 
 
-def test_the_robot_is_not_moved_without_a_yes(
+def test_the_robot_is_not_moved_without_confirmation(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(sys, "stdin", io.StringIO("\n"))

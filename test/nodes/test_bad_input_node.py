@@ -8,7 +8,7 @@ import pytest
 from chain_client import ChainClient
 from hosted import Hosted
 from nav_msgs.msg import Odometry
-from ros_client import Client
+from ros_client import Client, values_of
 from std_msgs.msg import String
 
 from ator_ros.geometry import Pose
@@ -59,31 +59,26 @@ def hosted() -> Iterator[tuple[Hosted, ChainClient, Sensors]]:
         other.close()
 
 
-X, SPEED, FRAME = "pose.pose.position.x", "twist.twist.linear.x", "header.frame_id"
-NONSENSE = [
+X, FRAME = "pose.pose.position.x", "header.frame_id"
+INVALID = [
     (X, math.nan, False, "odom.pose.pose.position.x: expected a finite number"),
-    (SPEED, math.inf, False, "odom.twist.twist.linear.x: expected a finite number"),
     ("pose.pose.orientation.w", 0.0, False, "odom.pose.pose.orientation: expected a quaternion"),
-    ("pose.pose.orientation.x", 1.0, False, "expected roll and pitch of at most 30 degrees"),
-    (FRAME, "moon", False, "odom.header.frame_id: expected the frame 'odom', got 'moon'"),
+    (FRAME, "attic", False, "odom.header.frame_id: expected the frame 'odom', got 'attic'"),
     (X, math.nan, True, "ball.pose: position.x: expected a finite number"),
-    (SPEED, math.inf, True, "ball.twist: x: expected a finite number"),
-    (FRAME, "moon", True, "ball.header.frame_id: expected the frame 'odom', got 'moon'"),
+    (FRAME, "attic", True, "ball.header.frame_id: expected the frame 'odom', got 'attic'"),
     ("header.stamp.sec", 1_700_000_000, True, "ball.header.stamp: expected about odometry's"),
 ]
 
 
-@pytest.mark.parametrize(("field", "value", "ball", "expected"), NONSENSE)
+@pytest.mark.parametrize(("field", "value", "ball", "expected"), INVALID)
 def test_invalid_sensor_messages_are_reported_and_move_nothing(hosted, field, value, ball, expected) -> None:
     node, chains, sensors = hosted
-    count = len(chains.commands)
-    chains.ros.eventually(
-        lambda: sensors.send(field, value, ball=ball) or expected in last_error(node), expected
-    )
+    count, health = len(chains.commands), chains.ros.statuses()
+
+    def reported() -> bool:
+        sensors.send(field, value, ball=ball)
+        return any(expected in values_of(status)["last error"] for status in health)
+
+    chains.ros.eventually(reported, expected)
     assert all(command.linear.x == command.angular.z == 0.0 for command in chains.commands[count:])
     assert node.running
-
-
-def last_error(node: Hosted) -> str:
-    """Return the last error in the node's diagnostics; its log is throttled to a warning per 2 s."""
-    return str(node.node._health().values["last error"])

@@ -3,7 +3,6 @@
 import pytest
 from chain_client import ChainClient, call
 from conftest import Host
-from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Twist, TwistStamped
 from moving_base import MovingBase
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -11,7 +10,6 @@ from ros_client import Client
 
 from ator_interfaces.msg import Outcome
 from ator_ros.geometry import Pose
-from ator_ros.nodes.qos import RESULTS
 
 CLIENT = {"silent": True}
 NEAR = [call("goToPose", Pose(0.5, 0.0, 0.0))]
@@ -35,7 +33,7 @@ def test_a_base_of_the_other_type_is_reported_with_the_remedy(
     host: Host, client: Client, set_to: str, kind: type, other: str
 ) -> None:
     node = host("executor", stamped_commands=set_to, **SETTINGS)
-    health = client.listen(DiagnosticArray, "/diagnostics", RESULTS)
+    health = client.statuses()
     MovingBase(client, kind)
     published = {"true": "TwistStamped", "false": "Twist"}[set_to]
     expected = (
@@ -47,7 +45,7 @@ def test_a_base_of_the_other_type_is_reported_with_the_remedy(
     assert outcome.code == Outcome.BASE_FAULT
     assert expected in outcome.reason
     assert expected in node.output
-    client.eventually(lambda: expected in health[-1].status[0].message, "diagnostics")
+    client.eventually(lambda: expected in health[-1].message, "diagnostics")
 
 
 def test_a_base_with_another_topic_is_reported(host: Host, client: Client) -> None:

@@ -1,37 +1,24 @@
 """The example with a behavior of py_trees for `execute_chain`."""
 
-import importlib.util
-import os
-import subprocess
 import sys
-from types import ModuleType
 
 import pytest
 from chain_client import call
 from conftest import Start
-from documentation import ROOT
 from hall import Hall
+from process import run
 from py_trees.common import Status
 
 from ator_ros.geometry import Pose
+from examples import behavior_tree
+from examples.behavior_tree import ExecuteChainBehaviour
 
-FILE = ROOT / "examples" / "behavior_tree.py"
 PLACES = Pose(1.0, 0.5, 0.3), Pose(2.0, 0.0, 1.0)
 
 
-@pytest.fixture(scope="module")
-def example() -> ModuleType:
-    spec = importlib.util.spec_from_file_location(FILE.stem, FILE)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-def test_it_runs_until_the_chain_ends_and_cancels_it_when_it_is_stopped(
-    hall: Hall, example: ModuleType
-) -> None:
+def test_it_runs_until_the_chain_ends_and_cancels_it_when_it_is_stopped(hall: Hall) -> None:
     client, server = hall.client, hall.serve()
-    behavior = example.ExecuteChainBehaviour("tour", [call("visit", pose) for pose in PLACES], refine=False)
+    behavior = ExecuteChainBehaviour("tour", [call("visit", pose) for pose in PLACES], refine=False)
     client.within(lambda: behavior.setup(node=client.node))
 
     def reaches(status: Status) -> bool:
@@ -60,8 +47,6 @@ def test_the_example_drives_a_round(start: Start, domain: int) -> None:
     start("simulation", real_time_factor=3.0)
     start("refinement", deadline=5.0)
     start("executor", odom_timeout=5.0, refinement_timeout=10.0)
-    environment = {**os.environ, "ROS_DOMAIN_ID": str(domain)}
-    words = [sys.executable, str(FILE)]
-    ran = subprocess.run(words, capture_output=True, text=True, timeout=180.0, env=environment, check=False)
+    ran = run(sys.executable, behavior_tree.__file__, domain=domain)
     assert ran.returncode == 0, ran.stdout + ran.stderr
     assert "tour" in ran.stdout

@@ -7,7 +7,7 @@ import sys
 import pytest
 from conftest import Host, Start
 from documentation import ROOT
-from process import environment
+from process import environment, run
 from ros_client import Client
 
 from ator_interfaces.srv import PlaceObject
@@ -18,16 +18,7 @@ CHAIN = "{chain: {calls: [{top: goToPose, goal: {pose: {position: {x: -1.5, y: 1
 EXECUTE = ("execute_chain", "ator_interfaces/action/ExecuteChain", CHAIN)
 
 
-def started(*words: str, domain: int) -> subprocess.Popen[str]:
-    program = [sys.executable, str(ROOT / "examples" / "call.py"), *words]
-    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-    return subprocess.Popen(program, text=True, env=environment(domain), **pipes)
-
-
-def call(*words: str, domain: int) -> tuple[int, str, str]:
-    with started(*words, domain=domain) as program:
-        output, errors = program.communicate(timeout=120.0)
-    return program.returncode, output, errors
+PROGRAM = (sys.executable, str(ROOT / "examples" / "call.py"))
 
 
 def test_a_service_is_called_and_its_answer_printed_and_a_topic_echoed(
@@ -35,11 +26,12 @@ def test_a_service_is_called_and_its_answer_printed_and_a_topic_echoed(
 ) -> None:
     host("simulation")
     client.robot()
-    done = call("place_ball", PLACE, "{position: {point: {x: 1, y: -0.5}}}", domain=domain)
-    assert done == (0, "success: true\nmessage: ball at x 1.000 m, y -0.500 m\n", "")
-    code, output, errors = call("echo", "odom", "--once", domain=domain)
-    assert (code, errors) == (0, "")
-    printed = output.splitlines()
+    done = run(*PROGRAM, "place_ball", PLACE, "{position: {point: {x: 1, y: -0.5}}}", domain=domain)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout == "success: true\nmessage: ball at x 1.000 m, y -0.500 m\n"
+    done = run(*PROGRAM, "echo", "odom", "--once", domain=domain)
+    assert (done.returncode, done.stderr) == (0, "")
+    printed = done.stdout.splitlines()
     assert printed[0] == "header:"
     assert "child_frame_id: base_link" in printed
     assert any("x: -2.0" in line for line in printed)  # pose.pose.position.x
@@ -51,7 +43,8 @@ def test_a_goal_is_sent_and_feedback_and_result_printed_and_an_interrupt_cancels
     start("simulation")
     executor = host("executor")
     client.robot()
-    with started(*EXECUTE, "--feedback", domain=domain) as sent:
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "env": environment(domain)}
+    with subprocess.Popen([*PROGRAM, *EXECUTE, "--feedback"], text=True, **pipes) as sent:
         client.eventually(lambda: client.robot().v > 0.1, "the robot drives")
         sent.send_signal(signal.SIGINT)
         output, errors = sent.communicate(timeout=60.0)

@@ -171,13 +171,13 @@ def test_goals_and_situations_in_a_known_frame_are_transformed() -> None:
     situation, call = messages.situation_of(world, frame="odom"), TopCall()
     call.goal.pose, call.goal.header.frame_id = messages.pose_of(Pose(1.0, 1.0, 0.0)), "odom"
     elsewhere = TopCall()
-    elsewhere.goal.header.frame_id = "moon"
+    elsewhere.goal.header.frame_id = "attic"
     bases = {"odom": origin}
     messages.into_frame(
         "map", lambda _, other: bases.get(other), [TopChain(calls=[call, elsewhere])], situation
     )
     assert near(pose_from(call.goal.pose, "goal"), Pose(0.0, 3.0, math.pi / 2.0))
-    assert [each.goal.header.frame_id for each in (call, elsewhere)] == ["map", "moon"]
+    assert [each.goal.header.frame_id for each in (call, elsewhere)] == ["map", "attic"]
     read = world_from(situation, frame="map")
     assert near(read.robot.pose, Pose(1.0, 3.0, 0.5 + math.pi / 2.0))
     ball = ball_of(read)

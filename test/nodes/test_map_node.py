@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from chain_client import ChainClient, call
 from conftest import Host, Start
-from experience_rows import dead_zone_drives
+from experience_rows import route_drives
 from geometry_msgs.msg import PoseStamped
 from maps import hall
 from nav2_interfaces import provide_nav2_msgs
@@ -22,8 +22,7 @@ from ros_client import Client
 from ator_interfaces.msg import Outcome, TopCall
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.domains.domain import find_domain
-from ator_ros.geometry import Pose, wrap_angles
-from ator_ros.motion.routes import routes_of
+from ator_ros.geometry import Pose
 from ator_ros.nodes.maps import follow_map
 from ator_ros.nodes.messages import occupancy_grid_of, pose_of
 from ator_ros.nodes.qos import LATCHED
@@ -43,16 +42,7 @@ def models(tmp_path: Path) -> Path:
     """Return a folder with a model that was learned on the hall with a wall."""
     domain = BUILDING.on_map(WALL)
     robot = domain.robot()
-    rows = dead_zone_drives(120, seed=1)
-    rows = rows[(rows["x"].abs() > 0.7) & (rows["xg"].abs() > 0.7)].reset_index(drop=True)
-    routes = routes_of(robot)
-    assert routes is not None
-    route = routes.between(*(rows[name].to_numpy() for name in ("x", "y", "xg", "yg")))
-    turns = np.abs(wrap_angles(route.departure - rows["yaw"])) + np.abs(
-        wrap_angles(rows["yawg"] - route.arrival)
-    )
-    duration = route.length / 0.6 + 0.5 * route.turn + turns
-    rows = rows.assign(action="pursue", duration=duration, time_to_go=duration)
+    rows = route_drives(robot, 120, seed=1).assign(action="pursue")
     save_model(tmp_path / "pursue.json", train("pursue", rows, robot, features=domain.candidates("pursue")))
     return tmp_path
 
@@ -93,7 +83,7 @@ def test_a_new_map_replaces_the_old_one_and_answers_name_theirs(
         "a warning of a map without room",
     )
     assert refine(client, sent).accepted
-    maps.publish(occupancy_grid_of(WALL, frame="moon"))
+    maps.publish(occupancy_grid_of(WALL, frame="attic"))
     maps.publish(occupancy_grid_of(WALL, frame="map"))
     inside = request(call("visit", Pose(0.0, 0.0, 0.0)))
     client.eventually(lambda: not refine(client, inside).accepted, "the wall again")

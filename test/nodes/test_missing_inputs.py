@@ -6,7 +6,6 @@ from functools import partial
 import pytest
 from chain_client import ChainClient, call
 from conftest import Host
-from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, Twist
 from moving_base import MovingBase
 from nav_msgs.msg import Odometry
@@ -14,7 +13,7 @@ from ros_client import Client
 
 from ator_interfaces.msg import Outcome
 from ator_ros.geometry import Pose
-from ator_ros.nodes.qos import NEWEST, RESULTS
+from ator_ros.nodes.qos import NEWEST
 
 AWAY = [call("goToPose", Pose(2.0, 0.0, 0.0))]
 TO_BALL = [call("goToBall", Pose(0.0, 0.0, 0.0))]
@@ -41,14 +40,14 @@ def another_type(client: Client) -> None:
 )
 def test_missing_odometry(host: Host, client: Client, fault: Callable[[Client], None], expected: str) -> None:
     node = host("executor", start_timeout=1.0)
-    health = client.listen(DiagnosticArray, "/diagnostics", RESULTS)
+    health = client.statuses()
     fault(client)
     outcome = ChainClient(client).send(AWAY).outcome()
     assert outcome.code == Outcome.INPUT_LOST
     assert outcome.reason.startswith("odom is missing: expected one within 1 s of the goal, got none; ")
     assert expected in outcome.reason
     assert expected in node.output
-    client.eventually(lambda: expected in health[-1].status[0].message, "diagnostics")
+    client.eventually(lambda: expected in health[-1].message, "diagnostics")
 
 
 def test_an_object_with_stamps_of_another_clock_is_reported(host: Host, client: Client) -> None:
@@ -81,6 +80,6 @@ def test_a_robot_that_moves_when_odometry_returns_is_stopped(host: Host, client:
     base.timer.cancel()
     assert sent.outcome().code == Outcome.INPUT_LOST
     base.commanded = Twist()
-    base.commanded.linear.x = 0.5  # it has driven on
+    base.commanded.linear.x = 0.5  # it has kept driving
     base.timer.reset()
     client.eventually(lambda: base.commanded.linear.x == 0.0, "a command to stop")

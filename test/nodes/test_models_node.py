@@ -4,10 +4,9 @@ from pathlib import Path
 
 import pytest
 from conftest import Host
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from ros_client import Client
+from diagnostic_msgs.msg import DiagnosticStatus
+from ros_client import Client, values_of
 
-from ator_ros.nodes.qos import RESULTS
 from ator_ros.resources import resource_path
 
 BOTH = pytest.mark.parametrize("name", ["executor", "refinement"])
@@ -23,21 +22,11 @@ def models(tmp_path: Path) -> Path:
     return folder
 
 
-def status_of(client: Client, name: str) -> DiagnosticStatus:
-    """Wait for the diagnostic status of a node."""
-    health = client.listen(DiagnosticArray, "/diagnostics", RESULTS)
-
-    def received() -> list[DiagnosticStatus]:
-        return [message.status[0] for message in health if message.status[0].name == f"/{name}"]
-
-    return client.eventually(received, "diagnostics")[0]
-
-
 @BOTH
 def test_an_action_set_without_models_is_no_error(host: Host, client: Client, models: Path, name) -> None:
     node = host(name, models=models)
-    status = status_of(client, name)
-    values = {value.key: value.value for value in status.values}
+    status = client.status_of(name)
+    values = values_of(status)
     assert values["models of default"] == "dribbleBall, goToPose, shoot"
     assert values["models of bezier"] == "no models"
     assert status.message.startswith(
@@ -55,7 +44,7 @@ def test_a_damaged_model_is_an_error(host: Host, client: Client, models: Path, n
     (models / "bezier" / "goToPose.json").write_text(text[: len(text) // 2], encoding="utf-8")
     (models / "shoot.json").write_text(text.replace('"goToPose"', '"shoot"', 1), encoding="utf-8")
     node = host(name, models=models)
-    status = status_of(client, name)
+    status = client.status_of(name)
     assert status.level == DiagnosticStatus.WARN
     assert "action set bezier: " in status.message
     assert "goToPose.json: expected a readable JSON file" in status.message
@@ -79,25 +68,7 @@ def slow_robot(tmp_path: Path) -> Path:
 @BOTH
 def test_a_given_robot_file_is_used(host: Host, client: Client, slow_robot: Path, name: str) -> None:
     node = host(name, robot=slow_robot)
-    status = status_of(client, name)
+    status = client.status_of(name)
     assert status.level == DiagnosticStatus.WARN
     assert "dribbleBall was learned with ANOTHER ROBOT" in status.message
     assert "ANOTHER ROBOT" in node.output
-
-
-@pytest.mark.parametrize(
-    ("remove", "settings", "expected"),
-    [
-        ("", {}, "a chain is changed where the predicted gain exceeds its uncertainty"),
-        ("", {"gate": False}, "gate is false: a chain is changed whenever a gain is predicted"),
-        ("*.json", {}, "no models ("),
-    ],
-)
-def test_refinement_reports_its_gate_in_one_line(
-    host: Host, models: Path, remove: str, settings: dict[str, object], expected: str
-) -> None:
-    for file in models.glob(remove) if remove else ():
-        file.unlink()
-    last = host("refinement", models=models, **settings).output.splitlines()[-1]
-    assert "refining chains for pioneer_3dx (domain soccer, ROS domain " in last
-    assert expected in last

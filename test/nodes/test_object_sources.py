@@ -21,26 +21,24 @@ def message_of(kind: str, time: float, x: float, y: float, frame: str = "map") -
     return message
 
 
-@pytest.mark.parametrize("kind", sorted(TYPES))
+def placement(x: float, y: float) -> Placement:
+    return Placement((x, y, 0.3), (0.0, 0.0, 0.0, 1.0))
+
+
+@pytest.mark.parametrize("kind", [*sorted(TYPES), "tf"])
 def test_position_and_velocity_are_read_or_estimated(kind: str) -> None:
-    read = ObjectReader(ObjectSource("cart", type=kind), "map").read
+    reader = ObjectReader(ObjectSource("cart", type=kind, frame="cart_link" if kind == "tf" else ""), "map")
     for tick in range(20):
-        time = 5.0 + 0.02 * tick
-        stamp, there = read(message_of(kind, time, 1.0 + 0.01 * tick, 2.0 - 0.004 * tick))
+        time, x, y = 5.0 + 0.02 * tick, 1.0 + 0.01 * tick, 2.0 - 0.004 * tick
+        if kind == "tf":
+            stamp, there = reader.read_placement(time, placement(x, y))
+        else:
+            stamp, there = reader.read(message_of(kind, time, x, y))
     assert stamp == pytest.approx(time)
     assert (there.x, there.y, there.vx, there.vy) == pytest.approx((1.19, 1.924, 0.5, -0.2))
-
-
-def test_the_position_from_tf_is_read_and_the_velocity_estimated() -> None:
-    read = ObjectReader(ObjectSource("cart", type="tf", frame="cart_link"), "map").read_placement
-    for tick in range(20):
-        time = 5.0 + 0.02 * tick
-        place = Placement((1.0 + 0.01 * tick, 2.0 - 0.004 * tick, 0.3), (0.0, 0.0, 0.0, 1.0))
-        stamp, there = read(time, place)
-    assert stamp == pytest.approx(time)
-    assert (there.x, there.y, there.vx, there.vy) == pytest.approx((1.19, 1.924, 0.5, -0.2))
-    with pytest.raises(MessageError, match=r"^cart in tf.x: expected a finite number"):
-        read(6.0, Placement((1e9, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)))
+    if kind == "tf":
+        with pytest.raises(MessageError, match=r"^cart in tf.x: expected a finite number"):
+            reader.read_placement(6.0, placement(1e9, 0.0))
 
 
 @pytest.mark.parametrize(

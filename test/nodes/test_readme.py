@@ -1,19 +1,16 @@
 """The README's requests are valid as printed, and its answer is that of the shipped models."""
 
 import re
-import shlex
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
-from rclpy.qos import DurabilityPolicy, QoSCompatibility, QoSProfile, ReliabilityPolicy, qos_check_compatible
 
 from ator_interfaces.action import ExecuteChain
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.nodes.messages import answer_of, chain_from, gain_of
-from ator_ros.nodes.qos import LATCHED, RESULTS
 from ator_ros.nodes.refinement import refine_request
 from ator_ros.performance.model_file import load_models
 from ator_ros.refinement.gate import Gate
@@ -23,7 +20,6 @@ from examples.call import filled
 
 ROOT = Path(__file__).resolve().parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
-REFINEMENT = (ROOT / "docs" / "refinement.md").read_text(encoding="utf-8")
 ROBOT = load_robot()
 LIBRARY = SOCCER.library(ROBOT)
 
@@ -80,23 +76,3 @@ def test_the_printed_goal_is_the_same_chain() -> None:
         "goToBall",
         "dribbleBall",
     ]
-
-
-@pytest.mark.parametrize(("topic", "offered"), [("action", RESULTS), ("chain", LATCHED)])
-def test_the_printed_echo_receives_the_records(topic: str, offered: QoSProfile) -> None:
-    """Only reliable and latched subscriptions receive stored messages."""
-    (line,) = re.findall(rf"ros2 topic echo (.*/performance/{topic} .*)", REFINEMENT)
-    words, policies = shlex.split(line), {"reliability": "best_effort", "durability": "volatile"}
-    policies |= {
-        name: words[words.index(f"--qos-{name}") + 1] for name in policies if f"--qos-{name}" in words
-    }
-    profile = QoSProfile(
-        depth=1,
-        reliability=ReliabilityPolicy[policies["reliability"].upper()],
-        durability=DurabilityPolicy[policies["durability"].upper()],
-    )
-    assert qos_check_compatible(offered, profile)[0] != QoSCompatibility.ERROR
-    if offered.durability == DurabilityPolicy.TRANSIENT_LOCAL:
-        assert (profile.reliability, profile.durability) == (offered.reliability, offered.durability)
-        assert "--once" in words
-    assert f"ator_interfaces/msg/{topic.capitalize()}Performance" in words

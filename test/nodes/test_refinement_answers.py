@@ -94,9 +94,9 @@ class TestAlternatives:
         assert [each.accepted for each in answer.alternatives] == [False, True]
 
     def test_without_any_valid_plan_all_reasons_are_listed(self) -> None:
-        strange = (call("goToMoon", Pose(0.0, 0.0, 0.0)),)
+        unknown = (call("fly", Pose(0.0, 0.0, 0.0)),)
         with pytest.raises(RefinementError) as caught:
-            answered(self.request_for(self.at_once, self.at_once, strange))
+            answered(self.request_for(self.at_once, self.at_once, unknown))
         assert "alternative 1: no valid plan: " in str(caught.value)
         assert "alternative 2: alternatives[1].calls[0].top: " in str(caught.value)
 

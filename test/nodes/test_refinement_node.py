@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from chain_client import call
 from conftest import Host
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticStatus
 from experience_rows import uncertain
 from process import Processes
 from refinement_requests import refine, request_of_the_paper, save_small_models
@@ -17,7 +17,7 @@ from ator_interfaces.msg import GoalTerm, PlanGoal, Situation, TopCall
 from ator_interfaces.srv import PlanChains, PredictDurations
 from ator_ros.geometry import Pose
 from ator_ros.nodes.messages import pose_of
-from ator_ros.nodes.qos import LATCHED, RESULTS
+from ator_ros.nodes.qos import LATCHED
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +65,7 @@ def test_an_open_angle_is_compared_with_the_fastest_approach(service_client: Cli
 
 
 def test_startup_parameters_are_read_only(service_client: Client) -> None:
-    results = service_client.set_parameters("refinement", models="/etc", frame="moon")
+    results = service_client.set_parameters("refinement", models="/etc", frame="attic")
     assert [result.successful for result in results] == [False] * 2
     assert all("read-only" in result.reason for result in results)
 
@@ -92,12 +92,12 @@ def test_the_failure_cost_is_the_parameter_unless_requested(host: Host, client: 
 
 
 def test_without_models_it_warns_and_continues(host: Host, client: Client, tmp_path: Path) -> None:
-    health = client.listen(DiagnosticArray, "/diagnostics", RESULTS)
+    health = client.statuses()
     host("refinement", models=tmp_path)
     response = refine(client, request_of_the_paper())
     assert not response.accepted
     assert str(tmp_path) in response.reason
-    client.eventually(lambda: health and health[-1].status[0].level == DiagnosticStatus.ERROR, "an error")
+    client.eventually(lambda: health and health[-1].level == DiagnosticStatus.ERROR, "an error")
 
 
 def test_markers_of_the_last_search_are_latched(service_client: Client) -> None:
@@ -148,9 +148,6 @@ def test_a_goal_is_planned_and_an_impossible_goal_is_rejected(service_client: Cl
         (PlanGoal(name="ball_in_basket"), "goal.name: expected one of ['ball_held', 'ball_in_goal']"),
         (PlanGoal(), "goal.terms: expected 1 to 8 items, got 0"),
         (PlanGoal(terms=[GoalTerm(variable="ball.x")] * 9), "goal.terms: expected 1 to 8 items, got 9"),
-        (PlanGoal(terms=[GoalTerm(variable="cup.x")]), "goal.terms[0].variable: expected one of"),
-        (PlanGoal(terms=[GoalTerm(variable="ball.vx", value=1.0, high=0.1)]), "no TOP achieves ball.vx"),
-        (PlanGoal(terms=[GoalTerm(variable="ball.x", low=1.0)]), "expected low <= high"),
         (PlanGoal(terms=[GoalTerm(variable="ball.x", value=float("nan"))]), "expected a finite number"),
     ):  # fmt: skip
         answer = answered(goal)

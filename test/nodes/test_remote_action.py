@@ -1,16 +1,108 @@
 """Actions on external servers: valid servers, and each fault that ends an action."""
 
+import dataclasses
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
-from action_servers import Server, UnresponsiveServer
-from remote_bench import GOAL, Bench
+import rclpy
+from action_servers import Server, declared
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
 
-from ator_ros.actions.base import Status
+from ator_interfaces.action import ExecuteChain
+from ator_ros.actions.base import Goal, Status, Step
+from ator_ros.geometry import Pose
+from ator_ros.nodes.remote_actions import RemoteAction, RemoteServer
+from ator_ros.robot.description import load_robot
 from ator_ros.world.messages import pose_from
-from ator_ros.world.state import STOP
+from ator_ros.world.state import STOP, RobotState, World
+
+ROBOT = load_robot()
+GOAL = Goal(Pose(1.0, 2.0, 0.5), 0.3)
+PERIOD = 0.02
+"""Duration of a tick in real s; by the stamps it is five times as long."""
+
+
+class Bench:
+    """The node of the client and that of the server, in one rclpy executor of this process."""
+
+    def __init__(self, domain: int) -> None:
+        self._context = rclpy.Context()
+        self._context.init(domain_id=domain)
+        self.client_node, self.server_node = (
+            Node(name, context=self._context) for name in ("client_node", "server_node")
+        )
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self.client_node)
+        self._executor.add_node(self.server_node)
+        self.declare()
+        self.steps: list[Step] = []
+        self._time = 0.0
+
+    def declare(self, **timeouts: float) -> None:
+        """Set the timeouts of the server's declaration."""
+        call = declared()
+        call = dataclasses.replace(call, timeouts=dataclasses.replace(call.timeouts, **timeouts))
+        self.server = RemoteServer(self.client_node, call, "odom")
+        self.action = RemoteAction(ROBOT, self.server)
+
+    def freeze(self) -> None:
+        """Stop spinning the server's node, as if it was killed: DDS still lists it."""
+        self._executor.remove_node(self.server_node)
+
+    def resume(self) -> None:
+        self._executor.add_node(self.server_node)
+
+    def spin(self) -> None:
+        end = time.monotonic() + PERIOD
+        while time.monotonic() < end:
+            self._executor.spin_once(timeout_sec=PERIOD / 4.0)
+
+    def begin(self) -> None:
+        """Wait for the server, and start the action."""
+        self.until(self.server.present)
+        self.action.start(self.world(), GOAL)
+
+    def world(self, v: float = 0.0) -> World:
+        return World(self._time, RobotState(Pose(0.0, 0.0, 0.0), v))
+
+    def tick(self, v: float = 0.0) -> Step:
+        self.spin()
+        self._time += 5.0 * PERIOD
+        self.steps.append(self.action.step(self.world(v)))
+        return self.steps[-1]
+
+    def until(self, happened: Callable[[], Any], patience: float = 5.0) -> None:
+        end = time.monotonic() + patience
+        while not happened():
+            assert time.monotonic() < end
+            self.spin()
+
+    def drive(self, happened: Callable[[], Any]) -> None:
+        """Step the action until a condition holds; the action must not end before."""
+        end = time.monotonic() + 5.0
+        while not happened():
+            assert time.monotonic() < end
+            assert self.tick().status is Status.RUNNING, self.steps[-1]
+
+    def outcome(self, patience: float = 10.0) -> tuple[Step, float]:
+        """Step the action until it ends; return its last step and the duration."""
+        began = time.monotonic()
+        while self.tick().status is Status.RUNNING:
+            assert time.monotonic() - began < patience
+        self.action.end("over")
+        return self.steps[-1], time.monotonic() - began
+
+    def close(self) -> None:
+        self._executor.shutdown()
+        for node in (self.client_node, self.server_node):
+            for waitable in list(node.waitables):  # otherwise they outlive their node
+                getattr(waitable, "destroy", bool)()
+            node.destroy_node()
+        self._context.try_shutdown()
+
 
 SLACK = 1.0
 """Tolerance in real s for a busy machine."""
@@ -24,7 +116,7 @@ def bench(domain: int) -> Iterator[Bench]:
 
 
 def test_a_goal_is_sent_as_declared_once_the_robot_is_at_rest(bench: Bench) -> None:
-    server = Server(bench.theirs)
+    server = Server(bench.server_node)
     bench.begin()
     assert [bench.tick(v=0.5).command for _ in range(3)] == [STOP] * 3
     assert not server.goals
@@ -48,7 +140,7 @@ def test_a_goal_is_sent_as_declared_once_the_robot_is_at_rest(bench: Bench) -> N
     ],
 )
 def test_an_unsuccessful_result_is_reported(bench: Bench, end: dict[str, Any], expected: str) -> None:
-    server = Server(bench.theirs)
+    server = Server(bench.server_node)
     bench.begin()
     bench.drive(lambda: server.goals)
     server.finish(**end)
@@ -60,7 +152,7 @@ def test_an_unsuccessful_result_is_reported(bench: Bench, end: dict[str, Any], e
 
 
 def test_a_rejected_goal_fails_immediately(bench: Bench) -> None:
-    Server(bench.theirs, accepts=False)
+    Server(bench.server_node, accepts=False)
     bench.begin()
     step, took = bench.outcome()
     assert (step.status, step.message) == (Status.REFUSED, "drive rejected the goal")
@@ -68,12 +160,12 @@ def test_a_rejected_goal_fails_immediately(bench: Bench) -> None:
 
 
 def test_a_goal_accepted_too_late_is_canceled(bench: Bench) -> None:
-    server = Server(bench.theirs)
+    server = Server(bench.server_node)
     bench.begin()
     bench.freeze()
     late = "drive did not answer the goal: expected that within 0.5 s"
     assert bench.outcome()[0].message == late
-    bench.thaw()
+    bench.resume()
     bench.until(lambda: server.canceled)
 
 
@@ -86,7 +178,7 @@ def test_without_a_server_it_fails_after_its_timeout(bench: Bench) -> None:
 
 
 def test_a_server_that_dies_is_detected(bench: Bench) -> None:
-    server = Server(bench.theirs)
+    server = Server(bench.server_node)
     bench.begin()
     bench.drive(lambda: server.goals)
     server.destroy()
@@ -103,7 +195,7 @@ def drive_for(bench: Bench, duration: float) -> None:
 
 
 def test_a_killed_server_is_detected_long_before_dds_drops_it(bench: Bench) -> None:
-    Server(bench.theirs)
+    Server(bench.server_node)
     bench.declare(result=600.0)
     bench.begin()
     drive_for(bench, 1.2)  # longer than `silence`: the server responds
@@ -116,20 +208,19 @@ def test_a_killed_server_is_detected_long_before_dds_drops_it(bench: Bench) -> N
 
 
 def test_feedback_resets_the_silence_timeout(bench: Bench) -> None:
-    server = UnresponsiveServer(bench.theirs)
-    server.unresponsive = False
+    server = Server(bench.server_node)
     bench.declare(result=600.0)
     bench.begin()
     drive_for(bench, 0.5)
-    server.unresponsive = True
+    bench.freeze()  # it answers no request
     for _ in range(4):
         drive_for(bench, 0.3)
-        server.publish_feedback()
+        server.goals[-1].publish_feedback(ExecuteChain.Feedback())
     assert "is gone or hangs" in bench.outcome()[0].message
 
 
 def test_a_server_that_never_ends_times_out_and_is_canceled(bench: Bench) -> None:
-    server = Server(bench.theirs)
+    server = Server(bench.server_node)
     bench.begin()
     step, took = bench.outcome()
     assert step.message == "drive took too long: expected a result within 4 s, got none"
@@ -142,7 +233,7 @@ def test_a_server_that_never_ends_times_out_and_is_canceled(bench: Bench) -> Non
 
 
 def test_two_servers_with_one_name_are_rejected(bench: Bench) -> None:
-    servers = [Server(bench.theirs), Server(bench.theirs)]
+    servers = [Server(bench.server_node), Server(bench.server_node)]
     bench.begin()
     bench.until(lambda: "got 2" in bench.server.unusable())
     step, took = bench.outcome()

@@ -48,10 +48,7 @@ def test_poses_have_the_frame_of_the_states_unless_declared() -> None:
         (Filling("fetches", source="goal.speed"), r"goal\[0\]: expected a field for a float, got uint8"),
         (Filling("fetches", source="frame"), r"goal\[0\]: expected a field for a text, got uint8"),
         (Filling("fetches", constant=256), r"goal\[0\]: expected a constant of type uint8, got 256"),
-        (Filling("fetches", constant=1.5), r"goal\[0\]: expected a constant of type uint8, got 1.5"),
         (Filling("refine", constant=1), r"goal\[0\]: expected a constant of type boolean, got 1"),
-        (Filling("chain.action_set", constant=1), r"goal\[0\]: expected a constant of type string, got 1"),
-        (Filling("objective.duration", constant="a"), r"goal\[0\]: expected a constant of type double, got"),
         (Filling("chain", constant=1), r"goal\[0\]: expected a field for a text, a number or a truth value"),
     ],
 )
@@ -103,7 +100,7 @@ def test_success_is_the_status_and_all_fields() -> None:
     assert failure(ABORTED, Success(status=("aborted",))) is None
 
 
-def test_an_error_code_is_named_also_where_it_is_forwarded(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_error_code_is_reported_by_its_name_also_if_forwarded(monkeypatch: pytest.MonkeyPatch) -> None:
     """As of nav2_msgs: the navigator's result holds the code of its planner, and no text."""
     package = ModuleType("some_msgs.action")
     kinds = {

@@ -2,14 +2,12 @@
 
 from pathlib import Path
 
-import pandas as pd
 import pytest
 from process import executable, run
 
 from ator_ros.domains.domain import find_domain
 from ator_ros.experience.collect import collect
-from ator_ros.experience.json_lines import PartialResults
-from ator_ros.experience.table import join, library_versions, read_experience
+from ator_ros.experience.table import read_experience
 from ator_ros.resources import resource_path
 from ator_ros.tools import collect as collect_tool
 
@@ -40,48 +38,7 @@ def test_drives_over_ros_take_as_long_as_those_without(tmp_path: Path) -> None:
         assert driven["duration"] == pytest.approx(alone["duration"], rel=0.03, abs=0.15)  # or three ticks
 
 
-@pytest.mark.node
-@pytest.mark.long
-def test_the_demo_executes_a_tour(tmp_path: Path) -> None:
-    ended = run(executable("demo"), "--domain", "tour", "--situations", 1, "--out", tmp_path / "tour.png")
-    assert ended.returncode == 0, ended.stdout + ended.stderr
-    assert "three nodes and drive_to_server start on ROS domain" in ended.stdout
-    assert "1 of 1 situations succeeded both ways; refinement saved" in ended.stdout
-
-
 # Finished drives are not repeated
-
-
-def test_drives_are_kept_until_the_table_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    table = tmp_path / "drives.parquet"
-    words = ["--domain", "tour", "--actions", "drive_to", "--over-ros", "--episodes", "2"]
-    words += ["--seed", str(SEED), "--out", str(table)]
-    drives = collect(TOUR.actions().values(), TOUR.tops, TOUR.robot(), objects=(), episodes=2, seed=SEED)
-    frames = [frame.head(1) for frame in drives]
-    options = collect_tool.arguments().parse_args(words)
-    identity = {
-        "seed": options.seed,
-        "robot": TOUR.robot().sections(),
-        "domain": "tour",
-        "action_set": options.action_set,
-        "over_ros": True,
-        "versions": library_versions(),
-    }
-    with PartialResults(table.with_suffix(".episodes.jsonl"), identity, "episodes") as kept:
-        for frame in frames:
-            kept.append(frame.to_dict("list"))
-
-    def fail(*_: object) -> None:
-        raise OSError("no space left")
-
-    with monkeypatch.context() as patched:
-        patched.setattr(collect_tool, "write_experience", fail)
-        assert collect_tool.main(words) == 1
-    assert kept.path.exists()
-    assert collect_tool.main(words) == 0  # starts no node
-    assert list(tmp_path.iterdir()) == [table]
-    frame = read_experience(table).frame
-    pd.testing.assert_frame_equal(frame, join(frames), check_exact=True, check_dtype=False)
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from geometry_msgs.msg import PoseStamped
 from nav2_interfaces import provide_nav2_msgs
 from process import PATIENCE, Process, Processes
 from rclpy.action import ActionClient, ActionServer
-from ros_client import Client
+from ros_client import Client, SentGoal
 from tf2_msgs.msg import TFMessage
 
 from ator_interfaces.action import ExecuteChain
@@ -35,17 +35,12 @@ def seconds(duration: Any) -> float:
     return duration.sec + 1e-9 * duration.nanosec
 
 
-class Sent:
-    """An accepted goal, with its feedback."""
+class SentPoses(SentGoal):
+    """An accepted goal of one of the two actions."""
 
-    def __init__(self, client: Client, handle: Any, feedback: list[Any]) -> None:
-        self._client, self.handle, self.feedback = client, handle, feedback
-        self._result = client.within(handle.get_result_async)
-
-    def ended(self) -> tuple[int, Any]:
+    def end(self) -> tuple[int, Any]:
         """Wait for the end; return status and result."""
-        self._client.eventually(self._result.done, "the goal's end", 4 * PATIENCE)
-        return self._result.result().status, self._result.result().result
+        return self.response().status, self.response().result
 
     def waypoints(self) -> list[int]:
         """Return the waypoints of the feedback, each once while it does not change."""
@@ -66,7 +61,7 @@ class Navigator:
             )
         }
 
-    def send(self, name: str, poses: list[Pose], frame: str = "odom", **fields: Any) -> Sent:
+    def send(self, name: str, poses: list[Pose], frame: str = "odom", **fields: Any) -> SentPoses:
         """Send a goal; wait until it is accepted."""
         kind, server = self._clients[name]
         assert server.wait_for_server(timeout_sec=PATIENCE), self.node.output
@@ -74,13 +69,7 @@ class Navigator:
         goal = kind.Goal(poses=[PoseStamped(pose=pose_of(pose)) for pose in poses], **fields)
         for pose in goal.poses:
             pose.header.frame_id = frame
-        feedback: list[Any] = []
-        future = self.client.within(
-            lambda: server.send_goal_async(goal, lambda message: feedback.append(message.feedback))
-        )
-        self.client.eventually(future.done, "the goal's acceptance")
-        assert future.result().accepted
-        return Sent(self.client, future.result(), feedback)
+        return SentPoses(self.client, server, goal)
 
     def is_at(self, pose: Pose) -> bool:
         """Return whether the robot is at a pose, within the tolerance of the tour's TOP."""
@@ -125,7 +114,7 @@ def navigator(nodes: Navigator) -> Navigator:
 
 def test_waypoints_are_followed_with_headings_that_refinement_chose(navigator: Navigator) -> None:
     sent = navigator.send("follow_waypoints", SQUARE)
-    status, result = sent.ended()
+    status, result = sent.end()
     assert (status, result.error_code) == (GoalStatus.STATUS_SUCCEEDED, 0), result
     assert (sent.waypoints(), result.missed_waypoints) == ([0, 1, 2], [])
     assert navigator.is_at(SQUARE[2])
@@ -137,7 +126,7 @@ def test_waypoints_are_followed_with_headings_that_refinement_chose(navigator: N
 def test_poses_are_navigated_through_with_times_from_the_models(navigator: Navigator) -> None:
     poses = SQUARE * 3  # two chains
     sent = navigator.send("navigate_through_poses", poses)
-    status, result = sent.ended()
+    status, result = sent.end()
     assert (status, result.error_code) == (GoalStatus.STATUS_SUCCEEDED, 0), result
     remaining = [number for number, _ in groupby(each.number_of_poses_remaining for each in sent.feedback)]
     assert remaining == [*range(9, 0, -1)]
@@ -154,7 +143,7 @@ def test_poses_are_navigated_through_with_times_from_the_models(navigator: Navig
 
 def test_loops_begin_at_the_index_of_the_goal(navigator: Navigator) -> None:
     sent = navigator.send("follow_waypoints", SQUARE[:2], number_of_loops=1, goal_index=1)
-    status, result = sent.ended()
+    status, result = sent.end()
     assert status == GoalStatus.STATUS_SUCCEEDED, result
     assert sent.waypoints() == [1, 0, 1]
     (record,) = navigator.chains.chains
@@ -164,8 +153,8 @@ def test_loops_begin_at_the_index_of_the_goal(navigator: Navigator) -> None:
 def test_a_canceled_goal_ends_when_the_robot_stands(navigator: Navigator) -> None:
     sent = navigator.send("follow_waypoints", SQUARE)
     navigator.chains.wait_until_moving()
-    navigator.client.within(sent.handle.cancel_goal_async)
-    assert sent.ended()[0] == GoalStatus.STATUS_CANCELED
+    assert sent.cancel()
+    assert sent.end()[0] == GoalStatus.STATUS_CANCELED
     assert navigator.chains.standing()
 
 
@@ -173,20 +162,20 @@ def test_a_newer_goal_preempts_also_one_of_the_other_action(navigator: Navigator
     first = navigator.send("follow_waypoints", SQUARE, number_of_loops=100)
     navigator.chains.wait_until_moving()
     second = navigator.send("navigate_through_poses", SQUARE[1:])
-    status, result = first.ended()
+    status, result = first.end()
     assert (status, result.error_msg) == (GoalStatus.STATUS_ABORTED, "a newer goal took over")
     unusable = navigator.send("navigate_through_poses", [OUTSIDE])
-    assert unusable.ended()[0] == GoalStatus.STATUS_ABORTED  # and the other one goes on
-    assert second.ended()[0] == GoalStatus.STATUS_SUCCEEDED
+    assert unusable.end()[0] == GoalStatus.STATUS_ABORTED  # and the other one goes on
+    assert second.end()[0] == GoalStatus.STATUS_SUCCEEDED
     assert navigator.is_at(SQUARE[2])
 
 
 def test_a_goal_ends_where_the_executor_was_restarted(navigator: Navigator) -> None:
     client, sent = navigator.client, navigator.send("follow_waypoints", SQUARE)
     navigator.chains.wait_until_moving()
-    node = client.node  # one that was killed stays listed for some time
+    node = client.node  # DDS lists a killed node for some time
     another = client.within(lambda: ActionServer(node, ExecuteChain, "execute_chain", lambda _: None))
-    status, result = sent.ended()
+    status, result = sent.end()
     client.within(another.destroy)
     assert (status, result.error_code) == (GoalStatus.STATUS_ABORTED, 603)
     assert "the executor was restarted" in result.error_msg
@@ -195,14 +184,14 @@ def test_a_goal_ends_where_the_executor_was_restarted(navigator: Navigator) -> N
 
 def test_a_waypoint_outside_the_fence_is_missed_before_the_robot_moves(navigator: Navigator) -> None:
     poses = [SQUARE[0], OUTSIDE, SQUARE[2]]
-    status, result = navigator.send("follow_waypoints", poses).ended()
+    status, result = navigator.send("follow_waypoints", poses).end()
     assert (status, result.error_code) == (GoalStatus.STATUS_ABORTED, 603)
     assert [each.index for each in result.missed_waypoints] == [1]
     assert "inside the fence" in result.error_msg
     assert navigator.is_at(START)
     navigator.client.set_parameters("waypoints", stop_on_failure=False)
     sent = navigator.send("follow_waypoints", poses)
-    status, result = sent.ended()
+    status, result = sent.end()
     assert (status, result.error_code) == (GoalStatus.STATUS_SUCCEEDED, 0)
     assert ([each.index for each in result.missed_waypoints], sent.waypoints()) == ([1], [0, 2])
     assert result.missed_waypoints[0].goal.pose.position.x == OUTSIDE.x
@@ -213,34 +202,34 @@ def test_after_a_waypoint_that_is_not_reached_the_next_is_driven_to(navigator: N
     navigator.client.set_parameters("executor", action_timeout=6.0)
     poses = [START.ahead(0.5), START.ahead(6.5), START.ahead(5.5)]
     sent = navigator.send("follow_waypoints", poses)
-    status, result = sent.ended()
+    status, result = sent.end()
     assert status == GoalStatus.STATUS_SUCCEEDED, result
     assert [(each.index, each.error_code) for each in result.missed_waypoints] == [(1, 9000)]
     assert sent.waypoints() == [0, 1, 2]
     assert navigator.is_at(poses[2])
 
 
-def test_poses_in_other_frames_are_transformed_or_named(navigator: Navigator) -> None:
-    status, result = navigator.send("navigate_through_poses", SQUARE, "attic").ended()
+def test_poses_in_other_frames_are_transformed_or_rejected(navigator: Navigator) -> None:
+    status, result = navigator.send("navigate_through_poses", SQUARE, "attic").end()
     assert (status, result.error_code) == (GoalStatus.STATUS_ABORTED, 9102)
     assert "expected the frame 'odom', got 'attic'" in result.error_msg
-    status, result = navigator.send("follow_waypoints", SQUARE, "attic").ended()
+    status, result = navigator.send("follow_waypoints", SQUARE, "attic").end()
     assert status == GoalStatus.STATUS_ABORTED
     assert [each.error_code for each in result.missed_waypoints] == [9002] * 3
     static = navigator.client.node.create_publisher(TFMessage, "/tf_static", LATCHED)
     origin = Pose(1.0, 2.0, 1.0)
     static.publish(TFMessage(transforms=[transform_of(0.0, origin, frame="map", child="odom")]))
     there = origin.compose(SQUARE[2])
-    assert navigator.send("follow_waypoints", [there], "map").ended()[0] == GoalStatus.STATUS_SUCCEEDED
+    assert navigator.send("follow_waypoints", [there], "map").end()[0] == GoalStatus.STATUS_SUCCEEDED
     assert navigator.is_at(SQUARE[2])
 
 
-def test_what_cannot_be_used_is_refused_with_a_reason(navigator: Navigator) -> None:
+def test_an_unusable_goal_is_refused_with_a_reason(navigator: Navigator) -> None:
     for name, poses, fields, code in (
         ("follow_waypoints", [], {}, 602),
         ("follow_waypoints", SQUARE, {"goal_index": 3}, 602),
         ("navigate_through_poses", SQUARE, {"behavior_tree": "tree.xml"}, 9101),
     ):
-        status, result = navigator.send(name, poses, **fields).ended()
+        status, result = navigator.send(name, poses, **fields).end()
         assert (status, result.error_code) == (GoalStatus.STATUS_ABORTED, code)
         assert "expected" in result.error_msg

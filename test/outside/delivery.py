@@ -32,7 +32,8 @@ class TurnDriveTurn(Action):
     name = "turnDriveTurn"
 
     def start(self, world: World, goal: Goal) -> None:
-        self._goal, self._cruise = goal.pose, goal.values[CRUISE.name]
+        self._goal = goal.robot_pose(self.robot)
+        self._cruise = goal.values.get(CRUISE.name, CRUISE.high)
 
     def step(self, world: World) -> Step:
         pose = world.robot.pose

@@ -1,4 +1,4 @@
-"""Times of paths: what the paths are, what is read off odometry for them, and what a model keeps."""
+"""Times of paths: limits and turns read from odometry, and the driving style that a model stores."""
 
 import dataclasses
 import math
@@ -35,7 +35,7 @@ def test_no_path_is_faster_than_the_limits_allow(x: float, y: float, turn: float
     assert usual > math.hypot(x, y) / ROBOT.limits.v
 
 
-def test_what_stands_at_the_goal_is_not_driven_over() -> None:
+def test_paths_do_not_lead_over_an_object_at_the_goal() -> None:
     plain = plain_driving(ROBOT)
     through = dataclasses.replace(plain, approaches=plain.drives, run=0.2)
     around = dataclasses.replace(through, passing=0.5)
@@ -63,39 +63,39 @@ def episodes() -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def test_limits_are_read_off_odometry() -> None:
-    seen = observed_driving(episodes(), ROBOT)
-    assert seen.limits.v == pytest.approx(0.4, abs=0.01)
-    assert seen.limits.w == pytest.approx(0.8, abs=0.01)
-    assert seen.limits.a == pytest.approx(0.2, rel=0.05)
-    assert seen.limits.brake == pytest.approx(0.1, rel=0.05)
-    assert seen.forward
+def test_limits_are_read_from_odometry() -> None:
+    observed = observed_driving(episodes(), ROBOT)
+    assert observed.limits.v == pytest.approx(0.4, abs=0.01)
+    assert observed.limits.w == pytest.approx(0.8, abs=0.01)
+    assert observed.limits.a == pytest.approx(0.2, rel=0.05)
+    assert observed.limits.brake == pytest.approx(0.1, rel=0.05)
+    assert observed.forward
     glitches = episodes().assign(v=lambda rows: rows["v"].where(rows.index % 100 > 0, 1000.0))
     driving = train("drive", glitches, ROBOT).driving
     assert driving.limits.v == 20.0
 
 
-def test_paths_turn_only_as_the_action_was_seen_to_turn() -> None:
-    seen = observed_driving(episodes(), ROBOT)
-    able = dataclasses.replace(seen, drives=plain_driving(ROBOT).drives, forward=False)
-    # It has never turned on the spot, so it needs a wide turn to a goal behind it.
-    assert time_to(-1.0, 0.0, math.pi, seen) > time_to(-1.0, 0.0, math.pi, able) + 1.0
+def test_paths_contain_only_turns_that_the_action_has_made() -> None:
+    observed = observed_driving(episodes(), ROBOT)
+    able = dataclasses.replace(observed, drives=plain_driving(ROBOT).drives, forward=False)
+    # The action has never turned on the spot, so its path to a goal behind it is a wide turn.
+    assert time_to(-1.0, 0.0, math.pi, observed) > time_to(-1.0, 0.0, math.pi, able) + 1.0
 
 
 def test_paths_of_an_action_that_ends_at_any_heading_have_no_last_turn() -> None:
-    seen = observed_driving(episodes().assign(heading_error=np.nan), ROBOT)
+    observed = observed_driving(episodes().assign(heading_error=np.nan), ROBOT)
     turns = observed_driving(episodes(), ROBOT)
-    assert seen.free_heading
+    assert observed.free_heading
     assert not turns.free_heading
-    times = [time_to(2.0, 1.0, yaw, seen) for yaw in (-2.0, 0.0, 0.5, 3.0)]
+    times = [time_to(2.0, 1.0, yaw, observed) for yaw in (-2.0, 0.0, 0.5, 3.0)]
     assert max(times) == min(times) < min(time_to(2.0, 1.0, yaw, turns) for yaw in (-2.0, 0.0, 3.0))
-    # What is held shall come there: the robot itself stops before.
-    held = [time_to(2.0, 0.0, yaw, seen, hold=1.0) for yaw in (-2.0, 0.0, 3.0)]
+    # The held object arrives at the goal: the robot stops before it.
+    held = [time_to(2.0, 0.0, yaw, observed, hold=1.0) for yaw in (-2.0, 0.0, 3.0)]
     assert max(held) == pytest.approx(min(held))
-    assert held[0] == pytest.approx(time_to(2.0 - ROBOT.hold, 0.0, 0.0, seen))
+    assert held[0] == pytest.approx(time_to(2.0 - ROBOT.hold, 0.0, 0.0, observed))
 
 
-def test_of_starts_alone_no_limits_are_read() -> None:
+def test_starts_alone_show_no_limits() -> None:
     rows = episodes()
     assert observed_driving(rows[rows["t"] == 0.0], ROBOT) == plain_driving(ROBOT)
 

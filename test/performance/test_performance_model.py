@@ -64,11 +64,6 @@ def test_rules_and_explanation_name_the_features_with_units(model: PerformanceMo
     assert f"here time = {model.predict(situation).duration[0]:.3f}" in text
 
 
-def test_an_unknown_action_is_learned_with_the_general_features() -> None:
-    model = train("fly", synthetic_experience("fly"), ROBOT)
-    assert accuracy(model, FRESH, seed=2)["mae_s"] < 0.2
-
-
 def test_too_little_experience_is_rejected() -> None:
     with pytest.raises(ExperienceError, match=r"expected at least 20 episodes that succeeded, got \d+ of 10"):
         train("goToPose", ROWS.head(10), ROBOT)

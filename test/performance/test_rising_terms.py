@@ -49,7 +49,7 @@ def test_drives_that_begin_at_their_goals_hide_no_threshold() -> None:
     assert learned.predict(direct).duration == pytest.approx(dead_zone_time(direct), abs=0.12)
 
 
-def test_how_far_short_of_its_goals_an_action_stops_is_learned() -> None:
+def test_the_distance_from_the_goal_at_which_an_action_stops_is_learned() -> None:
     rows = dead_zone_drives(100, seed=1).assign(position_error=0.12, heading_error=0.05, v=0.05)
     assert train("drive_to", rows, ROBOT).arrival == Arrival(dist=0.12, angle=0.05)
 

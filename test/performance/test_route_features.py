@@ -1,19 +1,17 @@
-"""Models learned with a map: they predict drives around walls, and need the map to predict."""
+"""Models learned with a map predict drives around walls, and need the map to predict."""
 
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pytest
-from experience_rows import dead_zone_drives
+from experience_rows import dead_zone_drives, route_drives
 from maps import hall, write_map
 
 from ator_ros.domains.domain import Domain, find_domain
 from ator_ros.execution.fence import Fence
 from ator_ros.experience.table import Experience, ExperienceError, write_experience
 from ator_ros.files import FileError
-from ator_ros.geometry import Pose, wrap_angles
-from ator_ros.motion.routes import routes_of
+from ator_ros.geometry import Pose
 from ator_ros.nodes.parameters import SetupError, domain_and_robot
 from ator_ros.performance.model_file import load_model
 from ator_ros.performance.training import direct_of, train
@@ -30,22 +28,8 @@ def walled(tmp_path_factory: pytest.TempPathFactory) -> Domain:
     return TOUR.on_map(write_map(tmp_path_factory.mktemp("map"), hall()))
 
 
-def drives(domain: Domain, count: int, seed: int) -> pd.DataFrame:
-    """Return drives from rest whose durations follow from their routes."""
-    rows = dead_zone_drives(count, seed=seed)
-    rows = rows[(rows["x"].abs() > 0.7) & (rows["xg"].abs() > 0.7)].reset_index(drop=True)
-    routes = routes_of(domain.robot())
-    assert routes is not None
-    route = routes.between(*(rows[name].to_numpy() for name in ("x", "y", "xg", "yg")))
-    to = np.abs(wrap_angles(route.departure - rows["yaw"]))
-    at = np.abs(wrap_angles(rows["yawg"] - route.arrival))
-    duration = 1.0 + route.length / 0.6 + 0.5 * route.turn + np.maximum(0.0, to - 0.8) + 0.9 * at
-    duration += np.random.default_rng(seed).normal(0.0, NOISE, len(rows))
-    return rows.assign(time_to_go=duration, duration=duration)
-
-
 def test_drives_around_a_wall_are_predicted_with_the_map_only(walled: Domain) -> None:
-    rows, fresh = drives(walled, 160, 1), drives(walled, 100, 2)
+    rows, fresh = (route_drives(walled.robot(), n, seed=n, noise=NOISE) for n in (160, 100))
     errors = {}
     for name, domain in (("map", walled), ("none", TOUR)):
         model = train("drive_to", rows, domain.robot(), features=domain.candidates("drive_to"))
@@ -71,7 +55,7 @@ def test_a_model_learned_with_a_map_needs_one(
     walled: Domain, tmp_path: Path, capsys: pytest.CaptureFixture
 ) -> None:
     table, building = tmp_path / "drives.parquet", write_map(tmp_path, hall())
-    blocked = drives(walled, 100, 3)
+    blocked = route_drives(walled.robot(), 100, seed=3, noise=NOISE)
     blocked.loc[0, "xg"] = 0.0
     blocked.loc[0, "yg"] = -1.0
     write_experience(
@@ -92,7 +76,7 @@ def test_a_model_learned_with_a_map_needs_one(
         load_model(file, ROBOT, TOUR.known_features)
 
 
-def test_a_map_of_another_place_is_named(walled: Domain) -> None:
+def test_a_map_of_another_place_is_reported(walled: Domain) -> None:
     rows = dead_zone_drives(60, seed=1).assign(x=100.0)
     with pytest.raises(ExperienceError, match="60 of 60 episodes have no route on the map and are left out"):
         train("drive_to", rows, walled.robot(), features=walled.candidates("drive_to"))

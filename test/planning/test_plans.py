@@ -163,19 +163,6 @@ def test_the_tool_prints_chains_and_predictions(capsys: pytest.CaptureFixture[st
     assert refused.count("\n") == 1
 
 
-def test_excessive_places_and_duplicate_objects_are_rejected(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit):
-        plan_main(["ball_in_goal", "--at", "1e12", "0", "0"])
-    assert "--at: expected a finite number from -1e+08 to 1e+08, got '1e12'" in capsys.readouterr().err
-    for places, message in (
-        ([("1e12", "0")], "object ball: expected a finite number from -1e+08"),
-        ([("1", "0"), ("2", "0")], "object: expected each once, got ball again"),
-    ):
-        words = [word for place in places for word in ("--object", "ball", *place)]
-        assert plan_main(["ball_in_goal", *words]) == 1
-        assert message in capsys.readouterr().err
-
-
 def test_invalid_statements_are_rejected() -> None:
     for text in ("ball.x", "=1", "ball.x=1:2", "ball.x=nan", "ball.x=1:a:b", "ball.x=1:2:1"):
         with pytest.raises(PlanningError, match="goal: "):

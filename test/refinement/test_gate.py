@@ -1,4 +1,4 @@
-"""The gate: it compares a predicted gain with what the models err by."""
+"""The gate compares a predicted gain with the error of the models."""
 
 import dataclasses
 import functools

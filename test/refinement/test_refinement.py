@@ -19,8 +19,7 @@ from refinement_fakes import (
     world,
 )
 
-from ator_ros.actions.base import Goal, Point
-from ator_ros.geometry import Pose, wrap_angle
+from ator_ros.geometry import wrap_angle
 from ator_ros.refinement import RefinementError
 from ator_ros.refinement.objective import Objective, expected_time
 from ator_ros.refinement.refiner import LONGEST_CHAIN, Refiner
@@ -107,15 +106,9 @@ def test_predictions_that_are_not_numbers_are_rejected() -> None:
         Refiner(ROBOT, models() | broken).refine(world(), two_steps())
 
 
-SPUN = Goal(Pose(0.0, 0.0, 0.0), 0.0, Point.HOLD, {"spin": 0.0})
-
-
-class TestFromOutside:
-    """Extensions: a new action or variable needs no change in refinement."""
-
-    def test_new_action(self) -> None:
-        top = dataclasses.replace(call("dribbleBall", 0.0, 0.0, 0.0).top, name="pushBall", action="push")
-        pushing = models() | {"push": FakeModel(lambda d: turning_time(d) * 2.0, USED)}
-        first, last = two_steps().calls
-        chain = TopChain((first, dataclasses.replace(last, top=top)))
-        assert Refiner(ROBOT, pushing).refine(world(), chain).refined
+def test_a_chain_with_a_new_action_is_refined() -> None:
+    top = dataclasses.replace(call("dribbleBall", 0.0, 0.0, 0.0).top, name="pushBall", action="push")
+    pushing = models() | {"push": FakeModel(lambda d: turning_time(d) * 2.0, USED)}
+    first, last = two_steps().calls
+    chain = TopChain((first, dataclasses.replace(last, top=top)))
+    assert Refiner(ROBOT, pushing).refine(world(), chain).refined

@@ -23,8 +23,10 @@ from refinement_fakes import (
 
 from ator_ros.actions.base import Goal, Point
 from ator_ros.domains.domain import find_domain
+from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.geometry import Pose
 from ator_ros.motion.routes import routes_of
+from ator_ros.performance.model_file import load_models
 from ator_ros.refinement.free_variables import analyze
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.tops.chain import EVERYTHING, TopCall, TopChain
@@ -148,3 +150,15 @@ def test_a_free_place_is_searched_where_the_robot_has_room_on_its_map() -> None:
     x, y = (np.array([place[axis] for place in places]) for axis in (0, 1))
     assert (routes.clearance(x, y) >= robot.reach).tolist() == [True, False]
     assert abs(places[0].x) < 1.0
+
+
+def test_a_step_outside_the_experience_is_reported_and_not_refined() -> None:
+    chain = TopChain((call("goToBall", 2.0, 0.0, 0.0, ANGLE), call("dribbleBall", 2.0, 21.0, 1.5708)))
+    known = load_models(ROBOT, SOCCER.known_features)
+    answer = Refiner(ROBOT, known).refine(world(x=0.0, ball=(2.0, 0.0)), chain)
+    assert "step 2 (dribbleBall): distance 21.0 m is outside the experience of" in answer.reason
+    assert not answer.refined
+    assert not answer.free
+    (kept,) = answer.not_free
+    assert (kept.subgoal, kept.name) == (0, "yaw")
+    assert "step 2" in kept.reason

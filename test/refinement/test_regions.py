@@ -156,11 +156,11 @@ class TestFreePlace:
         known["dribbleBall"].experience = {"way": (1.2, 6.0)}  # type: ignore[attr-defined]
         here = world(x=1.0, ball=(2.2, 0.3))
         chain = TopChain((call("goToBall", 2.2, 0.3, 0.0, BOTH), *shot(x=2.2, y=-0.5).calls[1:]))
-        ways = []
+        distances = []
         for refiner in (self.refiner, Refiner(ROBOT, known, ranges=LIBRARY.ranges)):
             there = refiner.refine(here, chain).chain.calls[1].goal.pose
-            ways.append(math.hypot(there.x - 2.2, there.y - 0.3))
-        assert ways[0] < 1.2 <= ways[1]
+            distances.append(math.hypot(there.x - 2.2, there.y - 0.3))
+        assert distances[0] < 1.2 <= distances[1]
 
 
 def test_naive_places_derive_from_previous_naive_places() -> None:

@@ -1,34 +1,18 @@
-"""Delayed states, extrapolated to the time at which their command moves the base."""
+"""Delayed states are extrapolated to the time at which their command moves the base."""
 
 from collections import deque
 
 import numpy as np
 import pytest
 
-from ator_ros.actions.base import Status, Step
-from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.evaluation.chain_run import run_chain
-from ator_ros.evaluation.trials import random_trial, with_headings
-from ator_ros.execution.chain_executor import ChainExecutor
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import load_robot
 from ator_ros.robot.response import Foresight
-from ator_ros.simulation.sensors import SensorConfig, Sensors
 from ator_ros.simulation.simulation import TICK, Simulation
-from ator_ros.tops.chain import TopChain
-from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import STOP, Command, RobotState, World
 
 ROBOT = load_robot()
 STANDING = RobotState(Pose(0.0, 0.0, 0.0))
-
-
-def test_a_command_acts_only_after_the_latency() -> None:
-    foresight = Foresight(ROBOT, 0.2)
-    foresight.sent(0.8, STOP)
-    foresight.sent(0.9, Command(1.0, 0.0))
-    ahead = foresight.ahead(World(1.0, STANDING)).robot
-    assert ahead.v == pytest.approx(0.1 * ROBOT.limits.a)
 
 
 def stepped(value: float, goal: float, acceleration: float) -> float:
@@ -59,41 +43,6 @@ def test_foresight_matches_the_simulated_base(ticks: int) -> None:
             simulation.tick()
     assert worst[0] < 0.008 * ticks  # the motor lag is not predicted
     assert worst[1] < 0.02 * ticks
-
-
-class Late(ChainExecutor):
-    """Observes states delayed by `late` s, and predicts them `foreseen` s ahead."""
-
-    def __init__(self, library: TopLibrary, chain: TopChain, *, late: float, foreseen: float) -> None:
-        super().__init__(library, chain)
-        self._sensors, self._foresight = Sensors(SensorConfig(latency=late)), Foresight(ROBOT, foreseen)
-        self._last = -1.0
-
-    def step(self, world: World) -> Step:
-        observed = self._sensors.observe(world)
-        if observed.time == self._last:
-            return Step(None, Status.RUNNING, "")
-        self._last = observed.time
-        step = super().step(self._foresight.ahead(observed))
-        if step.status is Status.RUNNING:
-            self._foresight.sent(observed.time, step.command)
-        return step
-
-
-@pytest.mark.parametrize("index", range(2))
-def test_a_chain_with_delayed_states_takes_the_same_time(index: int) -> None:
-    latency, library = 0.15, SOCCER.library(ROBOT)
-    trial = random_trial(SOCCER, "dribble", library, seed=614, index=index)
-    chain = with_headings(trial.chain, {0: trial.chain.calls[1].goal.pose.yaw})
-
-    def run(*, late: float, foreseen: float) -> float:
-        executor = Late(library, chain, late=late, foreseen=foreseen)
-        run_chain(ROBOT, library, trial.world, chain, executor=executor)
-        return sum(record.duration for record in executor.records)
-
-    # The robot starts later by the latency; the end is predicted.
-    most = run(late=0.0, foreseen=0.0) + latency + 1.5 * TICK
-    assert run(late=latency, foreseen=latency) <= most < run(late=latency, foreseen=0.0)
 
 
 def test_only_a_robot_at_rest_is_delayed() -> None:

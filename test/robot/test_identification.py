@@ -78,15 +78,15 @@ def test_a_dead_zone_is_identified() -> None:
 
 
 def test_the_drive_stays_within_its_space() -> None:
-    robot, ways = base(PIONEER.limits, 0.03), []
+    robot, places = base(PIONEER.limits, 0.03), []
     drive = ProbeDrive(v=1.8, w=3.6, space=1.5)
     with Simulation(robot) as simulation:
         while (command := drive.command(simulation.time, simulation.world().robot)) is not None:
-            ways.append(simulation.world().robot.pose.x)
+            places.append(simulation.world().robot.pose.x)
             simulation.command(command)
             simulation.tick()
-    assert max(ways) < 1.5
-    assert min(ways) > -0.5
+    assert max(places) < 1.5
+    assert min(places) > -0.5
     assert not identify(drive.samples).driving.limited  # too short to reach the maximum speed
 
 

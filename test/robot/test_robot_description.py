@@ -38,9 +38,7 @@ def test_the_digest_of_the_shipped_robot_is_unchanged() -> None:
 
 def test_a_written_file_describes_the_same_robot(plain: Robot, tmp_path: Path) -> None:
     for robot in (ROBOT, plain):
-        file = tmp_path / "written.yaml"
-        file.write_text(yaml.safe_dump(robot.sections()), encoding="utf-8")
-        assert load_robot(file) == robot
+        assert loaded(robot.sections(), tmp_path) == robot
 
 
 def test_base_and_holder_identify_a_robot(plain: Robot) -> None:

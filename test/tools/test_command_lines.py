@@ -1,6 +1,5 @@
 """Command lines end with a one-line error that states what was expected, also after signals."""
 
-import copy
 import importlib
 import io
 import os
@@ -13,7 +12,7 @@ from pathlib import Path
 import pytest
 from domain_files import CHAIN, PLACE, TOUR, file_of
 
-from ator_ros.tools import study, train
+from ator_ros.tools import train
 from ator_ros.tools.command_line import INTERRUPTED, guarded
 
 BARE = """
@@ -102,36 +101,16 @@ def test_an_error_with_non_ascii_characters_is_one_line(monkeypatch: pytest.Monk
     assert text.count("\n") == 1
 
 
-@pytest.mark.parametrize(
-    "line",
-    [
-        "collect --episodes 2 --seed 1 --out table.parquet",
-        "evaluate --situations 1 --policies naive --out out",
-    ],
-)
+@pytest.mark.parametrize("command", ["collect", "evaluate", "study"])
 def test_actions_without_a_stand_in_are_rejected(
-    line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    data = copy.deepcopy(TOUR) | {"chains": [CHAIN]}
-    data["actions"][0] |= {"drives": {"start": [PLACE], "goal": [PLACE]}}
-    file = file_of(tmp_path, data)
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "models").mkdir()
-    command, *words = line.split()
-    assert importlib.import_module(f"ator_ros.tools.{command}").main([*words, "--domain", str(file)]) == 1
-    assert "has no `stand_in`, so only `collect --over-ros`" in capsys.readouterr().err
-    assert not (tmp_path / "table.parquet").exists()
-    assert not list((tmp_path / "models").rglob("*.json"))
-
-
-def test_a_study_of_only_such_actions_leaves_no_folder(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     action = TOUR["actions"][0] | {"drives": {"start": [PLACE], "goal": [PLACE]}}
-    data = {**TOUR, "tops": TOUR["tops"][:1], "actions": [action], "chains": [CHAIN]}
-    assert study.main(["--domain", str(file_of(tmp_path, data)), "--out", str(tmp_path / "study")]) == 1
+    file = file_of(tmp_path, {**TOUR, "tops": TOUR["tops"][:1], "actions": [action], "chains": [CHAIN]})
+    words = ["--domain", str(file), "--out", str(tmp_path / "result.parquet")]
+    assert importlib.import_module(f"ator_ros.tools.{command}").main(words) == 1
     assert "has no `stand_in`, so only `collect --over-ros`" in capsys.readouterr().err
-    assert not (tmp_path / "study").exists()
+    assert list(tmp_path.iterdir()) == [file]
 
 
 DAMAGED = [

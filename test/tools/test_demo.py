@@ -5,8 +5,9 @@ import time
 from pathlib import Path
 
 import pytest
+from view.in_process import record_of
 
-from ator_interfaces.msg import ActionPerformance, ChainPerformance, Outcome, Performance
+from ator_interfaces.msg import Outcome
 from ator_ros.domains.declared import DeclaredServer
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.evaluation.trials import random_trial
@@ -22,13 +23,10 @@ TRIAL = random_trial(SOCCER, "shoot", SOCCER.library(ROBOT), seed=401, index=0)
 
 
 def run(*, total: float, success: bool = True, refined: bool = False) -> Run:
-    record = ChainPerformance(refined=refined, refinement="no gain")
-    record.outcome.code = Outcome.SUCCEEDED if success else Outcome.FAILED
-    record.outcome.reason = "lost the ball"
-    record.actual.duration = total
-    for duration in (3.0, 4.0, total - 7.0) if success else (3.0,):
-        record.actions.append(ActionPerformance(actual=Performance(duration=duration)))
-    return Run("refined", record)
+    durations = (3.0, 4.0, total - 7.0) if success else (3.0,)
+    code = Outcome.SUCCEEDED if success else Outcome.FAILED
+    given = {"refined": refined, "refinement": "no gain", "reason": "lost the ball"}
+    return Run("refined", record_of(*durations, code=code, duration=total, **given))
 
 
 def test_the_table_shows_gains_and_failures() -> None:

@@ -101,14 +101,6 @@ def test_a_study_without_a_chain_is_shown() -> None:
         assert text in page
 
 
-def test_a_file_in_place_of_the_folder_is_reported(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "file").touch()
-    assert main(["--out", str(tmp_path / "file")]) == 1
-    assert f"File exists: '{tmp_path / 'file'}'" in capsys.readouterr().err
-
-
 @pytest.fixture(scope="module")
 def tools() -> Toolset:
     return tools_of(ToolsetSource())[0]

@@ -1,28 +1,23 @@
 """TOPs, chains and the chain executor."""
 
 import pytest
+from refinement_fakes import LIBRARY, ROBOT, call
 
-from ator_ros.actions.base import Goal
 from ator_ros.domains.domain import DomainError
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import BALL
 from ator_ros.geometry import Pose
-from ator_ros.robot.description import load_robot
-from ator_ros.tops.chain import Top, TopCall, TopChain
+from ator_ros.tops.chain import Top, TopChain
 from ator_ros.tops.conditions import Condition
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import ObjectState, RobotState, World
 
-ROBOT = load_robot()
-LIBRARY = SOCCER.library(ROBOT)
 START = World(0.0, RobotState(Pose(-2.0, 0.0, 0.0)), {BALL: ObjectState(0.0, 0.0)})
 
 
-def call(top: str, x: float, y: float, yaw: float = 0.0, speed: float = 0.0) -> TopCall:
-    return TopCall(LIBRARY[top], Goal(Pose(x, y, yaw), speed, LIBRARY[top].point))
-
-
-PLAN = TopChain((call("goToBall", 0.0, 0.0), call("dribbleBall", 2.0, 0.5, 0.3), call("shoot", 4.0, 0.0)))
+PLAN = TopChain(
+    (call("goToBall", 0.0, 0.0, 0.0), call("dribbleBall", 2.0, 0.5, 0.3), call("shoot", 4.0, 0.0, 0.0))
+)
 
 
 def test_a_valid_chain_has_no_violations() -> None:
@@ -33,10 +28,10 @@ def test_a_valid_chain_has_no_violations() -> None:
     ("chain", "violation"),
     [
         (TopChain(()), "empty chain"),
-        (TopChain((call("dribbleBall", 1.0, 0.0),)), "step 1 (dribbleBall) now"),
-        (TopChain((call("goToBall", 1.0, 1.0),)), "ball.x within 0.1 of goal.x"),
+        (TopChain((call("dribbleBall", 1.0, 0.0, 0.0),)), "step 1 (dribbleBall) now"),
+        (TopChain((call("goToBall", 1.0, 1.0, 0.0),)), "ball.x within 0.1 of goal.x"),
         (
-            TopChain((call("goToPose", 1.0, 1.0), call("shoot", 4.0, 0.0))),
+            TopChain((call("goToPose", 1.0, 1.0, 0.0), call("shoot", 4.0, 0.0, 0.0))),
             "step 2 (shoot) after step 1 (goToPose)",
         ),
     ],

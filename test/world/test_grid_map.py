@@ -1,4 +1,4 @@
-"""Maps: what is read from files of map_server."""
+"""Maps from files of map_server."""
 
 from pathlib import Path
 from typing import Any
@@ -49,7 +49,9 @@ def test_images_of_all_kinds_are_read(tmp_path: Path, kind: str) -> None:
         ({"free_thresh": 0.0}, "expected free cells, got none"),
     ],
 )
-def test_what_cannot_be_used_is_named(tmp_path: Path, fields: dict[str, Any], text: str) -> None:
+def test_an_unusable_map_is_rejected_with_the_reason(
+    tmp_path: Path, fields: dict[str, Any], text: str
+) -> None:
     with pytest.raises(FileError, match=text):
         load_map(write_map(tmp_path, hall(), **fields))
 

@@ -35,7 +35,7 @@ def test_a_frame_is_found_along_a_chain_at_the_latest_common_time() -> None:
     known = robot_in_map()
     time, placement = known.latest("map", "base_link") or (1.0, HERE)
     assert (time, pose_of(placement)) == (0.0, pytest.approx(Pose(1.0, 0.0, math.pi / 2.0)))
-    known.add("map", "odom", 2.0, planar(1.0, 0.0, math.pi / 2.0))  # as AMCL, ahead of its time
+    known.add("map", "odom", 2.0, planar(1.0, 0.0, math.pi / 2.0))  # dated ahead, as by AMCL
     time, placement = known.latest("map", "base_link") or (0.0, HERE)
     assert time == pytest.approx(1.0)
     assert pose_of(placement) == pytest.approx(Pose(1.0, 2.0, math.pi / 2.0))
@@ -49,8 +49,8 @@ def test_a_frame_is_found_along_a_chain_at_the_latest_common_time() -> None:
 
 def test_unconnected_frames_or_times_give_no_transform() -> None:
     known = robot_in_map()
-    assert known.latest("map", "moon") is None
-    assert known.latest("moon", "base_link") is None
+    assert known.latest("map", "attic") is None
+    assert known.latest("attic", "base_link") is None
     known.add("hall", "map", -5.0, HERE)  # older than all transforms of the robot
     assert known.latest("hall", "base_link") is None
     known.add("a", "b", 0.0, HERE)
