@@ -41,9 +41,9 @@ def later(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_each_pose_has_a_status() -> None:
     through = tour(SimpleNamespace(poses=Goals(goals=POSES)), waypoint_statuses=[])
-    through.position = 1
+    through.leg = 1
     code, reason = through.miss(1, "blocked")
-    statuses = through.ended(code, reason).waypoint_statuses
+    statuses = through.finish(code, reason).waypoint_statuses
     assert (code, through.handle.state) == (9100, "aborted")
     assert [each.waypoint_status for each in statuses] == [1, 3, 0]
     assert (statuses[1].error_code, statuses[1].error_msg) == (9000, "blocked")
@@ -52,7 +52,7 @@ def test_each_pose_has_a_status() -> None:
 def test_a_missed_waypoint_has_a_reason() -> None:
     follow = tour(SimpleNamespace(poses=POSES, number_of_loops=0, goal_index=0))
     follow.miss(2, "blocked")
-    (missed,) = follow.ended(0, "").missed_waypoints
+    (missed,) = follow.finish(0, "").missed_waypoints
     assert follow.handle.state == "succeeded"
     assert (missed.waypoint_index, missed.waypoint_status, missed.error_msg) == (2, 3, "blocked")
 
