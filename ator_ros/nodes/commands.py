@@ -22,10 +22,10 @@ class CommandPublisher:
     Parameters
     ----------
     stamped : str
-        "true": geometry_msgs/TwistStamped; "false": Twist; "auto": what the base subscribes to, and Twist
-        without a base, or if bases want both. `adapt` has to be called now and then.
+        "true": geometry_msgs/TwistStamped; "false": Twist; "auto": the type that the base subscribes to, and
+        Twist without a base, or if there are bases of both types. `adapt` has to be called periodically.
     frame : str
-        The robot's own frame, for stamped ones.
+        The robot's own frame, for stamped commands.
 
     Attributes
     ----------
@@ -51,18 +51,16 @@ class CommandPublisher:
         """Whether any subscription receives the commands."""
         return bool(self._publisher.get_subscription_count() > 0)
 
-    def publish(self, command: Command, time: float) -> None:
-        """Publish a command, with odometry's `time` (s) as its stamp if it has one."""
-        twist = twist_of(command)
-        if not self._stamped:
-            self._publisher.publish(twist)
-            return
-        message = TwistStamped(twist=twist)
-        message.header.stamp, message.header.frame_id = stamp_of(time), self._frame
+    def publish(self, command: Command, stamp: float) -> None:
+        """Publish a command; a stamped one has the `stamp` (s) of odometry."""
+        message: Any = twist_of(command)
+        if self._stamped:
+            message = TwistStamped(twist=message)
+            message.header.stamp, message.header.frame_id = stamp_of(stamp), self._frame
         self._publisher.publish(message)
 
     def adapt(self) -> None:
-        """Publish the other type from now on if all bases subscribe to that one and "auto" is set."""
+        """Switch to the other type if all bases subscribe to that one and "auto" is set."""
         if self._setting != "auto" or self.connected:
             return
         other = Twist if self._stamped else TwistStamped
@@ -71,11 +69,11 @@ class CommandPublisher:
             self._use(not self._stamped)
 
     def mismatch(self) -> str:
-        """Return which base subscribes to another type, and what to do about it; empty if none does."""
-        strange = {node: kind for node, kind in self._bases().items() if kind != type_name(self.kind)}
-        if not strange:
+        """Return which base subscribes to another type, and the remedy; empty if none does."""
+        others = ((node, kind) for node, kind in self._bases().items() if kind != type_name(self.kind))
+        node, kind = next(others, ("", ""))
+        if not node:
             return ""
-        node, kind = next(iter(strange.items()))
         text = (
             f"{_TOPIC}: the base {node} subscribes to {kind.replace('/msg/', '/')}, "
             f"this node publishes {self.kind.__name__}"
@@ -86,7 +84,7 @@ class CommandPublisher:
         return f"{text}; set stamped_commands:={other} (of calibrate: --stamped {other})"
 
     def cause(self) -> str:
-        """Return the most likely cause why a base does not follow, else which nodes receive the commands."""
+        """Return the most likely cause of a base that does not move, else the nodes that receive commands."""
         node = self._node
         if mismatch := self.mismatch():
             return mismatch

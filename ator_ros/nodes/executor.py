@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
@@ -14,6 +15,7 @@ from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import ActionPerformance, ChainPerformance
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.actions.remote import LONGEST
+from ator_ros.domains.domain import Domain
 from ator_ros.execution.chain_executor import Ending
 from ator_ros.execution.motion_watch import MotionWatch
 from ator_ros.execution.predictions import Predictor, warm_up_actions
@@ -44,16 +46,13 @@ from ator_ros.nodes.maps import follow_map
 from ator_ros.nodes.messages import into_frame
 from ator_ros.nodes.models import LEARNED, LearnedSets
 from ator_ros.nodes.parameters import (
-    DOMAIN,
     FENCE,
-    FRAME,
-    MAP,
+    FRAMES,
     MODELS,
     OBJECT,
-    ROBOT,
-    ROBOT_FRAME,
     STAMPED,
     STATE,
+    WORLD,
     Parameter,
     SetupError,
     declare_with_domain,
@@ -66,25 +65,20 @@ from ator_ros.nodes.running import run_node, spin_out
 from ator_ros.robot.description import Robot
 from ator_ros.tops.objects import missing_in
 from ator_ros.world.estimation import ObjectTracker, Sightings
-from ator_ros.world.grid_map import GridMap
 from ator_ros.world.inputs import ClockJumpError, Inputs
 from ator_ros.world.messages import MessageError
 from ator_ros.world.state import STOP, Command, ObjectState, RobotState, World
 
 _DISCOVERY_GRACE = 1.0  # real s; DDS may still be connecting cmd_vel to a base that has just started
-_RESULT_KEPT = 60  # s; rclpy's 900 s would keep the records of hundreds of chains in memory
-_PREEMPTED = "a newer goal took over"
+_RESULT_TIMEOUT = 60  # s; rclpy's 900 s would keep the records of hundreds of chains in memory
 _USUAL = Deadlines()
 _COMMON = (
-    FRAME,
-    ROBOT_FRAME,
+    *FRAMES,
     STATE,
     STAMPED,
-    DOMAIN,
-    ROBOT,
+    *WORLD,
     MODELS,
     LEARNED,
-    # Timeouts: from one control tick to `LONGEST`, or to a minute where the robot waits amid a chain.
     Parameter("start_timeout", _USUAL.start, "real s that a goal waits for inputs", 0.05, LONGEST, live=True),
     Parameter(
         "odom_timeout",
@@ -95,10 +89,9 @@ _COMMON = (
         60.0,
         live=True,
     ),
-    # A base that does not follow is stopped within 0.5 s: with more latency nothing can be known by then.
+    # A base that does not follow is stopped within 0.5 s; a greater latency would hide it until then.
     Parameter("latency", 0.0, "s from a state's stamp until its answer moves the base", 0.0, 0.3, live=True),
     FENCE,
-    MAP,
     Parameter(
         "refinement_timeout", _USUAL.refinement, "real s that refinement may take", 0.01, 60.0, live=True
     ),
@@ -117,7 +110,6 @@ def parameters_for(objects: Sequence[str]) -> tuple[Parameter, ...]:
     for name in objects:
         age = f"s by which the {name} may be older than odometry; the robot pauses after half"
         noise = f"m, standard deviation of the {name}'s coordinates; 0: exact"
-        # Errors of more than 1 m or 10 m/s make the position of an object of a robot's size useless.
         parameters += [
             Parameter(f"{name}_timeout", 0.3, age, 0.05, 60.0, live=True),
             Parameter(f"{name}_noise", 0.0, noise, 0.0, 1.0),
@@ -127,28 +119,27 @@ def parameters_for(objects: Sequence[str]) -> tuple[Parameter, ...]:
 
 
 class ExecutorNode(Node):
-    """Executes one chain at a time; each odometry message is answered by one velocity command.
+    """Executes one chain at a time; publishes one velocity command for each odometry message.
 
     Timeouts, `latency` and `refine_again_after` can change while it runs, for the next goal.
 
     Action server
         execute_chain (ator_interfaces/ExecuteChain): a newer goal that can be read preempts the running one.
-        Results are kept for a minute. A goal begins when odometry has come for a second: a base that was
-        started just then does not receive commands yet. It ends when the robot stands (predicted with
-        `latency`), or 5 s after it was commanded to stop: the result says how fast it still moves. If a newer
-        goal preempts it, odometry is lost or the node ends, the goal ends with the stop command. If lost
-        odometry returns within 5 s, the robot is commanded to stop until it stands. Goals outside the fence
-        are refused. A goal is aborted when the base does not follow its commands, or when its path leads out
-        of the fence.
+        Results are kept for a minute. A goal starts once odometry has come for a second: a base that has just
+        started does not receive commands yet. It ends when the robot stands (predicted with `latency`), or
+        5 s after the command to stop: the result then gives the robot's speed. It ends with the command to
+        stop if a newer goal preempts it, odometry is lost or the node ends. If lost odometry returns within
+        5 s, the robot is commanded to stop until it stands. Goals outside the fence are refused. A goal is
+        aborted when the base does not follow its commands, or when its path leads out of the fence.
     Subscribes to
-        odom (nav_msgs/Odometry), or /tf and /tf_static, and the topics of the domain's objects: their stamps,
-        `latency` later, are the time of the actions; the topic of a map, if `map` names one.
+        odom (nav_msgs/Odometry), or /tf and /tf_static, and the topics of the domain's objects: their stamps
+        plus `latency` are the time of the actions; the topic of a map, if `map` names one.
     Publishes
         cmd_vel (geometry_msgs/Twist or TwistStamped, see `stamped_commands`): while a goal is active, unless
         a server executes it.
-        performance/action (ator_interfaces/ActionPerformance): after each action, also one broken off.
+        performance/action (ator_interfaces/ActionPerformance): after each action, also an interrupted one.
         performance/chain (ator_interfaces/ChainPerformance, transient local): after each goal.
-        chain_under_way, planned_path and markers, to be drawn; /diagnostics, once a second.
+        chain_under_way, planned_path and markers, see `ExecutionDrawing`; /diagnostics, once a second.
     Calls
         refine_subgoal, when a goal asks for it; the domain's action servers.
     """
@@ -164,7 +155,7 @@ class ExecutorNode(Node):
         for reason in filter(None, (*(top.lacks(robot) for top in domain.tops_for(robot)), *left_out)):
             self.get_logger().warning(reason)
         self._sets = LearnedSets(self, domain, self._libraries, self._settings)
-        follow_map(self, self._settings, self._take_map, lambda: self._run is None)
+        follow_map(self, self._settings, domain, robot, self._take_map, lambda: self._run is None)
         for name, predictor in self._predictors().items():
             warm_up_actions(self._libraries[name], predictor)
         self._inputs = inputs_of(self._settings, domain.objects)
@@ -175,12 +166,11 @@ class ExecutorNode(Node):
         self._world: World | None = None
         self._run: GoalRun | None = None
         self._odom_at, self._stop_until, self._shutting_down = 0.0, 0.0, False
-        self._slow = ""  # last warning of a base that is slower than commanded
-        self._last_error = ""
+        self._motion_remark = self._last_error = ""  # as logged last
         self._ticks = Ticks()
         self._connect(robot)
         topics = self._diagnosis.topics
-        self._diagnostics = Diagnostics(self, self._health, topics, states=tuple(topics))
+        Diagnostics(self, self._health, topics)
         self._drawing = ExecutionDrawing(self, domain, robot, self._settings["frame"])
         sources = " and ".join(["odom" if "odom" in topics else "tf", *domain.objects])
         self.get_logger().info(
@@ -209,20 +199,17 @@ class ExecutorNode(Node):
             goal_service_qos_profile=SERVICES,
             result_service_qos_profile=SERVICES,
             cancel_service_qos_profile=SERVICES,
-            result_timeout=_RESULT_KEPT,
+            result_timeout=_RESULT_TIMEOUT,
         )  # fmt: skip
-        self.create_timer(WATCH_PERIOD, self._watch, clock=STEADY)
+        self.create_timer(WATCH_PERIOD, self._check_deadlines, clock=STEADY)
 
-    def _take_map(self, grid: GridMap) -> None:
+    def _take_map(self, domain: Domain, robot: Robot) -> None:
         """Check goals on another map from now on."""
-        domain = self._domain.on_map(grid)
-        robot = domain.equip(next(iter(self._libraries.values())).robot)
         self._domain, self._libraries = domain, self._remotes.libraries(robot)
-        self._sets.load_again(self._domain, self._libraries)
+        self._sets.load_again(domain, self._libraries)
 
     def _take_object(self, name: str, stamp: float, there: ObjectState) -> None:
-        warning = self._inputs.object(name, stamp, there, time.monotonic())
-        if warning is not None:
+        if warning := self._inputs.object(name, stamp, there, time.monotonic()):
             self._warn(warning)
 
     def _take_robot(self, stamp: float, robot: RobotState) -> None:
@@ -232,7 +219,7 @@ class ExecutorNode(Node):
         except ClockJumpError as error:
             self._warn(str(error))
             self._motion.reset()
-            # A goal that waits for its first state goes on, as after a restart of the simulation.
+            # A goal that waits for its first state continues, as after a restart of the simulation.
             if self._run is not None and self._run.supervisor.phase is not Phase.WAITING:
                 self._end(Ending.INPUT_LOST, str(error))
             return
@@ -243,9 +230,9 @@ class ExecutorNode(Node):
         world = self._motion.foresight.ahead(world)
         self._world, self._odom_at = world, now
         self._rolling.observe(world)  # also between goals, when the robot has lost an object
-        self._ticks.began(now)
+        self._ticks.start(now)
         if run is not None:
-            self._answer(run, world, fault, now)
+            self._control(run, world, fault, now)
         elif now < self._stop_until:
             if world.robot.is_standing:
                 self._stop_until = 0.0
@@ -253,31 +240,31 @@ class ExecutorNode(Node):
                 self._send(STOP)  # it may have moved on while odometry was lost
         self._drawing.objects(world)
 
-    def _answer(self, run: GoalRun, world: World, fault: str | None, now: float) -> None:
-        """Send the command for a state in which a goal is active."""
-        if self._motion.remark not in ("", self._slow):
-            self._slow = self._motion.remark
-            self.get_logger().warning(self._slow)
+    def _control(self, run: GoalRun, world: World, fault: str | None, now: float) -> None:
+        """Send the command of a goal for the newest state."""
+        if self._motion.remark not in ("", self._motion_remark):
+            self._motion_remark = self._motion.remark
+            self.get_logger().warning(self._motion_remark)
         run.supervisor.slowdown, run.supervisor.is_fast = self._inputs.slowdown, self._inputs.is_fast
         if self._remotes.ending() or self._is_connecting(run, now):
             self._send(STOP)
-            self._motion.reset()  # its motion is not ours
+            self._motion.reset()  # the motion is not due to our commands
             run.supervisor.odometry_received(time.monotonic())
             return
         command = run.supervisor.tick(world, now, overdue=self._inputs.overdue, fault=fault)
         done = time.monotonic()
         self._send(self._motion.foresight.punctual(world.robot, command, done - now), answers=True)
-        self._ticks.took(done - now)
+        self._ticks.end(done)
         run.supervisor.odometry_received(done)
-        self._follow(run)
+        self._report(run)
 
     def _is_connecting(self, run: GoalRun, now: float) -> bool:
-        """Return whether a goal would begin while DDS may still connect the base: it would seem blocked."""
+        """Return whether DDS may still be connecting the base: a started goal would seem blocked."""
         grace = min(_DISCOVERY_GRACE, 0.5 * self._settings["start_timeout"])
         new = now - max(self._inputs.since, self._commands.changed) < grace
         return run.supervisor.phase is Phase.WAITING and new
 
-    def _watch(self) -> None:
+    def _check_deadlines(self) -> None:
         for warning in self._remotes.warnings():
             self._warn(warning)
         if self._run is None:
@@ -291,17 +278,21 @@ class ExecutorNode(Node):
         if self._run.supervisor.odometry_is_late(now) or (ending and silence > silent):
             self._send(STOP)
         self._run.supervisor.watch(now)
-        self._follow(self._run)
+        self._report(self._run)
 
     async def _execute(self, handle: ServerGoalHandle) -> Any:
-        """Begin a goal and wait for its end, which odometry callback and watchdog detect."""
+        """Start a goal and wait for its end, which the callbacks of odometry and timer detect."""
         try:
             sent = handle.request.chain, *handle.request.alternatives
             into_frame(self._settings["frame"], self._tf.base, sent)
-            predictors = self._predictors()
-            refinement = self._refinement
             run = GoalRun(
-                handle, self._libraries, predictors, refinement, self._settings, self._fence, self._rolling
+                handle,
+                self._libraries,
+                self._predictors(),
+                self._refinement,
+                self._settings,
+                self._fence,
+                self._rolling,
             )
         except MessageError as error:  # the running goal continues
             self._warn(f"refused: {error}")
@@ -310,15 +301,15 @@ class ExecutorNode(Node):
             return concluded(result, handle)
         self._inputs.take_timeouts(self._settings)
         self._motion.begin(self._settings["latency"], preempts=self._run is not None)
-        self._end(Ending.PREEMPTED, _PREEMPTED, at_once=True)
+        self._end(Ending.PREEMPTED, "a newer goal took over", at_once=True)
         self._run, self._stop_until = run, 0.0
-        self._commands.adapt()  # here, not as rclpy takes the goal: it then keeps the former publisher in use
+        self._commands.adapt()  # not in the goal callback: rclpy would keep the previous publisher in use
         # A simulation as fast as possible waits for commands, also while the first action plans.
         self._send(STOP)
         return concluded(await run.finished, handle)
 
     def _predictors(self) -> dict[str, Predictor]:
-        """Return what predicts chains with the models in use, by action set."""
+        """Return predictors with the models in use, by action set."""
         present = self._sets.present.items()
         return {name: Predictor(self._libraries[name].robot, read.models) for name, read in present}
 
@@ -337,9 +328,9 @@ class ExecutorNode(Node):
         if at_once:
             self._run.supervisor.drop()
         self._send(STOP)
-        self._follow(self._run)
+        self._report(self._run)
 
-    def _follow(self, run: GoalRun) -> None:
+    def _report(self, run: GoalRun) -> None:
         """Publish new records and feedback; finish the goal when it has ended."""
         for record in run.new_records():
             self._actions.publish(record)
@@ -383,7 +374,7 @@ class ExecutorNode(Node):
         return float(self._settings["odom_timeout"]) * self._inputs.slowdown
 
     def _send(self, command: Command | None, *, answers: bool = False) -> None:
-        """Send a command, as of now or for the state that it `answers`; None if others move the robot."""
+        """Send a command, as of now or as the answer to the newest state; None: a server moves the robot."""
         if self._inputs.time is not None:
             now = time.monotonic()
             self._motion.sent(self._inputs.time + (0.0 if answers else now - self._odom_at), command, now)
@@ -422,12 +413,18 @@ class ExecutorNode(Node):
             missing = f"{', '.join(lost)}: expected recent messages; {cause}"
         elif self._run is not None:  # without a goal inputs are read less often than they come
             missing = self._diagnosis.rate_problem("odom", self._odom_timeout)
-        problems = (missing, self._commands.mismatch(), self._sets.problem, self._remotes.problem)
+        problems = (
+            missing,
+            self._commands.mismatch(),
+            self._sets.problem,
+            self._remotes.problem,
+            rival_senders(self, self._diagnosis.topics),
+        )
         return Health("; ".join(filter(None, problems)), stale and self._run is not None, values)
 
     def stop(self) -> None:
         """Stop the robot and end the running goal, before the node ends."""
-        self._send(STOP)  # first: to end an action may fail
+        self._send(STOP)  # first: ending an action may fail
         self._shutting_down = True
         self._end(Ending.SHUTDOWN, "the executor was ended", at_once=True)
         self._send(STOP)
@@ -449,6 +446,4 @@ def inputs_of(settings: Mapping[str, Any], objects: Iterable[str]) -> Inputs:
     return Inputs(sightings)
 
 
-def main(args: list[str] | None = None) -> None:
-    """Run the node."""
-    run_node(ExecutorNode, parameters_for([OBJECT]), args)
+main = partial(run_node, ExecutorNode, parameters_for([OBJECT]))

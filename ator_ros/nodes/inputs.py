@@ -66,7 +66,7 @@ class TfListener:
         self._last: dict[tuple[str, str], float] = {}
         """The stamp in s that was passed on last, by frame and child."""
 
-    def lacking(self, frame: str, child: str) -> str:
+    def problem(self, frame: str, child: str) -> str:
         """Return the problem if the place of `child` in `frame` is unknown or old."""
         if self.transforms.latest(frame, child) is not None:
             return f"tf: expected newer transforms from {frame} to {child}"

@@ -98,6 +98,9 @@ FRAME = Parameter("frame", "odom", "frame of odometry, objects and goals; an emp
 ROBOT_FRAME = Parameter("robot_frame", "base_link", "the robot's own frame, in the middle of its axle")
 MODELS = Parameter("models", "", "folder of the performance models; empty: the shipped ones")
 MAP = Parameter("map", "", "map of the building: a file (.yaml), or a topic; empty: the domain's")
+FRAMES = (FRAME, ROBOT_FRAME)
+WORLD = (DOMAIN, ROBOT, MAP)
+"""The parameters that `domain_and_robot` reads."""
 FENCE = Parameter(
     "fence", [0.0] * 4, "m: x and y from, x and y to, of the robot's axle; all 0: area and margin"
 )

@@ -14,6 +14,7 @@ from visualization_msgs.msg import MarkerArray
 
 from ator_interfaces.srv import PlanChains, PredictDurations, RefineSubgoal
 from ator_ros.actions import DEFAULT_SET
+from ator_ros.domains.domain import Domain
 from ator_ros.execution.fence import Fence
 from ator_ros.execution.predictions import warm_up_refinement
 from ator_ros.learning.gains import Gains
@@ -24,12 +25,10 @@ from ator_ros.nodes.inputs import TfListener
 from ator_ros.nodes.maps import follow_map
 from ator_ros.nodes.models import LEARNED, LearnedSets, ModelSet
 from ator_ros.nodes.parameters import (
-    DOMAIN,
     FENCE,
     FRAME,
-    MAP,
     MODELS,
-    ROBOT,
+    WORLD,
     Parameter,
     declare_parameters,
     domain_and_robot,
@@ -47,19 +46,17 @@ from ator_ros.refinement.gate import NO_GATE, Gate
 from ator_ros.refinement.objective import MOST_WEIGHT
 from ator_ros.refinement.refiner import Refiner, Selection, choose
 from ator_ros.refinement.search import Deadline, no_deadline
+from ator_ros.robot.description import Robot
 from ator_ros.tops.conditions import state_variables
 from ator_ros.tops.library import TopLibrary
-from ator_ros.world.grid_map import GridMap
 from ator_ros.world.messages import MessageError, count, pose_from, world_from
 
 PARAMETERS = (
     FRAME,
-    DOMAIN,
-    ROBOT,
+    *WORLD,
     FENCE,
     MODELS,
     LEARNED,
-    MAP,
     Parameter("gate", True, "refine only where the predicted gain exceeds its uncertainty", live=True),
     Parameter(
         "comparison_share",
@@ -107,12 +104,12 @@ class RefinementNode(Node):
     def __init__(self) -> None:
         super().__init__("refinement", automatically_declare_parameters_from_overrides=True)
         self._settings = declare_parameters(self, PARAMETERS)
-        self._domain, self._robot = domain, robot = domain_and_robot(self._settings)
+        domain, robot = domain_and_robot(self._settings)
+        self._use(domain, robot)
         self._fence = fence_of(self._settings, robot)
-        self._libraries = {name: domain.library(robot, name) for name in domain.action_sets}
         self._ranges = self._fence.narrowed(domain.ranges, robot)  # places are searched inside the fence
         self._sets = LearnedSets(self, domain, self._libraries, self._settings, self._warm_up)
-        follow_map(self, self._settings, self._take_map)
+        follow_map(self, self._settings, domain, robot, self._take_map)
         self._goals = domain.goals(robot)
         self._variables = state_variables(domain.objects, holder=robot.holder is not None)
         self._answered, self._cut_short, self._last_error = 0, 0, ""
@@ -124,7 +121,7 @@ class RefinementNode(Node):
             (PredictDurations, "predict_durations", self._predict),
         ):
             self.create_service(kind, name, partial(self._serve, answer), qos_profile=SERVICES)
-        self._diagnostics = Diagnostics(self, self._health)
+        Diagnostics(self, self._health)
         policy = "a chain is changed where the predicted gain exceeds its uncertainty"
         if not self._sets.present[DEFAULT_SET].models:
             policy = "chains stay as they are sent"
@@ -135,11 +132,12 @@ class RefinementNode(Node):
             f"{self.context.get_domain_id()}); {self._sets.startup_text()}; {policy}"
         )
 
-    def _take_map(self, grid: GridMap) -> None:
-        domain = self._domain.on_map(grid)
-        self._robot = robot = domain.equip(self._robot)
-        self._domain = domain
+    def _use(self, domain: Domain, robot: Robot) -> None:
+        self._domain, self._robot = domain, robot
         self._libraries = {name: domain.library(robot, name) for name in domain.action_sets}
+
+    def _take_map(self, domain: Domain, robot: Robot) -> None:
+        self._use(domain, robot)
         self._sets.load_again(domain, self._libraries)
 
     def _gate(self, request: RefineSubgoal.Request, gains: Gains) -> Gate:
@@ -280,6 +278,4 @@ def refine_request(
     return choose(refiner, world, chains, objective, placeholders=placeholders, deadline=deadline)
 
 
-def main(args: list[str] | None = None) -> None:
-    """Run the node."""
-    run_node(RefinementNode, PARAMETERS, args)
+main = partial(run_node, RefinementNode, PARAMETERS)

@@ -21,19 +21,17 @@ from rclpy.task import Future
 from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import Outcome
 from ator_interfaces.msg import TopChain as ChainMessage
+from ator_ros.domains.domain import Domain
 from ator_ros.geometry import Pose
 from ator_ros.nodes.diagnostics import STEADY, WARNING_PERIOD
 from ator_ros.nodes.inputs import Subscriptions
 from ator_ros.nodes.maps import follow_map
 from ator_ros.nodes.messages import chain_of, pose_of, stamp_of
 from ator_ros.nodes.parameters import (
-    DOMAIN,
     FENCE,
-    FRAME,
-    MAP,
-    ROBOT,
-    ROBOT_FRAME,
+    FRAMES,
     STATE,
+    WORLD,
     Parameter,
     declare_parameters,
     domain_and_robot,
@@ -43,8 +41,8 @@ from ator_ros.nodes.parameters import (
 from ator_ros.nodes.remote_messages import action_type
 from ator_ros.nodes.running import run_node, spin_out
 from ator_ros.printable import printable, quoted
+from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopCall, TopChain
-from ator_ros.world.grid_map import GridMap
 from ator_ros.world.messages import FrameError, MessageError, expect_frame, plain_frame, pose_from
 from ator_ros.world.state import RobotState
 
@@ -62,18 +60,15 @@ _POSES_UNKNOWN, _POSES_FAILED_TO_LOAD_BEHAVIOR_TREE, _POSES_TF_ERROR = 9100, 910
 """Of NavigateThroughPoses."""
 _WAYPOINT_FAILED = 3  # FAILED of a WaypointStatus; 0 is PENDING, 1 COMPLETED
 
-_NO_EXECUTOR = "execute_chain: expected its action server, found none; start the node executor"
+_NO_EXECUTOR = "execute_chain: expected its action server, got none; start the executor"
 _SHUTDOWN = "the node waypoints was ended"
 
 ACTIONS = {"FollowWaypoints": "~/follow_waypoints", "NavigateThroughPoses": "~/navigate_through_poses"}
 PARAMETERS = (
-    FRAME,
-    ROBOT_FRAME,
+    *FRAMES,
+    *WORLD,
     STATE,
-    DOMAIN,
-    ROBOT,
     FENCE,
-    MAP,
     Parameter(
         "keep_headings",
         [-1],
@@ -261,19 +256,19 @@ class WaypointsNode(Node):
         super().__init__("waypoints", automatically_declare_parameters_from_overrides=True)
         self._settings = settings = declare_parameters(self, PARAMETERS)
         kinds = [action_type(f"nav2_msgs/action/{name}") for name in ACTIONS]
-        self._domain, self._robot = domain, robot = domain_and_robot(settings)
-        self._library, self._fence = domain.library(robot), fence_of(settings, robot)
+        domain, self._robot = domain_and_robot(settings)
+        self._library, self._fence = domain.library(self._robot), fence_of(settings, self._robot)
         self._top, self._frame = driving_top(self._library), settings["frame"]
         self._tour: Tour | None = None
         self._waiting: list[Future] = []
         self._robot_pose: tuple[float, Pose] | None = None  # with its stamp in s
         self._executor_count, self._shutting_down = 0, False
         subscribed = Subscriptions(
-            self, settings, robot, (),
+            self, settings, self._robot, (),
             take_robot=self._take_robot, take_object=lambda *_: None, warn=self._warn,
         )  # fmt: skip
         self._tf = subscribed.tf
-        follow_map(self, settings, self._take_map)
+        follow_map(self, settings, domain, self._robot, self._take_map)
         self._chains = ActionClient(self, ExecuteChain, "execute_chain")
         self._servers = [
             ActionServer(
@@ -292,8 +287,8 @@ class WaypointsNode(Node):
     def _take_robot(self, stamp: float, robot: RobotState) -> None:
         self._robot_pose = stamp, robot.pose
 
-    def _take_map(self, grid: GridMap) -> None:
-        self._robot = self._domain.on_map(grid).equip(self._robot)
+    def _take_map(self, _: Domain, robot: Robot) -> None:
+        self._robot = robot
 
     def _warn(self, text: str) -> None:
         self.get_logger().warning(text, throttle_duration_sec=WARNING_PERIOD)
@@ -456,6 +451,4 @@ class WaypointsNode(Node):
         spin_out(self)
 
 
-def main(args: list[str] | None = None) -> None:
-    """Run the node."""
-    run_node(WaypointsNode, PARAMETERS, args)
+main = partial(run_node, WaypointsNode, PARAMETERS)
