@@ -53,12 +53,11 @@ _SERVER_TIMEOUT = 3.0  # real s until the executor counts as missing; DDS may st
 _LONGEST_REASON = 500
 _FREE = frozenset({"yaw"})
 
-# Error codes of Nav2 since Kilted; Jazzy has constants for some of them. 0 means no error.
+# Nav2's error codes; Jazzy lacks constants for some of them. 0 means no error.
 _FW_UNKNOWN, _FW_NO_VALID_WAYPOINTS, _FW_STOP_ON_MISSED_WAYPOINT = 600, 602, 603  # FollowWaypoints
 _POSE_UNKNOWN, _POSE_TF_ERROR = 9000, 9002  # NavigateToPose, for a missed waypoint
+# NavigateThroughPoses
 _POSES_UNKNOWN, _POSES_FAILED_TO_LOAD_BEHAVIOR_TREE, _POSES_TF_ERROR = 9100, 9101, 9102
-"""Of NavigateThroughPoses."""
-_WAYPOINT_FAILED = 3  # FAILED of a WaypointStatus; 0 is PENDING, 1 COMPLETED
 
 _NO_EXECUTOR = "execute_chain: expected its action server, got none; start the executor"
 _SHUTDOWN = "the node waypoints was ended"
@@ -100,11 +99,11 @@ class Tour:
         goal = handle.request
         self.handle, self._kind = handle, kind
         self.loops = hasattr(goal, "number_of_loops")
-        self.poses: list[PoseStamped] = list(getattr(goal.poses, "goals", goal.poses))
+        self.poses: list[PoseStamped] = list(goal.poses)
         self.goals: dict[int, Pose] = {}
         self.leg = goal.goal_index if self.loops else 0
         self.end = len(self.poses) * (1 + goal.number_of_loops if self.loops else 1)
-        self._missed: list[tuple[int, int, str]] = []  # waypoint index, error code, reason
+        self._missed: list[tuple[int, int]] = []  # waypoint index, error code
         self._start_time = math.nan  # s, by odometry's stamps
         self._pace = 0.0  # predicted s per m along straight lines, for the chains after this one
         self._result = Future()
@@ -125,7 +124,7 @@ class Tour:
         `frame` is true where tf does not connect the waypoint's frame.
         """
         reason = printable(reason, _LONGEST_REASON)
-        self._missed.append((index, _POSE_TF_ERROR if frame else _POSE_UNKNOWN, reason))
+        self._missed.append((index, _POSE_TF_ERROR if frame else _POSE_UNKNOWN))
         if self.loops:
             return _FW_STOP_ON_MISSED_WAYPOINT, reason
         return _POSES_TF_ERROR if frame else _POSES_UNKNOWN, reason
@@ -191,16 +190,17 @@ class Tour:
         )
         feedback.current_pose.header.stamp, feedback.current_pose.header.frame_id = stamp_of(now), frame_id
         feedback.current_pose.pose = pose_of(pose)
-        self._write_statuses(feedback)
         self.handle.publish_feedback(feedback)
 
     def finish(self, code: int, reason: str) -> Any:
         """Put the goal into its final state and return its result; without a reason it has succeeded."""
         result = self._kind.Result(error_code=code, error_msg=reason)
         if self.loops:
-            result.missed_waypoints = [self._missed_waypoint(*missed) for missed in self._missed]
-        else:
-            self._write_statuses(result)
+            missed_waypoint = importlib.import_module("nav2_msgs.msg").MissedWaypoint
+            result.missed_waypoints = [
+                missed_waypoint(index=index, goal=self.poses[index], error_code=code)
+                for index, code in self._missed
+            ]
         if self.handle.is_cancel_requested:
             self.handle.canceled()
         elif reason:
@@ -208,28 +208,6 @@ class Tour:
         else:
             self.handle.succeed()
         return result
-
-    def _missed_waypoint(self, index: int, code: int, reason: str) -> Any:
-        nav2, pose = importlib.import_module("nav2_msgs.msg"), self.poses[index]
-        if hasattr(nav2, "MissedWaypoint"):  # Jazzy
-            return nav2.MissedWaypoint(index=index, goal=pose, error_code=code)
-        status = nav2.WaypointStatus(
-            waypoint_status=_WAYPOINT_FAILED, waypoint_index=index, waypoint_pose=pose
-        )
-        status.error_code, status.error_msg = code, reason
-        return status
-
-    def _write_statuses(self, message: Any) -> None:
-        """Write the status of each waypoint, where messages have it: since Kilted."""
-        if not hasattr(message, "waypoint_statuses"):
-            return
-        status = importlib.import_module("nav2_msgs.msg").WaypointStatus
-        failed = {missed[0]: self._missed_waypoint(*missed) for missed in self._missed}
-        message.waypoint_statuses = [
-            failed.get(index)
-            or status(waypoint_status=int(index < self.leg), waypoint_index=index, waypoint_pose=pose)
-            for index, pose in enumerate(self.poses)
-        ]
 
 
 class WaypointsNode(Node):
@@ -278,7 +256,8 @@ class WaypointsNode(Node):
             )
             for kind, name in zip(kinds, ACTIONS.values(), strict=True)
         ]  # fmt: skip
-        self.create_timer(_PERIOD, self._on_timer, clock=STEADY)
+        self.create_timer(_PERIOD, self._continue_waiting, clock=STEADY)
+        self.create_timer(_PERIOD, self._check_executor, clock=STEADY)
         self.get_logger().info(
             f"waypoints in {self._frame} become chains of {self._top.name} (domain {domain.name}, ROS domain "
             f"{self.context.get_domain_id()})"
@@ -293,24 +272,22 @@ class WaypointsNode(Node):
     def _warn(self, text: str) -> None:
         self.get_logger().warning(text, throttle_duration_sec=WARNING_PERIOD)
 
-    def _on_timer(self) -> None:
+    def _continue_waiting(self) -> None:
+        """Let `_wait_for` check its conditions again."""
         waiting, self._waiting = self._waiting, []
         for future in waiting:
             future.set_result(None)
-        self._check_executor()
 
     def _check_executor(self) -> None:
         """End the goal if the executor is gone, or was restarted and would never report the result."""
         # DDS lists an executor that was killed for up to 20 s. After a restart two are listed.
-        previous, self._executor_count = (
-            self._executor_count,
-            self.count_services("execute_chain/_action/send_goal"),
-        )
+        previous = max(self._executor_count, 1)
+        self._executor_count = self.count_services("execute_chain/_action/send_goal")
         if self._tour is None:
             return
         if not self._chains.server_is_ready():
             self._tour.abandon(Outcome.INPUT_LOST, _NO_EXECUTOR)
-        elif self._executor_count > max(previous, 1):
+        elif self._executor_count > previous:
             reason = (
                 "execute_chain: the executor was restarted, or a second one was started; send the goal again"
             )
