@@ -49,8 +49,8 @@ PARAMETERS = (
     Parameter("batch", 20, "new records after which to learn again", 5, 10_000),
     Parameter("most_episodes", 20_000, "episodes of each action set that are kept", 1000, 1_000_000),
 )
-_PERIOD = 0.25
-_HOME = Path.home() / ".ros" / "ator_ros" / "learned"
+_PERIOD = 0.25  # s
+_DEFAULT_FOLDER = "~/.ros/ator_ros/learned"
 
 
 class LearningNode(Node):
@@ -75,15 +75,15 @@ class LearningNode(Node):
 
     def __init__(self) -> None:
         super().__init__("learning", automatically_declare_parameters_from_overrides=True)
-        self._settings = settings = declare_parameters(self, PARAMETERS)
+        settings = declare_parameters(self, PARAMETERS)
         self._domain, self._robot = domain_and_robot(settings)
-        folder = Path(settings["learned"]).expanduser() if settings["learned"] else _HOME
-        self._open = contextlib.ExitStack()
+        self._folder = folder = Path(settings["learned"] or _DEFAULT_FOLDER).expanduser()
+        self._lock = contextlib.ExitStack()
         named = {name: settings[name] for name in ("domain", "robot", "models")}
         self._grid = map_file(settings)
         models = Path(settings["models"]) if settings["models"] else self._domain.shipped_models
         try:
-            self._open.enter_context(exclusive_folder(folder))
+            self._lock.enter_context(exclusive_folder(folder))
             self._learner = Learner(
                 folder,
                 StoreInfo(self._robot.digest(), self._domain.name),
@@ -95,9 +95,8 @@ class LearningNode(Node):
                 most=settings["most_episodes"],
             )
         except (FileError, OSError) as error:
-            self._open.close()
+            self._lock.close()
             raise SetupError(f"parameter learned: {error}") from error
-        self._folder = folder
         follow_map(self, settings, self._domain, self._robot, self._take_map)
         subscribed: dict[str, type[Any]] = {}
         for kind, topics, take in (
@@ -134,13 +133,11 @@ class LearningNode(Node):
         self._learner.take(message.action_set or DEFAULT_SET, episode)
 
     def _take_chain(self, message: Any) -> None:
-        chain = chain_gain(message, self._learner.gains.models)
-        if chain is not None:
+        if chain := chain_gain(message, self._learner.gains.models):
             self._learner.take_chain(chain)
 
     def _work(self) -> None:
-        report = self._learner.work(time.monotonic())
-        if report:
+        if report := self._learner.work(time.monotonic()):
             self.get_logger().info(printable(report, 1000))
         if not self._learner.has_room:
             text = f"{self._learner.problem}: records are kept in memory and may be lost; free disk space"
@@ -169,13 +166,13 @@ class LearningNode(Node):
         return Health(self._learner.problem, values=values)
 
     def stop(self) -> None:
-        """End a round under way, and close the files."""
+        """End the current round, and close the files."""
         self._learner.close()
         if self._learner.lost:
             self.get_logger().error(
                 f"{self._learner.lost} of {self._learner.taken} records are lost: the disk was full"
             )
-        self._open.close()
+        self._lock.close()
 
 
 main = partial(run_node, LearningNode, PARAMETERS)

@@ -82,14 +82,14 @@ _MOST_PREDICTED = 100  # situations, and calls, of one request
 
 
 class RefinementNode(Node):
-    """Rewrites the free variables of TOP chains so that the whole chain performs best.
+    """Sets the free variables of TOP chains so that the whole chain performs best.
 
     Parameters: see `PARAMETERS`; `gate`, `comparison_share` and `failure_cost` can change while it runs.
 
     Services
-        refine_subgoal (ator_interfaces/RefineSubgoal): the refined chain, or the chain as it came, with the
-        reason. A request that cannot be evaluated is answered with accepted = false. Requests are answered
-        one after the other. After `deadline` the answer is the best chain found, and cut_short is true.
+        refine_subgoal (ator_interfaces/RefineSubgoal): the refined chain, or the chain as it was sent, with
+        the reason. A request that cannot be evaluated is answered with accepted = false. Requests are
+        answered one by one. After `deadline` the answer is the best chain found, and cut_short is true.
         plan_chains (ator_interfaces/PlanChains): chains for a goal, from the conditions of the TOPs.
         predict_durations (ator_interfaces/PredictDurations): how long steps take from several situations.
     Subscribes to
@@ -141,7 +141,7 @@ class RefinementNode(Node):
         self._sets.load_again(domain, self._libraries)
 
     def _gate(self, request: RefineSubgoal.Request, gains: Gains) -> Gate:
-        """Return the gate as it is now; some chains that are executed are drawn to measure what it gains."""
+        """Return the current gate, which draws some executed chains to measure the gain."""
         if not self._settings["gate"]:
             return NO_GATE
         measurable = bool(self._settings["learned"]) and request.measure
@@ -149,7 +149,6 @@ class RefinementNode(Node):
         return Gate(measured=gains.measured, drawn=measurable and random.random() < share)
 
     def _refiner(self, read: ModelSet, gate: Gate) -> Refiner:
-        """Return a refiner with the parameter `failure_cost` as it is now."""
         cost = self._settings["failure_cost"]
         cost = cost if cost >= 0.0 else self._domain.time_limit
         return Refiner(self._robot, read.models, gate, ranges=self._ranges, failure_cost=cost)
@@ -158,7 +157,7 @@ class RefinementNode(Node):
         warm_up_refinement(library, self._refiner(read, Gate()))
 
     def _serve(self, answer: Callable[[Any], Any], request: Any, response: Any) -> Any:
-        """Answer a request, also where it cannot be evaluated."""
+        """Answer a request, also if it cannot be evaluated."""
         started = time.monotonic()
         try:
             response = answer(request)
@@ -192,11 +191,12 @@ class RefinementNode(Node):
         self._answered += 1
         self._cut_short += not choice.refinement.complete
         start, found = pose_from(request.situation.robot, "situation.robot"), choice.refinement
-        self._markers.publish(
-            lambda: marker_array(
-                refinement_shapes(start, found.original, found.chain, found.curves), "refinement", frame
-            )
-        )
+
+        def markers() -> MarkerArray:
+            shapes = refinement_shapes(start, found.original, found.chain, found.curves)
+            return marker_array(shapes, "refinement", frame)
+
+        self._markers.publish(markers)
         gain = messages.gain_of(found, gains.measured, gains.models)
         answer = messages.answer_of(choice, request, gain, action_set=action_set, frame=frame)
         if self._domain.grid is not None:
