@@ -113,9 +113,6 @@ class Ticks:
         }
 
 
-# Likely causes
-
-
 class Diagnosis:
     """Returns the most likely causes of missing inputs of a node; "odom" is the robot."""
 

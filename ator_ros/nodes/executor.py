@@ -58,6 +58,7 @@ from ator_ros.nodes.parameters import (
     declare_with_domain,
     domain_and_robot,
     fence_of,
+    live,
 )
 from ator_ros.nodes.qos import LATCHED, RESULTS, SERVICES
 from ator_ros.nodes.remote_actions import RemoteServers
@@ -79,28 +80,21 @@ _COMMON = (
     *WORLD,
     MODELS,
     LEARNED,
-    Parameter("start_timeout", _USUAL.start, "real s that a goal waits for inputs", 0.05, LONGEST, live=True),
-    Parameter(
+    live("start_timeout", _USUAL.start, "real s that a goal waits for inputs", 0.05, LONGEST),
+    live(
         "odom_timeout",
         _USUAL.odom,
         "real s without odometry, more if its stamps are slower than real time, at least 2 if faster; "
         "the robot pauses after half",
         0.05,
         60.0,
-        live=True,
     ),
     # A base that does not follow is stopped within 0.5 s; a greater latency would hide it until then.
-    Parameter("latency", 0.0, "s from a state's stamp until its answer moves the base", 0.0, 0.3, live=True),
+    live("latency", 0.0, "s from a state's stamp until its answer moves the base", 0.0, 0.3),
     FENCE,
-    Parameter(
-        "refinement_timeout", _USUAL.refinement, "real s that refinement may take", 0.01, 60.0, live=True
-    ),
-    Parameter(
-        "refine_again_after", AGAIN_AFTER, "m off what was expected to ask again, or 0", 0.0, 10.0, live=True
-    ),
-    Parameter(
-        "action_timeout", _USUAL.action, "s, by the stamps, that one action may take", 1.0, LONGEST, live=True
-    ),
+    live("refinement_timeout", _USUAL.refinement, "real s that refinement may take", 0.01, 60.0),
+    live("refine_again_after", AGAIN_AFTER, "m off what was expected to ask again, or 0", 0.0, 10.0),
+    live("action_timeout", _USUAL.action, "s, by the stamps, that one action may take", 1.0, LONGEST),
 )
 
 
@@ -111,7 +105,7 @@ def parameters_for(objects: Sequence[str]) -> tuple[Parameter, ...]:
         age = f"s by which the {name} may be older than odometry; the robot pauses after half"
         noise = f"m, standard deviation of the {name}'s coordinates; 0: exact"
         parameters += [
-            Parameter(f"{name}_timeout", 0.3, age, 0.05, 60.0, live=True),
+            live(f"{name}_timeout", 0.3, age, 0.05, 60.0),
             Parameter(f"{name}_noise", 0.0, noise, 0.0, 1.0),
             Parameter(f"{name}_velocity_noise", 0.0, "m/s, standard deviation of its velocity", 0.0, 10.0),
         ]
@@ -246,7 +240,10 @@ class ExecutorNode(Node):
             self._motion_remark = self._motion.remark
             self.get_logger().warning(self._motion_remark)
         run.supervisor.slowdown, run.supervisor.is_fast = self._inputs.slowdown, self._inputs.is_fast
-        if self._remotes.ending() or self._is_connecting(run, now):
+        # While DDS may still be connecting the base, it would seem blocked.
+        grace = min(_DISCOVERY_GRACE, 0.5 * self._settings["start_timeout"])
+        is_connecting = now - max(self._inputs.since, self._commands.changed) < grace
+        if self._remotes.ending() or (is_connecting and run.supervisor.phase is Phase.WAITING):
             self._send(STOP)
             self._motion.reset()  # the motion is not due to our commands
             run.supervisor.odometry_received(time.monotonic())
@@ -257,12 +254,6 @@ class ExecutorNode(Node):
         self._ticks.end(done)
         run.supervisor.odometry_received(done)
         self._report(run)
-
-    def _is_connecting(self, run: GoalRun, now: float) -> bool:
-        """Return whether DDS may still be connecting the base: a started goal would seem blocked."""
-        grace = min(_DISCOVERY_GRACE, 0.5 * self._settings["start_timeout"])
-        new = now - max(self._inputs.since, self._commands.changed) < grace
-        return run.supervisor.phase is Phase.WAITING and new
 
     def _check_deadlines(self) -> None:
         for warning in self._remotes.warnings():
@@ -353,20 +344,24 @@ class ExecutorNode(Node):
 
     def _cause(self, supervisor: Supervisor) -> str:
         """Return the most likely cause of an ending that is due to inputs or the base; empty if unknown."""
-        if supervisor.ending is Ending.BASE_FAULT:
+        ending, remark = supervisor.ending, self._motion.remark
+        if ending is Ending.BASE_FAULT:
             return self._commands.cause()
-        if supervisor.ending is Ending.SUCCEEDED:
-            return self._motion.remark
-        if supervisor.ending is Ending.FAILED:
-            return self._motion.remark or self._diagnosis.rate_problem("odom", self._odom_timeout)
-        if supervisor.ending is not Ending.INPUT_LOST:
+        if ending is Ending.SUCCEEDED:
+            return remark
+        if ending is Ending.FAILED:
+            return remark or self._diagnosis.rate_problem("odom", self._odom_timeout)
+        if ending is not Ending.INPUT_LOST:
             return ""
         if self._world is None or time.monotonic() - self._odom_at > 0.5 * self._odom_timeout:
-            return self._diagnosis.cause("odom", self._odom_timeout)
+            return self._why("odom")
         lost = missing_in(supervisor.executor.chain.calls, self._world)
-        if lost is not None:
-            return self._diagnosis.cause(lost[0], self._settings[f"{lost[0]}_timeout"])
-        return rival_senders(self, self._diagnosis.topics)
+        return self._why(lost[0]) if lost else rival_senders(self, self._diagnosis.topics)
+
+    def _why(self, name: str) -> str:
+        """Return why the input `name` is missing."""
+        timeout = self._odom_timeout if name == "odom" else self._settings[f"{name}_timeout"]
+        return self._diagnosis.cause(name, timeout)
 
     @property
     def _odom_timeout(self) -> float:
@@ -406,11 +401,11 @@ class ExecutorNode(Node):
         lost, missing = [name for name in required if name not in known], ""
         self._commands.adapt()
         if stale:
-            cause = self._diagnosis.cause("odom", self._odom_timeout)
-            missing = f"{'odom' if 'odom' in self._diagnosis.topics else 'tf'} is missing; {cause}"
+            missing = (
+                f"{'odom' if 'odom' in self._diagnosis.topics else 'tf'} is missing; {self._why('odom')}"
+            )
         elif lost:
-            cause = self._diagnosis.cause(lost[0], self._settings[f"{lost[0]}_timeout"])
-            missing = f"{', '.join(lost)}: expected recent messages; {cause}"
+            missing = f"{', '.join(lost)}: expected recent messages; {self._why(lost[0])}"
         elif self._run is not None:  # without a goal inputs are read less often than they come
             missing = self._diagnosis.rate_problem("odom", self._odom_timeout)
         problems = (

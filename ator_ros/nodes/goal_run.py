@@ -126,8 +126,6 @@ class GoalRun:
         )
         self.handle.publish_feedback(feedback)
 
-    # Refinement
-
     def request_refinement(self) -> None:
         """Send an open question to the service, and withdraw one that has become obsolete."""
         question = self.supervisor.question
@@ -171,8 +169,6 @@ class GoalRun:
             run.unrefined(str(error))
         else:
             run.refined_to(chain, answer.refined, reason, chosen=answer.chosen)
-
-    # Records
 
     def new_records(self) -> list[ActionPerformance]:
         """Return the records of the actions that have ended since the last call."""

@@ -92,9 +92,6 @@ def into_frame(
         situation.header.frame_id = frame
 
 
-# The state of the world
-
-
 def odometry_of(time: float, robot: RobotState, *, frame: str, child: str) -> Odometry:
     """Write the robot's odometry: pose in `frame`, twist in the robot's own frame `child`."""
     message = Odometry(child_frame_id=child)
@@ -218,9 +215,6 @@ def call_of(call: TopCall, *, frame: str) -> msg.TopCall:
     return message
 
 
-# Goals of plans
-
-
 def statements_from(
     goal: msg.PlanGoal, named: Mapping[str, Condition], variables: Sequence[str]
 ) -> list[GoalStatement]:
@@ -250,13 +244,9 @@ def _statement(term: msg.GoalTerm, variables: Sequence[str], where: str) -> Goal
     if not unspecified:
         return Region(variable, other, value + low, value + high)
     if value != 0.0:
-        raise MessageError(
-            f"{where}: expected low and high of a value relative to another variable, got none"
-        )
+        expected = "expected low and high of a value relative to another variable"
+        raise MessageError(f"{where}: {expected}, got none")
     return Unspecified(variable, other)
-
-
-# Objectives and performance
 
 
 def objective_from(objective: msg.Objective, failure_cost: float = 0.0) -> Objective:
@@ -367,9 +357,8 @@ def gain_of(
 
 
 def _free_variables(refinement: Refinement) -> list[msg.FreeVariable]:
-    before, after = (
-        [goal_values(call.goal) for call in chain.calls] for chain in (refinement.original, refinement.best)
-    )
+    chains = refinement.original, refinement.best
+    before, after = ([goal_values(call.goal) for call in chain.calls] for chain in chains)
     return [
         msg.FreeVariable(
             subgoal=variable.subgoal,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -92,8 +93,8 @@ STAMPED = Parameter(
     "whether cmd_vel is a TwistStamped; auto: what the base subscribes to",
     choices=("auto", "true", "false"),
 )
-OBJECT = "OBJECT"
-"""Placeholder for the name of an object in descriptions of parameters."""
+OBJECT = "OBJECT"  # placeholder for the name of an object in ``--help``
+live = partial(Parameter, live=True)
 
 
 def domain_and_robot(settings: Mapping[str, Any]) -> tuple[Domain, Robot]:

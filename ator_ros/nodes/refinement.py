@@ -33,6 +33,7 @@ from ator_ros.nodes.parameters import (
     declare_parameters,
     domain_and_robot,
     fence_of,
+    live,
 )
 from ator_ros.nodes.qos import SERVICES
 from ator_ros.nodes.running import run_node
@@ -57,23 +58,15 @@ PARAMETERS = (
     FENCE,
     MODELS,
     LEARNED,
-    Parameter("gate", True, "refine only where the predicted gain exceeds its uncertainty", live=True),
-    Parameter(
+    live("gate", True, "refine only where the predicted gain exceeds its uncertainty"),
+    live(
         "comparison_share",
         0.1,
         "greatest share of chains that run the other way, to measure gains; only with `learned`",
         0.0,
         0.1,
-        live=True,
     ),
-    Parameter(
-        "failure_cost",
-        -1.0,
-        "s that a failure costs; below 0: the domain's time limit",
-        -1.0,
-        MOST_WEIGHT,
-        live=True,
-    ),
+    live("failure_cost", -1.0, "s that a failure costs; below 0: the domain's time limit", -1.0, MOST_WEIGHT),
     Parameter("deadline", 0.05, "real s after which the best chain found is the answer", 0.001, 60.0),
 )
 
@@ -108,7 +101,10 @@ class RefinementNode(Node):
         self._use(domain, robot)
         self._fence = fence_of(self._settings, robot)
         self._ranges = self._fence.narrowed(domain.ranges, robot)  # places are searched inside the fence
-        self._sets = LearnedSets(self, domain, self._libraries, self._settings, self._warm_up)
+        self._sets = LearnedSets(
+            self, domain, self._libraries, self._settings,
+            warm_up=lambda library, read: warm_up_refinement(library, self._refiner(read, Gate())),
+        )  # fmt: skip
         follow_map(self, self._settings, domain, robot, self._take_map)
         self._goals = domain.goals(robot)
         self._variables = state_variables(domain.objects, holder=robot.holder is not None)
@@ -152,9 +148,6 @@ class RefinementNode(Node):
         cost = self._settings["failure_cost"]
         cost = cost if cost >= 0.0 else self._domain.time_limit
         return Refiner(self._robot, read.models, gate, ranges=self._ranges, failure_cost=cost)
-
-    def _warm_up(self, library: TopLibrary, read: ModelSet) -> None:
-        warm_up_refinement(library, self._refiner(read, Gate()))
 
     def _serve(self, answer: Callable[[Any], Any], request: Any, response: Any) -> Any:
         """Answer a request, also if it cannot be evaluated."""

@@ -93,11 +93,8 @@ def _pose(slot: str, frame: str, goal: Goal) -> Any:
     return PoseStamped(header=Header(frame_id=frame), pose=pose)
 
 
-# Paths; types are named as by `get_fields_and_field_types`
-
-
 def _type_at(kind: Any, path: str, where: str) -> str:
-    """Return the type of the field at a path; raises RemoteError."""
+    """Return the type of the field at a path, as `get_fields_and_field_types` does; raises RemoteError."""
     slot = ""
     for name, indexed in parts(path):
         fields = {} if kind is None else kind.get_fields_and_field_types()

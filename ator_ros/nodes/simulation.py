@@ -32,6 +32,7 @@ from ator_ros.nodes.parameters import (
     SetupError,
     declare_with_domain,
     domain_and_robot,
+    live,
     map_topic,
 )
 from ator_ros.nodes.qos import LATCHED, NEWEST, RESULTS, SENSOR_DATA, SERVICES
@@ -51,16 +52,13 @@ _COMMON = (
     *FRAMES,
     *WORLD,
     Parameter("robots", [""], "names of the robots, namespaces of their topics and frames; '': none"),
-    Parameter(
-        "real_time_factor", 1.0, "simulated per real seconds; 0: as fast as possible", 0.0, 100.0, live=True
-    ),
-    Parameter(
+    live("real_time_factor", 1.0, "simulated per real seconds; 0: as fast as possible", 0.0, 100.0),
+    live(
         "command_wait",
         0.2,
         "real s that a tick waits for a command; less than the executor's odom_timeout",
         0.0,
         10.0,
-        live=True,
     ),
     Parameter("lockstep", False, "whether ticks wait for commands at any real_time_factor"),
     Parameter("publish_clock", False, "whether to publish the simulated time on /clock"),
@@ -70,7 +68,6 @@ _COMMON = (
         "x, y (m, from the area's center), yaw of each robot after a reset; else beside the last",
     ),
     Parameter("seed", 0, "of the sensors' noise", 0, 2**31 - 1),
-    # Drifts of 1 are errors as large as the motion.
     Parameter("drift", 0.0, "odometry's position error in m after 1 m of driving", 0.0, 1.0),
     Parameter("heading_drift", 0.0, "odometry's heading error in rad after 1 m of driving", 0.0, 1.0),
     Parameter("latency", 0.0, "simulated s after which odom and objects come, with their stamps", 0.0, 0.3),
@@ -109,10 +106,9 @@ class SimulationNode(Node):
         pause (std_srvs/SetBool): stop and resume simulated time; a paused world is still published.
 
     Faster than real time, and with `lockstep`, a tick waits up to `command_wait` for the next command while
-    one is in effect. This keeps simulation and controller in step on a busy machine. With several robots a
-    tick waits for those that are commanded to move, for a shorter time the more there are: a robot whose
-    controller ends must not stop the others. After the last command has expired, time passes no faster than
-    in reality for five seconds: a controller that is delayed on a busy machine then misses little.
+    one is in effect, which keeps the controller in step on a busy machine. With several robots it waits only
+    for those that are commanded to move, and for a shorter time the more there are. For five seconds after
+    the last command has expired, time passes no faster than in reality.
     """
 
     def __init__(self) -> None:
@@ -124,9 +120,8 @@ class SimulationNode(Node):
         self._real_time_ticks = 0  # next ticks that take as long as in reality, unless a command comes
         self._ticks = Ticks()
         self._awaited: set[int] = set()
-        self._clock_publisher = None
-        if settings["publish_clock"]:
-            self._clock_publisher = self.create_publisher(Clock, "/clock", SENSOR_DATA)
+        is_clock = settings["publish_clock"]
+        self._clock = self.create_publisher(Clock, "/clock", SENSOR_DATA) if is_clock else None
         self._topics = [self._topics_of(number) for number in range(len(self._world.robots))]
         factor = settings["real_time_factor"]
         self._timer = self.create_timer(_period_at(factor), self._tick, clock=STEADY)
@@ -138,8 +133,7 @@ class SimulationNode(Node):
         domain = domain_for(settings["domain"], settings["robot"]).name
         self.get_logger().info(
             f"simulating {robot.name}{f' as {names}' if names else ''} {speed} (domain {domain}, ROS domain "
-            f"{self.context.get_domain_id()}): cmd_vel to "
-            f"{', '.join(('odom', *robot.scene.objects))}"
+            f"{self.context.get_domain_id()}): cmd_vel to {', '.join(('odom', *robot.scene.objects))}"
         )
 
     def _topics_of(self, number: int) -> RobotTopics:
@@ -158,8 +152,6 @@ class SimulationNode(Node):
             callback = partial(self._serve, handle)
             self.create_service(kind, topics.resolved(name), callback, qos_profile=SERVICES)
         return topics
-
-    # Time
 
     def _tick(self) -> None:
         now, period = time.monotonic(), round(1e9 * _period_at(self._settings["real_time_factor"]))
@@ -192,12 +184,10 @@ class SimulationNode(Node):
             self._deadline = max(self._deadline, now - TICK) + TICK
 
     def _publish(self) -> None:
-        if self._clock_publisher is not None:
-            self._clock_publisher.publish(Clock(clock=stamp_of(self._world.simulation.time)))
+        if self._clock is not None:
+            self._clock.publish(Clock(clock=stamp_of(self._world.simulation.time)))
         for number, topics in enumerate(self._topics):
             topics.publish(self._world.simulation.wheel_angles(number))
-
-    # Commands and services
 
     def _command(self, number: int, message: Twist) -> None:
         try:
@@ -255,14 +245,8 @@ class SimulationNode(Node):
         return "paused" if self._paused else "running"
 
     def _health(self) -> Health:
-        return Health(
-            values={
-                "simulated time (s)": f"{self._world.simulation.time:.2f}",
-                "paused": self._paused,
-                **self._ticks.diagnostics(),
-                "last error": self._last_error,
-            }
-        )
+        values = {"simulated time (s)": f"{self._world.simulation.time:.2f}", "paused": self._paused}
+        return Health(values={**values, **self._ticks.diagnostics(), "last error": self._last_error})
 
 
 def _period_at(factor: float) -> float:
@@ -270,15 +254,11 @@ def _period_at(factor: float) -> float:
     return min(TICK / factor, _LONGEST_PERIOD) if factor else _FASTEST_PERIOD
 
 
-# From parameters to the world
-
-
 def parameters_for(objects: Sequence[str]) -> tuple[Parameter, ...]:
     """Return the parameters of the node, among them five for each of the `objects`."""
     parameters = list(_COMMON)
     for place, name in enumerate(objects):
         start = f"position of the {name} after a reset: x, y in m from the area's center"
-        # With noise of 1 m or 1 m/s, a delay of 5 s or 99 % dropouts no chain succeeds.
         parameters += [
             Parameter(f"{name}_start", [0.0, _ASIDE * place], start),
             Parameter(f"{name}_noise", 0.0, f"error of the {name}'s coordinates in m", 0.0, 1.0),
@@ -297,19 +277,13 @@ def world_of(settings: Mapping[str, Any]) -> SimulatedWorld:
         raise SetupError(f"parameter map: expected a file (.yaml), got the topic {quoted(topic)}")
     (_, robot), names = domain_and_robot(settings), settings["robots"]
     if len(set(names)) < len(names) or not all(is_name(name) for name in names if name or len(names) > 1):
-        raise SetupError(
-            f"parameter robots: expected different names of letters, digits and _, got {quoted(list(names))}"
-        )
+        expected = "expected different names of letters, digits and _"
+        raise SetupError(f"parameter robots: {expected}, got {quoted(list(names))}")
     scene = robot.scene
-    config = SensorConfig(
-        drift=settings["drift"],
-        heading_drift=settings["heading_drift"],
-        latency=settings["latency"],
-        objects={
-            name: ObjectErrors(**{kind: settings[f"{name}_{kind}"] for kind in _ERRORS})
-            for name in scene.objects
-        },
-    )
+    objects = {
+        name: ObjectErrors(**{kind: settings[f"{name}_{kind}"] for kind in _ERRORS}) for name in scene.objects
+    }
+    config = SensorConfig(settings["drift"], settings["heading_drift"], settings["latency"], objects)
     starts = _starts(settings["robot_start"], len(names), scene.area)
     robots = [
         SimulatedRobot(name, Sensors(config, settings["seed"] + number), start)
@@ -329,16 +303,12 @@ def world_of(settings: Mapping[str, Any]) -> SimulatedWorld:
 def _starts(numbers: Sequence[float], count: int, area: Area) -> list[Pose]:
     """Return the start of each robot: those given, then each `_ASIDE` to the left of the one before."""
     if len(numbers) % 3 or not 3 <= len(numbers) <= 3 * count or not all(map(math.isfinite, numbers)):
-        raise SetupError(
-            f"parameter robot_start: expected finite x, y and yaw of 1 to {count} robots, got {list(numbers)}"
-        )
+        expected = f"expected finite x, y and yaw of 1 to {count} robots"
+        raise SetupError(f"parameter robot_start: {expected}, got {list(numbers)}")
     starts = [area.at(*numbers[at : at + 3]) for at in range(0, len(numbers), 3)]
     while len(starts) < count:
         starts.append(starts[-1].compose(Pose(0.0, _ASIDE, 0.0)))
     return starts
-
-
-# Topics
 
 
 class RobotTopics:

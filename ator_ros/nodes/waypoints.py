@@ -79,20 +79,11 @@ PARAMETERS = (
 
 
 class Tour:
-    """A goal of one of the two actions, and its progress.
+    """A goal of one of the two actions, and its progress; `loops` is true for FollowWaypoints.
 
-    A *leg* is the drive to one waypoint. The legs of all loops are numbered consecutively.
-
-    Attributes
-    ----------
-    loops : bool
-        Whether the action is FollowWaypoints.
-    poses : list of PoseStamped
-        The waypoints as sent.
-    goals : dict of int to Pose
-        By index: the waypoints that can be driven to, in the node's frame, in m and rad.
-    leg, end : int
-        The current leg, and the one after the last.
+    A *leg* is the drive to one waypoint. The legs of all loops are numbered consecutively: `leg` is the
+    current one, `end` the one after the last. `poses` are the waypoints as sent, `goals` by index those that
+    can be driven to, in the node's frame.
     """
 
     def __init__(self, handle: ServerGoalHandle, kind: Any) -> None:
@@ -129,8 +120,6 @@ class Tour:
             return _FW_STOP_ON_MISSED_WAYPOINT, reason
         return _POSES_TF_ERROR if frame else _POSES_UNKNOWN, reason
 
-    # The chain under way
-
     def send(self, client: ActionClient, chain: ChainMessage, on_feedback: Callable[[Any], None]) -> Future:
         """Send the next chain; return the future of its result."""
         self._result, self._chain_goal = Future(), None
@@ -160,16 +149,14 @@ class Tour:
             self.cancel()
             self._result.set_result(ExecuteChain.Result(outcome=Outcome(code=code, reason=reason)))
 
-    # Feedback and result
-
     def publish_feedback(
-        self, predicted: float, legs: Sequence[int], now: float, pose: Pose, frame_id: str
+        self, legs: Sequence[int], executed: Any, now: float, pose: Pose, frame_id: str
     ) -> None:
         """Publish the current waypoint, and the time and distance that remain.
 
-        The chain of `legs` needs another `predicted` s, NaN if unknown. `pose` is the robot's in m and
-        rad in the frame `frame_id`, `now` its stamp in s.
+        `executed` is the feedback of the chain of `legs`, `pose` the robot's in `frame_id`, `now` its stamp.
         """
+        self.leg = legs[min(executed.step, len(legs) - 1)]
         if self.loops:
             self.handle.publish_feedback(self._kind.Feedback(current_waypoint=self.waypoint_index(self.leg)))
             return
@@ -178,7 +165,8 @@ class Tour:
         lengths = [start.distance(end) for start, end in itertools.pairwise(places)]
         steps = legs[-1] + 1 - self.leg
         chain, later = sum(lengths[:steps]), sum(lengths[steps:])
-        if math.isnan(predicted):
+        predicted = executed.predicted_remaining
+        if executed.elapsed == 0.0 or math.isnan(predicted):  # at first it is that of the chain as sent
             predicted = self._pace * chain
         elif self.leg == legs[0] and chain > 0.0:
             self._pace = predicted / chain
@@ -273,7 +261,6 @@ class WaypointsNode(Node):
         self.get_logger().warning(text, throttle_duration_sec=WARNING_PERIOD)
 
     def _continue_waiting(self) -> None:
-        """Let `_wait_for` check its conditions again."""
         waiting, self._waiting = self._waiting, []
         for future in waiting:
             future.set_result(None)
@@ -315,8 +302,6 @@ class WaypointsNode(Node):
             code, reason = 0, "canceled by the client"
         self.get_logger().info(f"goal ended: {reason or 'all waypoints done'}")
         return tour.finish(code, reason)
-
-    # Poses to chains
 
     async def _read(self, tour: Tour) -> tuple[int, str]:
         """Read the poses; return error code and reason if the goal cannot be used, else 0 and ""."""
@@ -371,8 +356,6 @@ class WaypointsNode(Node):
             calls.append(self._call(tour.goals[index], free=index not in kept and leg < tour.end - 1))
         return chain_of(TopChain(tuple(calls)), action_set="", frame=self._frame)
 
-    # Execution
-
     async def _execute_chains(self, tour: Tour) -> tuple[int, str]:
         """Execute a goal chain by chain; return error code and reason, or 0 and "" after the last chain."""
         unknown = _FW_UNKNOWN if tour.loops else _POSES_UNKNOWN
@@ -410,10 +393,7 @@ class WaypointsNode(Node):
     def _report(self, tour: Tour, legs: Sequence[int], message: Any) -> None:
         """Publish feedback when the executor does."""
         if tour is self._tour and tour.handle.is_active and self._robot_pose is not None:
-            tour.leg = legs[min(message.feedback.step, len(legs) - 1)]
-            started = message.feedback.elapsed > 0.0  # until then it predicts the chain as sent
-            predicted = message.feedback.predicted_remaining if started else math.nan
-            tour.publish_feedback(predicted, legs, *self._robot_pose, self._frame)
+            tour.publish_feedback(legs, message.feedback, *self._robot_pose, self._frame)
 
     def _cancel(self, handle: ServerGoalHandle) -> CancelResponse:
         if self._tour is not None and self._tour.handle is handle:
