@@ -145,13 +145,14 @@ class ExecutorNode(Node):
         self._domain = domain
         self._remotes = RemoteServers(self, domain, self._settings["frame"])
         self._libraries = self._remotes.libraries(robot)
-        left_out = (reason for library in self._libraries.values() for reason in library.left_out.values())
-        for reason in filter(None, (*(top.lacks(robot) for top in domain.tops_for(robot)), *left_out)):
+        reasons = [top.lacks(robot) for top in domain.tops_for(robot)]
+        reasons += [reason for library in self._libraries.values() for reason in library.left_out.values()]
+        for reason in filter(None, reasons):
             self.get_logger().warning(reason)
         self._sets = LearnedSets(self, domain, self._libraries, self._settings)
         follow_map(self, self._settings, domain, robot, self._take_map, lambda: self._run is None)
-        for name, predictor in self._predictors().items():
-            warm_up_actions(self._libraries[name], predictor)
+        for name, library in self._libraries.items():
+            warm_up_actions(library, Predictor(library.robot, self._sets.present[name].models))
         self._inputs = inputs_of(self._settings, domain.objects)
         self._motion = MotionWatch(robot, self._settings["latency"])
         self._fence = fence_of(self._settings, robot)
@@ -175,9 +176,8 @@ class ExecutorNode(Node):
 
     def _connect(self, robot: Robot) -> None:
         settings = self._settings
-        self._commands = CommandPublisher(
-            self, stamped=settings["stamped_commands"], frame=settings["robot_frame"]
-        )
+        stamped, frame = settings["stamped_commands"], settings["robot_frame"]
+        self._commands = CommandPublisher(self, stamped=stamped, frame=frame)
         self._actions = self.create_publisher(ActionPerformance, "performance/action", RESULTS)
         self._chains = self.create_publisher(ChainPerformance, "performance/chain", LATCHED)
         self._refinement = self.create_client(RefineSubgoal, "refine_subgoal", qos_profile=SERVICES)
@@ -273,36 +273,26 @@ class ExecutorNode(Node):
 
     async def _execute(self, handle: ServerGoalHandle) -> Any:
         """Start a goal and wait for its end, which the callbacks of odometry and timer detect."""
+        settings, present = self._settings, self._sets.present
         try:
             sent = handle.request.chain, *handle.request.alternatives
-            into_frame(self._settings["frame"], self._tf.base, sent)
+            into_frame(settings["frame"], self._tf.base, sent)
             run = GoalRun(
-                handle,
-                self._libraries,
-                self._predictors(),
-                self._refinement,
-                self._settings,
-                self._fence,
-                self._rolling,
+                handle, self._libraries, present, self._refinement, settings, self._fence, self._rolling
             )
         except MessageError as error:  # the running goal continues
             self._warn(f"refused: {error}")
-            result = unstarted(handle, Ending.REFUSED, str(error), frame=self._settings["frame"])
+            result = unstarted(handle, Ending.REFUSED, str(error), frame=settings["frame"])
             self._chains.publish(result.record)
             return concluded(result, handle)
-        self._inputs.take_timeouts(self._settings)
-        self._motion.begin(self._settings["latency"], preempts=self._run is not None)
+        self._inputs.take_timeouts(settings)
+        self._motion.begin(settings["latency"], preempts=self._run is not None)
         self._end(Ending.PREEMPTED, "a newer goal took over", at_once=True)
         self._run, self._stop_until = run, 0.0
         self._commands.adapt()  # not in the goal callback: rclpy would keep the previous publisher in use
         # A simulation as fast as possible waits for commands, also while the first action plans.
         self._send(STOP)
         return concluded(await run.finished, handle)
-
-    def _predictors(self) -> dict[str, Predictor]:
-        """Return predictors with the models in use, by action set."""
-        present = self._sets.present.items()
-        return {name: Predictor(self._libraries[name].robot, read.models) for name, read in present}
 
     def _cancel(self, handle: ServerGoalHandle) -> CancelResponse:
         if self._run is None or self._run.handle is not handle:

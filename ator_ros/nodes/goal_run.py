@@ -24,6 +24,7 @@ from ator_ros.execution.rolling import Rolling
 from ator_ros.execution.supervisor import Deadlines, Phase, Supervisor
 from ator_ros.nodes import messages
 from ator_ros.nodes.messages import gain_of, performance_of, situation_of
+from ator_ros.nodes.models import ModelSet
 from ator_ros.printable import printable
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
@@ -48,7 +49,7 @@ class GoalRun:
         self,
         handle: ServerGoalHandle,
         libraries: Mapping[str, TopLibrary],
-        predictors: Mapping[str, Predictor],
+        models: Mapping[str, ModelSet],
         refinement: Client,
         settings: Mapping[str, Any],
         fence: Fence,
@@ -64,7 +65,7 @@ class GoalRun:
                 raise MessageError(reason)
         if goal.refine:
             messages.objective_from(goal.objective, failure_cost=1.0)  # only checked here; refinement uses it
-        self.handle, self._predictor = handle, predictors[action_set]
+        self.handle, self._predictor = handle, Predictor(library.robot, models[action_set].models)
         self.supervisor = Supervisor(
             library,
             chain,
