@@ -101,5 +101,4 @@ class CommandPublisher:
         return f"{_TOPIC} is received only by {', '.join(sorted({node_of(info) for info in receivers}))}"
 
     def _bases(self) -> dict[str, str]:
-        """Return the types that bases subscribe to, by node."""
         return {node_of(info): info.topic_type for info in bases(self._node, _TOPIC)}

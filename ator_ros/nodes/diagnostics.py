@@ -6,7 +6,6 @@ import math
 from collections import deque
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -53,9 +52,9 @@ class Diagnostics:
         self,
         node: Node,
         health: Callable[[], Health],
-        topics: Mapping[str, type] = MappingProxyType({}),
+        topics: Mapping[str, type] | None = None,
     ) -> None:
-        self._node, self._health, self._topics = node, health, topics
+        self._node, self._health, self._topics = node, health, topics or {}
         self._problem, self._repeats, self._logged = "", 0, ""
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", RESULTS)
         node.create_timer(_PERIOD, self._publish, clock=STEADY)

@@ -115,7 +115,7 @@ def parameters_for(objects: Sequence[str]) -> tuple[Parameter, ...]:
 class ExecutorNode(Node):
     """Executes one chain at a time; publishes one velocity command for each odometry message.
 
-    Timeouts, `latency` and `refine_again_after` can change while it runs, for the next goal.
+    Parameters that change while it runs count from the next goal on.
 
     Action server
         execute_chain (ator_interfaces/ExecuteChain): a newer goal that can be read preempts the running one.
@@ -349,7 +349,6 @@ class ExecutorNode(Node):
         return self._why(lost[0]) if lost else rival_senders(self, self._diagnosis.topics)
 
     def _why(self, name: str) -> str:
-        """Return why the input `name` is missing."""
         timeout = self._odom_timeout if name == "odom" else self._settings[f"{name}_timeout"]
         return self._diagnosis.cause(name, timeout)
 

@@ -25,8 +25,6 @@ PARAMETERS = (DOMAIN, ROBOT)
 class GoalPoseNode(Node):
     """Sends the executor a chain of one step for each pose that it receives; a newer pose preempts.
 
-    Parameters: see `PARAMETERS`.
-
     Subscribes to
         goal_pose (geometry_msgs/PoseStamped): the goal of the middle of the axle.
     Calls

@@ -179,7 +179,9 @@ class GoalRun:
 
     def _action_record(self, record: ActionRecord) -> ActionPerformance:
         call, frame = record.chain.calls[record.index], self._frame
-        message = ActionPerformance(
+        end = situation_of(record.end, frame=frame)
+        return ActionPerformance(
+            header=end.header,
             chain_id=self._id,
             step=record.index,
             steps=len(record.chain),
@@ -187,14 +189,12 @@ class GoalRun:
             action_set=self._library.action_set,
             call=messages.call_of(call, frame=frame),
             start=situation_of(record.start, frame=frame),
-            end=situation_of(record.end, frame=frame),
+            end=end,
             predicted=performance_of(self._predictor.action(record.start, record.chain, record.index)),
             actual=_actual(record.duration, record.ending, record.position_error),
             heading_error=float(record.heading_error),
             outcome=Outcome(code=record.ending.value, reason=record.reason),
         )
-        message.header = message.end.header
-        return message
 
     @property
     def stage(self) -> tuple[object, ...]:
@@ -213,7 +213,8 @@ class GoalRun:
             waits = run.phase in (Phase.WAITING, Phase.REFINING)
             predicted = performance_of()
             actual = performance_of({} if waits else {"duration": run.executor.elapsed})
-        message = ChainPerformance(
+        return ChainPerformance(
+            header=situation_of(world, frame=frame).header,
             chain_id=self._id,
             chain=messages.chain_of(run.executor.chain, action_set=self._library.action_set, frame=frame),
             start=situation_of(run.start or world, frame=frame),
@@ -227,8 +228,6 @@ class GoalRun:
             actual=actual,
             outcome=Outcome(code=run.ending.value if run.ending else 0, reason=run.reason),
         )
-        message.header = situation_of(world, frame=frame).header
-        return message
 
     def result(self, world: World | None) -> Any:
         """Return the result of the goal; `world` is the last known state."""

@@ -56,8 +56,6 @@ _DEFAULT_FOLDER = "~/.ros/ator_ros/learned"
 class LearningNode(Node):
     """Stores records, trains models in a process of its own, and switches to better sets of models.
 
-    Parameters: see `PARAMETERS`; they are read at the start only.
-
     Subscribes to
         performance/action (ator_interfaces/ActionPerformance), or the topics that `records` names. All robots
         have the same description.

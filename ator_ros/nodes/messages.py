@@ -291,7 +291,7 @@ def answer_of(
         gain=gain,
         cost_before=before.cost,
         cost_after=after.cost,
-        curves=[_curve(curve) for curve in refinement.curves] if request.want_curve else [],
+        curves=[_curve(curve) for curve in refinement.curves if request.want_curve],
     )
     if request.alternatives:
         response.chosen = choice.number
@@ -332,7 +332,7 @@ def refused(reason: str, chain: msg.TopChain) -> RefineSubgoal.Response:
 
 
 def chain_performance_of(prediction: ChainPrediction | None) -> msg.Performance:
-    """Write the predicted performance of a whole chain; NaN without a prediction."""
+    """Write the predicted performance of a chain."""
     if prediction is None:
         return performance_of()
     success = math.prod(action.get("success", math.nan) for action in prediction.actions)

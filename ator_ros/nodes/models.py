@@ -137,7 +137,6 @@ class LearnedSets:
                 self._node.get_logger().info(f"switched to the learned set {_described(self._manifest)}")
 
     def _check_gains(self, folder: Path) -> None:
-        """Read the measured gains of the models in use if they changed."""
         file = folder / GAINS
         models = self._start if self._manifest is None else self._manifest.digest
         state = models, file.stat().st_mtime_ns if file.exists() else 0

@@ -77,8 +77,6 @@ _MOST_PREDICTED = 100  # situations, and calls, of one request
 class RefinementNode(Node):
     """Sets the free variables of TOP chains so that the whole chain performs best.
 
-    Parameters: see `PARAMETERS`; `gate`, `comparison_share` and `failure_cost` can change while it runs.
-
     Services
         refine_subgoal (ator_interfaces/RefineSubgoal): the refined chain, or the chain as it was sent, with
         the reason. A request that cannot be evaluated is answered with accepted = false. Requests are
@@ -97,6 +95,7 @@ class RefinementNode(Node):
     def __init__(self) -> None:
         super().__init__("refinement", automatically_declare_parameters_from_overrides=True)
         self._settings = declare_parameters(self, PARAMETERS)
+        self._frame = self._settings["frame"]
         domain, robot = domain_and_robot(self._settings)
         self._use(domain, robot)
         self._fence = fence_of(self._settings, robot)
@@ -150,7 +149,6 @@ class RefinementNode(Node):
         return Refiner(self._robot, read.models, gate, ranges=self._ranges, failure_cost=cost)
 
     def _serve(self, answer: Callable[[Any], Any], request: Any, response: Any) -> Any:
-        """Answer a request, also if it cannot be evaluated."""
         started = time.monotonic()
         try:
             response = answer(request)
@@ -168,8 +166,7 @@ class RefinementNode(Node):
         return response
 
     def _refine(self, request: RefineSubgoal.Request) -> RefineSubgoal.Response:
-        end = time.monotonic() + self._settings["deadline"]
-        frame = self._settings["frame"]
+        end, frame = time.monotonic() + self._settings["deadline"], self._frame
         action_set = messages.action_set_from(request.chain, allowed=self._libraries)
         present, library = self._sets.present[action_set], self._libraries[action_set]
         if not present.models:
@@ -197,32 +194,28 @@ class RefinementNode(Node):
         return answer
 
     def _plan(self, request: PlanChains.Request) -> PlanChains.Response:
-        frame = self._settings["frame"]
         name = messages.action_set_from(request, allowed=self._libraries, where="request")
         goal = messages.statements_from(request.goal, self._goals, self._variables)
-        messages.into_frame(frame, self._tf.base, (), request.situation)
-        world = world_from(request.situation, frame=frame)
+        messages.into_frame(self._frame, self._tf.base, (), request.situation)
+        world = world_from(request.situation, frame=self._frame)
         chains = chains_for(goal, world, self._libraries[name], self._domain.objects, self._fence)
         return PlanChains.Response(
             accepted=True,
             holds=not chains,
             reason=f"{len(chains)} chain{'s' * (len(chains) > 1)}" if chains else "the goal holds already",
-            chains=[messages.chain_of(chain, action_set=name, frame=frame) for chain in chains],
+            chains=[messages.chain_of(chain, action_set=name, frame=self._frame) for chain in chains],
         )
 
     def _predict(self, request: PredictDurations.Request) -> PredictDurations.Response:
-        frame = self._settings["frame"]
         for field in ("situations", "calls"):
             count(getattr(request, field), field, least=1, most=_MOST_PREDICTED)
         name = messages.action_set_from(request, allowed=self._libraries, where="request")
-        messages.into_frame(frame, self._tf.base, (request,))
-        for situation in request.situations:
-            messages.into_frame(frame, self._tf.base, (), situation)
-        worlds = [
-            world_from(situation, frame=frame, where=f"situations[{number}]")
-            for number, situation in enumerate(request.situations)
-        ]
-        calls = messages.calls_from(request.calls, self._libraries[name], frame=frame)
+        messages.into_frame(self._frame, self._tf.base, (request,))
+        worlds = []
+        for number, situation in enumerate(request.situations):
+            messages.into_frame(self._frame, self._tf.base, (), situation)
+            worlds.append(world_from(situation, frame=self._frame, where=f"situations[{number}]"))
+        calls = messages.calls_from(request.calls, self._libraries[name], frame=self._frame)
         found = predict_durations(worlds, calls, self._robot, self._sets.present[name].models)
         durations, spreads, success = (values.ravel().tolist() for values in found)
         reason = "" if self._domain.grid is None else f"map {self._domain.grid}"
@@ -232,16 +225,13 @@ class RefinementNode(Node):
 
     def _health(self) -> Health:
         usable = any(read.models for read in self._sets.present.values())
-        return Health(
-            self._sets.problem or ("" if usable else "no models for any action set"),
-            error=not usable,
-            values={
-                **self._sets.diagnostics(),
-                "requests answered": self._answered,
-                "requests cut short by their deadline": self._cut_short,
-                "last error": self._last_error,
-            },
-        )
+        problem = self._sets.problem or ("" if usable else "no models for any action set")
+        counts = {
+            "requests answered": self._answered,
+            "requests cut short by their deadline": self._cut_short,
+            "last error": self._last_error,
+        }
+        return Health(problem, not usable, self._sets.diagnostics() | counts)
 
 
 def refine_request(
@@ -261,13 +251,10 @@ def refine_request(
     world = world_from(request.situation, frame=frame)
     chain = messages.chain_from(request.chain, library, frame=frame, fence=fence)
     others = messages.alternatives_from(request.alternatives, library, frame=frame, fence=fence)
-    if fence is not None:
-        fault = fence.unreachable(chain, refiner.robot, start=world.robot.pose[:2])
-        if fault is not None:
-            raise MessageError(fault)
+    if fence and (fault := fence.unreachable(chain, refiner.robot, start=world.robot.pose[:2])):
+        raise MessageError(fault)
     objective = messages.objective_from(request.objective, refiner.failure_cost)
-    placeholders = not request.as_given
-    chains = (chain, *others)
+    chains, placeholders = (chain, *others), not request.as_given
     return choose(refiner, world, chains, objective, placeholders=placeholders, deadline=deadline)
 
 

@@ -44,11 +44,14 @@ def run_node(
     the documentation of the node and its `parameters`.
     """
     arguments = list(sys.argv if args is None else args)
-    lines = [f"  {p.name:24}{p.description} (default: {p.default!r})" for p in parameters]
+    lines = [
+        f"  {p.name:24}{p.description} (default: {p.default!r}{', live' if p.live else ''})"
+        for p in parameters
+    ]
     parser = ArgumentParser(
         usage="%(prog)s [-h] [--ros-args -p PARAMETER:=VALUE ... -r NAME:=OTHER ...]",
         description=inspect.getdoc(make),
-        epilog="\n".join(["parameters:", *lines]),
+        epilog="\n".join(["parameters (live: can change while the node runs):", *lines]),
         formatter_class=RawDescriptionHelpFormatter,
     )
     stopped: list[int] = []

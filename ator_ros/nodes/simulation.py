@@ -83,9 +83,8 @@ _WORLD_FRAME = "world"  # in which the robots of one simulation start
 class SimulationNode(Node):
     """Simulates one robot, or several, in one world; 20 ticks a second of simulated time.
 
-    `real_time_factor` and `command_wait` can change while it runs. If `robots` names robots, each has the
-    following topics and services in the namespace of its name, and its frames start with the name. `reset`,
-    `pause` and the objects are those of the whole world, in each robot's namespace.
+    If `robots` names robots, each has the following topics and services in the namespace of its name, and its
+    frames start with the name. `reset`, `pause` and the objects are those of the whole world.
 
     Subscribes to
         cmd_vel (geometry_msgs/Twist): clipped to the robot's limits; 0.5 s of simulated time
@@ -137,7 +136,6 @@ class SimulationNode(Node):
         )
 
     def _topics_of(self, number: int) -> RobotTopics:
-        """Create topics and services of one robot."""
         topics = RobotTopics(self, self._world.robot, self._world.robots[number], self._settings)
         command = partial(self._command, number)
         self.create_subscription(Twist, topics.resolved("cmd_vel"), command, SENSOR_DATA)

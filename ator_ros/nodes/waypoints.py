@@ -204,8 +204,6 @@ class WaypointsNode(Node):
     The poses of a goal become chains of the domain's TOP that drives to a pose, of at most 8 steps each.
     All headings are free except those of `keep_headings` and that of the last pose.
 
-    Parameters: see `PARAMETERS`; `keep_headings` and `stop_on_failure` can change while it runs.
-
     Action servers
         ~/follow_waypoints (nav2_msgs/FollowWaypoints), ~/navigate_through_poses
         (nav2_msgs/NavigateThroughPoses): one goal at a time; a newer one that can be used preempts it. Poses
@@ -328,10 +326,8 @@ class WaypointsNode(Node):
             except MessageError as error:
                 self._warn(str(error))
                 end = tour.miss(index, str(error), frame=isinstance(error, FrameError))
-        return (0, "") if tour.goals and self._continues_after_miss(tour) else end
-
-    def _continues_after_miss(self, tour: Tour) -> bool:
-        return tour.loops and not self._settings["stop_on_failure"]
+        continues = tour.goals and tour.loops and not self._settings["stop_on_failure"]
+        return (0, "") if continues else end
 
     def _goal(self, stamped: PoseStamped, where: str) -> Pose:
         """Read a pose into the node's frame; raises MessageError, also if it lies outside the fence."""
@@ -377,7 +373,7 @@ class WaypointsNode(Node):
             tour.leg = legs[min(max(reached, default=-1) + 1, len(legs) - 1)]
             index = tour.waypoint_index(tour.leg)
             end = tour.miss(index, f"poses[{index}]: {outcome.reason}")
-            if outcome.code != Outcome.FAILED or not self._continues_after_miss(tour):
+            if outcome.code != Outcome.FAILED or not tour.loops or self._settings["stop_on_failure"]:
                 return end
             tour.leg += 1
         return 0, ""
@@ -391,7 +387,6 @@ class WaypointsNode(Node):
         return "canceled" if tour.handle.is_cancel_requested else ""
 
     def _report(self, tour: Tour, legs: Sequence[int], message: Any) -> None:
-        """Publish feedback when the executor does."""
         if tour is self._tour and tour.handle.is_active and self._robot_pose is not None:
             tour.publish_feedback(legs, message.feedback, *self._robot_pose, self._frame)
 
