@@ -120,7 +120,7 @@ class SimulationNode(Node):
         self._ticks = Ticks()
         self._awaited: set[int] = set()
         is_clock = settings["publish_clock"]
-        self._clock = self.create_publisher(Clock, "/clock", SENSOR_DATA) if is_clock else None
+        self._clock_publisher = self.create_publisher(Clock, "/clock", SENSOR_DATA) if is_clock else None
         self._topics = [self._topics_of(number) for number in range(len(self._world.robots))]
         factor = settings["real_time_factor"]
         self._timer = self.create_timer(_period_at(factor), self._tick, clock=STEADY)
@@ -182,8 +182,8 @@ class SimulationNode(Node):
             self._deadline = max(self._deadline, now - TICK) + TICK
 
     def _publish(self) -> None:
-        if self._clock is not None:
-            self._clock.publish(Clock(clock=stamp_of(self._world.simulation.time)))
+        if self._clock_publisher is not None:
+            self._clock_publisher.publish(Clock(clock=stamp_of(self._world.simulation.time)))
         for number, topics in enumerate(self._topics):
             topics.publish(self._world.simulation.wheel_angles(number))
 
