@@ -7,8 +7,9 @@ from typing import Any
 
 from geometry_msgs.msg import Twist, TwistStamped
 from rclpy.node import Node
+from rclpy.topic_endpoint_info import TopicEndpointInfo
 
-from ator_ros.nodes.diagnostics import bases, incompatibility, node_of, type_name, unconnected
+from ator_ros.nodes.diagnostics import incompatibility, node_of, type_name, unconnected
 from ator_ros.nodes.messages import stamp_of, twist_of
 from ator_ros.nodes.qos import NEWEST
 from ator_ros.world.state import Command
@@ -64,18 +65,18 @@ class CommandPublisher:
         if self._setting != "auto" or self.connected:
             return
         other = Twist if self._stamped else TwistStamped
-        if set(self._bases().values()) == {type_name(other)}:
+        if {info.topic_type for info in self._subscriptions()} == {type_name(other)}:
             self._node.destroy_publisher(self._publisher)
             self._use(not self._stamped)
 
     def mismatch(self) -> str:
         """Return which base subscribes to another type, and the remedy; empty if none does."""
-        others = ((node, kind) for node, kind in self._bases().items() if kind != type_name(self.kind))
-        node, kind = next(others, ("", ""))
-        if not node:
+        others = (info for info in self._subscriptions() if info.topic_type != type_name(self.kind))
+        if (info := next(others, None)) is None:
             return ""
+        kind = info.topic_type
         text = (
-            f"{_TOPIC}: the base {node} subscribes to {kind.replace('/msg/', '/')}, "
+            f"{_TOPIC}: the base {node_of(info)} subscribes to {kind.replace('/msg/', '/')}, "
             f"this node publishes {self.kind.__name__}"
         )
         if kind not in (type_name(Twist), type_name(TwistStamped)):
@@ -88,7 +89,7 @@ class CommandPublisher:
         node = self._node
         if mismatch := self.mismatch():
             return mismatch
-        receivers = [info for info in bases(node, _TOPIC) if info.topic_type == type_name(self.kind)]
+        receivers = [info for info in self._subscriptions() if info.topic_type == type_name(self.kind)]
         if not receivers:
             return unconnected(node, _TOPIC, self.kind)
         publishers = {node_of(info): info for info in node.get_publishers_info_by_topic(_TOPIC)}
@@ -100,5 +101,7 @@ class CommandPublisher:
             return f"{_TOPIC}: {', '.join(sorted(publishers))} publishes commands as well"
         return f"{_TOPIC} is received only by {', '.join(sorted({node_of(info) for info in receivers}))}"
 
-    def _bases(self) -> dict[str, str]:
-        return {node_of(info): info.topic_type for info in bases(self._node, _TOPIC)}
+    def _subscriptions(self) -> list[TopicEndpointInfo]:
+        """Return the subscriptions to cmd_vel, except those of programs that record or print it."""
+        infos = self._node.get_subscriptions_info_by_topic(_TOPIC)
+        return [info for info in infos if not info.node_name.startswith(("_ros2cli", "rosbag2_recorder"))]

@@ -49,10 +49,7 @@ class Diagnostics:
     """
 
     def __init__(
-        self,
-        node: Node,
-        health: Callable[[], Health],
-        topics: Mapping[str, type] | None = None,
+        self, node: Node, health: Callable[[], Health], topics: Mapping[str, type] | None = None
     ) -> None:
         self._node, self._health, self._topics = node, health, topics or {}
         self._problem, self._repeats, self._logged = "", 0, ""
@@ -164,12 +161,6 @@ class Diagnosis:
             )
         paused = f"{topic}: {sender} sends no more messages: it is paused, blocked or has ended"
         return self.rate_problem(name, timeout) or paused
-
-
-def bases(node: Node, topic: str) -> list[TopicEndpointInfo]:
-    """Return the subscriptions to a topic, except those of programs that record or print it."""
-    infos = node.get_subscriptions_info_by_topic(topic)
-    return [info for info in infos if not info.node_name.startswith(("_ros2cli", "rosbag2_recorder"))]
 
 
 def unconnected(node: Node, topic: str, kind: type, known: Collection[str] | None = None) -> str:

@@ -39,10 +39,7 @@ _INTERRUPTED = (Ending.CANCELED, Ending.PREEMPTED, Ending.SHUTDOWN, Ending.REFUS
 class GoalRun:
     """An accepted goal while it is executed; `finished` is the future of its result, which the executor sets.
 
-    Raises
-    ------
-    MessageError
-        The goal cannot be used, or leads out of the fence.
+    Raises MessageError if the goal cannot be used, or leads out of the fence.
     """
 
     def __init__(

@@ -151,10 +151,7 @@ class Subscriptions:
     inputs : dict of str to Input
         The sources by name; "odom" is the robot.
 
-    Raises
-    ------
-    SetupError
-        `robot_frame` is `frame`, where the robot's state comes from tf.
+    Raises SetupError if `robot_frame` is `frame` and the robot's state comes from tf.
     """
 
     def __init__(

@@ -18,7 +18,7 @@ from ator_ros.actions.remote import Filling, RemoteCall, parts
 from ator_ros.nodes.messages import pose_of
 from ator_ros.printable import printable, quoted
 
-_FLOATS = ("float", "double")
+_FLOATS, _TEXTS = ("float", "double"), ("string", "wstring")
 _POSES = ("geometry_msgs/Pose", "geometry_msgs/PoseStamped")
 _SEQUENCE = re.compile(r"sequence<([^,]+)(?:, \d+)?>")
 
@@ -78,7 +78,7 @@ def _writer(filling: Filling, kind: Any, frame: str, where: str) -> Callable[[Go
         _require(slot in _POSES, where, "a field of type geometry_msgs/Pose or PoseStamped", slot)
         return partial(_pose, slot, filling.frame or frame)
     if source == "frame":
-        _require(_is_text(slot), where, "a field for a text", slot)
+        _require(slot.startswith(_TEXTS), where, "a field for a text", slot)
         return lambda _: frame
     _require(slot in _FLOATS, where, "a field for a float", slot)
     variable = filling.goal_variable
@@ -128,14 +128,10 @@ def _put(message: Any, path: str, value: Any) -> None:
     setattr(message, last, [value] if indexed else value)
 
 
-def _is_text(slot: str) -> bool:
-    return slot.startswith(("string", "wstring"))
-
-
 def _fitting(value: Any, slot: str, where: str) -> Any:
     """Return a constant for a field of type `slot`; raises RemoteError."""
     number = isinstance(value, int | float) and not isinstance(value, bool)
-    if _is_text(slot):
+    if slot.startswith(_TEXTS):
         fits = isinstance(value, str)
     elif slot == "boolean":
         fits = isinstance(value, bool)

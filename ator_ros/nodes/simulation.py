@@ -87,8 +87,7 @@ class SimulationNode(Node):
     frames start with the name. `reset`, `pause` and the objects are those of the whole world.
 
     Subscribes to
-        cmd_vel (geometry_msgs/Twist): clipped to the robot's limits; 0.5 s of simulated time
-        after the last command the robot stands, see `SimulatedBase`.
+        cmd_vel (geometry_msgs/Twist): clipped to the robot's limits; it stands 0.5 s after the last command.
     Publishes, every tick, as the robot's sensors observe it, stamped with the simulated time of observation
         odom (nav_msgs/Odometry): the middle of the axle, twist in the robot's frame.
         NAME of each object of the scene (nav_msgs/Odometry): position and velocity, both in the

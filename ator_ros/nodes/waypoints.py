@@ -60,6 +60,7 @@ _POSE_UNKNOWN, _POSE_TF_ERROR = 9000, 9002  # NavigateToPose, for a missed waypo
 _POSES_UNKNOWN, _POSES_FAILED_TO_LOAD_BEHAVIOR_TREE, _POSES_TF_ERROR = 9100, 9101, 9102
 
 _NO_EXECUTOR = "execute_chain: expected its action server, got none; start the executor"
+_RESTARTED = "execute_chain: the executor was restarted, or a second one was started; send the goal again"
 _SHUTDOWN = "the node waypoints was ended"
 
 ACTIONS = {"FollowWaypoints": "~/follow_waypoints", "NavigateThroughPoses": "~/navigate_through_poses"}
@@ -273,10 +274,7 @@ class WaypointsNode(Node):
         if not self._chains.server_is_ready():
             self._tour.abandon(Outcome.INPUT_LOST, _NO_EXECUTOR)
         elif self._executor_count > previous:
-            reason = (
-                "execute_chain: the executor was restarted, or a second one was started; send the goal again"
-            )
-            self._tour.abandon(Outcome.INPUT_LOST, reason)
+            self._tour.abandon(Outcome.INPUT_LOST, _RESTARTED)
 
     async def _wait_for(self, condition: Callable[[], bool], timeout: float) -> bool:
         """Wait until a condition holds, `timeout` real s at most; return whether it does."""
