@@ -28,10 +28,7 @@ class CommandPublisher:
     frame : str
         The robot's own frame, for stamped commands.
 
-    Attributes
-    ----------
-    changed : float
-        Real time in s at which the type was last chosen; DDS then takes a moment to connect the base.
+    `changed` is the real time in s at which the type was last chosen; DDS then has to connect the base.
     """
 
     def __init__(self, node: Node, *, stamped: str, frame: str) -> None:

@@ -21,11 +21,8 @@ from ator_ros.nodes.qos import RESULTS
 from ator_ros.printable import printable
 from ator_ros.world.messages import FrameError
 
-STEADY = Clock(clock_type=ClockType.STEADY_TIME)
-"""Clock of timers that are independent of simulated time."""
-WARNING_PERIOD = 2.0
-"""Least time in s between two warnings that one line of code logs."""
-
+STEADY = Clock(clock_type=ClockType.STEADY_TIME)  # of timers that are independent of simulated time
+WARNING_PERIOD = 2.0  # s between two warnings that one line of code logs
 _PERIOD = 1.0  # s
 _PERSISTENT = 5  # reports in a row after which a problem is logged: inputs are also missing at the start
 _LONGEST = 500  # characters of a text

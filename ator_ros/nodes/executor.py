@@ -344,11 +344,11 @@ class ExecutorNode(Node):
         if ending is not Ending.INPUT_LOST:
             return ""
         if self._world is None or time.monotonic() - self._odom_at > 0.5 * self._odom_timeout:
-            return self._why("odom")
+            return self._missing_cause("odom")
         lost = missing_in(supervisor.executor.chain.calls, self._world)
-        return self._why(lost[0]) if lost else rival_senders(self, self._diagnosis.topics)
+        return self._missing_cause(lost[0]) if lost else rival_senders(self, self._diagnosis.topics)
 
-    def _why(self, name: str) -> str:
+    def _missing_cause(self, name: str) -> str:
         timeout = self._odom_timeout if name == "odom" else self._settings[f"{name}_timeout"]
         return self._diagnosis.cause(name, timeout)
 
@@ -390,20 +390,14 @@ class ExecutorNode(Node):
         lost, missing = [name for name in required if name not in known], ""
         self._commands.adapt()
         if stale:
-            missing = (
-                f"{'odom' if 'odom' in self._diagnosis.topics else 'tf'} is missing; {self._why('odom')}"
-            )
+            source = "odom" if "odom" in self._diagnosis.topics else "tf"
+            missing = f"{source} is missing; {self._missing_cause('odom')}"
         elif lost:
-            missing = f"{', '.join(lost)}: expected recent messages; {self._why(lost[0])}"
+            missing = f"{', '.join(lost)}: expected recent messages; {self._missing_cause(lost[0])}"
         elif self._run is not None:  # without a goal inputs are read less often than they come
             missing = self._diagnosis.rate_problem("odom", self._odom_timeout)
-        problems = (
-            missing,
-            self._commands.mismatch(),
-            self._sets.problem,
-            self._remotes.problem,
-            rival_senders(self, self._diagnosis.topics),
-        )
+        rivals = rival_senders(self, self._diagnosis.topics)
+        problems = missing, self._commands.mismatch(), self._sets.problem, self._remotes.problem, rivals
         return Health("; ".join(filter(None, problems)), stale and self._run is not None, values)
 
     def stop(self) -> None:
@@ -422,10 +416,9 @@ def inputs_of(settings: Mapping[str, Any], objects: Iterable[str]) -> Inputs:
     for name in objects:
         noise, velocity_noise = settings[f"{name}_noise"], settings[f"{name}_velocity_noise"]
         if (noise > 0.0) != (velocity_noise > 0.0):
-            raise SetupError(
-                f"parameters {name}_noise and {name}_velocity_noise: expected both above 0 or both 0, got "
-                f"{noise:g} and {velocity_noise:g}"
-            )
+            where = f"parameters {name}_noise and {name}_velocity_noise"
+            got = f"{noise:g} and {velocity_noise:g}"
+            raise SetupError(f"{where}: expected both above 0 or both 0, got {got}")
         sightings[name] = Sightings(name, settings[f"{name}_timeout"], ObjectTracker(noise, velocity_noise))
     return Inputs(sightings)
 

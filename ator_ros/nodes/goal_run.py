@@ -62,15 +62,14 @@ class GoalRun:
                 raise MessageError(reason)
         if goal.refine:
             messages.objective_from(goal.objective, failure_cost=1.0)  # only checked here; refinement uses it
+        timeouts = [field.name for field in dataclasses.fields(Deadlines)]
         self.handle, self._predictor = handle, Predictor(library.robot, models[action_set].models)
         self.supervisor = Supervisor(
             library,
             chain,
             now=time.monotonic(),
             predictor=self._predictor,
-            deadlines=Deadlines(
-                **{field.name: settings[f"{field.name}_timeout"] for field in dataclasses.fields(Deadlines)}
-            ),
+            deadlines=Deadlines(**{name: settings[f"{name}_timeout"] for name in timeouts}),
             fence=fence,
             refine=goal.refine,
             again_after=settings["refine_again_after"],

@@ -35,11 +35,8 @@ from ator_ros.world.messages import (
 from ator_ros.world.state import ObjectState, RobotState
 from ator_ros.world.transforms import Placement, Transforms
 
-Take = Callable[[float, Placement], None]
-"""Takes the stamp of a frame in s, and its placement in another frame."""
-GAPS = 5
-"""Number of last gaps between messages whose median counts: one or two may be lost or late messages."""
-
+Take = Callable[[float, Placement], None]  # takes a frame's stamp in s and its placement in another frame
+GAPS = 5  # last gaps between messages whose median counts: one or two may be lost or late messages
 _WARNING_PERIOD = 2.0  # s
 _MOST_NAMED = 8  # frames in a message
 
@@ -134,7 +131,7 @@ class Input:
 
 
 class Subscriptions:
-    """Subscribes to the state of a robot and of the objects of `sources`.
+    """Subscribes to the state of a robot and of objects; `inputs` are the sources by name, "odom" the robot.
 
     Parameters
     ----------
@@ -145,11 +142,6 @@ class Subscriptions:
         They may raise StampError.
     warn : callable
         Called with a warning about a message that is ignored, or used although it is doubtful.
-
-    Attributes
-    ----------
-    inputs : dict of str to Input
-        The sources by name; "odom" is the robot.
 
     Raises SetupError if `robot_frame` is `frame` and the robot's state comes from tf.
     """

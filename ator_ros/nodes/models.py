@@ -47,15 +47,9 @@ class ModelSet:
 class LearnedSets:
     """The models of a node: those of its parameter `models`, or the set in use of its parameter `learned`.
 
+    `present` are the models in use by action set, `gains` the measured gains of chains refined with them.
     `warm_up` is called with the library of an action set and its models before they are used, in a thread
     for a new learned set.
-
-    Attributes
-    ----------
-    present : dict of str to ModelSet
-        The models in use, by action set.
-    gains : Gains
-        The measured gains of chains that were refined with them.
     """
 
     def __init__(

@@ -14,8 +14,7 @@ from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
 from ator_ros.world.scene import WALL_THICKNESS
 
-Color = tuple[float, float, float]
-"""Red, green and blue, each from 0 to 1."""
+Color = tuple[float, float, float]  # red, green and blue, each from 0 to 1
 
 GRAY: Color = (0.55, 0.57, 0.6)
 BLUE: Color = (0.13, 0.45, 0.9)

@@ -30,12 +30,8 @@ class SimulatedWorld:
     """One world that can be reset; every placement is checked before anything changes.
 
     All `robots` have the description `robot`. `object_starts` are the positions in m of the objects at the
-    start and after a reset. A start outside the floor or in another body raises MessageError.
-
-    Attributes
-    ----------
-    simulation : Simulation
-        The simulated world; a reset makes a new one.
+    start and after a reset, which makes a new `simulation`. A start outside the floor or in another body
+    raises MessageError.
     """
 
     def __init__(
