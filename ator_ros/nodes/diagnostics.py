@@ -118,10 +118,7 @@ class Diagnosis:
         return {item.topic: item.kind for item in self._inputs.values() if item.frames is None}
 
     def rate_problem(self, name: str, timeout: float) -> str:
-        """Return the problem and its remedy if messages of an input come too rarely to drive by; else "".
-
-        `timeout` is the longest allowed gap in real s; after half of it the robot pauses.
-        """
+        """Return the remedy if messages of an input are too rare for its `timeout` in real s; else ""."""
         gaps, topic = self._inputs[name].gaps, self._inputs[name].topic
         if len(gaps) < GAPS or (usual := float(np.median(gaps))) <= 0.5 * timeout:
             return ""

@@ -75,10 +75,7 @@ def into_frame(
     chains: Iterable[msg.TopChain],
     situation: msg.Situation | None = None,
 ) -> None:
-    """Transform goals and a situation to a frame, in place; those in an unknown frame stay unchanged.
-
-    `base` is called with `frame` and another frame; it returns as `TfListener.base`.
-    """
+    """Transform goals and a situation in place to a frame, if `base` (`TfListener.base`) returns its pose."""
     for goal in (call.goal for chain in chains for call in chain.calls):
         if (origin := base(frame, goal.header.frame_id)) is not None:
             goal.pose = pose_of(origin.compose(pose_from(goal.pose, "call.goal.pose")))

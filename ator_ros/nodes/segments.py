@@ -103,8 +103,8 @@ def costs_by_heading(curve: SubgoalCurve) -> tuple[FloatArray, FloatArray]:
 def ring(chain: TopChain, curve: SubgoalCurve) -> tuple[Segments, ...]:
     """Return the ring of one subgoal of `chain`, and a mark of the chain's own heading.
 
-    Each point of the ring stands for one heading and lies on the side from which the robot then arrives. The
-    ring is green and near the subgoal if the chain is predicted to be fast, red and far if it is slow.
+    Each point stands for one heading and lies on the side from which the robot then arrives: green and near
+    the subgoal if the chain is predicted to be fast, red and far if it is slow.
     """
     headings, costs = costs_by_heading(curve)
     if len(headings) < 3:

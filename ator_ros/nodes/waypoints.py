@@ -207,9 +207,9 @@ class WaypointsNode(Node):
 
     Action servers
         ~/follow_waypoints (nav2_msgs/FollowWaypoints), ~/navigate_through_poses
-        (nav2_msgs/NavigateThroughPoses): one goal at a time; a newer one that can be used preempts it. Poses
-        are in any frame that tf connects with `frame`. Those that are malformed, in unknown frames or outside
-        the fence are missed before the robot moves.
+        (nav2_msgs/NavigateThroughPoses): one goal at a time; a newer valid one preempts it. Poses are in any
+        frame that tf connects with `frame`. Malformed ones, and those in unknown frames or outside the fence,
+        are missed before the robot moves.
     Subscribes to
         odom (nav_msgs/Odometry), or /tf and /tf_static: for feedback, and poses in other frames.
         the topic of a map (nav_msgs/OccupancyGrid, transient local), if `map` names one.
