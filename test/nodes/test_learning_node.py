@@ -108,7 +108,7 @@ def test_learning_can_be_frozen_and_requested(
     assert current_set(folder) is None
     assert client.call(SetBool, "learning/freeze", SetBool.Request(data=False)).success
     assert client.call(Trigger, "learning/learn_now", Trigger.Request()).success
-    place = client.eventually(lambda: current_set(folder), "a set", patience=400.0)
+    place = client.eventually(lambda: current_set(folder), "a set", patience=90.0)
     client.eventually(lambda: "default/goToPose: " in node.output, "word of it")
     manifest, values = read_manifest(place), values_of(client)
     assert (values["set"], values["last switch"]) == (manifest.digest, manifest.time)
@@ -129,7 +129,7 @@ def test_it_resumes_after_a_kill(
     start("learning", learned=folder, models=models, batch=40)
     client.eventually(lambda: values_of(client)["records since the last round"] == "30", "the second node")
     publish_records(*records[30:])
-    client.eventually(lambda: current_set(folder), "a set", patience=400.0)
+    client.eventually(lambda: current_set(folder), "a set", patience=90.0)
     assert stored_in(folder) == 45
 
 
