@@ -7,8 +7,9 @@ from typing import Any
 
 from geometry_msgs.msg import Twist, TwistStamped
 from rclpy.node import Node
+from rclpy.topic_endpoint_info import TopicEndpointInfo
 
-from ator_ros.nodes.diagnostics import bases, incompatibility, node_of, type_name, unconnected
+from ator_ros.nodes.diagnostics import incompatibility, node_of, type_name, unconnected
 from ator_ros.nodes.messages import stamp_of, twist_of
 from ator_ros.nodes.qos import NEWEST
 from ator_ros.world.state import Command
@@ -22,15 +23,12 @@ class CommandPublisher:
     Parameters
     ----------
     stamped : str
-        "true": geometry_msgs/TwistStamped; "false": Twist; "auto": what the base subscribes to, and Twist
-        without a base, or if bases want both. `adapt` has to be called now and then.
+        "true": geometry_msgs/TwistStamped; "false": Twist; "auto": the type that the base subscribes to, and
+        Twist without a base, or if there are bases of both types. `adapt` has to be called periodically.
     frame : str
-        The robot's own frame, for stamped ones.
+        The robot's own frame, for stamped commands.
 
-    Attributes
-    ----------
-    changed : float
-        Real time in s at which the type was last chosen; DDS then takes a moment to connect the base.
+    `changed` is the real time in s at which the type was last chosen; DDS then has to connect the base.
     """
 
     def __init__(self, node: Node, *, stamped: str, frame: str) -> None:
@@ -51,33 +49,31 @@ class CommandPublisher:
         """Whether any subscription receives the commands."""
         return bool(self._publisher.get_subscription_count() > 0)
 
-    def publish(self, command: Command, time: float) -> None:
-        """Publish a command, with odometry's `time` (s) as its stamp if it has one."""
-        twist = twist_of(command)
-        if not self._stamped:
-            self._publisher.publish(twist)
-            return
-        message = TwistStamped(twist=twist)
-        message.header.stamp, message.header.frame_id = stamp_of(time), self._frame
+    def publish(self, command: Command, stamp: float) -> None:
+        """Publish a command; a stamped one has the `stamp` (s) of odometry."""
+        message: Any = twist_of(command)
+        if self._stamped:
+            message = TwistStamped(twist=message)
+            message.header.stamp, message.header.frame_id = stamp_of(stamp), self._frame
         self._publisher.publish(message)
 
     def adapt(self) -> None:
-        """Publish the other type from now on if all bases subscribe to that one and "auto" is set."""
+        """Switch to the other type if all bases subscribe to that one and "auto" is set."""
         if self._setting != "auto" or self.connected:
             return
         other = Twist if self._stamped else TwistStamped
-        if set(self._bases().values()) == {type_name(other)}:
+        if {info.topic_type for info in self._subscriptions()} == {type_name(other)}:
             self._node.destroy_publisher(self._publisher)
             self._use(not self._stamped)
 
     def mismatch(self) -> str:
-        """Return which base subscribes to another type, and what to do about it; empty if none does."""
-        strange = {node: kind for node, kind in self._bases().items() if kind != type_name(self.kind)}
-        if not strange:
+        """Return which base subscribes to another type, and the remedy; empty if none does."""
+        others = (info for info in self._subscriptions() if info.topic_type != type_name(self.kind))
+        if (info := next(others, None)) is None:
             return ""
-        node, kind = next(iter(strange.items()))
+        kind = info.topic_type
         text = (
-            f"{_TOPIC}: the base {node} subscribes to {kind.replace('/msg/', '/')}, "
+            f"{_TOPIC}: the base {node_of(info)} subscribes to {kind.replace('/msg/', '/')}, "
             f"this node publishes {self.kind.__name__}"
         )
         if kind not in (type_name(Twist), type_name(TwistStamped)):
@@ -86,11 +82,11 @@ class CommandPublisher:
         return f"{text}; set stamped_commands:={other} (of calibrate: --stamped {other})"
 
     def cause(self) -> str:
-        """Return the most likely cause why a base does not follow, else which nodes receive the commands."""
+        """Return the most likely cause of a base that does not move, else the nodes that receive commands."""
         node = self._node
         if mismatch := self.mismatch():
             return mismatch
-        receivers = [info for info in bases(node, _TOPIC) if info.topic_type == type_name(self.kind)]
+        receivers = [info for info in self._subscriptions() if info.topic_type == type_name(self.kind)]
         if not receivers:
             return unconnected(node, _TOPIC, self.kind)
         publishers = {node_of(info): info for info in node.get_publishers_info_by_topic(_TOPIC)}
@@ -102,6 +98,7 @@ class CommandPublisher:
             return f"{_TOPIC}: {', '.join(sorted(publishers))} publishes commands as well"
         return f"{_TOPIC} is received only by {', '.join(sorted({node_of(info) for info in receivers}))}"
 
-    def _bases(self) -> dict[str, str]:
-        """Return the types that bases subscribe to, by node."""
-        return {node_of(info): info.topic_type for info in bases(self._node, _TOPIC)}
+    def _subscriptions(self) -> list[TopicEndpointInfo]:
+        """Return the subscriptions to cmd_vel, except those of programs that record or print it."""
+        infos = self._node.get_subscriptions_info_by_topic(_TOPIC)
+        return [info for info in infos if not info.node_name.startswith(("_ros2cli", "rosbag2_recorder"))]

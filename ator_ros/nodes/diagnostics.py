@@ -1,4 +1,4 @@
-"""The health of a node on /diagnostics, and why inputs are missing or the robot does not move."""
+"""The health of a node on /diagnostics, and the causes of missing inputs."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import math
 from collections import deque
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -22,23 +21,17 @@ from ator_ros.nodes.qos import RESULTS
 from ator_ros.printable import printable
 from ator_ros.world.messages import FrameError
 
-STEADY = Clock(clock_type=ClockType.STEADY_TIME)
-"""Clock of timers that are independent of simulated time."""
-WARNING_PERIOD = 2.0
-"""Least time in s between two warnings that one line of code logs."""
-
-_PERIOD = 1.0
-_LASTING = 5  # reports in a row after which a problem is logged
-_LONGEST = 500
+STEADY = Clock(clock_type=ClockType.STEADY_TIME)  # of timers that are independent of simulated time
+WARNING_PERIOD = 2.0  # s between two warnings that one line of code logs
+_PERIOD = 1.0  # s
+_PERSISTENT = 5  # reports in a row after which a problem is logged: inputs are also missing at the start
+_LONGEST = 500  # characters of a text
 _TICKS = 1000
 
 
 @dataclass(frozen=True, slots=True)
 class Health:
-    """A node's health.
-
-    `problem` is what is wrong, or empty; `error` whether that keeps the node from working.
-    """
+    """A node's health: its `problem`, or "", and whether that is an `error`, which keeps it from working."""
 
     problem: str = ""
     error: bool = False
@@ -46,38 +39,28 @@ class Health:
 
 
 class Diagnostics:
-    """Publishes a node's health on /diagnostics once a second, in steady time.
+    """Publishes a node's health on /diagnostics once a second, in steady time, and logs lasting problems.
 
     `topics` are the types of the topics that the node subscribes to, by name: publishers of other types are
-    reported, as are several publishers of those in `states`, which only one node may publish. A problem is
-    logged once it has lasted for some seconds: inputs are also missing at the start.
+    reported.
     """
 
     def __init__(
-        self,
-        node: Node,
-        health: Callable[[], Health],
-        topics: Mapping[str, type] = MappingProxyType({}),
-        *,
-        states: Collection[str] = (),
+        self, node: Node, health: Callable[[], Health], topics: Mapping[str, type] | None = None
     ) -> None:
-        self._node = node
-        self._health = health
-        self._topics, self._states = topics, states
-        self._problem, self._lasts, self._logged = "", 0, ""
+        self._node, self._health, self._topics = node, health, topics or {}
+        self._problem, self._repeats, self._logged = "", 0, ""
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", RESULTS)
-        self._timer = node.create_timer(_PERIOD, self.publish, clock=STEADY)
+        node.create_timer(_PERIOD, self._publish, clock=STEADY)
 
-    def publish(self) -> None:
-        """Publish the health now."""
+    def _publish(self) -> None:
         health = self._health()
         mismatches = (type_mismatch(self._node, *topic) for topic in self._topics.items())
-        strange = (*mismatches, rival_senders(self._node, self._states))
-        others = (text for text in strange if text and text not in health.problem)
+        others = (text for text in mismatches if text not in health.problem)
         problem = "; ".join(filter(None, (health.problem, *others)))
-        self._lasts = self._lasts + 1 if problem == self._problem else 1
+        self._repeats = self._repeats + 1 if problem == self._problem else 1
         self._problem = problem
-        if problem != self._logged and self._lasts >= (_LASTING if problem else 1):
+        if problem != self._logged and self._repeats >= (_PERSISTENT if problem else 1):
             if problem:
                 self._node.get_logger().warning(printable(problem, _LONGEST))
             self._logged = problem
@@ -98,23 +81,23 @@ class Diagnostics:
 
 
 class Ticks:
-    """The real s between the last thousand ticks, and those that they took."""
+    """Intervals and durations of the last thousand ticks, in real s."""
 
     def __init__(self) -> None:
         self._last = math.inf
         self._gaps, self._durations = deque([0.0], maxlen=_TICKS), deque([0.0], maxlen=_TICKS)
 
-    def began(self, now: float) -> None:
-        """Record a tick that begins at `now` s."""
+    def start(self, now: float) -> None:
+        """Record a tick that starts at `now` s."""
         self._gaps.append(max(0.0, now - self._last))
         self._last = now
 
-    def took(self, duration: float) -> None:
-        """Record how long a tick took, in s."""
-        self._durations.append(duration)
+    def end(self, now: float) -> None:
+        """Record that the tick ends at `now` s."""
+        self._durations.append(now - self._last)
 
     def diagnostics(self) -> dict[str, object]:
-        """Return the longest gap, and how long ticks took."""
+        """Return values for /diagnostics."""
         within = np.quantile(self._durations, 0.99)
         return {
             "longest time between ticks (ms)": f"{1000.0 * max(self._gaps):.1f}",
@@ -123,25 +106,19 @@ class Ticks:
         }
 
 
-# Likely causes
-
-
 class Diagnosis:
-    """Names the most likely cause if an input of a node is missing; "odom" is the robot."""
+    """Returns the most likely causes of missing inputs of a node; "odom" is the robot."""
 
     def __init__(self, node: Node, subscribed: Subscriptions) -> None:
         self._node, self._tf, self._inputs = node, subscribed.tf, subscribed.inputs
 
     @property
     def topics(self) -> dict[str, Any]:
-        """The types of the topics that are subscribed to, tf excepted."""
+        """The types of the subscribed topics except tf."""
         return {item.topic: item.kind for item in self._inputs.values() if item.frames is None}
 
     def rate_problem(self, name: str, timeout: float) -> str:
-        """Return that messages of an input come too rarely to drive by, and what to do; else nothing.
-
-        `timeout` is the real s within which messages are expected; after half of it the robot pauses.
-        """
+        """Return the remedy if messages of an input are too rare for its `timeout` in real s; else ""."""
         gaps, topic = self._inputs[name].gaps, self._inputs[name].topic
         if len(gaps) < GAPS or (usual := float(np.median(gaps))) <= 0.5 * timeout:
             return ""
@@ -151,11 +128,11 @@ class Diagnosis:
         )
 
     def cause(self, name: str, timeout: float) -> str:
-        """Return why an input is missing, in one sentence; `timeout` is its longest allowed gap in real s."""
+        """Return why an input is missing; `timeout` is its longest allowed gap in real s."""
         item, node = self._inputs[name], self._node
         topic, kind = item.topic, item.kind
         if item.frames is not None and item.error is None and node.count_publishers(topic):
-            return self._tf.lacking(*item.frames)
+            return self._tf.problem(*item.frames)
         infos = node.get_publishers_info_by_topic(topic)
         senders = [info for info in infos if info.topic_type == type_name(kind)]
         if not senders:
@@ -180,14 +157,8 @@ class Diagnosis:
         return self.rate_problem(name, timeout) or paused
 
 
-def bases(node: Node, topic: str) -> list[TopicEndpointInfo]:
-    """Return the subscriptions that may be those of a base: not of programs that record or print."""
-    infos = node.get_subscriptions_info_by_topic(topic)
-    return [info for info in infos if not info.node_name.startswith(("_ros2cli", "rosbag2_recorder"))]
-
-
 def unconnected(node: Node, topic: str, kind: type, known: Collection[str] | None = None) -> str:
-    """Return that no other node publishes, or subscribes to, a topic, and what to do.
+    """Return that no other node publishes, or subscribes to, a topic, and the remedy.
 
     `known` are topics that the node subscribes to; None if it publishes.
     """
@@ -208,7 +179,7 @@ def unconnected(node: Node, topic: str, kind: type, known: Collection[str] | Non
 
 
 def incompatibility(offered: QoSProfile, requested: QoSProfile) -> str:
-    """Return the first reason why a subscription does not receive from a publisher; empty if it does."""
+    """Return why a subscription does not receive from a publisher; empty if it does."""
     verdict, reason = qos_check_compatible(offered, requested)
     if verdict != QoSCompatibility.ERROR:
         return ""
@@ -233,7 +204,7 @@ def _short(name: str) -> str:
 
 
 def type_mismatch(node: Node, topic: str, kind: type) -> str:
-    """Return which node publishes another type than `node` subscribes to; ROS drops such messages."""
+    """Return which node publishes another type than `node` subscribes to: ROS drops its messages."""
     for info in node.get_publishers_info_by_topic(topic):
         if info.topic_type != type_name(kind):
             expected, got = _short(type_name(kind)), _short(info.topic_type)

@@ -1,4 +1,4 @@
-"""What RViz and the view draw: markers, and the executor's topics of the active chain, path and objects."""
+"""The executor's topics of the active chain, its path and the objects; markers for RViz."""
 
 from __future__ import annotations
 
@@ -34,14 +34,14 @@ _MOST_POSES = 60
 
 
 class ExecutionDrawing:
-    """Publishes the active goal, five times a second and all of it transient local.
+    """Publishes the active goal, five times a second and transient local.
 
     Publishes
         planned_path (nav_msgs/Path): the path that the active action has planned; empty without one.
-        chain_markers (visualization_msgs/MarkerArray): the active chain; its present subgoal in orange.
+        chain_markers (visualization_msgs/MarkerArray): the active chain; its current subgoal in orange.
         object_markers (visualization_msgs/MarkerArray): the objects.
-        chain_under_way (ator_interfaces/ChainPerformance): the active chain, at each change; until it ends
-            its outcome has code 0, and predictions are left out.
+        chain_under_way (ator_interfaces/ChainPerformance): the active chain; until it ends its outcome has
+            code 0, and predictions are left out.
         scene_markers (visualization_msgs/MarkerArray): area, bays, and the domain's lines.
     """
 
@@ -57,7 +57,7 @@ class ExecutionDrawing:
         self._drawn_at = self._objects_at = -math.inf
 
     def follow(self, run: GoalRun, world: World | None) -> None:
-        """Publish the status of a goal, and draw its chain until it ends; `world` is the newest state."""
+        """Publish the status of a goal and draw its chain; `world` is the newest state."""
         now = 0.0 if world is None else world.time
         is_new, self._stage = run.stage != self._stage, run.stage
         if is_new:
@@ -69,7 +69,7 @@ class ExecutionDrawing:
                 self._under_way.publish(partial(run.record, world))
 
     def objects(self, world: World) -> None:
-        """Draw the objects of the newest state, if it is time for it."""
+        """Draw the objects of the newest state, five times a second."""
         if abs(world.time - self._objects_at) >= _PERIOD - _ROUNDING:
             self._objects_at = world.time
             spheres = (_sphere(there, self._scene.radius(name)) for name, there in world.objects.items())
@@ -93,7 +93,7 @@ class ExecutionDrawing:
 
 
 class LazyPublisher:
-    """A latched topic whose newest message is built only once it has a subscriber, early or late."""
+    """A latched topic whose newest message is built only once it has a subscriber."""
 
     def __init__(self, node: Node, kind: type[Any], topic: str) -> None:
         self._factory: Callable[[], Any] | None = None
@@ -101,7 +101,7 @@ class LazyPublisher:
         self._publisher = node.create_publisher(kind, topic, LATCHED, event_callbacks=matched)
 
     def publish(self, factory: Callable[[], Any]) -> None:
-        """Publish what `factory` returns, now or once there is a subscriber; a newer one replaces it."""
+        """Publish what `factory` returns, now or once there is a subscriber, unless replaced before."""
         self._factory = factory
         self._send()
 
@@ -112,7 +112,7 @@ class LazyPublisher:
 
 
 def marker_array(shapes: Iterable[Segments], space: str, frame: str) -> MarkerArray:
-    """Return markers in the namespace `space`; all that were there before are deleted."""
+    """Return markers in the namespace `space`, which replace those of the previous message."""
     return _array((_segments(shape) for shape in shapes if len(shape.points)), space, frame)
 
 

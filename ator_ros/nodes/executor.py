@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
@@ -14,6 +15,7 @@ from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import ActionPerformance, ChainPerformance
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.actions.remote import LONGEST
+from ator_ros.domains.domain import Domain
 from ator_ros.execution.chain_executor import Ending
 from ator_ros.execution.motion_watch import MotionWatch
 from ator_ros.execution.predictions import Predictor, warm_up_actions
@@ -44,21 +46,19 @@ from ator_ros.nodes.maps import follow_map
 from ator_ros.nodes.messages import into_frame
 from ator_ros.nodes.models import LEARNED, LearnedSets
 from ator_ros.nodes.parameters import (
-    DOMAIN,
     FENCE,
-    FRAME,
-    MAP,
+    FRAMES,
     MODELS,
     OBJECT,
-    ROBOT,
-    ROBOT_FRAME,
     STAMPED,
     STATE,
+    WORLD,
     Parameter,
     SetupError,
     declare_with_domain,
     domain_and_robot,
     fence_of,
+    live,
 )
 from ator_ros.nodes.qos import LATCHED, RESULTS, SERVICES
 from ator_ros.nodes.remote_actions import RemoteServers
@@ -66,48 +66,35 @@ from ator_ros.nodes.running import run_node, spin_out
 from ator_ros.robot.description import Robot
 from ator_ros.tops.objects import missing_in
 from ator_ros.world.estimation import ObjectTracker, Sightings
-from ator_ros.world.grid_map import GridMap
 from ator_ros.world.inputs import ClockJumpError, Inputs
 from ator_ros.world.messages import MessageError
 from ator_ros.world.state import STOP, Command, ObjectState, RobotState, World
 
 _DISCOVERY_GRACE = 1.0  # real s; DDS may still be connecting cmd_vel to a base that has just started
-_RESULT_KEPT = 60  # s; rclpy's 900 s would keep the records of hundreds of chains in memory
-_PREEMPTED = "a newer goal took over"
+_RESULT_TIMEOUT = 60  # s; rclpy's 900 s would keep the records of hundreds of chains in memory
 _USUAL = Deadlines()
 _COMMON = (
-    FRAME,
-    ROBOT_FRAME,
+    *FRAMES,
     STATE,
     STAMPED,
-    DOMAIN,
-    ROBOT,
+    *WORLD,
     MODELS,
     LEARNED,
-    # Timeouts: from one control tick to `LONGEST`, or to a minute where the robot waits amid a chain.
-    Parameter("start_timeout", _USUAL.start, "real s that a goal waits for inputs", 0.05, LONGEST, live=True),
-    Parameter(
+    live("start_timeout", _USUAL.start, "real s that a goal waits for inputs", 0.05, LONGEST),
+    live(
         "odom_timeout",
         _USUAL.odom,
         "real s without odometry, more if its stamps are slower than real time, at least 2 if faster; "
         "the robot pauses after half",
         0.05,
         60.0,
-        live=True,
     ),
-    # A base that does not follow is stopped within 0.5 s: with more latency nothing can be known by then.
-    Parameter("latency", 0.0, "s from a state's stamp until its answer moves the base", 0.0, 0.3, live=True),
+    # A base that does not follow is stopped within 0.5 s; a greater latency would hide it until then.
+    live("latency", 0.0, "s from a state's stamp until its answer moves the base", 0.0, 0.3),
     FENCE,
-    MAP,
-    Parameter(
-        "refinement_timeout", _USUAL.refinement, "real s that refinement may take", 0.01, 60.0, live=True
-    ),
-    Parameter(
-        "refine_again_after", AGAIN_AFTER, "m off what was expected to ask again, or 0", 0.0, 10.0, live=True
-    ),
-    Parameter(
-        "action_timeout", _USUAL.action, "s, by the stamps, that one action may take", 1.0, LONGEST, live=True
-    ),
+    live("refinement_timeout", _USUAL.refinement, "real s that refinement may take", 0.01, 60.0),
+    live("refine_again_after", AGAIN_AFTER, "m off what was expected to ask again, or 0", 0.0, 10.0),
+    live("action_timeout", _USUAL.action, "s, by the stamps, that one action may take", 1.0, LONGEST),
 )
 
 
@@ -117,9 +104,8 @@ def parameters_for(objects: Sequence[str]) -> tuple[Parameter, ...]:
     for name in objects:
         age = f"s by which the {name} may be older than odometry; the robot pauses after half"
         noise = f"m, standard deviation of the {name}'s coordinates; 0: exact"
-        # Errors of more than 1 m or 10 m/s make the position of an object of a robot's size useless.
         parameters += [
-            Parameter(f"{name}_timeout", 0.3, age, 0.05, 60.0, live=True),
+            live(f"{name}_timeout", 0.3, age, 0.05, 60.0),
             Parameter(f"{name}_noise", 0.0, noise, 0.0, 1.0),
             Parameter(f"{name}_velocity_noise", 0.0, "m/s, standard deviation of its velocity", 0.0, 10.0),
         ]
@@ -127,28 +113,27 @@ def parameters_for(objects: Sequence[str]) -> tuple[Parameter, ...]:
 
 
 class ExecutorNode(Node):
-    """Executes one chain at a time; each odometry message is answered by one velocity command.
+    """Executes one chain at a time; publishes one velocity command for each odometry message.
 
-    Timeouts, `latency` and `refine_again_after` can change while it runs, for the next goal.
+    Parameters that change while it runs count from the next goal on.
 
     Action server
         execute_chain (ator_interfaces/ExecuteChain): a newer goal that can be read preempts the running one.
-        Results are kept for a minute. A goal begins when odometry has come for a second: a base that was
-        started just then does not receive commands yet. It ends when the robot stands (predicted with
-        `latency`), or 5 s after it was commanded to stop: the result says how fast it still moves. If a newer
-        goal preempts it, odometry is lost or the node ends, the goal ends with the stop command. If lost
-        odometry returns within 5 s, the robot is commanded to stop until it stands. Goals outside the fence
-        are refused. A goal is aborted when the base does not follow its commands, or when its path leads out
-        of the fence.
+        Results are kept for a minute. A goal starts once odometry has come for a second: a base that has just
+        started does not receive commands yet. It ends when the robot stands (predicted with `latency`), or
+        5 s after the command to stop: the result then gives the robot's speed. It ends with the command to
+        stop if a newer goal preempts it, odometry is lost or the node ends. If lost odometry returns within
+        5 s, the robot is commanded to stop until it stands. Goals outside the fence are refused. A goal is
+        aborted when the base does not follow its commands, or when its path leads out of the fence.
     Subscribes to
-        odom (nav_msgs/Odometry), or /tf and /tf_static, and the topics of the domain's objects: their stamps,
-        `latency` later, are the time of the actions; the topic of a map, if `map` names one.
+        odom (nav_msgs/Odometry), or /tf and /tf_static, and the topics of the domain's objects: their stamps
+        plus `latency` are the time of the actions; the topic of a map, if `map` names one.
     Publishes
         cmd_vel (geometry_msgs/Twist or TwistStamped, see `stamped_commands`): while a goal is active, unless
         a server executes it.
-        performance/action (ator_interfaces/ActionPerformance): after each action, also one broken off.
+        performance/action (ator_interfaces/ActionPerformance): after each action, also an interrupted one.
         performance/chain (ator_interfaces/ChainPerformance, transient local): after each goal.
-        chain_under_way, planned_path and markers, to be drawn; /diagnostics, once a second.
+        chain_under_way, planned_path and markers, see `ExecutionDrawing`; /diagnostics, once a second.
     Calls
         refine_subgoal, when a goal asks for it; the domain's action servers.
     """
@@ -160,13 +145,14 @@ class ExecutorNode(Node):
         self._domain = domain
         self._remotes = RemoteServers(self, domain, self._settings["frame"])
         self._libraries = self._remotes.libraries(robot)
-        left_out = (reason for library in self._libraries.values() for reason in library.left_out.values())
-        for reason in filter(None, (*(top.lacks(robot) for top in domain.tops_for(robot)), *left_out)):
+        reasons = [top.lacks(robot) for top in domain.tops_for(robot)]
+        reasons += [reason for library in self._libraries.values() for reason in library.left_out.values()]
+        for reason in filter(None, reasons):
             self.get_logger().warning(reason)
         self._sets = LearnedSets(self, domain, self._libraries, self._settings)
-        follow_map(self, self._settings, self._take_map, lambda: self._run is None)
-        for name, predictor in self._predictors().items():
-            warm_up_actions(self._libraries[name], predictor)
+        follow_map(self, self._settings, domain, robot, self._take_map, lambda: self._run is None)
+        for name, library in self._libraries.items():
+            warm_up_actions(library, Predictor(library.robot, self._sets.present[name].models))
         self._inputs = inputs_of(self._settings, domain.objects)
         self._motion = MotionWatch(robot, self._settings["latency"])
         self._fence = fence_of(self._settings, robot)
@@ -175,12 +161,11 @@ class ExecutorNode(Node):
         self._world: World | None = None
         self._run: GoalRun | None = None
         self._odom_at, self._stop_until, self._shutting_down = 0.0, 0.0, False
-        self._slow = ""  # last warning of a base that is slower than commanded
-        self._last_error = ""
+        self._motion_remark = self._last_error = ""  # as logged last
         self._ticks = Ticks()
         self._connect(robot)
         topics = self._diagnosis.topics
-        self._diagnostics = Diagnostics(self, self._health, topics, states=tuple(topics))
+        Diagnostics(self, self._health, topics)
         self._drawing = ExecutionDrawing(self, domain, robot, self._settings["frame"])
         sources = " and ".join(["odom" if "odom" in topics else "tf", *domain.objects])
         self.get_logger().info(
@@ -191,9 +176,8 @@ class ExecutorNode(Node):
 
     def _connect(self, robot: Robot) -> None:
         settings = self._settings
-        self._commands = CommandPublisher(
-            self, stamped=settings["stamped_commands"], frame=settings["robot_frame"]
-        )
+        stamped, frame = settings["stamped_commands"], settings["robot_frame"]
+        self._commands = CommandPublisher(self, stamped=stamped, frame=frame)
         self._actions = self.create_publisher(ActionPerformance, "performance/action", RESULTS)
         self._chains = self.create_publisher(ChainPerformance, "performance/chain", LATCHED)
         self._refinement = self.create_client(RefineSubgoal, "refine_subgoal", qos_profile=SERVICES)
@@ -209,20 +193,17 @@ class ExecutorNode(Node):
             goal_service_qos_profile=SERVICES,
             result_service_qos_profile=SERVICES,
             cancel_service_qos_profile=SERVICES,
-            result_timeout=_RESULT_KEPT,
+            result_timeout=_RESULT_TIMEOUT,
         )  # fmt: skip
-        self.create_timer(WATCH_PERIOD, self._watch, clock=STEADY)
+        self.create_timer(WATCH_PERIOD, self._check_deadlines, clock=STEADY)
 
-    def _take_map(self, grid: GridMap) -> None:
+    def _take_map(self, domain: Domain, robot: Robot) -> None:
         """Check goals on another map from now on."""
-        domain = self._domain.on_map(grid)
-        robot = domain.equip(next(iter(self._libraries.values())).robot)
         self._domain, self._libraries = domain, self._remotes.libraries(robot)
-        self._sets.load_again(self._domain, self._libraries)
+        self._sets.load_again(domain, self._libraries)
 
     def _take_object(self, name: str, stamp: float, there: ObjectState) -> None:
-        warning = self._inputs.object(name, stamp, there, time.monotonic())
-        if warning is not None:
+        if warning := self._inputs.object(name, stamp, there, time.monotonic()):
             self._warn(warning)
 
     def _take_robot(self, stamp: float, robot: RobotState) -> None:
@@ -232,7 +213,7 @@ class ExecutorNode(Node):
         except ClockJumpError as error:
             self._warn(str(error))
             self._motion.reset()
-            # A goal that waits for its first state goes on, as after a restart of the simulation.
+            # A goal that waits for its first state continues, as after a restart of the simulation.
             if self._run is not None and self._run.supervisor.phase is not Phase.WAITING:
                 self._end(Ending.INPUT_LOST, str(error))
             return
@@ -243,9 +224,9 @@ class ExecutorNode(Node):
         world = self._motion.foresight.ahead(world)
         self._world, self._odom_at = world, now
         self._rolling.observe(world)  # also between goals, when the robot has lost an object
-        self._ticks.began(now)
+        self._ticks.start(now)
         if run is not None:
-            self._answer(run, world, fault, now)
+            self._control(run, world, fault, now)
         elif now < self._stop_until:
             if world.robot.is_standing:
                 self._stop_until = 0.0
@@ -253,31 +234,28 @@ class ExecutorNode(Node):
                 self._send(STOP)  # it may have moved on while odometry was lost
         self._drawing.objects(world)
 
-    def _answer(self, run: GoalRun, world: World, fault: str | None, now: float) -> None:
-        """Send the command for a state in which a goal is active."""
-        if self._motion.remark not in ("", self._slow):
-            self._slow = self._motion.remark
-            self.get_logger().warning(self._slow)
+    def _control(self, run: GoalRun, world: World, fault: str | None, now: float) -> None:
+        """Send the command of a goal for the newest state."""
+        if self._motion.remark not in ("", self._motion_remark):
+            self._motion_remark = self._motion.remark
+            self.get_logger().warning(self._motion_remark)
         run.supervisor.slowdown, run.supervisor.is_fast = self._inputs.slowdown, self._inputs.is_fast
-        if self._remotes.ending() or self._is_connecting(run, now):
+        # While DDS may still be connecting the base, it would seem blocked.
+        grace = min(_DISCOVERY_GRACE, 0.5 * self._settings["start_timeout"])
+        is_connecting = now - max(self._inputs.since, self._commands.changed) < grace
+        if self._remotes.ending() or (is_connecting and run.supervisor.phase is Phase.WAITING):
             self._send(STOP)
-            self._motion.reset()  # its motion is not ours
+            self._motion.reset()  # the motion is not due to our commands
             run.supervisor.odometry_received(time.monotonic())
             return
         command = run.supervisor.tick(world, now, overdue=self._inputs.overdue, fault=fault)
         done = time.monotonic()
         self._send(self._motion.foresight.punctual(world.robot, command, done - now), answers=True)
-        self._ticks.took(done - now)
+        self._ticks.end(done)
         run.supervisor.odometry_received(done)
-        self._follow(run)
+        self._report(run)
 
-    def _is_connecting(self, run: GoalRun, now: float) -> bool:
-        """Return whether a goal would begin while DDS may still connect the base: it would seem blocked."""
-        grace = min(_DISCOVERY_GRACE, 0.5 * self._settings["start_timeout"])
-        new = now - max(self._inputs.since, self._commands.changed) < grace
-        return run.supervisor.phase is Phase.WAITING and new
-
-    def _watch(self) -> None:
+    def _check_deadlines(self) -> None:
         for warning in self._remotes.warnings():
             self._warn(warning)
         if self._run is None:
@@ -291,36 +269,30 @@ class ExecutorNode(Node):
         if self._run.supervisor.odometry_is_late(now) or (ending and silence > silent):
             self._send(STOP)
         self._run.supervisor.watch(now)
-        self._follow(self._run)
+        self._report(self._run)
 
     async def _execute(self, handle: ServerGoalHandle) -> Any:
-        """Begin a goal and wait for its end, which odometry callback and watchdog detect."""
+        """Start a goal and wait for its end, which the callbacks of odometry and timer detect."""
+        settings, present = self._settings, self._sets.present
         try:
             sent = handle.request.chain, *handle.request.alternatives
-            into_frame(self._settings["frame"], self._tf.base, sent)
-            predictors = self._predictors()
-            refinement = self._refinement
+            into_frame(settings["frame"], self._tf.base, sent)
             run = GoalRun(
-                handle, self._libraries, predictors, refinement, self._settings, self._fence, self._rolling
+                handle, self._libraries, present, self._refinement, settings, self._fence, self._rolling
             )
         except MessageError as error:  # the running goal continues
             self._warn(f"refused: {error}")
-            result = unstarted(handle, Ending.REFUSED, str(error), frame=self._settings["frame"])
+            result = unstarted(handle, Ending.REFUSED, str(error), frame=settings["frame"])
             self._chains.publish(result.record)
             return concluded(result, handle)
-        self._inputs.set_timeouts(self._settings)
-        self._motion.begin(self._settings["latency"], preempts=self._run is not None)
-        self._end(Ending.PREEMPTED, _PREEMPTED, at_once=True)
+        self._inputs.set_timeouts(settings)
+        self._motion.begin(settings["latency"], preempts=self._run is not None)
+        self._end(Ending.PREEMPTED, "a newer goal took over", at_once=True)
         self._run, self._stop_until = run, 0.0
-        self._commands.adapt()  # here, not as rclpy takes the goal: it then keeps the former publisher in use
+        self._commands.adapt()  # not in the goal callback: rclpy would keep the previous publisher in use
         # A simulation as fast as possible waits for commands, also while the first action plans.
         self._send(STOP)
         return concluded(await run.finished, handle)
-
-    def _predictors(self) -> dict[str, Predictor]:
-        """Return what predicts chains with the models in use, by action set."""
-        present = self._sets.present.items()
-        return {name: Predictor(self._libraries[name].robot, read.models) for name, read in present}
 
     def _cancel(self, handle: ServerGoalHandle) -> CancelResponse:
         if self._run is None or self._run.handle is not handle:
@@ -337,9 +309,9 @@ class ExecutorNode(Node):
         if at_once:
             self._run.supervisor.drop()
         self._send(STOP)
-        self._follow(self._run)
+        self._report(self._run)
 
-    def _follow(self, run: GoalRun) -> None:
+    def _report(self, run: GoalRun) -> None:
         """Publish new records and feedback; finish the goal when it has ended."""
         for record in run.new_records():
             self._actions.publish(record)
@@ -362,20 +334,23 @@ class ExecutorNode(Node):
 
     def _cause(self, supervisor: Supervisor) -> str:
         """Return the most likely cause of an ending that is due to inputs or the base; empty if unknown."""
-        if supervisor.ending is Ending.BASE_FAULT:
+        ending, remark = supervisor.ending, self._motion.remark
+        if ending is Ending.BASE_FAULT:
             return self._commands.cause()
-        if supervisor.ending is Ending.SUCCEEDED:
-            return self._motion.remark
-        if supervisor.ending is Ending.FAILED:
-            return self._motion.remark or self._diagnosis.rate_problem("odom", self._odom_timeout)
-        if supervisor.ending is not Ending.INPUT_LOST:
+        if ending is Ending.SUCCEEDED:
+            return remark
+        if ending is Ending.FAILED:
+            return remark or self._diagnosis.rate_problem("odom", self._odom_timeout)
+        if ending is not Ending.INPUT_LOST:
             return ""
         if self._world is None or time.monotonic() - self._odom_at > 0.5 * self._odom_timeout:
-            return self._diagnosis.cause("odom", self._odom_timeout)
+            return self._missing_cause("odom")
         lost = missing_in(supervisor.executor.chain.calls, self._world)
-        if lost is not None:
-            return self._diagnosis.cause(lost[0], self._settings[f"{lost[0]}_timeout"])
-        return rival_senders(self, self._diagnosis.topics)
+        return self._missing_cause(lost[0]) if lost else rival_senders(self, self._diagnosis.topics)
+
+    def _missing_cause(self, name: str) -> str:
+        timeout = self._odom_timeout if name == "odom" else self._settings[f"{name}_timeout"]
+        return self._diagnosis.cause(name, timeout)
 
     @property
     def _odom_timeout(self) -> float:
@@ -383,7 +358,7 @@ class ExecutorNode(Node):
         return float(self._settings["odom_timeout"]) * self._inputs.slowdown
 
     def _send(self, command: Command | None, *, answers: bool = False) -> None:
-        """Send a command, as of now or for the state that it `answers`; None if others move the robot."""
+        """Send a command, as of now or as the answer to the newest state; None: a server moves the robot."""
         if self._inputs.time is not None:
             now = time.monotonic()
             self._motion.sent(self._inputs.time + (0.0 if answers else now - self._odom_at), command, now)
@@ -415,19 +390,19 @@ class ExecutorNode(Node):
         lost, missing = [name for name in required if name not in known], ""
         self._commands.adapt()
         if stale:
-            cause = self._diagnosis.cause("odom", self._odom_timeout)
-            missing = f"{'odom' if 'odom' in self._diagnosis.topics else 'tf'} is missing; {cause}"
+            source = "odom" if "odom" in self._diagnosis.topics else "tf"
+            missing = f"{source} is missing; {self._missing_cause('odom')}"
         elif lost:
-            cause = self._diagnosis.cause(lost[0], self._settings[f"{lost[0]}_timeout"])
-            missing = f"{', '.join(lost)}: expected recent messages; {cause}"
+            missing = f"{', '.join(lost)}: expected recent messages; {self._missing_cause(lost[0])}"
         elif self._run is not None:  # without a goal inputs are read less often than they come
             missing = self._diagnosis.rate_problem("odom", self._odom_timeout)
-        problems = (missing, self._commands.mismatch(), self._sets.problem, self._remotes.problem)
+        rivals = rival_senders(self, self._diagnosis.topics)
+        problems = missing, self._commands.mismatch(), self._sets.problem, self._remotes.problem, rivals
         return Health("; ".join(filter(None, problems)), stale and self._run is not None, values)
 
     def stop(self) -> None:
         """Stop the robot and end the running goal, before the node ends."""
-        self._send(STOP)  # first: to end an action may fail
+        self._send(STOP)  # first: ending an action may fail
         self._shutting_down = True
         self._end(Ending.SHUTDOWN, "the executor was ended", at_once=True)
         self._send(STOP)
@@ -441,14 +416,11 @@ def inputs_of(settings: Mapping[str, Any], objects: Iterable[str]) -> Inputs:
     for name in objects:
         noise, velocity_noise = settings[f"{name}_noise"], settings[f"{name}_velocity_noise"]
         if (noise > 0.0) != (velocity_noise > 0.0):
-            raise SetupError(
-                f"parameters {name}_noise and {name}_velocity_noise: expected both above 0 or both 0, got "
-                f"{noise:g} and {velocity_noise:g}"
-            )
+            where = f"parameters {name}_noise and {name}_velocity_noise"
+            got = f"{noise:g} and {velocity_noise:g}"
+            raise SetupError(f"{where}: expected both above 0 or both 0, got {got}")
         sightings[name] = Sightings(name, settings[f"{name}_timeout"], ObjectTracker(noise, velocity_noise))
     return Inputs(sightings)
 
 
-def main(args: list[str] | None = None) -> None:
-    """Run the node."""
-    run_node(ExecutorNode, parameters_for([OBJECT]), args)
+main = partial(run_node, ExecutorNode, parameters_for([OBJECT]))

@@ -1,14 +1,14 @@
-"""The node `goal_pose`: drives the robot to poses on a topic, as of RViz's tool 2D Goal Pose."""
+"""The node `goal_pose`: drives the robot to the poses of a topic, as of RViz's tool 2D Goal Pose."""
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 from action_msgs.msg import GoalStatus
 from geometry_msgs.msg import PoseStamped
 from rclpy.action import ActionClient
 from rclpy.node import Node
-from rclpy.task import Future
 
 from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import TopChain
@@ -23,12 +23,10 @@ PARAMETERS = (DOMAIN, ROBOT)
 
 
 class GoalPoseNode(Node):
-    """Sends the executor a chain of one step for each pose that comes; a newer pose preempts.
-
-    Parameters: see `PARAMETERS`.
+    """Sends the executor a chain of one step for each pose that it receives; a newer pose preempts.
 
     Subscribes to
-        goal_pose (geometry_msgs/PoseStamped): where the middle of the axle shall come to rest.
+        goal_pose (geometry_msgs/PoseStamped): the goal of the middle of the axle.
     Calls
         execute_chain (ator_interfaces/ExecuteChain).
     """
@@ -44,23 +42,23 @@ class GoalPoseNode(Node):
         self.create_subscription(PoseStamped, "goal_pose", self._take, RESULTS)
         self.get_logger().info(f"poses on goal_pose become goals of {top.name} (domain {domain.name})")
 
-    def _take(self, message: PoseStamped) -> None:
+    def _take(self, pose: PoseStamped) -> None:
+        executor: Any = self.executor
+        executor.create_task(self._drive_to, pose)
+
+    async def _drive_to(self, pose: PoseStamped) -> None:
         if not self._chains.server_is_ready():
-            self.get_logger().warning("ignored: expected the action execute_chain, it is not there")
+            self.get_logger().warning(
+                "execute_chain: expected its action server, got none; start the executor"
+            )
             return
-        self._call.goal = message  # which the executor checks
+        self._call.goal = pose  # the executor checks it
         goal = ExecuteChain.Goal(chain=TopChain(calls=[self._call]))
-        self._chains.send_goal_async(goal).add_done_callback(self._accepted)
-
-    def _accepted(self, future: Future) -> None:
-        handle: Any = future.result()
-        if handle.accepted:
-            handle.get_result_async().add_done_callback(self._ended)
-        else:
-            self.get_logger().warning("rejected: the executor accepts no goal now; see its log")
-
-    def _ended(self, future: Future) -> None:
-        answer = future.result()
+        handle: Any = await self._chains.send_goal_async(goal)
+        if not handle.accepted:
+            self.get_logger().warning("execute_chain: the executor rejected the goal; see its log")
+            return
+        answer = await handle.get_result_async()
         # rclpy refuses a line that logs now as information, now as a warning.
         if answer.status == GoalStatus.STATUS_SUCCEEDED:
             self.get_logger().info(answer.result.outcome.reason)
@@ -68,6 +66,4 @@ class GoalPoseNode(Node):
             self.get_logger().warning(answer.result.outcome.reason)
 
 
-def main(args: list[str] | None = None) -> None:
-    """Run the node."""
-    run_node(GoalPoseNode, PARAMETERS, args)
+main = partial(run_node, GoalPoseNode, PARAMETERS)

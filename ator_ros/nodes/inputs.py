@@ -1,7 +1,4 @@
-"""Subscriptions to the state of the world: the robot and the objects, from topics or tf.
-
-tf is read from its messages; tf2_ros is not needed.
-"""
+"""Subscriptions to the state of the robot and the objects, from topics or tf; tf2_ros is not needed."""
 
 from __future__ import annotations
 
@@ -38,35 +35,25 @@ from ator_ros.world.messages import (
 from ator_ros.world.state import ObjectState, RobotState
 from ator_ros.world.transforms import Placement, Transforms
 
-Take = Callable[[float, Placement], None]
-"""Takes the stamp of a frame in s, and its placement in another frame."""
-
-_WARNING_PERIOD = 2.0
-_MOST_NAMED = 8
-GAPS = 5
-"""Gaps between messages that must all be long: one or two are messages that were lost or late."""
+Take = Callable[[float, Placement], None]  # takes a frame's stamp in s and its placement in another frame
+GAPS = 5  # last gaps between messages whose median counts: one or two may be lost or late messages
+_WARNING_PERIOD = 2.0  # s
+_MOST_NAMED = 8  # frames in a message
 
 
 class TfListener:
-    """Subscribes to /tf and /tf_static once a frame is followed, and looks frames up.
+    """Subscribes to /tf and /tf_static once a frame is used, and looks up frames in `transforms`.
 
-    The names are absolute, as those of tf2_ros: where tf has a namespace, remap them (``-r /tf:=tf``).
-
-    Attributes
-    ----------
-    transforms : Transforms
-        The recent transforms.
+    The topics are absolute, as those of tf2_ros. If tf has a namespace, remap them (``-r /tf:=tf``).
     """
 
     def __init__(self, node: Node) -> None:
-        self._node = node
-        self.transforms = Transforms()
+        self._node, self.transforms = node, Transforms()
         self._subscribed = False
         self._followed: dict[tuple[str, str], list[Take]] = {}
-        self._last: dict[tuple[str, str], float] = {}
-        """The stamp in s that was passed on last, by frame and child."""
+        self._last: dict[tuple[str, str], float] = {}  # stamp in s that was passed on last
 
-    def lacking(self, frame: str, child: str) -> str:
+    def problem(self, frame: str, child: str) -> str:
         """Return the problem if the place of `child` in `frame` is unknown or old."""
         if self.transforms.latest(frame, child) is not None:
             return f"tf: expected newer transforms from {frame} to {child}"
@@ -75,10 +62,7 @@ class TfListener:
         return f"tf: expected transforms from {frame} to {child}, got the frames: {known or 'none'}"
 
     def base(self, frame: str, other: str) -> Pose | None:
-        """Return the pose of another frame in `frame`; None if it is unknown, or the same frame.
-
-        tf is read from the first call on.
-        """
+        """Return the pose of another frame in `frame`; None if it is unknown, or the same frame."""
         if plain_frame(other) in ("", plain_frame(frame)):
             return None
         self._subscribe()
@@ -120,7 +104,7 @@ TYPES: dict[str, Any] = {
 
 @dataclass(slots=True)
 class Input:
-    """Where a node gets the robot or an object from, and the last messages: a topic, or two frames in tf.
+    """The source of the robot's or an object's state, a topic or two frames in tf, and its last messages.
 
     `last` is the real time in s of the last message, `advanced` that of the last one with a new `stamp` (s),
     and `gaps` are the real s between the last of those. `error` is why the last message was ignored.
@@ -147,7 +131,7 @@ class Input:
 
 
 class Subscriptions:
-    """Subscribes to the state of a robot and of the objects of `sources`.
+    """Subscribes to the state of a robot and of objects; `inputs` are the sources by name, "odom" the robot.
 
     Parameters
     ----------
@@ -157,17 +141,9 @@ class Subscriptions:
         Called with time in s and state of the robot, and with name, time and state of an object.
         They may raise StampError.
     warn : callable
-        Called with a remark on a message that is ignored, or used although it is doubtful.
+        Called with a warning about a message that is ignored, or used although it is doubtful.
 
-    Attributes
-    ----------
-    inputs : dict of str to Input
-        Where each of them comes from, by name; "odom" is the robot.
-
-    Raises
-    ------
-    SetupError
-        The robot's frame is that of odometry.
+    Raises SetupError if `robot_frame` is `frame` and the robot's state comes from tf.
     """
 
     def __init__(
@@ -181,50 +157,43 @@ class Subscriptions:
         take_object: Callable[[str, float, ObjectState], None],
         warn: Callable[[str], object],
     ) -> None:
-        self._node, self._take_robot, self._warn = node, take_robot, warn
+        self._node, self._warn = node, warn
         self.tf, self.inputs = TfListener(node), dict[str, Input]()
-        frames = settings["frame"], settings["robot_frame"]
-        # In this order: of messages that have all come, those of objects are then taken first.
+        frames = frame, robot_frame = settings["frame"], settings["robot_frame"]
+        # Objects first: of messages that have all come, theirs are then taken before odometry.
         for source in sources:
-            reader, take = ObjectReader(source, frames[0]), partial(take_object, source.name)
+            reader, take = ObjectReader(source, frame), partial(take_object, source.name)
             if source.type == "tf":
-                self._follow(source.name, (frames[0], source.topic_or_frame), reader.read_placement, take)
+                self._follow(source.name, (frame, source.topic_or_frame), reader.read_placement, take)
             else:
-                self._subscribe(
-                    source.name,
-                    Input(source.topic_or_frame, TYPES[source.type], SENSOR_DATA),
-                    reader.read,
-                    take,
-                )
-        self._reader = OdometryReader(frames[0])
+                item = Input(source.topic_or_frame, TYPES[source.type], SENSOR_DATA)
+                self._subscribe(source.name, item, reader.read, take)
         if settings[STATE.name] == "odom":
-            self._subscribe(
-                "odom", Input("odom", Odometry, SENSOR_DATA), self._reader.read, self._take_odometry
-            )
-        elif len(set(frames)) < 2:
-            raise SetupError(f"parameter robot_frame: expected another frame than frame, got {frames[1]}")
+            odometry = OdometryReader(frame)
+            take_odometry = partial(self._take_odometry, odometry, take_robot)
+            self._subscribe("odom", Input("odom", Odometry, SENSOR_DATA), odometry.read, take_odometry)
+        elif frame == robot_frame:
+            raise SetupError(f"parameter robot_frame: expected another frame than frame, got {robot_frame}")
         else:
-            velocity = RobotVelocity(robot.limits.v, robot.limits.w)
-            self._follow(
-                "odom",
-                frames,
-                lambda time, placement: robot_from_placement(
-                    velocity, time, placement, self.tf.transforms.latest_in_odometry(*frames)
-                ),
-                take_robot,
-            )
+            velocity, transforms = RobotVelocity(robot.limits.v, robot.limits.w), self.tf.transforms
+
+            def read(stamp: float, placement: Placement) -> tuple[float, RobotState]:
+                moved = transforms.latest_in_odometry(*frames)
+                return robot_from_placement(velocity, stamp, placement, moved)
+
+            self._follow("odom", frames, read, take_robot)
 
     def _subscribe(self, name: str, item: Input, read: Callable[..., Any], take: Callable[..., None]) -> None:
         self.inputs[name] = item
-        self._node.create_subscription(item.kind, item.topic, partial(self._read, name, read, take), item.qos)
+        self._node.create_subscription(item.kind, item.topic, partial(self._take, name, read, take), item.qos)
 
     def _follow(
         self, name: str, frames: tuple[str, str], read: Callable[..., Any], take: Callable[..., None]
     ) -> None:
         self.inputs[name] = Input("/tf", TFMessage, RESULTS, frames)
-        self.tf.follow(*frames, partial(self._read, name, read, take))
+        self.tf.follow(*frames, partial(self._take, name, read, take))
 
-    def _read(self, name: str, read: Callable[..., Any], take: Callable[..., None], *message: Any) -> None:
+    def _take(self, name: str, read: Callable[..., Any], take: Callable[..., None], *message: Any) -> None:
         now, item = time.monotonic(), self.inputs[name]
         try:
             stamp, state = read(*message)
@@ -234,7 +203,9 @@ class Subscriptions:
             item.last, item.error = now, error
             self._warn(f"ignored: {error}")
 
-    def _take_odometry(self, stamp: float, robot: RobotState) -> None:
-        if self._reader.remark:
-            self._warn(self._reader.remark)
-        self._take_robot(stamp, robot)
+    def _take_odometry(
+        self, reader: OdometryReader, take: Callable[..., None], stamp: float, robot: RobotState
+    ) -> None:
+        if reader.remark:
+            self._warn(reader.remark)
+        take(stamp, robot)

@@ -13,17 +13,13 @@ from ator_ros.files import FileError, read_yaml
 from ator_ros.robot.description import ConfigError, load_robot
 from ator_ros.simulation.urdf import robot_urdf
 
-_FILE = "executor.yaml"
-_LARGEST = 1_000_000  # bytes; ours have some 2 kB
+_LARGEST = 1_000_000  # bytes; shipped files have some 2 kB
 
 
 def configured_domain(folder: str) -> str:
-    """Return the domain that the executor's file in `folder` names.
-
-    It is empty where the file names none, or cannot be read: the node that reads it reports why.
-    """
+    """Return the domain in the executor's file in `folder`; empty without one, or if nodes report a fault."""
     try:
-        content = read_yaml(Path(folder) / _FILE, largest=_LARGEST)
+        content = read_yaml(Path(folder) / "executor.yaml", largest=_LARGEST)
         named = (node["ros__parameters"].get("domain") for node in content.values())
         return str(next(filter(None, named), ""))
     except (FileError, AttributeError, KeyError, TypeError):
@@ -31,7 +27,7 @@ def configured_domain(folder: str) -> str:
 
 
 def urdf(file: str) -> str:
-    """Return the URDF of the robot that a file describes; end with one line if it describes none."""
+    """Return the URDF of the robot that a file describes; end with one line if it cannot be used."""
     try:
         return robot_urdf(load_robot(file))
     except ConfigError as error:
@@ -39,7 +35,7 @@ def urdf(file: str) -> str:
 
 
 def main() -> None:
-    """Print a value, without an end of line."""
+    """Print a value without a newline."""
     _, name, argument = sys.argv
     sys.stdout.write(urdf(argument) if name == "urdf" else configured_domain(argument))
 

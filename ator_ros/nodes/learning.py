@@ -1,10 +1,11 @@
-"""The node `learning`: learns from what the executor reports, while the robot plays (paper, section 3)."""
+"""The node `learning`: trains models from records while the robot acts (paper, section 3)."""
 
 from __future__ import annotations
 
 import contextlib
 import time
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from ator_interfaces.msg import ActionPerformance, ChainPerformance
 from ator_ros.actions import DEFAULT_SET
+from ator_ros.domains.domain import Domain
 from ator_ros.experience.records import ENDED, episode_of
 from ator_ros.experience.store import StoreInfo
 from ator_ros.files import FileError, exclusive_folder
@@ -23,11 +25,9 @@ from ator_ros.learning.sets import digest_of_start
 from ator_ros.nodes.diagnostics import STEADY, WARNING_PERIOD, Diagnostics, Health
 from ator_ros.nodes.maps import follow_map
 from ator_ros.nodes.parameters import (
-    DOMAIN,
-    MAP,
     MODELS,
     PLANNER,
-    ROBOT,
+    WORLD,
     Parameter,
     SetupError,
     declare_parameters,
@@ -37,14 +37,13 @@ from ator_ros.nodes.parameters import (
 from ator_ros.nodes.qos import RESULTS
 from ator_ros.nodes.running import run_node
 from ator_ros.printable import printable
-from ator_ros.world.grid_map import GridMap, save_map
+from ator_ros.robot.description import Robot
+from ator_ros.world.grid_map import save_map
 from ator_ros.world.messages import MessageError
 
 PARAMETERS = (
-    DOMAIN,
-    ROBOT,
+    *WORLD,
     MODELS,
-    MAP,
     PLANNER,
     Parameter("learned", "", "folder of records and learned sets; empty: ~/.ros/ator_ros/learned"),
     Parameter("records", ["performance/action"], "topics of the records, of one or several robots"),
@@ -52,25 +51,23 @@ PARAMETERS = (
     Parameter("batch", 20, "new records after which to learn again", 5, 10_000),
     Parameter("most_episodes", 20_000, "episodes of each action set that are kept", 1000, 1_000_000),
 )
-_PERIOD = 0.25
-_HOME = Path.home() / ".ros" / "ator_ros" / "learned"
+_PERIOD = 0.25  # s
+_DEFAULT_FOLDER = "~/.ros/ator_ros/learned"
 
 
 class LearningNode(Node):
-    """Stores records, learns from them in a process of its own, and publishes sets of models that are better.
-
-    Parameters: see `PARAMETERS`; they are read at the start only.
+    """Stores records, trains models in a process of its own, and switches to better sets of models.
 
     Subscribes to
-        performance/action (ator_interfaces/ActionPerformance), or the topics that `records` names. All are of
-        robots of one description.
+        performance/action (ator_interfaces/ActionPerformance), or the topics that `records` names. All robots
+        have the same description.
         performance/chain (ator_interfaces/ChainPerformance), or the topics that `chains` names.
         the topic of a map (nav_msgs/OccupancyGrid, transient local), if `map` names one.
     Publishes
         /diagnostics (diagnostic_msgs/DiagnosticArray): once a second.
     Services
-        ~/learn_now (std_srvs/Trigger): begins a round of learning.
-        ~/freeze (std_srvs/SetBool): true: records are stored, but the set in use stays; until false.
+        ~/learn_now (std_srvs/Trigger): starts a round of learning.
+        ~/freeze (std_srvs/SetBool): while true, records are stored and the set in use stays.
     Writes
         the folder `learned`: records, sets, what refined chains gained, and the link `current` to the set
         that the nodes `refinement` and `executor` with the same parameter use.
@@ -78,54 +75,53 @@ class LearningNode(Node):
 
     def __init__(self) -> None:
         super().__init__("learning", automatically_declare_parameters_from_overrides=True)
-        self._settings = settings = declare_parameters(self, PARAMETERS)
+        settings = declare_parameters(self, PARAMETERS)
         self._domain, self._robot = domain_and_robot(settings)
-        topics = settings["records"]
-        folder = Path(settings["learned"]).expanduser() if settings["learned"] else _HOME
-        self._open = contextlib.ExitStack()
-        domain, robot, planner = settings["domain"], settings["robot"], settings["planner"]
+        self._folder = folder = Path(settings["learned"] or _DEFAULT_FOLDER).expanduser()
+        self._lock = contextlib.ExitStack()
+        name, description, planner = settings["domain"], settings["robot"], settings["planner"]
         planner = self.resolve_topic_name(planner) if planner else ""
         self._grid = map_file(settings)
         models = Path(settings["models"]) if settings["models"] else self._domain.shipped_models
         try:
-            self._open.enter_context(exclusive_folder(folder))
+            self._lock.enter_context(exclusive_folder(folder))
             self._learner = Learner(
                 folder,
                 StoreInfo(self._robot.digest(), self._domain.name),
                 lambda: RoundProcess(
                     "ator_ros.nodes.learning_process",
-                    [str(folder), domain, robot, settings["models"], self._grid, planner, _now()],
+                    [str(folder), name, description, settings["models"], self._grid, planner, _now()],
                 ),
                 start=digest_of_start(models, self._domain.action_sets),
                 batch=settings["batch"],
                 most=settings["most_episodes"],
             )
         except (FileError, OSError) as error:
-            self._open.close()
+            self._lock.close()
             raise SetupError(f"parameter learned: {error}") from error
-        self._folder = folder
-        follow_map(self, settings, self._take_map)
-        for topic in topics:
-            self.create_subscription(ActionPerformance, topic, self._take, RESULTS)
-        for topic in settings["chains"]:
-            self.create_subscription(ChainPerformance, topic, self._take_chain, RESULTS)
+        follow_map(self, settings, self._domain, self._robot, self._take_map)
+        subscribed: dict[str, type[Any]] = {}
+        for kind, topics, take in (
+            (ActionPerformance, settings["records"], self._take),
+            (ChainPerformance, settings["chains"], self._take_chain),
+        ):
+            for topic in topics:
+                self.create_subscription(kind, topic, take, RESULTS)
+                subscribed[topic] = kind
         self.create_service(Trigger, "~/learn_now", self._learn_now)
         self.create_service(SetBool, "~/freeze", self._freeze)
         self.create_timer(_PERIOD, self._work, clock=STEADY)
-        watched = dict.fromkeys(topics, ActionPerformance) | dict.fromkeys(
-            settings["chains"], ChainPerformance
-        )
-        self._diagnostics = Diagnostics(self, self._health, watched)
+        Diagnostics(self, self._health, subscribed)
         self.get_logger().info(
             f"learning from {', '.join(settings['records'])} into {folder}: {self._learner.stored} records, "
             f"set {self._learner.diagnostics()['set']}{', frozen' if self._learner.frozen else ''}"
         )
 
-    def _take_map(self, grid: GridMap) -> None:
-        """Let the next round learn on another map, which its process reads from a file."""
-        domain = self._domain.on_map(grid)
-        robot, file = domain.equip(self._robot), save_map(grid, self._folder)
-        self._domain, self._robot, self._grid = domain, robot, str(file)
+    def _take_map(self, domain: Domain, robot: Robot) -> None:
+        """Use another map from the next round on, whose process reads it from a file."""
+        assert domain.grid is not None
+        self._grid = str(save_map(domain.grid, self._folder))
+        self._domain, self._robot = domain, robot
 
     def _take(self, message: Any) -> None:
         if message.outcome.code not in ENDED:
@@ -139,22 +135,20 @@ class LearningNode(Node):
         self._learner.take(message.action_set or DEFAULT_SET, episode)
 
     def _take_chain(self, message: Any) -> None:
-        chain = chain_gain(message, self._learner.gains.models)
-        if chain is not None:
+        if chain := chain_gain(message, self._learner.gains.models):
             self._learner.take_chain(chain)
 
     def _work(self) -> None:
-        report = self._learner.work(time.monotonic())
-        if report:
+        if report := self._learner.work(time.monotonic()):
             self.get_logger().info(printable(report, 1000))
         if not self._learner.has_room:
-            text = f"{self._learner.problem}: records wait in memory and may be lost"
+            text = f"{self._learner.problem}: records are kept in memory and may be lost; free disk space"
             self.get_logger().warning(text, once=True)
 
     def _learn_now(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         why_not = self._learner.learn_now()
         response.success = not why_not
-        response.message = why_not or "a round begins; log and diagnostics report its result"
+        response.message = why_not or "a round starts; log and diagnostics report its result"
         return response
 
     def _freeze(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
@@ -164,7 +158,7 @@ class LearningNode(Node):
             response.message = str(error)
         else:
             response.success = True
-            response.message = "the set in use stays" if request.data else "learning goes on"
+            response.message = "the set in use stays" if request.data else "learning continues"
         return response
 
     def _health(self) -> Health:
@@ -174,19 +168,17 @@ class LearningNode(Node):
         return Health(self._learner.problem, values=values)
 
     def stop(self) -> None:
-        """End a round under way, and close the files."""
+        """End the current round, and close the files."""
         self._learner.close()
         if self._learner.lost:
             self.get_logger().error(
-                f"{self._learner.lost} of {self._learner.taken} records are lost: the disk had no room"
+                f"{self._learner.lost} of {self._learner.taken} records are lost: the disk was full"
             )
-        self._open.close()
+        self._lock.close()
 
 
 def _now() -> str:
     return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
 
 
-def main(args: list[str] | None = None) -> None:
-    """Run the node."""
-    run_node(LearningNode, PARAMETERS, args)
+main = partial(run_node, LearningNode, PARAMETERS)

@@ -31,7 +31,8 @@ def main() -> None:
     domain = domain_for(name, robot).on_map(grid)
     if planner and domain.grid is not None:
         rclpy.init()
-        domain = domain.on_map(dataclasses.replace(domain.grid, planner=PathPlanner(planner)))
+        client = PathPlanner(planner)
+        domain = dataclasses.replace(domain, planner=lambda *_: client)
     place = Path(models) if models else domain.shipped_models
     source = Source(Path(folder), domain, domain.robot(robot or None), place)
     sys.stdout.write(json.dumps(learn(source, time=time), allow_nan=False))

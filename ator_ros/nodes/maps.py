@@ -1,4 +1,4 @@
-"""Maps from a topic: the parameter `map` names it, and each new map replaces the former one."""
+"""Maps from the topic that the parameter `map` names; each new map replaces the previous one."""
 
 from __future__ import annotations
 
@@ -9,12 +9,14 @@ from nav_msgs.msg import OccupancyGrid
 from rclpy.exceptions import NameValidationException
 from rclpy.node import Node
 
+from ator_ros.domains.domain import Domain
 from ator_ros.files import FileError
 from ator_ros.nodes.diagnostics import STEADY, WARNING_PERIOD
 from ator_ros.nodes.messages import grid_from
 from ator_ros.nodes.parameters import SetupError, map_topic
 from ator_ros.nodes.qos import LATCHED
 from ator_ros.printable import quoted
+from ator_ros.robot.description import Robot
 from ator_ros.world.grid_map import GridMap
 from ator_ros.world.messages import MessageError
 
@@ -24,46 +26,48 @@ _PERIOD = 0.5  # real s between two checks whether a node that was busy is idle
 def follow_map(
     node: Node,
     settings: Mapping[str, Any],
-    take: Callable[[GridMap], None],
+    domain: Domain,
+    robot: Robot,
+    take: Callable[[Domain, Robot], None],
     is_idle: Callable[[], bool] = lambda: True,
 ) -> None:
     """Subscribe to the topic of the map, if `settings` name one.
 
-    `take` is called with each map that differs from the former one, as soon as `is_idle`: reading a map takes
-    longer than a control tick. If it raises FileError or OSError, the former map stays in use. Raises
-    SetupError if `settings` name neither a file nor a topic.
+    `take` is called with domain and robot on each map that differs from the previous one, as soon as
+    `is_idle`: reading a map takes longer than a control tick. A map that cannot be used is ignored, also if
+    `take` raises OSError. Raises SetupError if `settings` name neither a file nor a topic.
     """
     topic = map_topic(settings)
     if not topic:
         return
-    newest: OccupancyGrid | None = None
-    used: GridMap | None = None
+    pending: OccupancyGrid | None = None
+    current: GridMap | None = None
 
-    def received(message: OccupancyGrid) -> None:
-        nonlocal newest
-        newest = message
-        use()
+    def on_map(message: OccupancyGrid) -> None:
+        nonlocal pending
+        pending = message
+        use_pending()
 
-    def use() -> None:
-        nonlocal newest, used
-        if newest is None or not is_idle():
+    def use_pending() -> None:
+        nonlocal pending, current
+        if pending is None or not is_idle():
             return
-        message, newest = newest, None
+        message, pending = pending, None
         try:
             grid = grid_from(message, topic, frame=settings.get("frame", message.header.frame_id))
-            if grid == used:
+            if grid == current:
                 return
-            take(grid)
+            mapped = domain.on_map(grid)
+            take(mapped, mapped.equip(robot))
         except (MessageError, FileError, OSError) as error:
             node.get_logger().warning(f"ignored: {error}", throttle_duration_sec=WARNING_PERIOD)
             return
-        used = grid
+        current = grid
         node.get_logger().info(f"on the map {grid}")
 
     try:
-        node.create_subscription(OccupancyGrid, topic, received, LATCHED)
+        node.create_subscription(OccupancyGrid, topic, on_map, LATCHED)
     except NameValidationException as error:
-        raise SetupError(
-            f"parameter map: expected a file (.yaml) or the name of a topic, got {quoted(topic)}"
-        ) from error
-    node.create_timer(_PERIOD, use, clock=STEADY)
+        expected = "expected a file (.yaml) or the name of a topic"
+        raise SetupError(f"parameter map: {expected}, got {quoted(topic)}") from error
+    node.create_timer(_PERIOD, use_pending, clock=STEADY)

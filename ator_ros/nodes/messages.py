@@ -1,6 +1,6 @@
 """Conversions between ROS messages and the core's types, with all checks of requests and goals.
 
-Every function that reads a message raises MessageError, with `where` naming the message in its text.
+Functions that read a message raise MessageError; its text starts with `where`, the name of the message.
 """
 
 from __future__ import annotations
@@ -43,10 +43,9 @@ from ator_ros.world.grid_map import GridMap, map_of_grid
 from ator_ros.world.messages import FARTHEST, MessageError, pose_from
 from ator_ros.world.state import Command, ObjectState, RobotState, World
 
-_FASTEST_GOAL = 3.0  # greatest speed of a goal over the robot's limit, an estimate; units in km/h are 3.6
-
-
-# Time, poses and velocities
+_FASTEST_GOAL = (
+    3.0  # greatest speed of a goal over the robot's limit, which may be an estimate; km/h have 3.6
+)
 
 
 def stamp_of(seconds: float) -> Time:
@@ -76,10 +75,7 @@ def into_frame(
     chains: Iterable[msg.TopChain],
     situation: msg.Situation | None = None,
 ) -> None:
-    """Transform goals and a situation to a frame, in place; those in an unknown frame stay as they are.
-
-    `base` returns the pose of another frame in a frame, None if it is unknown or the same.
-    """
+    """Transform goals and a situation in place to a frame, if `base` (`TfListener.base`) returns its pose."""
     for goal in (call.goal for chain in chains for call in chain.calls):
         if (origin := base(frame, goal.header.frame_id)) is not None:
             goal.pose = pose_of(origin.compose(pose_from(goal.pose, "call.goal.pose")))
@@ -91,9 +87,6 @@ def into_frame(
             for vector, pose in ((item.position, origin), (item.velocity, turn)):
                 vector.x, vector.y, _ = pose.compose(Pose(vector.x, vector.y, 0.0))
         situation.header.frame_id = frame
-
-
-# The state of the world
 
 
 def odometry_of(time: float, robot: RobotState, *, frame: str, child: str) -> Odometry:
@@ -116,7 +109,7 @@ def object_odometry_of(time: float, there: ObjectState, *, frame: str, height: f
 
 
 def occupancy_grid_of(grid: GridMap, *, frame: str) -> OccupancyGrid:
-    """Write a map: 0 where it is free, 100 elsewhere."""
+    """Write a map: 0 for free cells, 100 for the others."""
     message = OccupancyGrid(data=np.where(grid.free, 0, 100).astype(np.int8).ravel().tolist())
     message.header.frame_id, message.info.resolution = frame, grid.resolution
     message.info.height, message.info.width = grid.free.shape
@@ -125,7 +118,7 @@ def occupancy_grid_of(grid: GridMap, *, frame: str) -> OccupancyGrid:
 
 
 def grid_from(message: OccupancyGrid, topic: str, *, frame: str) -> GridMap:
-    """Read a map from its topic; raises MessageError, or FileError if it has no free cells."""
+    """Read the map of a topic; raises MessageError, or FileError if it has no free cells."""
     checks.expect_frame(message.header.frame_id, f"{topic}.header.frame_id", expected=frame)
     origin = pose_from(message.info.origin, f"{topic}.info.origin")
     size = message.info.width, message.info.height
@@ -133,7 +126,7 @@ def grid_from(message: OccupancyGrid, topic: str, *, frame: str) -> GridMap:
 
 
 def situation_of(world: World, *, frame: str) -> msg.Situation:
-    """Write a situation."""
+    """Write the state of robot and objects."""
     robot = world.robot
     message = msg.Situation(robot=pose_of(robot.pose), v=float(robot.v), w=float(robot.w))
     message.header.stamp, message.header.frame_id = stamp_of(world.time), frame
@@ -149,14 +142,14 @@ def situation_of(world: World, *, frame: str) -> msg.Situation:
 
 
 def action_set_from(chain: msg.TopChain, *, allowed: Collection[str], where: str = "chain") -> str:
-    """Read the name of a chain's action set, of those in `allowed`; empty means the default."""
+    """Read the name of a chain's action set; empty means the default."""
     return checks.name(chain.action_set or DEFAULT_SET, f"{where}.action_set", allowed=allowed)
 
 
 def chain_from(
     chain: msg.TopChain, library: TopLibrary, *, frame: str, where: str = "chain", fence: Fence | None = None
 ) -> TopChain:
-    """Read a chain with goals in the frame `frame`; one that leads out of the fence raises MessageError."""
+    """Read a chain with goals in `frame`; raises MessageError also if it leads out of the fence."""
     checks.count(chain.calls, f"{where}.calls", least=1, most=LONGEST_CHAIN)
     read = TopChain(tuple(calls_from(chain.calls, library, frame=frame, where=f"{where}.calls")))
     violation = None if fence is None else fence.violation(read, library.robot, where)
@@ -168,7 +161,7 @@ def chain_from(
 def alternatives_from(
     chains: Sequence[msg.TopChain], library: TopLibrary, *, frame: str, fence: Fence | None
 ) -> list[TopChain | str]:
-    """Read the alternatives of a chain: each as a chain, or why it cannot be used."""
+    """Read the alternatives of a chain: each as a chain, or as the reason why it cannot be used."""
     checks.count(chains, "alternatives", least=0, most=MOST_ALTERNATIVES)
     read: list[TopChain | str] = []
     for number, chain in enumerate(chains):
@@ -184,7 +177,7 @@ def alternatives_from(
 def calls_from(
     calls: Sequence[msg.TopCall], library: TopLibrary, *, frame: str, where: str = "calls"
 ) -> list[TopCall]:
-    """Read steps with goals in the frame `frame`."""
+    """Read steps with goals in `frame`."""
     return [_call_from(call, library, frame, f"{where}[{number}]") for number, call in enumerate(calls)]
 
 
@@ -219,16 +212,10 @@ def call_of(call: TopCall, *, frame: str) -> msg.TopCall:
     return message
 
 
-# Goals of plans
-
-
 def statements_from(
     goal: msg.PlanGoal, named: Mapping[str, Condition], variables: Sequence[str]
 ) -> list[GoalStatement]:
-    """Read what shall hold at the end of a plan; raises MessageError.
-
-    `named` are the goals that the domain names, `variables` the state variables that there are.
-    """
+    """Read the goal of a plan: one of the domain's `named` goals, or terms about its state `variables`."""
     if goal.name and goal.terms:
         raise MessageError("goal: expected a name or terms, got both")
     if goal.name:
@@ -254,13 +241,9 @@ def _statement(term: msg.GoalTerm, variables: Sequence[str], where: str) -> Goal
     if not unspecified:
         return Region(variable, other, value + low, value + high)
     if value != 0.0:
-        raise MessageError(
-            f"{where}: expected low and high of a value relative to another variable, got none"
-        )
+        expected = "expected low and high of a value relative to another variable"
+        raise MessageError(f"{where}: {expected}, got none")
     return Unspecified(variable, other)
-
-
-# Objectives and performance
 
 
 def objective_from(objective: msg.Objective, failure_cost: float = 0.0) -> Objective:
@@ -274,7 +257,7 @@ def objective_from(objective: msg.Objective, failure_cost: float = 0.0) -> Objec
 
 
 def performance_of(values: Mapping[str, float] | None = None) -> msg.Performance:
-    """Write a performance: what is not among `values` is NaN, what the message lacks is left out."""
+    """Write a performance; fields that are not among `values` are NaN."""
     names = msg.Performance.get_fields_and_field_types()
     return msg.Performance(**{name: float((values or {}).get(name, math.nan)) for name in names})
 
@@ -305,7 +288,7 @@ def answer_of(
         gain=gain,
         cost_before=before.cost,
         cost_after=after.cost,
-        curves=[_curve(curve) for curve in refinement.curves] if request.want_curve else [],
+        curves=[_curve(curve) for curve in refinement.curves if request.want_curve],
     )
     if request.alternatives:
         response.chosen = choice.number
@@ -318,7 +301,6 @@ def answer_of(
 
 
 def _alternative(judged: Judged, sent: msg.TopChain, *, action_set: str, frame: str) -> msg.Alternative:
-    """Write the refinement of one of several chains, which was `sent`."""
     if isinstance(judged, str):
         return msg.Alternative(reason=judged, chain=sent, predicted=performance_of(), cost=math.nan)
     return msg.Alternative(
@@ -332,7 +314,7 @@ def _alternative(judged: Judged, sent: msg.TopChain, *, action_set: str, frame: 
 
 
 def refused(reason: str, chain: msg.TopChain) -> RefineSubgoal.Response:
-    """Write the answer to a request that is not evaluated, with its `chain`."""
+    """Write the answer to a request that cannot be evaluated, with its `chain`."""
     nothing = performance_of()
     return RefineSubgoal.Response(
         reason=reason,
@@ -347,7 +329,7 @@ def refused(reason: str, chain: msg.TopChain) -> RefineSubgoal.Response:
 
 
 def chain_performance_of(prediction: ChainPrediction | None) -> msg.Performance:
-    """Write the predicted performance of a whole chain; NaN without a prediction."""
+    """Write the predicted performance of a chain."""
     if prediction is None:
         return performance_of()
     success = math.prod(action.get("success", math.nan) for action in prediction.actions)
@@ -358,7 +340,7 @@ def chain_performance_of(prediction: ChainPrediction | None) -> msg.Performance:
 def gain_of(
     refinement: Refinement | None = None, measured: MeasuredGain | None = None, models: str = ""
 ) -> msg.Gain:
-    """Write the predicted gain of a refinement, and that measured so far with `models`; NaN where unknown."""
+    """Write the predicted gain of a refinement, and the gain measured with `models`; NaN if unknown."""
     unknown = ("predicted", "uncertainty", "measured", "measured_low", "measured_high")
     gain = msg.Gain(models=models, **dict.fromkeys(unknown, math.nan))
     if refinement is not None and refinement.free:
@@ -372,9 +354,8 @@ def gain_of(
 
 
 def _free_variables(refinement: Refinement) -> list[msg.FreeVariable]:
-    before, after = (
-        [goal_values(call.goal) for call in chain.calls] for chain in (refinement.original, refinement.best)
-    )
+    chains = refinement.original, refinement.best
+    before, after = ([goal_values(call.goal) for call in chain.calls] for chain in chains)
     return [
         msg.FreeVariable(
             subgoal=variable.subgoal,

@@ -1,4 +1,4 @@
-"""The models of each action set: read at the start, and replaced by learned sets."""
+"""The performance models of a node: read at the start, and replaced by learned sets."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import warnings
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -27,15 +28,15 @@ LEARNED = Parameter(
     "",
     "folder of the node `learning`: its set in use replaces `models` once there is one; empty: none",
 )
-_PERIOD = 0.5
+_PERIOD = 0.5  # s
 
 
 @dataclass(frozen=True)
 class ModelSet:
     """The performance models of one action set, by action.
 
-    `absent` is why there are none. `problem` is what is wrong: a damaged file, another robot. It is no
-    problem to have none.
+    `absent` is the reason if there are none. `problem` is a fault, such as a damaged file or another robot;
+    to have no models is none.
     """
 
     models: Mapping[str, PerformanceModel]
@@ -44,17 +45,11 @@ class ModelSet:
 
 
 class LearnedSets:
-    """The models of a node: those of its parameter `models`, or the set that `learned` has in use.
+    """The models of a node: those of its parameter `models`, or the set in use of its parameter `learned`.
 
+    `present` are the models in use by action set, `gains` the measured gains of chains refined with them.
     `warm_up` is called with the library of an action set and its models before they are used, in a thread
-    when a learned set is new.
-
-    Attributes
-    ----------
-    present : dict of str to ModelSet
-        The models in use, by action set.
-    gains : Gains
-        What chains refined with them have gained; the node `learning` measures it.
+    for a new learned set.
     """
 
     def __init__(
@@ -67,31 +62,29 @@ class LearnedSets:
     ) -> None:
         models, learned = settings["models"], settings["learned"]
         self._node, self._domain, self._libraries, self._warm_up = node, domain, libraries, warm_up
-        self._folder = Path(learned).expanduser() if learned else None
-        self._threads = ThreadPoolExecutor(1)
-        self._loading: Future[tuple[Manifest, dict[str, ModelSet]]] | None = None
-        self._seen = None if self._folder is None else current_set(self._folder)
-        self._manifest: Manifest | None = None
+        self._place = Path(models) if models else domain.shipped_models
         self._source = f"models in {models}" if models else "shipped models"
-        place = Path(models) if models else domain.shipped_models
-        if self._seen is not None:
+        self._start = digest_of_start(self._place, libraries)
+        self._folder = Path(learned).expanduser() if learned else None
+        self._newest = None if self._folder is None else current_set(self._folder)
+        self._manifest: Manifest | None = None  # of the learned set in use
+        if self._newest is not None:
             try:
-                self._manifest = read_manifest(self._seen)
-                self._source, place = f"learned set {self._manifest.digest}", self._seen
+                self._manifest = read_manifest(self._newest)
+                self._source, self._place = f"learned set {self._manifest.digest}", self._newest
             except FileError as error:
                 self._log_failure(error)
-        self._gains_of: tuple[str, int] | None = None
-        self._start = digest_of_start(Path(models) if models else domain.shipped_models, libraries)
-        self.gains = Gains()
         node.get_logger().info("loading models; the first start compiles code, which may take a minute")
-        self._place = place
-        self.present = self._load(place)
+        self.present = self._load(self._place)
+        self.gains, self._gains_state = Gains(), ("", 0)
+        self._threads = ThreadPoolExecutor(1)
+        self._loading: Future[tuple[Manifest, dict[str, ModelSet]]] | None = None
         if self._folder is not None:
-            self._look_at_gains()
-            node.create_timer(_PERIOD, self._look, clock=STEADY)
+            self._check_gains(self._folder)
+            node.create_timer(_PERIOD, partial(self._check_folder, self._folder), clock=STEADY)
 
     def _load(self, place: Path) -> dict[str, ModelSet]:
-        """Read the models in a folder of every action set; log what is wrong."""
+        """Read the models of every action set from a folder; log faults."""
         return {name: self._read(library, place) for name, library in self._libraries.items()}
 
     def _read(self, library: TopLibrary, place: Path) -> ModelSet:
@@ -100,72 +93,68 @@ class LearnedSets:
             with warnings.catch_warnings(record=True) as caught:
                 warnings.simplefilter("always", RobotMismatchWarning)
                 models = load_models(library.robot, known, action_set=name, folder=place)
-            # Models of another robot mostly come together.
+            # All models of a folder are usually of the same robot: the first warning suffices.
             read = ModelSet(models, problem=str(caught[0].message) if caught else "")
         except NoModelsError as error:
             read = ModelSet({}, absent=str(error))
         except (FileError, OSError) as error:
             read = ModelSet({}, absent=str(error), problem=str(error))
-        if read.problem and (read.absent or name == DEFAULT_SET):  # others are seldom used
+        if read.problem and (read.absent or name == DEFAULT_SET):  # other sets are rarely used
             self._node.get_logger().warning(f"action set {name}: {read.problem}")
         if read.models:
             self._warm_up(library, read)
         return read
 
-    def _new(self, place: Path) -> tuple[Manifest, dict[str, ModelSet]]:
+    def _load_learned(self, place: Path) -> tuple[Manifest, dict[str, ModelSet]]:
         """Load a learned set; raise FileError if some of it cannot be used."""
         manifest, read = read_manifest(place), self._load(place)
         if broken := [each.problem for each in read.values() if each.absent and each.problem]:
             raise FileError("; ".join(broken))
         return manifest, read
 
-    def _look(self) -> None:
-        """Take over a set that has been loaded, or begin to load a new one; read the gains that changed."""
-        assert self._folder is not None
-        self._look_at_gains()
+    def _check_folder(self, folder: Path) -> None:
+        """Switch to a set that has been loaded, or start to load a new one; read gains that changed."""
+        self._check_gains(folder)
         if self._loading is None:
-            place = current_set(self._folder)
-            if place is not None and place != self._seen:
-                self._seen = place
-                self._loading = self._threads.submit(self._new, place)
+            place = current_set(folder)
+            if place is not None and place != self._newest:
+                self._newest = place
+                self._loading = self._threads.submit(self._load_learned, place)
         elif self._loading.done():
             loading, self._loading = self._loading, None
             try:
                 self._manifest, self.present = loading.result()
-                assert self._seen is not None
-                self._place = self._seen
-            except Exception as error:  # whatever it is, the node continues with what it has
+                self._place = self._newest or self._place
+            except Exception as error:  # after any error the node continues with the previous set
                 self._log_failure(error)
             else:
                 self._node.get_logger().info(f"switched to the learned set {_described(self._manifest)}")
 
-    def _look_at_gains(self) -> None:
-        """Read what refined chains have gained with the models in use, if that changed."""
-        assert self._folder is not None
-        file = self._folder / GAINS
+    def _check_gains(self, folder: Path) -> None:
+        file = folder / GAINS
         models = self._start if self._manifest is None else self._manifest.digest
         state = models, file.stat().st_mtime_ns if file.exists() else 0
-        if state != self._gains_of:
-            self._gains_of = state
+        if state != self._gains_state:
+            self._gains_state = state
             try:
-                self.gains = read_gains(self._folder, models)
+                self.gains = read_gains(folder, models)
             except FileError as error:
                 self.gains = Gains(models)
                 self._node.get_logger().warning(f"gains of refined chains are not used: {error}")
 
     def _log_failure(self, error: Exception) -> None:
-        name = "" if self._seen is None else self._seen.name
+        name = "" if self._newest is None else self._newest.name
         self._node.get_logger().warning(f"the learned set {name} is not used: {str(error) or repr(error)}")
 
     def load_again(self, domain: Domain, libraries: Mapping[str, TopLibrary]) -> None:
         """Load the models in use for a domain on another map."""
         self._domain, self._libraries = domain, libraries
         self.present = self._load(self._place)
-        if self._loading is not None:  # it began with the former map
-            self._loading, self._seen = None, None
+        if self._loading is not None:  # its thread uses the previous map
+            self._loading, self._newest = None, None
 
     def startup_text(self) -> str:
-        """Return what a node logs of its models at the start: those of the default action set."""
+        """Return the source and names of the models of the default action set."""
         read = self.present[DEFAULT_SET]
         return f"{self._source}: {', '.join(read.models)}" if read.models else f"no models ({read.absent})"
 
@@ -176,7 +165,7 @@ class LearnedSets:
         return "; ".join(f"action set {name}: {read.problem}" for name, read in models if read.problem)
 
     def diagnostics(self) -> dict[str, object]:
-        """Return the diagnostics of each action set's models, and of the learned set in use."""
+        """Return values for /diagnostics."""
         values: dict[str, object] = {
             f"models of {name}": ", ".join(read.models) or read.problem or "no models"
             for name, read in self.present.items()

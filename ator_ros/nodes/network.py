@@ -1,4 +1,4 @@
-"""Access to nodes: from this machine only, unless the user opens them to a network; its errors."""
+"""Access to nodes: only from this machine, unless the user opens them to a network."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ _FIRST_PORT, _PORTS = 7400, 250  # UDP ports of domain 0, and of each domain, in
 
 
 class NodesError(RuntimeError):
-    """Nodes that are needed do not run, or a request to them failed; the message says which and why."""
+    """Required nodes do not run, or a request to them failed."""
 
 
 class UnavailableError(NodesError):
-    """A node that is needed is not running, but may start later."""
+    """A required node is not running, but may start later."""
 
 
 def stay_on_this_machine(environment: MutableMapping[str, str]) -> None:
-    """Set the environment variables that keep ROS on this machine, unless the user has asked for a network.
+    """Set the environment variables that keep ROS on this machine, before ``rclpy.init``.
 
-    A `RANGE` of SUBNET or SYSTEM_DEFAULT, static peers, or a discovery server ask for a network. `RANGE`
-    limits discovery with any middleware. Fast DDS would still accept messages from everywhere, which the
-    file that `PROFILES` names forbids. An empty variable counts as unset. Call this before ``rclpy.init``.
+    Nothing changes if the user asks for a network by a `RANGE` of SUBNET or SYSTEM_DEFAULT, static peers, or
+    a discovery server. `RANGE` limits discovery with any middleware. Fast DDS would still accept messages
+    from other machines, which the file that `PROFILES` names forbids. An empty variable counts as unset.
     """
     environment[RANGE] = environment.get(RANGE) or THIS_MACHINE
     if environment[RANGE] not in _OPEN and not any(environment.get(name) for name in (*_ELSEWHERE, PROFILES)):
@@ -40,22 +40,22 @@ def stay_on_this_machine(environment: MutableMapping[str, str]) -> None:
 
 @contextmanager
 def free_domain() -> Iterator[int]:
-    """Reserve a ROS domain (1 to 100) without nodes on this machine, neither the caller's nor a recent one.
+    """Reserve a ROS domain (1 to 100), not the caller's, without nodes on this machine.
 
-    RuntimeError is raised if all domains are reserved or have nodes.
+    Raises RuntimeError if all domains are reserved or have nodes.
     """
     import domain_coordinator
 
     used = {*domains_in_use(), int(os.environ.get("ROS_DOMAIN_ID") or 0)}
     free = [domain for domain in range(1, _DOMAINS + 1) if domain not in used]
     if not free:
-        raise RuntimeError("ROS domain: expected one from 1 to 100 without nodes, got nodes in all of them")
+        raise RuntimeError("ROS domain: expected one from 1 to 100 without nodes, got nodes in all; end some")
     reserved = domain_coordinator.domain_id(lambda: random.choice(free))
     domain = reserved.__enter__()
     try:
         yield domain
     finally:
-        reserved.__exit__(None, None, None)  # it would take an OSError of ours for one of its own
+        reserved.__exit__(None, None, None)  # in a `with` it would handle an OSError of the caller as its own
 
 
 def domains_in_use() -> set[int]:

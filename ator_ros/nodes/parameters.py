@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -28,27 +29,12 @@ class SetupError(Exception):
     """A node that cannot start with these parameters or files; the message is for the user."""
 
 
-FIXED = "fixed at the start, when topics, world and models are made of it: restart the node to change it"
-
-
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """A parameter of a node.
+    """A parameter of a node, of the type of its default value.
 
-    Attributes
-    ----------
-    name : str
-        Its name; a unit that is not SI is part of it.
-    default : bool, int, float, str, or list of int, float or str
-        Default value, which also gives the type.
-    description : str
-        A sentence with the unit.
-    low, high : float, optional
-        Bounds of a number.
-    choices : tuple of str, optional
-        Allowed texts; where "true" is one of them, the boolean true means it, and false likewise.
-    live : bool
-        Whether it can change while the node runs; otherwise it is fixed at the start.
+    `low` and `high` bound a number. `choices` are the allowed texts; if "true" is one of them, the boolean
+    true means it, and false likewise. Only a `live` parameter can change while the node runs.
     """
 
     name: str
@@ -62,30 +48,24 @@ class Parameter:
     def descriptor(self) -> ParameterDescriptor:
         """Return the descriptor, which `ros2 param describe` shows."""
         descriptor = ParameterDescriptor(description=self.description, read_only=not self.live)
-        descriptor.dynamic_typing = self._takes_bool
-        allowed = f"one of {', '.join(self.choices)}" if self.choices else ""
-        descriptor.additional_constraints = "; ".join(filter(None, (allowed, "" if self.live else FIXED)))
+        descriptor.dynamic_typing = "true" in self.choices
+        descriptor.additional_constraints = f"one of {', '.join(self.choices)}" if self.choices else ""
         if isinstance(self.default, bool | str) or not math.isfinite(self.high - self.low):
             return descriptor
         if isinstance(self.default, int):
-            bounds = IntegerRange(from_value=int(self.low), to_value=int(self.high), step=1)
-            descriptor.integer_range = [bounds]
+            low, high = int(self.low), int(self.high)
+            descriptor.integer_range = [IntegerRange(from_value=low, to_value=high, step=1)]
         else:
             descriptor.floating_point_range = [FloatingPointRange(from_value=self.low, to_value=self.high)]
         return descriptor
 
-    @property
-    def _takes_bool(self) -> bool:
-        return "true" in self.choices
-
     def read(self, value: Any) -> Any:
         """Return `value` as the node uses it; raises SetupError if it is none of the choices."""
-        if self._takes_bool and isinstance(value, bool):
+        if "true" in self.choices and isinstance(value, bool):
             value = str(value).lower()
         if self.choices and value not in self.choices:
-            raise SetupError(
-                f"parameter {self.name}: expected one of {', '.join(self.choices)}, got {quoted(value)}"
-            )
+            expected = f"expected one of {', '.join(self.choices)}"
+            raise SetupError(f"parameter {self.name}: {expected}, got {quoted(value)}")
         return plain_frame(value) if self.name in ("frame", "robot_frame") else value
 
 
@@ -103,6 +83,9 @@ PLANNER = Parameter(
     "",
     "action of type nav2_msgs/ComputePathToPose, whose paths are the routes on the map; empty: own routes",
 )
+FRAMES = (FRAME, ROBOT_FRAME)
+WORLD = (DOMAIN, ROBOT, MAP)
+"""The parameters that `domain_and_robot` reads."""
 FENCE = Parameter(
     "fence", [0.0] * 4, "m: x and y from, x and y to, of the robot's axle; all 0: area and margin"
 )
@@ -115,15 +98,12 @@ STAMPED = Parameter(
     "whether cmd_vel is a TwistStamped; auto: what the base subscribes to",
     choices=("auto", "true", "false"),
 )
-OBJECT = "OBJECT"
-"""Placeholder for the name of an object in descriptions of parameters."""
+OBJECT = "OBJECT"  # placeholder for the name of an object in ``--help``
+live = partial(Parameter, live=True)
 
 
 def domain_and_robot(settings: Mapping[str, Any]) -> tuple[Domain, Robot]:
-    """Return the domain that `DOMAIN` and `ROBOT` select, on the map that `MAP` names, and its robot.
-
-    Raises SetupError.
-    """
+    """Return the domain and robot that the parameters of `WORLD` select; raises SetupError."""
     try:
         domain = domain_for(settings[DOMAIN.name], settings[ROBOT.name])
         domain = domain.on_map(map_file(settings))
@@ -169,20 +149,18 @@ def declare_parameters(
 ) -> dict[str, Any]:
     """Declare parameters with type, description and bounds, and return their values by name.
 
-    The values follow live parameters. Parameters that the node does not have are reported, but those that are
-    `unused`. For this the node must be made with ``automatically_declare_parameters_from_overrides``. Raises
-    SetupError if a value has another type, or is not allowed.
+    The values of live parameters change with them. Unknown parameters, except `unused` ones, are reported if
+    the node was made with ``automatically_declare_parameters_from_overrides``. Raises SetupError if a value
+    has another type, or is not allowed.
     """
     values = {parameter.name: _declared(node, parameter) for parameter in parameters}
     given = [name for name in node.get_parameters_by_prefix("") if _is_implicit(node, name)]
-    strange = sorted(name for name in given if name not in _OF_ROS)
-    for name in strange:
+    unknown = sorted(name for name in given if name not in _OF_ROS)
+    for name in unknown:
         node.undeclare_parameter(name)
-    if strange := [name for name in strange if name not in unused]:
-        node.get_logger().warning(
-            f"ignored: parameters {', '.join(map(printable, strange[:5]))}: "
-            f"expected some of {', '.join(values)}"
-        )
+    if unknown := [name for name in unknown if name not in unused]:
+        text = f"ignored: parameters {', '.join(map(printable, unknown[:5]))}"
+        node.get_logger().warning(f"{text}: expected some of {', '.join(values)}")
 
     def take(changes: Sequence[Any]) -> SetParametersResult:  # ROS checks bounds, and that they are live
         values.update({item.name: item.value for item in changes if item.name in values})
@@ -195,15 +173,14 @@ def declare_parameters(
 def declare_with_domain(
     node: Node, parameters_for: Callable[[Sequence[str]], Sequence[Parameter]]
 ) -> dict[str, Any]:
-    """Declare the parameters of a node for the objects of the domain that `DOMAIN` and `ROBOT` select.
+    """Declare the parameters, including `WORLD`, that `parameters_for` returns for the objects of the domain.
 
-    `parameters_for` returns them, `DOMAIN` and `ROBOT` among them, for the names of objects; see
-    `declare_parameters` for the others. Raises SetupError also if the domain cannot be used.
+    Raises SetupError as `declare_parameters`, and if the domain cannot be used.
     """
     domain, _ = domain_and_robot({item.name: _declared(node, item) for item in (DOMAIN, ROBOT)})
-    # The shipped parameter files set those of soccer's objects, whatever domain is used.
-    usual = {item.name for item in parameters_for(find_domain(DEFAULT).objects)}
-    return declare_parameters(node, parameters_for(domain.objects), unused=usual)
+    # The shipped parameter files set those of soccer's objects in every domain.
+    unused = {item.name for item in parameters_for(find_domain(DEFAULT).objects)}
+    return declare_parameters(node, parameters_for(domain.objects), unused=unused)
 
 
 def _declared(node: Node, parameter: Parameter) -> Any:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
@@ -11,10 +12,12 @@ from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
+from ator_ros.domains.domain import Domain
 from ator_ros.geometry import FloatArray
 from ator_ros.nodes.parameters import PLANNER
 from ator_ros.nodes.remote_messages import action_type
 from ator_ros.refinement import RefinementError
+from ator_ros.robot.description import Robot
 
 _PATIENCE = 5.0  # real s until a server or its answer counts as missing
 _SUCCEEDED = 4  # action_msgs/GoalStatus
@@ -76,7 +79,13 @@ class PathPlanner:
         return future.result()
 
 
-def planner_of(node: Node, settings: Mapping[str, Any]) -> PathPlanner | None:
-    """Return the client that the parameter `PLANNER` asks for; raises RemoteError."""
+def with_planner(
+    node: Node, settings: Mapping[str, Any], domain: Domain, robot: Robot
+) -> tuple[Domain, Robot]:
+    """Return domain and robot with the routes that the parameter `PLANNER` asks for; raises RemoteError."""
     name = settings[PLANNER.name]
-    return PathPlanner(node.resolve_topic_name(name), settings["frame"]) if name else None
+    if not name:
+        return domain, robot
+    client = PathPlanner(node.resolve_topic_name(name), settings["frame"])
+    domain = dataclasses.replace(domain, planner=lambda *_: client)
+    return domain, domain.equip(robot)

@@ -20,8 +20,4 @@ LATCHED_BY_MANY = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LO
 """For subscribing to latched topics of many publishers, and to latched records, all of which must arrive."""
 
 SERVICES = QoSProfile(depth=2000)
-"""For services and actions, and their clients.
-
-Requests beyond the depth are lost silently, and rclpy's depth of 10 is soon reached. Keep-all would not help:
-it waits for clients that have died, and a client keeps no more of its requests than its own depth.
-"""
+"""For services, actions and their clients: requests beyond the depth, by default 10, are lost silently."""

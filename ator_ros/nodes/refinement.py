@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import random
 import time
 import traceback
@@ -26,19 +25,18 @@ from ator_ros.nodes.inputs import TfListener
 from ator_ros.nodes.maps import follow_map
 from ator_ros.nodes.models import LEARNED, LearnedSets, ModelSet
 from ator_ros.nodes.parameters import (
-    DOMAIN,
     FENCE,
     FRAME,
-    MAP,
     MODELS,
     PLANNER,
-    ROBOT,
+    WORLD,
     Parameter,
     declare_parameters,
     domain_and_robot,
     fence_of,
+    live,
 )
-from ator_ros.nodes.path_planner import planner_of
+from ator_ros.nodes.path_planner import with_planner
 from ator_ros.nodes.qos import SERVICES
 from ator_ros.nodes.running import run_node
 from ator_ros.nodes.segments import refinement_shapes
@@ -54,35 +52,24 @@ from ator_ros.refinement.search import Deadline, no_deadline
 from ator_ros.robot.description import Robot
 from ator_ros.tops.conditions import state_variables
 from ator_ros.tops.library import TopLibrary
-from ator_ros.world.grid_map import GridMap
 from ator_ros.world.messages import MessageError, count, pose_from, world_from
 
 PARAMETERS = (
     FRAME,
-    DOMAIN,
-    ROBOT,
+    *WORLD,
     FENCE,
     MODELS,
     LEARNED,
-    MAP,
     PLANNER,
-    Parameter("gate", True, "refine only where the predicted gain exceeds its uncertainty", live=True),
-    Parameter(
+    live("gate", True, "refine only where the predicted gain exceeds its uncertainty"),
+    live(
         "comparison_share",
         0.1,
         "greatest share of chains that run the other way, to measure gains; only with `learned`",
         0.0,
         0.1,
-        live=True,
     ),
-    Parameter(
-        "failure_cost",
-        -1.0,
-        "s that a failure costs; below 0: the domain's time limit",
-        -1.0,
-        MOST_WEIGHT,
-        live=True,
-    ),
+    live("failure_cost", -1.0, "s that a failure costs; below 0: the domain's time limit", -1.0, MOST_WEIGHT),
     Parameter("deadline", 0.05, "real s after which the best chain found is the answer", 0.001, 60.0),
 )
 
@@ -91,14 +78,12 @@ _MOST_PREDICTED = 100  # situations, and calls, of one request
 
 
 class RefinementNode(Node):
-    """Rewrites the free variables of TOP chains so that the whole chain performs best.
-
-    Parameters: see `PARAMETERS`; `gate`, `comparison_share` and `failure_cost` can change while it runs.
+    """Sets the free variables of TOP chains so that the whole chain performs best.
 
     Services
-        refine_subgoal (ator_interfaces/RefineSubgoal): the refined chain, or the chain as it came, with the
-        reason. A request that cannot be evaluated is answered with accepted = false. Requests are answered
-        one after the other. After `deadline` the answer is the best chain found, and cut_short is true.
+        refine_subgoal (ator_interfaces/RefineSubgoal): the refined chain, or the chain as it was sent, with
+        the reason. A request that cannot be evaluated is answered with accepted = false. Requests are
+        answered one by one. After `deadline` the answer is the best chain found, and cut_short is true.
         plan_chains (ator_interfaces/PlanChains): chains for a goal, from the conditions of the TOPs.
         predict_durations (ator_interfaces/PredictDurations): how long steps take from several situations.
     Subscribes to
@@ -113,15 +98,17 @@ class RefinementNode(Node):
     def __init__(self) -> None:
         super().__init__("refinement", automatically_declare_parameters_from_overrides=True)
         self._settings = declare_parameters(self, PARAMETERS)
-        self._domain, self._robot = domain, robot = domain_and_robot(self._settings)
-        self._planner = planner_of(self, self._settings)
-        if domain.grid is not None:
-            self._domain, self._robot = domain, robot = self._on_map(domain.grid)
+        self._frame = self._settings["frame"]
+        domain, robot = domain_and_robot(self._settings)
+        domain, robot = with_planner(self, self._settings, domain, robot)
+        self._use(domain, robot)
         self._fence = fence_of(self._settings, robot)
-        self._libraries = {name: domain.library(robot, name) for name in domain.action_sets}
         self._ranges = self._fence.narrowed(domain.ranges, robot)  # places are searched inside the fence
-        self._sets = LearnedSets(self, domain, self._libraries, self._settings, self._warm_up)
-        follow_map(self, self._settings, self._take_map)
+        self._sets = LearnedSets(
+            self, domain, self._libraries, self._settings,
+            warm_up=lambda library, read: warm_up_refinement(library, self._refiner(read, Gate())),
+        )  # fmt: skip
+        follow_map(self, self._settings, domain, robot, self._take_map)
         self._goals = domain.goals(robot)
         self._variables = state_variables(domain.objects, holder=robot.holder is not None)
         self._answered, self._cut_short, self._last_error = 0, 0, ""
@@ -133,7 +120,7 @@ class RefinementNode(Node):
             (PredictDurations, "predict_durations", self._predict),
         ):
             self.create_service(kind, name, partial(self._serve, answer), qos_profile=SERVICES)
-        self._diagnostics = Diagnostics(self, self._health)
+        Diagnostics(self, self._health)
         policy = "a chain is changed where the predicted gain exceeds its uncertainty"
         if not self._sets.present[DEFAULT_SET].models:
             policy = "chains stay as they are sent"
@@ -144,17 +131,16 @@ class RefinementNode(Node):
             f"{self.context.get_domain_id()}); {self._sets.startup_text()}; {policy}"
         )
 
-    def _on_map(self, grid: GridMap) -> tuple[Domain, Robot]:
-        domain = self._domain.on_map(dataclasses.replace(grid, planner=self._planner))
-        return domain, domain.equip(self._robot)
-
-    def _take_map(self, grid: GridMap) -> None:
-        self._domain, self._robot = domain, robot = self._on_map(grid)
+    def _use(self, domain: Domain, robot: Robot) -> None:
+        self._domain, self._robot = domain, robot
         self._libraries = {name: domain.library(robot, name) for name in domain.action_sets}
+
+    def _take_map(self, domain: Domain, robot: Robot) -> None:
+        self._use(domain, robot)
         self._sets.load_again(domain, self._libraries)
 
     def _gate(self, request: RefineSubgoal.Request, gains: Gains) -> Gate:
-        """Return the gate as it is now; some chains that are executed are drawn to measure what it gains."""
+        """Return the current gate, which draws some executed chains to measure the gain."""
         if not self._settings["gate"]:
             return NO_GATE
         measurable = bool(self._settings["learned"]) and request.measure
@@ -162,16 +148,11 @@ class RefinementNode(Node):
         return Gate(measured=gains.measured, drawn=measurable and random.random() < share)
 
     def _refiner(self, read: ModelSet, gate: Gate) -> Refiner:
-        """Return a refiner with the parameter `failure_cost` as it is now."""
         cost = self._settings["failure_cost"]
         cost = cost if cost >= 0.0 else self._domain.time_limit
         return Refiner(self._robot, read.models, gate, ranges=self._ranges, failure_cost=cost)
 
-    def _warm_up(self, library: TopLibrary, read: ModelSet) -> None:
-        warm_up_refinement(library, self._refiner(read, Gate()))
-
     def _serve(self, answer: Callable[[Any], Any], request: Any, response: Any) -> Any:
-        """Answer a request, also where it cannot be evaluated."""
         started = time.monotonic()
         try:
             response = answer(request)
@@ -189,8 +170,7 @@ class RefinementNode(Node):
         return response
 
     def _refine(self, request: RefineSubgoal.Request) -> RefineSubgoal.Response:
-        end = time.monotonic() + self._settings["deadline"]
-        frame = self._settings["frame"]
+        end, frame = time.monotonic() + self._settings["deadline"], self._frame
         action_set = messages.action_set_from(request.chain, allowed=self._libraries)
         present, library = self._sets.present[action_set], self._libraries[action_set]
         if not present.models:
@@ -205,63 +185,57 @@ class RefinementNode(Node):
         self._answered += 1
         self._cut_short += not choice.refinement.complete
         start, found = pose_from(request.situation.robot, "situation.robot"), choice.refinement
-        self._markers.publish(
-            lambda: marker_array(
-                refinement_shapes(start, found.original, found.chain, found.curves), "refinement", frame
-            )
-        )
+
+        def markers() -> MarkerArray:
+            shapes = refinement_shapes(start, found.original, found.chain, found.curves)
+            return marker_array(shapes, "refinement", frame)
+
+        self._markers.publish(markers)
         gain = messages.gain_of(found, gains.measured, gains.models)
         answer = messages.answer_of(choice, request, gain, action_set=action_set, frame=frame)
-        if self._domain.grid is not None:
-            answer.reason += f"; map {self._domain.grid}"
+        if self._robot.grid is not None:
+            answer.reason += f"; map {self._robot.grid}"
         return answer
 
     def _plan(self, request: PlanChains.Request) -> PlanChains.Response:
-        frame = self._settings["frame"]
         name = messages.action_set_from(request, allowed=self._libraries, where="request")
         goal = messages.statements_from(request.goal, self._goals, self._variables)
-        messages.into_frame(frame, self._tf.base, (), request.situation)
-        world = world_from(request.situation, frame=frame)
+        messages.into_frame(self._frame, self._tf.base, (), request.situation)
+        world = world_from(request.situation, frame=self._frame)
         chains = chains_for(goal, world, self._libraries[name], self._domain.objects, self._fence)
         return PlanChains.Response(
             accepted=True,
             holds=not chains,
             reason=f"{len(chains)} chain{'s' * (len(chains) > 1)}" if chains else "the goal holds already",
-            chains=[messages.chain_of(chain, action_set=name, frame=frame) for chain in chains],
+            chains=[messages.chain_of(chain, action_set=name, frame=self._frame) for chain in chains],
         )
 
     def _predict(self, request: PredictDurations.Request) -> PredictDurations.Response:
-        frame = self._settings["frame"]
         for field in ("situations", "calls"):
             count(getattr(request, field), field, least=1, most=_MOST_PREDICTED)
         name = messages.action_set_from(request, allowed=self._libraries, where="request")
-        messages.into_frame(frame, self._tf.base, (request,))
-        for situation in request.situations:
-            messages.into_frame(frame, self._tf.base, (), situation)
-        worlds = [
-            world_from(situation, frame=frame, where=f"situations[{number}]")
-            for number, situation in enumerate(request.situations)
-        ]
-        calls = messages.calls_from(request.calls, self._libraries[name], frame=frame)
+        messages.into_frame(self._frame, self._tf.base, (request,))
+        worlds = []
+        for number, situation in enumerate(request.situations):
+            messages.into_frame(self._frame, self._tf.base, (), situation)
+            worlds.append(world_from(situation, frame=self._frame, where=f"situations[{number}]"))
+        calls = messages.calls_from(request.calls, self._libraries[name], frame=self._frame)
         found = predict_durations(worlds, calls, self._robot, self._sets.present[name].models)
         durations, spreads, success = (values.ravel().tolist() for values in found)
-        reason = "" if self._domain.grid is None else f"map {self._domain.grid}"
+        reason = "" if self._robot.grid is None else f"map {self._robot.grid}"
         return PredictDurations.Response(
             accepted=True, reason=reason, durations=durations, spreads=spreads, success=success
         )
 
     def _health(self) -> Health:
         usable = any(read.models for read in self._sets.present.values())
-        return Health(
-            self._sets.problem or ("" if usable else "no models for any action set"),
-            error=not usable,
-            values={
-                **self._sets.diagnostics(),
-                "requests answered": self._answered,
-                "requests cut short by their deadline": self._cut_short,
-                "last error": self._last_error,
-            },
-        )
+        problem = self._sets.problem or ("" if usable else "no models for any action set")
+        counts = {
+            "requests answered": self._answered,
+            "requests cut short by their deadline": self._cut_short,
+            "last error": self._last_error,
+        }
+        return Health(problem, not usable, self._sets.diagnostics() | counts)
 
 
 def refine_request(
@@ -281,16 +255,11 @@ def refine_request(
     world = world_from(request.situation, frame=frame)
     chain = messages.chain_from(request.chain, library, frame=frame, fence=fence)
     others = messages.alternatives_from(request.alternatives, library, frame=frame, fence=fence)
-    if fence is not None:
-        fault = fence.unreachable(chain, refiner.robot, start=world.robot.pose[:2])
-        if fault is not None:
-            raise MessageError(fault)
+    if fence and (fault := fence.unreachable(chain, refiner.robot, start=world.robot.pose[:2])):
+        raise MessageError(fault)
     objective = messages.objective_from(request.objective, refiner.failure_cost)
-    placeholders = not request.as_given
-    chains = (chain, *others)
+    chains, placeholders = (chain, *others), not request.as_given
     return choose(refiner, world, chains, objective, placeholders=placeholders, deadline=deadline)
 
 
-def main(args: list[str] | None = None) -> None:
-    """Run the node."""
-    run_node(RefinementNode, PARAMETERS, args)
+main = partial(run_node, RefinementNode, PARAMETERS)

@@ -1,4 +1,4 @@
-"""Actions that the action servers of other programs execute: started, stepped and ended as ours are."""
+"""Actions that action servers of other programs execute."""
 
 from __future__ import annotations
 
@@ -26,15 +26,12 @@ from ator_ros.robot.description import Robot
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import STOP, World
 
-_QUESTIONS = 6  # requests to a server within the longest silence
-_SHORTEST = 0.05  # least real s between two of them
+_REQUESTS = 6  # requests to a server within its longest silence
+_LEAST_PERIOD = 0.05  # real s between two of them
 
 
 class RemoteServers:
-    """The servers of a domain's remote actions; those that cannot be used are logged once.
-
-    States are estimated in the frame `frame`.
-    """
+    """The servers of a domain's remote actions; faults are logged once. States are in the frame `frame`."""
 
     def __init__(self, node: Node, domain: Domain, frame: str) -> None:
         self._domain = domain
@@ -48,12 +45,12 @@ class RemoteServers:
             for call, server in self._servers.items()
             if server.fault
         )
-        """Which servers cannot be used as declared, and the actions that are lost with them; "": none."""
+        """The servers that cannot be used as declared, and their actions; empty if there are none."""
         if self.problem:
             node.get_logger().warning(self.problem)
 
     def libraries(self, robot: Robot) -> dict[str, TopLibrary]:
-        """Return the libraries of all action sets, in which remote actions are executed by their servers."""
+        """Return the libraries of all action sets, in which servers execute the remote actions."""
         libraries = {}
         for name, specs in self._domain.action_sets.items():
             remote = {
@@ -65,7 +62,7 @@ class RemoteServers:
         return libraries
 
     def ending(self) -> bool:
-        """Return whether a server may still move the robot though its goal was canceled."""
+        """Return whether a server may still move the robot after its goal was canceled."""
         return any(server.ending() for server in self._servers.values())
 
     def warnings(self) -> list[str]:
@@ -76,7 +73,7 @@ class RemoteServers:
 class RemoteAction(Action):
     """Lets an action server move the robot.
 
-    The goal is sent once the robot stands and has been commanded to: from then on no velocity is commanded,
+    The goal is sent once the robot was commanded to stop and stands. From then on no velocity is commanded
     until the server has ended. No method waits; the times of `Timeouts` are checked in each tick.
     """
 
@@ -88,10 +85,8 @@ class RemoteAction(Action):
         self._goal: Goal | None = None
         self._sent: RemoteGoal | None = None
         self._stopped = False
-        self._since = 0.0
-        """Real time in s from which the server's present answer is awaited."""
-        self._accepted: float | None = None
-        """Stamp in s of the state in which the goal was first known to be accepted."""
+        self._since = 0.0  # real time in s at which waiting for the server started
+        self._accepted_at: float | None = None  # stamp in s of the first state after acceptance
 
     def start(self, world: World, goal: Goal) -> None:  # noqa: ARG002
         """Commit to `goal`; it is sent in a later tick."""
@@ -100,23 +95,22 @@ class RemoteAction(Action):
         self._goal, self._since = goal, time.monotonic()
 
     def step(self, world: World) -> Step:
-        """Return None for a command from the tick on in which the goal is sent."""
+        """Return the next step; its command is None from the tick on in which the goal is sent."""
         return self._before(world) if self._sent is None else self._after(world, self._sent)
 
     def end(self, reason: str) -> None:  # noqa: ARG002
-        """Cancel the goal if the server may still execute it; `RemoteServer.ending` tracks the rest."""
+        """Cancel the goal unless it is over; `RemoteServer.ending` tracks the rest."""
         if self._sent is not None:
             self._server.release(self._sent)
 
     def _before(self, world: World) -> Step:
         """Stop, find the server, send the goal."""
         server, now = self._server, time.monotonic()
-        commanded, self._stopped = self._stopped, True
-        if not (commanded and world.robot.is_standing):
+        was_stopped, self._stopped = self._stopped, True
+        if not (was_stopped and world.robot.is_standing):
             self._since = now
             return Step(STOP, Status.RUNNING, f"stopping, before {server.name} takes over")
-        unusable = server.unusable()
-        if unusable:
+        if unusable := server.unusable():
             late = now - self._since > server.timeouts.server
             return finished(Status.REFUSED, unusable) if late else Step(STOP, Status.RUNNING, unusable)
         assert self._goal is not None
@@ -125,44 +119,43 @@ class RemoteAction(Action):
 
     def _after(self, world: World, sent: RemoteGoal) -> Step:
         """Wait for acceptance and result."""
-        server, limits = self._server, self._server.timeouts
+        server, name, limits = self._server, self._server.name, self._server.timeouts
         if sent.result is not None:
             failure = failure_in(server.call, sent.status, sent.result)
             if failure is None:
-                return finished(Status.SUCCEEDED, f"{server.name} succeeded")
-            return finished(Status.FAILED, f"{server.name} failed: {failure}")
+                return finished(Status.SUCCEEDED, f"{name} succeeded")
+            return finished(Status.FAILED, f"{name} failed: {failure}")
         if sent.accepted is False:
-            return finished(Status.REFUSED, f"{server.name} rejected the goal")
+            return finished(Status.REFUSED, f"{name} rejected the goal")
         if server.lost():
             missing = f"its action server has been missing for {limits.server:g} s"
-            return finished(Status.FAILED, f"{server.name} is gone: {missing}")
+            return finished(Status.FAILED, f"{name} is gone: {missing}")
         if sent.accepted is None:
             if time.monotonic() - self._since <= limits.acceptance:
-                return Step(None, Status.RUNNING, f"waiting for {server.name} to accept")
+                return Step(None, Status.RUNNING, f"waiting for {name} to accept")
             within = f"expected that within {limits.acceptance:g} s"
-            return finished(Status.REFUSED, f"{server.name} did not answer the goal: {within}")
-        if self._accepted is None:
-            self._accepted = world.time
+            return finished(Status.REFUSED, f"{name} did not answer the goal: {within}")
+        if self._accepted_at is None:
+            self._accepted_at = world.time
         if sent.silence() > limits.silence:
             within = f"expected a sign of life within {limits.silence:g} s, got none"
-            return finished(Status.FAILED, f"{server.name} is gone or hangs: {within}")
-        if world.time - self._accepted > limits.result:
+            return finished(Status.FAILED, f"{name} is gone or hangs: {within}")
+        if world.time - self._accepted_at > limits.result:
             within = f"expected a result within {limits.result:g} s, got none"
-            return finished(Status.FAILED, f"{server.name} took too long: {within}")
-        return Step(None, Status.RUNNING, f"executed by {server.name}")
+            return finished(Status.FAILED, f"{name} took too long: {within}")
+        return Step(None, Status.RUNNING, f"executed by {name}")
 
 
 class RemoteServer:
-    """Sends goals to one action server, and tracks which of them it may still be executing.
+    """Sends goals to one action server, and tracks a canceled goal until it is over.
 
-    `fault` is why it cannot be used, as where its type is not installed; empty where it can.
+    `fault` is why the server cannot be used, as without its type; empty if it can.
     """
 
     def __init__(self, node: Node, call: RemoteCall, frame: str) -> None:
-        self.call, self.name, self.timeouts = call, call.server, call.timeouts
-        self.fault = ""
+        self.call, self.name, self.timeouts, self.fault = call, call.server, call.timeouts, ""
         self._node = node
-        self._seen = -math.inf
+        self._present_at = -math.inf
         self._released: RemoteGoal | None = None
         self._until = 0.0
         try:
@@ -174,19 +167,16 @@ class RemoteServer:
 
     def present(self) -> bool:
         """Return whether the server is there now."""
-        there = bool(self._client.server_is_ready())
-        self._seen = time.monotonic() if there else self._seen
-        return there
+        is_present = bool(self._client.server_is_ready())
+        self._present_at = time.monotonic() if is_present else self._present_at
+        return is_present
 
     def lost(self) -> bool:
-        """Return whether the server has been missing for longer than it may."""
-        return not self.present() and time.monotonic() - self._seen > self.timeouts.server
+        """Return whether the server has been missing for longer than its timeout."""
+        return not self.present() and time.monotonic() - self._present_at > self.timeouts.server
 
     def unusable(self) -> str:
-        """Return why no goal can be sent now; empty if one can.
-
-        A server that was killed counts until DDS has given it up, which takes 20 s.
-        """
+        """Return why no goal can be sent now; empty if one can. DDS lists killed servers for up to 20 s."""
         within = f"expected one action server within {self.timeouts.server:g} s"
         if not self.present():
             return f"{self.name}: {within}, got none"
@@ -199,7 +189,7 @@ class RemoteServer:
         return RemoteGoal(self._client, message, self._cancel, self.timeouts.silence)
 
     def release(self, sent: RemoteGoal) -> None:
-        """Cancel a goal that may not be over; until it is, or its time is up, the server counts as ending."""
+        """Cancel a goal unless it is over; the server is `ending` until then, or until a timeout."""
         if sent.release() and self.present():
             self._released, self._until = sent, time.monotonic() + self.timeouts.cancel
 
@@ -208,7 +198,7 @@ class RemoteServer:
         return self._is_canceling() and self.present() and time.monotonic() <= self._until
 
     def warning(self) -> str:
-        """Return a warning, once, that the server has ignored a cancellation; empty if it has not."""
+        """Return a warning, once, if the server has ignored a cancellation; otherwise empty."""
         if not self._is_canceling() or time.monotonic() <= self._until:
             return ""
         self._released = None
@@ -222,21 +212,12 @@ class RemoteServer:
 
 
 class RemoteGoal:
-    """One goal, from its sending until its result; the node's executor brings the answers between two ticks.
+    """One goal of a server: whether it was `accepted`, None before the answer, and its `status` and `result`.
 
-    DDS lists a server that was killed for up to 20 s. So it is requested periodically, one request at a time,
-    to cancel an unknown goal. Each server answers that at once, except one that has no free thread while it
-    drives: until the first answer, missing ones mean nothing. A restarted server does not answer requests to
-    its predecessor, and does not execute the goal either.
-
-    Attributes
-    ----------
-    accepted : bool or None
-        Whether the server took the goal; None: it has not answered.
-    status : int
-        The final state of the goal with the server, once there is a result.
-    result : object or None
-        The result; None: there is none.
+    DDS lists a server that was killed for up to 20 s. Therefore the server is requested periodically, one
+    request at a time, to cancel an unknown goal. Each server answers that at once, except one that has no
+    free thread while it drives: missing answers count only after a first one. A restarted server does not
+    answer requests to its predecessor, and does not execute the goal either.
     """
 
     def __init__(self, client: ActionClient, message: Any, cancel: Client, silence: float) -> None:
@@ -245,22 +226,22 @@ class RemoteGoal:
         self.result: Any = None
         self._handle: ClientGoalHandle | None = None
         self._released = False
-        self._cancel, self._period = cancel, max(silence / _QUESTIONS, _SHORTEST)
-        self._question: Future | None = None
-        self._answers, self._quiet = False, 0.0
-        self._checked = self._asked = math.inf
-        sent = client.send_goal_async(message, feedback_callback=lambda _: self._take_sign_of_life())
+        self._cancel, self._period = cancel, max(silence / _REQUESTS, _LEAST_PERIOD)
+        self._request: Future | None = None
+        self._has_answered, self._silence = False, 0.0
+        self._checked_at = self._requested_at = math.inf
+        sent = client.send_goal_async(message, feedback_callback=lambda _: self._reset_silence())
         sent.add_done_callback(self._take_answer)
 
     @property
     def over(self) -> bool:
-        """Whether the server has nothing more to do for it, as far as is known."""
+        """Whether the server has rejected the goal or sent its result."""
         return self.accepted is False or self.result is not None
 
     def release(self) -> bool:
-        """Cancel it unless it is over, now or once it is accepted; return whether it was not over."""
-        if self._question is not None and not self._question.done():
-            self._cancel.remove_pending_request(self._question)
+        """Cancel the goal unless it is over, now or once it is accepted; return whether it was not over."""
+        if self._request is not None and not self._request.done():
+            self._cancel.remove_pending_request(self._request)
         self._released = True
         if self._handle is not None and not self.over:
             self._handle.cancel_goal_async()
@@ -269,28 +250,28 @@ class RemoteGoal:
     def silence(self) -> float:
         """Return the real s without a sign of life; 0 for a server that has never answered."""
         now = time.monotonic()
-        # While this node was stalled, answers were not read: a long time counts less.
-        self._quiet += min(max(now - self._checked, 0.0), self._period)
-        self._checked = now
-        if self._question is None and now >= self._asked + self._period:
-            self._asked = now
-            self._question = self._cancel.call_async(cancel_request_for_unknown_goal())
-            self._question.add_done_callback(self._take_reply)
-        return self._quiet if self._answers else 0.0
+        # Answers are not read while this node is delayed: a long interval counts as one period.
+        self._silence += min(max(now - self._checked_at, 0.0), self._period)
+        self._checked_at = now
+        if self._request is None and now >= self._requested_at + self._period:
+            self._requested_at = now
+            self._request = self._cancel.call_async(cancel_request_for_unknown_goal())
+            self._request.add_done_callback(self._take_reply)
+        return self._silence if self._has_answered else 0.0
 
     def _take_reply(self, _: Future) -> None:
-        self._question, self._answers = None, True
-        self._take_sign_of_life()
+        self._request, self._has_answered = None, True
+        self._reset_silence()
 
-    def _take_sign_of_life(self) -> None:
-        self._quiet = 0.0
+    def _reset_silence(self) -> None:
+        self._silence = 0.0
 
     def _take_answer(self, future: Future) -> None:
         handle = future.result()
         self.accepted = bool(handle.accepted)
         if not self.accepted:
             return
-        self._handle, self._asked = handle, time.monotonic()
+        self._handle, self._requested_at = handle, time.monotonic()
         handle.get_result_async().add_done_callback(self._take_result)
         if self._released:
             handle.cancel_goal_async()

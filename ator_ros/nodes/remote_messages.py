@@ -1,14 +1,16 @@
-"""Goals of any action type: found at run time, and filled by the paths of their fields."""
+"""Goals of any action type, found at run time; their fields are set by paths."""
 
 from __future__ import annotations
 
 import importlib
 import re
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped
+from std_msgs.msg import Header
 
 from ator_ros.actions.base import Goal
 from ator_ros.actions.goal_variables import goal_values
@@ -16,13 +18,13 @@ from ator_ros.actions.remote import Filling, RemoteCall, parts
 from ator_ros.nodes.messages import pose_of
 from ator_ros.printable import printable, quoted
 
-_FLOATS = ("float", "double")
+_FLOATS, _TEXTS = ("float", "double"), ("string", "wstring")
 _POSES = ("geometry_msgs/Pose", "geometry_msgs/PoseStamped")
 _SEQUENCE = re.compile(r"sequence<([^,]+)(?:, \d+)?>")
 
 
 class RemoteError(ValueError):
-    """An action server that cannot be used as declared; the message says what was expected and what came."""
+    """An action server that cannot be used as declared."""
 
 
 class RemoteInterface:
@@ -67,16 +69,16 @@ def action_type(name: str) -> Any:
 
 
 def _writer(filling: Filling, kind: Any, frame: str, where: str) -> Callable[[Goal], Any]:
-    """Return what computes the value of a field from a goal."""
+    """Return the function from a goal to the value of a field."""
     slot, source = _type_at(kind, filling.field, where), filling.source
     if source is None:
         constant = _fitting(filling.constant, slot, where)
         return lambda _: constant
     if source == "goal":
         _require(slot in _POSES, where, "a field of type geometry_msgs/Pose or PoseStamped", slot)
-        return lambda goal: _pose(goal, slot, filling.frame or frame)
+        return partial(_pose, slot, filling.frame or frame)
     if source == "frame":
-        _require(_is_text(slot), where, "a field for a text", slot)
+        _require(slot.startswith(_TEXTS), where, "a field for a text", slot)
         return lambda _: frame
     _require(slot in _FLOATS, where, "a field for a float", slot)
     variable = filling.goal_variable
@@ -84,20 +86,15 @@ def _writer(filling: Filling, kind: Any, frame: str, where: str) -> Callable[[Go
     return lambda goal: float(goal_values(goal)[variable])
 
 
-def _pose(goal: Goal, kind: str, frame: str) -> Any:
+def _pose(slot: str, frame: str, goal: Goal) -> Any:
     pose = pose_of(goal.pose)
-    if kind == "geometry_msgs/Pose":
+    if slot == "geometry_msgs/Pose":
         return pose
-    stamped = PoseStamped(pose=pose)
-    stamped.header.frame_id = frame
-    return stamped
-
-
-# Paths; types are named as by `get_fields_and_field_types`
+    return PoseStamped(header=Header(frame_id=frame), pose=pose)
 
 
 def _type_at(kind: Any, path: str, where: str) -> str:
-    """Return the type of the field at a path; raises RemoteError."""
+    """Return the type of the field at a path, as `get_fields_and_field_types` does; raises RemoteError."""
     slot = ""
     for name, indexed in parts(path):
         fields = {} if kind is None else kind.get_fields_and_field_types()
@@ -114,31 +111,27 @@ def _type_at(kind: Any, path: str, where: str) -> str:
 
 
 def _class_of(slot: str) -> Any:
-    """Return the class of a message; None for what is no message."""
+    """Return the class of a message type; None for other types."""
     package, _, name = slot.partition("/")
     return getattr(importlib.import_module(f"{package}.msg"), name) if name.isidentifier() else None
 
 
 def _put(message: Any, path: str, value: Any) -> None:
-    """Set the field at a path; sequences on the way get one item."""
-    *way, (last, indexed) = parts(path)
-    for name, only in way:
-        if only and not getattr(message, name):
+    """Set the field at a path; empty sequences on the path get one item."""
+    *parents, (last, indexed) = parts(path)
+    for name, is_sequence in parents:
+        if is_sequence and not getattr(message, name):
             sequence = _SEQUENCE.fullmatch(message.get_fields_and_field_types()[name])
             assert sequence is not None  # checked before
             setattr(message, name, [_class_of(sequence[1])()])
-        message = getattr(message, name)[0] if only else getattr(message, name)
+        message = getattr(message, name)[0] if is_sequence else getattr(message, name)
     setattr(message, last, [value] if indexed else value)
 
 
-def _is_text(slot: str) -> bool:
-    return slot.startswith(("string", "wstring"))
-
-
 def _fitting(value: Any, slot: str, where: str) -> Any:
-    """Return a constant as a field of this type holds it; raises RemoteError."""
+    """Return a constant for a field of type `slot`; raises RemoteError."""
     number = isinstance(value, int | float) and not isinstance(value, bool)
-    if _is_text(slot):
+    if slot.startswith(_TEXTS):
         fits = isinstance(value, str)
     elif slot == "boolean":
         fits = isinstance(value, bool)

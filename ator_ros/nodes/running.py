@@ -27,30 +27,35 @@ from ator_ros.nodes.parameters import Parameter, SetupError
 from ator_ros.printable import printable
 from ator_ros.resources import ResourceError
 
-_WAKE_UP = 0.1
+_SPIN_PERIOD = 0.1  # s
 _LAST_SPINS = 0.3  # s
-_LONGEST_REASON = 1000  # characters of the line with which a node ends: a part of a path may have 255
+_LONGEST_REASON = 1000  # characters of the error with which a node ends: a part of a path may have 255
 _EXPECTED = (SetupError, ResourceError, ParameterException, NameValidationException, RuntimeError, ValueError)
 """Errors for the user; rcl's are RuntimeErrors, and rclpy raises ValueError for a parameter []."""
 
 
-def run_node(make: Callable[[], Node], parameters: Sequence[Parameter], args: Sequence[str] | None) -> None:
-    """Make a node and spin it until Ctrl-C or SIGTERM, then end with exit code 0.
+def run_node(
+    make: Callable[[], Node], parameters: Sequence[Parameter], args: Sequence[str] | None = None
+) -> None:
+    """Run a node until Ctrl-C or SIGTERM, then end with exit code 0.
 
     The node may have a method `stop`, which is called while it can still publish. Unusable parameters and
     files end the process with one line and exit code 1, unknown arguments with exit code 2. ``--help`` prints
     the documentation of the node and its `parameters`.
     """
     arguments = list(sys.argv if args is None else args)
-    lines = [f"  {p.name:24}{p.description} (default: {p.default!r})" for p in parameters]
+    lines = [
+        f"  {p.name:24}{p.description} (default: {p.default!r}{', live' if p.live else ''})"
+        for p in parameters
+    ]
     parser = ArgumentParser(
         usage="%(prog)s [-h] [--ros-args -p PARAMETER:=VALUE ... -r NAME:=OTHER ...]",
         description=inspect.getdoc(make),
-        epilog="\n".join(["parameters:", *lines]),
+        epilog="\n".join(["parameters (live: can change while the node runs):", *lines]),
         formatter_class=RawDescriptionHelpFormatter,
     )
     stopped: list[int] = []
-    for number in (signal.SIGINT, signal.SIGTERM):  # for good: a second one must not disturb the end
+    for number in (signal.SIGINT, signal.SIGTERM):  # for good: a second one must not interrupt `stop`
         signal.signal(number, lambda received, _: stopped.append(received))
     try:
         parser.parse_args(remove_ros_args(arguments)[1:])
@@ -69,7 +74,7 @@ def run_node(make: Callable[[], Node], parameters: Sequence[Parameter], args: Se
     executor.add_node(node)
     try:
         while not stopped:
-            executor.spin_once(timeout_sec=_WAKE_UP)
+            executor.spin_once(timeout_sec=_SPIN_PERIOD)
     finally:
         if hasattr(node, "stop"):
             node.stop()
@@ -80,20 +85,20 @@ def run_node(make: Callable[[], Node], parameters: Sequence[Parameter], args: Se
 
 @contextmanager
 def uninterrupted() -> Iterator[None]:
-    """Let signals interrupt the program after the block: amid a message rclpy makes them RuntimeErrors."""
-    if threading.current_thread() is not threading.main_thread():  # others receive none
+    """Delay signals until the end of the block: within rclpy their exceptions become RuntimeErrors."""
+    if threading.current_thread() is not threading.main_thread():  # other threads receive none
         yield
         return
     received: list[int] = []
     numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-    former = {each: signal.signal(each, lambda number, _: received.append(number)) for each in numbers}
+    previous = {each: signal.signal(each, lambda number, _: received.append(number)) for each in numbers}
     try:
         yield
     finally:
-        for number, handler in former.items():
+        for number, handler in previous.items():
             signal.signal(number, handler)
-        for one in received[:1]:
-            signal.raise_signal(one)
+        if received:
+            signal.raise_signal(received[0])
 
 
 def spin_out(node: Node) -> None:

@@ -1,4 +1,4 @@
-"""What the page in the browser and RViz draw on the floor: chains, rings, and the surroundings."""
+"""Drawings on the floor for the page in the browser and RViz: chains, rings, and the surroundings."""
 
 from __future__ import annotations
 
@@ -12,10 +12,9 @@ from ator_ros.geometry import FloatArray, Pose, wrap_angles
 from ator_ros.refinement.refiner import SubgoalCurve
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
-from ator_ros.world.scene import WALL_THICKNESS, Bay
+from ator_ros.world.scene import WALL_THICKNESS
 
-Color = tuple[float, float, float]
-"""Red, green and blue, each from 0 to 1."""
+Color = tuple[float, float, float]  # red, green and blue, each from 0 to 1
 
 GRAY: Color = (0.55, 0.57, 0.6)
 BLUE: Color = (0.13, 0.45, 0.9)
@@ -32,10 +31,7 @@ _RING_WIDTH, _CHOSEN_WIDTH = 0.03, 0.05
 
 @dataclass(frozen=True, eq=False)
 class Segments:
-    """Straight segments on the floor: both ends (n, 2, 2) and colors (n, 3) of each, and their width, in m.
-
-    The name is unique in a picture.
-    """
+    """Straight segments: ends (n, 2, 2) and width in m, colors (n, 3); names are unique in a drawing."""
 
     name: str
     points: FloatArray
@@ -44,21 +40,17 @@ class Segments:
 
 
 def polyline(name: str, corners: Sequence[tuple[float, float]], color: Color, width: float) -> Segments:
-    """Return the segments between neighboring `corners` (m); fewer than two make none."""
+    """Return the segments between neighboring `corners` (m)."""
     line = np.asarray(corners, dtype=float).reshape(-1, 2)
     points = np.stack([line[:-1], line[1:]], axis=1) if len(line) > 1 else np.zeros((0, 2, 2))
     return Segments(name, points, np.tile(np.asarray(color, dtype=float), (len(points), 1)), width)
 
 
 def _arrow(name: str, pose: Pose, color: Color) -> Segments:
-    """Return an arrow that starts at a pose."""
     tip = pose.ahead(_ARROW)
     left, right = (tip._replace(yaw=tip.yaw + turn).ahead(-0.4 * _ARROW) for turn in (0.45, -0.45))
     points = np.array([[a[:2], b[:2]] for a, b in ((pose, tip), (tip, left), (tip, right))])
     return Segments(name, points, np.tile(color, (len(points), 1)), _ARROW_WIDTH)
-
-
-# Chains
 
 
 def _chain_shapes(name: str, start: Pose, chain: TopChain, color: Color) -> list[Segments]:
@@ -69,7 +61,7 @@ def _chain_shapes(name: str, start: Pose, chain: TopChain, color: Color) -> list
 
 
 def executed_chain_shapes(start: Pose, chain: TopChain, step: int) -> list[Segments]:
-    """Return a chain that is executed from `start`; the subgoal of `step`, from 0, is orange."""
+    """Return a chain that is executed from `start`; the subgoal of the current `step`, from 0, is orange."""
     shapes = _chain_shapes("chain", start, chain, BLUE)
     if step < len(chain.calls):
         shapes[step + 1] = _arrow(f"chain/subgoal{step}", chain.calls[step].goal.pose, ORANGE)
@@ -79,10 +71,7 @@ def executed_chain_shapes(start: Pose, chain: TopChain, step: int) -> list[Segme
 def refinement_shapes(
     start: Pose, naive: TopChain, chain: TopChain, curves: Sequence[SubgoalCurve]
 ) -> list[Segments]:
-    """Return what refinement made of a chain for a robot at `start`: naive in gray, executed in blue.
-
-    Each subgoal whose heading was searched gets a ring.
-    """
+    """Return the naive chain from `start` in gray, the refined one in blue, rings of searched headings."""
     return [
         *_chain_shapes("naive", start, naive, GRAY),
         *_chain_shapes("chain", start, chain, BLUE),
@@ -92,18 +81,8 @@ def refinement_shapes(
 
 def alternative_shapes(start: Pose, chains: Sequence[TopChain]) -> list[Segments]:
     """Return thin lines from `start` along the subgoals of other chains."""
-    return [
-        polyline(
-            f"alternative{number}",
-            [start[:2], *(call.goal.pose[:2] for call in chain.calls)],
-            VIOLET,
-            _ALTERNATIVE_WIDTH,
-        )
-        for number, chain in enumerate(chains)
-    ]
-
-
-# Rings
+    lines = ([start[:2], *(call.goal.pose[:2] for call in chain.calls)] for chain in chains)
+    return [polyline(f"alternative{i}", line, VIOLET, _ALTERNATIVE_WIDTH) for i, line in enumerate(lines)]
 
 
 def costs_by_heading(curve: SubgoalCurve) -> tuple[FloatArray, FloatArray]:
@@ -122,10 +101,10 @@ def costs_by_heading(curve: SubgoalCurve) -> tuple[FloatArray, FloatArray]:
 
 
 def ring(chain: TopChain, curve: SubgoalCurve) -> tuple[Segments, ...]:
-    """Return the ring of one subgoal of `chain`, and the mark of the heading that the chain has.
+    """Return the ring of one subgoal of `chain`, and a mark of the chain's own heading.
 
-    A point of the ring lies where the robot comes from if it arrives with that heading. The ring is green and
-    near the subgoal where the chain is predicted to be fast, red and far from it where it is slow.
+    Each point stands for one heading and lies on the side from which the robot then arrives: green and near
+    the subgoal if the chain is predicted to be fast, red and far if it is slow.
     """
     headings, costs = costs_by_heading(curve)
     if len(headings) < 3:
@@ -144,23 +123,16 @@ def ring(chain: TopChain, curve: SubgoalCurve) -> tuple[Segments, ...]:
     )
 
 
-# Surroundings
-
-
 def surroundings(domain: Domain, robot: Robot) -> list[Segments]:
     """Return the outline of the area, the domain's lines, and the walls of the bays as thick lines."""
     x_min, y_min, x_max, y_max = robot.scene.area.lines
     outline = [(x_min, y_min), (x_max, y_min), (x_max, y_max), (x_min, y_max), (x_min, y_min)]
-    lines = [polyline("area", outline, WHITE, _LINE_WIDTH)]
-    lines += [
-        polyline(f"line{number}", corners, WHITE, _LINE_WIDTH)
-        for number, corners in enumerate(domain.lines(robot))
-    ]
-    return lines + [_bay(number, bay) for number, bay in enumerate(robot.scene.bays)]
-
-
-def _bay(number: int, bay: Bay) -> Segments:
-    front, side = Pose(bay.x, bay.y, bay.yaw), bay.width / 2.0
-    places = ((0.0, side), (bay.depth, side), (bay.depth, -side), (0.0, -side))
-    corners = [front.compose(Pose(x, y, 0.0))[:2] for x, y in places]
-    return polyline(f"bay{number}", corners, GRAY, WALL_THICKNESS)
+    shapes = [polyline("area", outline, WHITE, _LINE_WIDTH)]
+    for number, line in enumerate(domain.lines(robot)):
+        shapes.append(polyline(f"line{number}", line, WHITE, _LINE_WIDTH))
+    for number, bay in enumerate(robot.scene.bays):
+        front, side = Pose(bay.x, bay.y, bay.yaw), bay.width / 2.0
+        places = ((0.0, side), (bay.depth, side), (bay.depth, -side), (0.0, -side))
+        walls = [front.compose(Pose(x, y, 0.0))[:2] for x, y in places]
+        shapes.append(polyline(f"bay{number}", walls, GRAY, WALL_THICKNESS))
+    return shapes

@@ -13,12 +13,12 @@ from ator_ros.world import messages
 from ator_ros.world.messages import MessageError
 from ator_ros.world.state import STOP, World
 
-_FASTEST = 10.0  # greatest m/s of a placed object: in one step of the physics it moves by its radius
+_FASTEST = 10.0  # m/s of a placed object: it then moves by its radius in one step of the physics
 
 
 @dataclass
 class SimulatedRobot:
-    """One robot of the world: its name ("" where there is no other), sensors and start."""
+    """One robot of the world: its name, "" for a single one, sensors and start."""
 
     name: str
     sensors: Sensors
@@ -29,11 +29,9 @@ class SimulatedRobot:
 class SimulatedWorld:
     """One world that can be reset; every placement is checked before anything changes.
 
-    All `robots` are of the description `robot`. `object_starts` are the positions in m of the objects at the
-    start and after a reset. MessageError is raised for a start outside the floor, or bodies that overlap at
-    the start.
-
-    `simulation` is what is simulated; a reset makes a new one.
+    All `robots` have the description `robot`. `object_starts` are the positions in m of the objects at the
+    start and after a reset, which makes a new `simulation`. A start outside the floor or in another body
+    raises MessageError.
     """
 
     def __init__(
@@ -56,24 +54,23 @@ class SimulatedWorld:
         self.simulation = Simulation(self.robot, robots=len(self.robots))
         for number, robot in enumerate(self.robots):
             self.simulation.place_robot(robot.start, number=number)
+            robot.sensors.reset()
         for name, place in self._object_starts.items():
             self.simulation.place_object(name, *place)
-        for number in range(len(self.robots)):
-            self._reset_sensors(number)
+        self._observe()
 
-    def _reset_sensors(self, number: int) -> None:
-        robot = self.robots[number]
-        robot.sensors.reset()
-        robot.observed = robot.sensors.observe(self.simulation.world(number=number))
-
-    def _observe_object(self, name: str) -> None:
-        """Reset the sensors of all robots for one object; their odometry stays."""
+    def _observe(self) -> None:
         for number, robot in enumerate(self.robots):
-            robot.sensors.placed(name)
             robot.observed = robot.sensors.observe(self.simulation.world(number=number))
 
+    def _observe_placed(self, name: str) -> None:
+        """Observe an object that was placed at once; odometry continues."""
+        for robot in self.robots:
+            robot.sensors.placed(name)
+        self._observe()
+
     def awaited(self) -> set[int]:
-        """Return the numbers of the robots whose next command a tick waits for: a command holds for them.
+        """Return the numbers of the robots whose next command a tick waits for.
 
         Of several robots those that were commanded to stop are left out, as the others need their odometry.
         """
@@ -84,13 +81,13 @@ class SimulatedWorld:
     def tick(self) -> set[str]:
         """Advance by one control tick; return the names of the robots that have come to stand."""
         self.simulation.tick()
-        former, self._idle = self._idle, set()
+        self._observe()
+        previous, self._idle = self._idle, set[str]()
         for number, robot in enumerate(self.robots):
-            world = self.simulation.world(number=number)
-            robot.observed = robot.sensors.observe(world)
-            if world.robot.is_standing and self.simulation.commanded(number=number) in (None, STOP):
+            is_standing = self.simulation.world(number=number).robot.is_standing
+            if is_standing and self.simulation.commanded(number=number) in (None, STOP):
                 self._idle.add(robot.name)
-        return self._idle - former
+        return self._idle - previous
 
     def reset(self) -> None:
         """Make a new world; its time starts at 0."""
@@ -100,7 +97,7 @@ class SimulatedWorld:
     def place_robot(self, pose: Pose, number: int, *, v: float, w: float) -> None:
         """Put a robot's axle at `pose`, moving at v (m/s) and w (rad/s).
 
-        MessageError is raised outside the floor, in another body, or beyond the robot's limits.
+        Raises MessageError outside the floor, in another body, or beyond the robot's limits.
         """
         limits = self.robot.limits
         self._check_inside(pose.x, pose.y, "pose.pose.position")
@@ -108,24 +105,26 @@ class SimulatedWorld:
         messages.number(w, "w", low=-limits.w, high=limits.w, unit="rad/s")
         _check_clear(self.simulation.robot_overlap(pose, number=number), "pose.pose.position")
         self.simulation.place_robot(pose, v=v, w=w, number=number)
-        self._reset_sensors(number)
+        robot = self.robots[number]
+        robot.sensors.reset()
+        robot.observed = robot.sensors.observe(self.simulation.world(number=number))
 
     def place_object(self, name: str, x: float, y: float, *, vx: float, vy: float) -> None:
         """Put an object on the floor at (x, y) m, rolling at (vx, vy) m/s.
 
-        MessageError is raised outside the floor, in another body, or above 10 m/s.
+        Raises MessageError outside the floor, in another body, or above 10 m/s.
         """
         self._check_inside(x, y, "position.point")
         for axis, value in (("x", vx), ("y", vy)):
             messages.number(value, f"velocity.{axis}", low=-_FASTEST, high=_FASTEST, unit="m/s")
         _check_clear(self.simulation.object_overlap(name, x, y), "position.point")
         self.simulation.place_object(name, x, y, vx=vx, vy=vy)
-        self._observe_object(name)
+        self._observe_placed(name)
 
     def remove_object(self, name: str) -> None:
         """Take an object off the floor."""
         self.simulation.remove_object(name)
-        self._observe_object(name)
+        self._observe_placed(name)
 
     def _check_inside(self, x: float, y: float, where: str) -> None:
         x_min, y_min, x_max, y_max = self.robot.scene.area.floor

@@ -25,16 +25,14 @@ from ator_ros.geometry import Pose, quaternion_from_yaw
 from ator_ros.nodes.diagnostics import STEADY, WARNING_PERIOD, Diagnostics, Health, Ticks
 from ator_ros.nodes.messages import object_odometry_of, occupancy_grid_of, odometry_of, stamp_of
 from ator_ros.nodes.parameters import (
-    DOMAIN,
-    FRAME,
-    MAP,
+    FRAMES,
     OBJECT,
-    ROBOT,
-    ROBOT_FRAME,
+    WORLD,
     Parameter,
     SetupError,
     declare_with_domain,
     domain_and_robot,
+    live,
     map_topic,
 )
 from ator_ros.nodes.qos import LATCHED, NEWEST, RESULTS, SENSOR_DATA, SERVICES
@@ -50,28 +48,17 @@ from ator_ros.world.messages import MessageError
 from ator_ros.world.scene import Area
 from ator_ros.world.state import STOP
 
-WORLD = "world"
-"""The frame in which robots of one simulation begin."""
-
-
 _COMMON = (
-    FRAME,
-    ROBOT_FRAME,
-    DOMAIN,
-    ROBOT,
-    MAP,
+    *FRAMES,
+    *WORLD,
     Parameter("robots", [""], "names of the robots, namespaces of their topics and frames; '': none"),
-    # The maximum is faster than any computer.
-    Parameter(
-        "real_time_factor", 1.0, "simulated per real seconds; 0: as fast as possible", 0.0, 100.0, live=True
-    ),
-    Parameter(
+    live("real_time_factor", 1.0, "simulated per real seconds; 0: as fast as possible", 0.0, 100.0),
+    live(
         "command_wait",
         0.2,
         "real s that a tick waits for a command; less than the executor's odom_timeout",
         0.0,
         10.0,
-        live=True,
     ),
     Parameter("lockstep", False, "whether ticks wait for commands at any real_time_factor"),
     Parameter("publish_clock", False, "whether to publish the simulated time on /clock"),
@@ -81,96 +68,87 @@ _COMMON = (
         "x, y (m, from the area's center), yaw of each robot after a reset; else beside the last",
     ),
     Parameter("seed", 0, "of the sensors' noise", 0, 2**31 - 1),
-    # Drifts of 1 are errors as large as the motion; the executor allows as much latency.
     Parameter("drift", 0.0, "odometry's position error in m after 1 m of driving", 0.0, 1.0),
     Parameter("heading_drift", 0.0, "odometry's heading error in rad after 1 m of driving", 0.0, 1.0),
     Parameter("latency", 0.0, "simulated s after which odom and objects come, with their stamps", 0.0, 0.3),
 )
 _ERRORS = tuple(field.name for field in dataclasses.fields(ObjectErrors))
-_ASIDE = 1.0  # m between objects, and between robots, that are where they start by default
+_ASIDE = 1.0  # m between the default starts of objects, and of robots
 _FASTEST_PERIOD, _LONGEST_PERIOD = 0.0005, 60.0
 _PAUSED_PERIOD = 0.05
 _REAL_TIME_TICKS = round(5.0 / TICK)  # ticks at real-time speed after the last command has expired
+_WORLD_FRAME = "world"  # in which the robots of one simulation start
 
 
 class SimulationNode(Node):
     """Simulates one robot, or several, in one world; 20 ticks a second of simulated time.
 
-    `real_time_factor` and `command_wait` can change while it runs. Where `robots` names robots, each has all
-    topics and services that follow in the namespace of its name, and frames that begin with it. `reset`,
-    `pause` and the objects are those of the whole world, from any robot's namespace.
+    If `robots` names robots, each has the following topics and services in the namespace of its name, and its
+    frames start with the name. `reset`, `pause` and the objects are those of the whole world.
 
     Subscribes to
-        cmd_vel (geometry_msgs/Twist): clipped to the robot's limits; 0.5 s of simulated time
-        after the last command the robot stands, see `SimulatedBase`.
-    Publishes, every tick, as the robot's sensors see it, stamped with the simulated time of what they see
+        cmd_vel (geometry_msgs/Twist): clipped to the robot's limits; it stands 0.5 s after the last command.
+    Publishes, every tick, as the robot's sensors observe it, stamped with the simulated time of observation
         odom (nav_msgs/Odometry): the middle of the axle, twist in the robot's frame.
         NAME of each object of the scene (nav_msgs/Odometry): position and velocity, both in the
         header's frame; nothing while the object is not there.
         joint_states (sensor_msgs/JointState), and tf (tf2_msgs/TFMessage) from the frame of odometry to the
-        robot's own, where there are subscribers; robot_description (std_msgs/String, transient local): URDF.
+        robot's own, if there are subscribers; robot_description (std_msgs/String, transient local): URDF.
         tf_static (tf2_msgs/TFMessage, transient local), of robots with names: from `world` to odometry.
         map (nav_msgs/OccupancyGrid, transient local), if it has one: the walls that are simulated.
-        /clock (rosgraph_msgs/Clock), when `publish_clock`: every tick.
+        /clock (rosgraph_msgs/Clock), with `publish_clock`: every tick.
         /diagnostics (diagnostic_msgs/DiagnosticArray): once a second.
     Services
         place_robot, and place_NAME of each object (ator_interfaces): teleport, with a velocity.
         reset (std_srvs/Trigger): a new world; simulated time starts at 0 again.
         pause (std_srvs/SetBool): stop and resume simulated time; a paused world is still published.
 
-    Faster than real time, and with `lockstep`, a tick waits up to `command_wait` for a command while a
-    command holds. This keeps simulation and controller in step on a busy machine, also when a program takes
-    over that needs more than one tick to start. With several robots a tick waits for those that are commanded
-    to move, for a shorter time the more there are: a robot whose controller ends must not stop the others.
-    When no command holds any more, time passes no faster than in reality for five seconds: a program that a
-    busy machine holds up for a moment then loses that moment, not minutes.
+    Faster than real time, and with `lockstep`, a tick waits up to `command_wait` for the next command while
+    one is in effect, which keeps the controller in step on a busy machine. With several robots it waits only
+    for those that are commanded to move, and for a shorter time the more there are. For five seconds after
+    the last command has expired, time passes no faster than in reality.
     """
 
     def __init__(self) -> None:
         super().__init__("simulation", automatically_declare_parameters_from_overrides=True)
         self._settings = settings = declare_with_domain(self, parameters_for)
         self._world = world_of(settings)
-        self._paused, self._deadline, self._rejected = False, 0.0, ""
-        self._ticks, self._real_time_ticks = Ticks(), 0
-        """How many of the next ticks take as long as in reality, unless they wait for a command."""
+        self._paused, self._last_error = False, ""
+        self._deadline = 0.0  # real time in s of the next tick
+        self._real_time_ticks = 0  # next ticks that take as long as in reality, unless a command comes
+        self._ticks = Ticks()
         self._awaited: set[int] = set()
-        self._clock_publisher = None
-        if settings["publish_clock"]:
-            self._clock_publisher = self.create_publisher(Clock, "/clock", SENSOR_DATA)
+        is_clock = settings["publish_clock"]
+        self._clock_publisher = self.create_publisher(Clock, "/clock", SENSOR_DATA) if is_clock else None
         self._topics = [self._topics_of(number) for number in range(len(self._world.robots))]
         factor = settings["real_time_factor"]
         self._timer = self.create_timer(_period_at(factor), self._tick, clock=STEADY)
         commands = {topics.resolved("cmd_vel"): Twist for topics in self._topics}
-        self._diagnostics = Diagnostics(self, self._health, commands)
+        Diagnostics(self, self._health, commands)
         speed = f"at {factor:g} times real time" if factor else "as fast as possible"
         robot = self._world.robot
         names = ", ".join(each.name for each in self._world.robots)
         domain = domain_for(settings["domain"], settings["robot"]).name
         self.get_logger().info(
             f"simulating {robot.name}{f' as {names}' if names else ''} {speed} (domain {domain}, ROS domain "
-            f"{self.context.get_domain_id()}): cmd_vel to "
-            f"{', '.join(('odom', *robot.scene.objects))}"
+            f"{self.context.get_domain_id()}): cmd_vel to {', '.join(('odom', *robot.scene.objects))}"
         )
 
     def _topics_of(self, number: int) -> RobotTopics:
-        """Offer topics and services of one robot."""
-        scene = self._world.robot.scene
         topics = RobotTopics(self, self._world.robot, self._world.robots[number], self._settings)
-        callback = partial(self._command, number)
-        self.create_subscription(Twist, topics.resolved("cmd_vel"), callback, SENSOR_DATA)
+        command = partial(self._command, number)
+        self.create_subscription(Twist, topics.resolved("cmd_vel"), command, SENSOR_DATA)
         services: dict[str, tuple[type[Any], Callable[[Any], str]]] = {
             "place_robot": (PlaceRobot, partial(self._place_robot, number)),
             "reset": (Trigger, self._reset),
             "pause": (SetBool, self._pause),
         }
-        for name in scene.objects:
+        for name in self._world.robot.scene.objects:
             services[f"place_{name}"] = PlaceObject, partial(self._place_object, number, name)
         for name, (kind, handle) in services.items():
             callback = partial(self._serve, handle)
             self.create_service(kind, topics.resolved(name), callback, qos_profile=SERVICES)
         return topics
-
-    # Time
 
     def _tick(self) -> None:
         now, period = time.monotonic(), round(1e9 * _period_at(self._settings["real_time_factor"]))
@@ -183,10 +161,10 @@ class SimulationNode(Node):
         if self._paused:
             self._deadline = now + _PAUSED_PERIOD
         else:
-            self._ticks.began(now)
+            self._ticks.start(now)
             for name in self._world.tick():
                 self.get_logger().debug(f"{self._world.simulation.time:.2f} s: {name or 'robot'} stands")
-            self._ticks.took(time.monotonic() - now)
+            self._ticks.end(time.monotonic())
             self._schedule(now)
         self._publish()
 
@@ -208,14 +186,12 @@ class SimulationNode(Node):
         for number, topics in enumerate(self._topics):
             topics.publish(self._world.simulation.wheel_angles(number))
 
-    # Commands and services
-
     def _command(self, number: int, message: Twist) -> None:
         try:
             command = checks.command_from(message, self._topics[number].resolved("cmd_vel"))
             self._world.simulation.command(command, number=number)
         except MessageError as error:
-            self._reject(str(error))
+            self._warn(str(error))
             return
         self.get_logger().debug(f"{self._world.simulation.time:.2f} s: {command}")
         if number not in self._awaited and command == STOP:
@@ -224,18 +200,18 @@ class SimulationNode(Node):
         if not (self._paused or self._awaited):
             self._deadline = 0.0
 
-    def _reject(self, reason: str) -> None:
-        self._rejected = reason
+    def _warn(self, reason: str) -> None:
+        self._last_error = reason
         self.get_logger().warning(f"ignored: {reason}", throttle_duration_sec=WARNING_PERIOD)
 
     def _serve(self, handle: Callable[[Any], str], request: Any, response: Any) -> Any:
-        """Answer a request with the text of `handle`, or with its error."""
+        """Answer a request with the text that `handle` returns, or with its error."""
         try:
             response.message, response.success = handle(request), True
             self._publish()
         except MessageError as error:
             response.message, response.success = str(error), False
-            self._reject(str(error))
+            self._warn(str(error))
         return response
 
     def _place_robot(self, number: int, request: PlaceRobot.Request) -> str:
@@ -266,14 +242,8 @@ class SimulationNode(Node):
         return "paused" if self._paused else "running"
 
     def _health(self) -> Health:
-        return Health(
-            values={
-                "simulated time (s)": f"{self._world.simulation.time:.2f}",
-                "paused": self._paused,
-                **self._ticks.diagnostics(),
-                "last error": self._rejected,
-            }
-        )
+        values = {"simulated time (s)": f"{self._world.simulation.time:.2f}", "paused": self._paused}
+        return Health(values={**values, **self._ticks.diagnostics(), "last error": self._last_error})
 
 
 def _period_at(factor: float) -> float:
@@ -281,15 +251,11 @@ def _period_at(factor: float) -> float:
     return min(TICK / factor, _LONGEST_PERIOD) if factor else _FASTEST_PERIOD
 
 
-# From parameters to the world
-
-
 def parameters_for(objects: Sequence[str]) -> tuple[Parameter, ...]:
     """Return the parameters of the node, among them five for each of the `objects`."""
     parameters = list(_COMMON)
     for place, name in enumerate(objects):
         start = f"position of the {name} after a reset: x, y in m from the area's center"
-        # With noise of 1 m or 1 m/s, a delay of 5 s or 99 % dropouts no chain succeeds.
         parameters += [
             Parameter(f"{name}_start", [0.0, _ASIDE * place], start),
             Parameter(f"{name}_noise", 0.0, f"error of the {name}'s coordinates in m", 0.0, 1.0),
@@ -303,26 +269,18 @@ def parameters_for(objects: Sequence[str]) -> tuple[Parameter, ...]:
 
 
 def world_of(settings: Mapping[str, Any]) -> SimulatedWorld:
-    """Return the world at its start; what its robots observe errs independently. Raises SetupError."""
+    """Return the world at its start; the sensor errors of its robots are independent. Raises SetupError."""
     if topic := map_topic(settings):
-        raise SetupError(
-            f"parameter map: expected a file (.yaml), as walls do not change, got {quoted(topic)}"
-        )
+        raise SetupError(f"parameter map: expected a file (.yaml), got the topic {quoted(topic)}")
     (_, robot), names = domain_and_robot(settings), settings["robots"]
     if len(set(names)) < len(names) or not all(is_name(name) for name in names if name or len(names) > 1):
-        raise SetupError(
-            f"parameter robots: expected different names of letters, digits and _, got {quoted(list(names))}"
-        )
+        expected = "expected different names of letters, digits and _"
+        raise SetupError(f"parameter robots: {expected}, got {quoted(list(names))}")
     scene = robot.scene
-    config = SensorConfig(
-        drift=settings["drift"],
-        heading_drift=settings["heading_drift"],
-        latency=settings["latency"],
-        objects={
-            name: ObjectErrors(**{kind: settings[f"{name}_{kind}"] for kind in _ERRORS})
-            for name in scene.objects
-        },
-    )
+    objects = {
+        name: ObjectErrors(**{kind: settings[f"{name}_{kind}"] for kind in _ERRORS}) for name in scene.objects
+    }
+    config = SensorConfig(settings["drift"], settings["heading_drift"], settings["latency"], objects)
     starts = _starts(settings["robot_start"], len(names), scene.area)
     robots = [
         SimulatedRobot(name, Sensors(config, settings["seed"] + number), start)
@@ -340,25 +298,20 @@ def world_of(settings: Mapping[str, Any]) -> SimulatedWorld:
 
 
 def _starts(numbers: Sequence[float], count: int, area: Area) -> list[Pose]:
-    """Return the start of each robot: those given, then each `_ASIDE` to the left of the last."""
+    """Return the start of each robot: those given, then each `_ASIDE` to the left of the one before."""
     if len(numbers) % 3 or not 3 <= len(numbers) <= 3 * count or not all(map(math.isfinite, numbers)):
-        raise SetupError(
-            f"parameter robot_start: expected finite x, y and yaw of 1 to {count} robots, got {list(numbers)}"
-        )
+        expected = f"expected finite x, y and yaw of 1 to {count} robots"
+        raise SetupError(f"parameter robot_start: {expected}, got {list(numbers)}")
     starts = [area.at(*numbers[at : at + 3]) for at in range(0, len(numbers), 3)]
     while len(starts) < count:
         starts.append(starts[-1].compose(Pose(0.0, _ASIDE, 0.0)))
     return starts
 
 
-# Topics
-
-
 class RobotTopics:
-    """Publishes what the sensors of one robot observe, tf, joint states and the URDF.
+    """Publishes the observations of one robot's sensors, tf, joint states and the URDF.
 
-    The robot's name is put before its topics and the frames in `settings`. Robots of one node
-    share `tf`, in which their frames are children of the frame `world`.
+    Topics and frames start with the robot's name, except /tf, in which `world` is the parent of the frames.
     """
 
     def __init__(
@@ -374,7 +327,7 @@ class RobotTopics:
         self._tf = node.create_publisher(TFMessage, "tf", RESULTS)
         if robot.name:
             self._fixed = node.create_publisher(TFMessage, "tf_static", LATCHED)
-            origin = transform_of(0.0, Pose(0.0, 0.0, 0.0), frame=WORLD, child=self.frame)
+            origin = transform_of(0.0, Pose(0.0, 0.0, 0.0), frame=_WORLD_FRAME, child=self.frame)
             self._fixed.publish(TFMessage(transforms=[origin]))
         self._description = node.create_publisher(String, self.resolved("robot_description"), LATCHED)
         self._description.publish(String(data=robot_urdf(description)))
@@ -389,7 +342,7 @@ class RobotTopics:
     def publish(self, wheels: list[float]) -> None:
         """Publish the last observation, and the angles of the left and the right wheel (rad)."""
         world, state = self._robot.observed, self._robot.observed.robot
-        # Objects come first: subscribers that act on odom then have the objects of the same tick.
+        # Objects first: subscribers that act on odom then have the objects of the same tick.
         for name, there in world.objects.items():
             message = object_odometry_of(world.time, there, frame=self.frame, height=self._scene.radius(name))
             self._objects[name].publish(message)
@@ -414,6 +367,4 @@ def transform_of(time: float, pose: Pose, *, frame: str, child: str) -> Transfor
     return message
 
 
-def main(args: list[str] | None = None) -> None:
-    """Run the node."""
-    run_node(SimulationNode, parameters_for([OBJECT]), args)
+main = partial(run_node, SimulationNode, parameters_for([OBJECT]))

@@ -182,7 +182,7 @@ def _planning(domain: Domain, action: str | None) -> Iterator[Domain]:
             planner = PathPlanner(action)
         except RemoteError as error:
             raise FileError(f"--planner: {error}") from error
-        yield domain.on_map(dataclasses.replace(domain.grid, planner=planner))
+        yield dataclasses.replace(domain, planner=lambda *_: planner)
 
 
 def _run(options: argparse.Namespace, domain: Domain, command: str) -> None:

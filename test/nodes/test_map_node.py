@@ -143,13 +143,15 @@ def test_the_executor_refuses_a_goal_in_a_wall_before_the_robot_moves(host: Host
 
 
 def test_a_map_is_used_once_the_node_is_idle_unless_it_has_no_room(client: Client) -> None:
-    taken, busy = list[GridMap](), iter((False,) * 4)
-
-    def take(grid: GridMap) -> None:
-        BUILDING.on_map(grid).robot()
-        taken.append(grid)
-
-    follow_map(client.node, {"map": "walls"}, take, lambda: next(busy, True))
+    taken, busy = list[GridMap | None](), iter((False,) * 4)
+    follow_map(
+        client.node,
+        {"map": "walls"},
+        BUILDING,
+        BUILDING.robot(),
+        lambda domain, _: taken.append(domain.grid),
+        lambda: next(busy, True),
+    )
     maps = client.node.create_publisher(OccupancyGrid, "walls", LATCHED)
     for grid in (WALL, EMPTY):
         maps.publish(occupancy_grid_of(grid, frame="map"))
