@@ -1,6 +1,6 @@
 """Write pages with the accuracy of learned models, or with the feature ablation (paper, end of section 3).
 
-scripts/run python scripts/accuracy.py --models models --out docs/accuracy.md
+scripts/run python scripts/accuracy.py --models models --out models/accuracy.md
 scripts/run python scripts/accuracy.py experience.parquet fresh.parquet --out ablation.md
 """
 

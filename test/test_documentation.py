@@ -223,7 +223,7 @@ def test_all_results_can_be_reproduced(tmp_path: Path) -> None:
     made = {file.relative_to(tmp_path).as_posix() for file in tmp_path.rglob("*") if file.is_file()}
     shipped = {f"models/{file.relative_to(ROOT / 'models')}" for file in (ROOT / "models").rglob("*.json")}
     assert shipped <= made
-    assert {"docs/accuracy.md", "docs/evaluation/report.html", "docs/figure6.svg"} <= made
+    assert {"models/accuracy.md", "docs/evaluation/report.html", "docs/figure6.svg"} <= made
     assert {"docs/evaluation_bezier/report.html", "docs/figure6_bezier.svg"} <= made  # as with PARTS=bezier
 
 

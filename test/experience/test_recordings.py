@@ -75,7 +75,7 @@ def test_a_missing_package_is_reported_in_one_line(
         assert train.main([str(tmp_path / file), "--models", str(tmp_path)]) == 1
         (line,) = capsys.readouterr().err.splitlines()
         assert package in line
-        assert line.endswith("docs/install.md says how to install it")
+        assert line.endswith("docs/install.md describes how to install it")
 
 
 def test_records_of_the_executor_are_read_unchanged(tmp_path: Path) -> None:

@@ -93,7 +93,10 @@ def test_learning_can_be_frozen_and_requested(
     refused = client.call(Trigger, "learning/learn_now", Trigger.Request())
     assert (refused.success, refused.message) == (False, "learning is frozen")
     assert values_of(client.status_of("learning"))["frozen"] == "True"
-    with pytest.raises(OSError, match="another command is writing there"), exclusive_folder(folder):
+    with (
+        pytest.raises(OSError, match="expected a folder that no other process uses"),
+        exclusive_folder(folder),
+    ):
         pass
     assert current_set(folder) is None
     assert client.call(SetBool, "learning/freeze", SetBool.Request(data=False)).success

@@ -6,14 +6,19 @@ from pathlib import Path
 
 import pytest
 from documentation import ROOT
+from nav2_interfaces import provide_nav2_msgs
 from process import PATIENCE, Process
 
 pytestmark = pytest.mark.node
-READY = {"executor": "ready for chains of turtlebot4 (domain stations", "refinement": "refining chains"}
+READY = {
+    "executor": "ready for chains of turtlebot4 (domain stations",
+    "refinement": "refining chains",
+}
 
 
 @pytest.mark.parametrize("name", READY)
 def test_nodes_start(tmp_path: Path, domain: int, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    provide_nav2_msgs(monkeypatch)
     for file in ("nav2/stations.yaml", "nav2/nav2.yaml", "building/map.png"):
         shutil.copy(ROOT / "config" / file, tmp_path)
     shutil.copy(ROOT / "config" / "turtlebot4.yaml", tmp_path / "my_robot.yaml")

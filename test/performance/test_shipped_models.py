@@ -58,7 +58,7 @@ def test_the_model_of_tour_is_from_few_drives_over_ros() -> None:
 
 
 def test_the_documented_accuracy_is_that_of_the_models() -> None:
-    page = (DOCS / "accuracy.md").read_text(encoding="utf-8")
+    page = (resource_path("models") / "accuracy.md").read_text(encoding="utf-8")
     models = (load_model(file, ROBOT, SOCCER.known_features) for file in FILES)
     for line in accuracy_table(models, PAPER_ERRORS):
         assert line in page
