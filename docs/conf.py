@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import sys
 from pathlib import Path
+from posixpath import normpath
 
 from sphinx.application import Sphinx
 
@@ -22,8 +23,8 @@ html_title = f"ator_ros {version}"
 html_show_sphinx = False
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 root_doc = "README"
-include_patterns = ["README.md", "CONTRIBUTING.md", "CHANGELOG.rst", "docs/*.md", "docs/generated/*.md"]
-exclude_patterns = ["[!CRd]*"]  # folders that Sphinx need not search
+include_patterns = ["README.md", "CONTRIBUTING.md", "CHANGELOG.rst", "docs/*.md", "docs/generated/*.md", "models/*.md"]
+exclude_patterns = ["[!CRdm]*"]  # folders that Sphinx need not search
 highlight_language = "text"
 myst_heading_anchors = 4
 linkcheck_ignore = [r"http://127\."]
@@ -43,7 +44,7 @@ def navigation() -> str:
         if found := re.match(rf"(?:\| |#+ |\*\*)({'|'.join(KINDS)})", line, re.IGNORECASE):
             kind = found[1].lower()
         if kind:
-            pages[kind] += [f"docs/{page}" for page in re.findall(r"\(([\w/]+)\.md\)", line)]
+            pages[kind] += [normpath(f"docs/{page}") for page in re.findall(r"\(([\w/.]+)\.md\)", line)]
     pages["reference"] += [f"docs/generated/{name}" for name in reference.PAGES]
     pages["explanation"] += ["CONTRIBUTING", "CHANGELOG"]
     text = "\n```{toctree}\n:hidden:\ndocs/README\n```\n"
