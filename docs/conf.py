@@ -23,7 +23,14 @@ html_title = f"ator_ros {version}"
 html_show_sphinx = False
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 root_doc = "README"
-include_patterns = ["README.md", "CONTRIBUTING.md", "CHANGELOG.rst", "docs/*.md", "docs/generated/*.md", "models/*.md"]
+include_patterns = [
+    "README.md",
+    "CONTRIBUTING.md",
+    "CHANGELOG.rst",
+    "docs/*.md",
+    "docs/generated/*.md",
+    "models/*.md",
+]
 exclude_patterns = ["[!CRdm]*"]  # folders that Sphinx need not search
 highlight_language = "text"
 myst_heading_anchors = 4
