@@ -66,6 +66,7 @@ BY_TEST = {
     r"ros2 run ator_ros \w+ .*nav2\.yaml.*": "nodes/test_nav2_files.py::test_nodes_start",
     r"ros2 run ator_ros waypoints .*": "nodes/test_waypoints_node.py::test_waypoints_are_followed_",
     r"(ros2 run ator_ros )?collect .*--attach.*": "nodes/test_attached.py::test_drives_are_kept_on_",
+    r"ros2 run ator_ros train .*--planner .*": "nodes/test_path_planner.py::test_models_are_learned_from_",
     r"ros2 run ator_ros train .*--map .*": "performance/test_route_features.py::test_a_model_learned_with_",
     r"ros2 action send_goal -f /execute_chain .*x: 4.*": "domains/test_remote_documentation.py::test_the_",
     r"ros2 action send_goal -f /execute_chain .*": "nodes/test_own_server.py::test_own_",

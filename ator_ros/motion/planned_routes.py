@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,34 +12,45 @@ from ator_ros.geometry import FloatArray, wrap_angles
 _TOLERANCE = 0.1  # m by which corners may differ from a path: the steps of a planner's cells are no turns
 
 
-def measured_path(path: FloatArray, look_ahead: float) -> FloatArray:
-    """Return length (m), turn, headings at departure and arrival (rad) of a path, and whether it is straight.
+class PathMeasures(NamedTuple):
+    """What is known of the route along a path; angles are in rad."""
+
+    length: float  # m
+    turn: float  # sum of the angles at its corners
+    departure: float  # heading over its first meters
+    arrival: float  # heading over its last meters
+    straight: bool
+
+
+def measured_path(path: FloatArray, look_ahead: float) -> PathMeasures:
+    """Measure a path.
 
     Parameters
     ----------
     path : ndarray, shape (n, 2)
         Places in m, at least the start and the goal.
     look_ahead : float
-        Length in m of the ends whose headings are taken.
+        Length in m of both ends, over which their headings are taken.
     """
-    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
-    look = min(look_ahead, along[-1])
-    after, before = (
-        [np.interp(there, along, path[:, axis]) for axis in (0, 1)] for there in (look, along[-1] - look)
+    distances = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
+    length = float(distances[-1])
+    look = min(look_ahead, length)
+    first, last = (
+        np.array([np.interp(distance, distances, path[:, axis]) for axis in (0, 1)])
+        for distance in (look, length - look)
     )
     corners = _corners(path)
-    headings = np.arctan2(*np.diff(corners, axis=0).T[::-1])
-    turn = np.abs(wrap_angles(np.diff(headings))).sum()
-    departure, arrival = (math.atan2(way[1], way[0]) for way in (after - path[0], path[-1] - before))
-    return np.array([along[-1], turn, departure, arrival, len(corners) == 2])
+    turns = wrap_angles(np.diff(np.arctan2(*np.diff(corners, axis=0).T[::-1])))
+    departure, arrival = (math.atan2(step[1], step[0]) for step in (first - path[0], path[-1] - last))
+    return PathMeasures(length, float(np.abs(turns).sum()), departure, arrival, len(corners) == 2)
 
 
 def _corners(path: FloatArray) -> FloatArray:
     """Return the ends and corners of a path by the algorithm of Ramer, Douglas and Peucker."""
     chord = path[-1] - path[0]
     x, y = (path - path[0]).T
-    away = np.abs(chord[0] * y - chord[1] * x) / max(math.hypot(*chord), 1e-9)
-    farthest = int(away.argmax())
-    if away[farthest] <= _TOLERANCE:
+    offsets = np.abs(chord[0] * y - chord[1] * x) / max(math.hypot(*chord), 1e-9)
+    farthest = int(offsets.argmax())
+    if offsets[farthest] <= _TOLERANCE:
         return path[[0, -1]]
     return np.concatenate([_corners(path[: farthest + 1])[:-1], _corners(path[farthest:])])

@@ -86,7 +86,7 @@ class Routes:
         self._component: Cells = np.stack(components).astype(np.int32)
         self._fields: OrderedDict[tuple[int, complex], tuple[Cells, Tables]] = OrderedDict()
         self._cached = lru_cache(_CACHED_PAIRS)(lambda *pair: self._between(np.array([pair]).T)[:, 0])
-        self._paths: dict[tuple[int, ...], FloatArray | None] = {}  # of the map's planner
+        self._paths: dict[tuple[int, ...], FloatArray] = {}  # of the map's planner
         free = np.argwhere(self._free[-1])
         if not len(free):
             raise FileError(
@@ -104,11 +104,9 @@ class Routes:
         count = ends.shape[1]
         alike = count > 0 and bool((ends == ends[:, :1]).all())  # as in a search for headings
         if alike:
-            found = self._cached(*ends[:, 0].tolist())[:, None].repeat(count, axis=1)
-        elif 0 < count <= _FEW:
-            found = np.stack([self._cached(*pair) for pair in ends.T.tolist()], axis=1)
+            found = self._few(ends[:, :1]).repeat(count, axis=1)
         else:
-            found = self._between(ends)
+            found = self._few(ends) if 0 < count <= _FEW else self._between(ends)
         length, turn, clearance, departure, arrival, straight = found
         return RouteSet(length, turn, clearance, departure, arrival, straight == 1.0)
 
@@ -121,21 +119,28 @@ class Routes:
         found[3:5] = wrap_angles(found[3:5] + self.grid.origin.yaw)
         return found
 
+    def _few(self, ends: FloatArray) -> FloatArray:
+        """Return the routes of a few pairs as `_between` does, cached; planned paths have their own cache."""
+        if self.grid.planner is not None:
+            return self._between(ends)
+        return np.stack([self._cached(*pair) for pair in ends.T.tolist()], axis=1)
+
     def _planned(self, planner: Planner, x: float, y: float, to_x: float, to_y: float) -> FloatArray:
         """Return the route along the path of a planner between two places in m, a column of a `RouteSet`."""
         key = tuple(round(value / _CELL) for value in (x, y, to_x, to_y))  # stops differ by centimeters
-        if key not in self._paths:
-            if len(self._paths) > _CACHED_PAIRS:
-                self._paths.clear()
-            self._paths[key] = planner((x, y), (to_x, to_y))
-        path = self._paths[key]
+        path = self._paths.get(key)
         if path is None:
-            return np.full(6, np.nan)
+            path = planner((x, y), (to_x, to_y))
+            if path is None:  # not cached: a planner may find a path later
+                return np.full(6, np.nan)
+            if len(self._paths) >= _CACHED_PAIRS:
+                self._paths.clear()
+            self._paths[key] = path
         path = np.concatenate([[(x, y)], path[1:-1], [(to_x, to_y)]])
-        length, turn, departure, arrival, straight = measured_path(path, LOOK_AHEAD)
+        along = measured_path(path, LOOK_AHEAD)
         cells = self._cells(self._places(*path.T))
         clearance = self._cell * np.where(cells < 0, 0.0, self._clearance.ravel()[cells]).min()
-        return np.array([length, turn, clearance, departure, arrival, straight])
+        return np.array([along.length, along.turn, clearance, along.departure, along.arrival, along.straight])
 
     def connected(self, ends: FloatArray) -> BoolArray:
         """Return whether there are routes from x, y to to_x, to_y in m, shape (4, n)."""

@@ -25,6 +25,7 @@ from ator_ros.learning.sets import digest_of_start
 from ator_ros.nodes.diagnostics import STEADY, WARNING_PERIOD, Diagnostics, Health
 from ator_ros.nodes.maps import follow_map
 from ator_ros.nodes.parameters import (
+    FRAME,
     MODELS,
     PLANNER,
     WORLD,
@@ -42,6 +43,7 @@ from ator_ros.world.grid_map import save_map
 from ator_ros.world.messages import MessageError
 
 PARAMETERS = (
+    FRAME,
     *WORLD,
     MODELS,
     PLANNER,
@@ -80,7 +82,9 @@ class LearningNode(Node):
         self._folder = folder = Path(settings["learned"] or _DEFAULT_FOLDER).expanduser()
         self._lock = contextlib.ExitStack()
         name, description, planner = settings["domain"], settings["robot"], settings["planner"]
-        planner = self.resolve_topic_name(planner) if planner else ""
+        planner, frame = self.resolve_topic_name(planner) if planner else "", settings["frame"]
+        if planner and self._domain.grid is None and not settings["map"]:
+            raise SetupError("parameter planner: expected a map, too; set the parameter map")
         self._grid = map_file(settings)
         models = Path(settings["models"]) if settings["models"] else self._domain.shipped_models
         try:
@@ -90,7 +94,7 @@ class LearningNode(Node):
                 StoreInfo(self._robot.digest(), self._domain.name),
                 lambda: RoundProcess(
                     "ator_ros.nodes.learning_process",
-                    [str(folder), name, description, settings["models"], self._grid, planner, _now()],
+                    [str(folder), name, description, settings["models"], self._grid, planner, frame, _now()],
                 ),
                 start=digest_of_start(models, self._domain.action_sets),
                 batch=settings["batch"],

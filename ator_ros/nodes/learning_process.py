@@ -13,7 +13,7 @@ import rclpy
 
 from ator_ros.domains.domain import domain_for
 from ator_ros.learning.round import Source, learn
-from ator_ros.nodes.path_planner import PathPlanner
+from ator_ros.nodes.path_planner import LONGEST_PLAN, PathPlanner
 
 _NICE = 15
 
@@ -21,17 +21,17 @@ _NICE = 15
 def main() -> None:
     """Execute one round at the lowest priority, and write its result to standard output.
 
-    Arguments, in a JSON list: the folder of records, domain, robot, models, map and planner as the parameters
-    of the node name them, and the time.
+    Arguments, in a JSON list: the folder of records, domain, robot, models, map, planner and frame as the
+    parameters of the node name them, and the time.
     """
     os.nice(_NICE)
     with suppress(OSError):  # Linux weighs sessions before processes, and this process has its own session
         Path("/proc/self/autogroup").write_text(str(_NICE), encoding="ascii")
-    folder, name, robot, models, grid, planner, time = json.loads(sys.argv[1])
+    folder, name, robot, models, grid, planner, frame, time = json.loads(sys.argv[1])
     domain = domain_for(name, robot).on_map(grid)
     if planner and domain.grid is not None:
         rclpy.init()
-        client = PathPlanner(planner)
+        client = PathPlanner(planner, frame, LONGEST_PLAN)
         domain = dataclasses.replace(domain, planner=lambda *_: client)
     place = Path(models) if models else domain.shipped_models
     source = Source(Path(folder), domain, domain.robot(robot or None), place)

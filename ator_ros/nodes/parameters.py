@@ -49,7 +49,9 @@ class Parameter:
         """Return the descriptor, which `ros2 param describe` shows."""
         descriptor = ParameterDescriptor(description=self.description, read_only=not self.live)
         descriptor.dynamic_typing = "true" in self.choices
-        descriptor.additional_constraints = f"one of {', '.join(self.choices)}" if self.choices else ""
+        allowed = f"one of {', '.join(self.choices)}" if self.choices else ""
+        fixed = "" if self.live else "restart the node to change it"
+        descriptor.additional_constraints = "; ".join(filter(None, (allowed, fixed)))
         if isinstance(self.default, bool | str) or not math.isfinite(self.high - self.low):
             return descriptor
         if isinstance(self.default, int):

@@ -14,12 +14,16 @@ from rclpy.node import Node
 
 from ator_ros.domains.domain import Domain
 from ator_ros.geometry import FloatArray
-from ator_ros.nodes.parameters import PLANNER
-from ator_ros.nodes.remote_messages import action_type
+from ator_ros.nodes.parameters import FRAME, MAP, PLANNER, SetupError
+from ator_ros.nodes.remote_messages import RemoteError, action_type
+from ator_ros.printable import quoted
 from ator_ros.refinement import RefinementError
 from ator_ros.robot.description import Robot
 
-_PATIENCE = 5.0  # real s until a server or its answer counts as missing
+LONGEST_PLAN = 10.0
+"""Longest wait in real s for a path that is learned from."""
+_LONGEST_REQUEST = 1.0  # real s for each path of a request to refinement
+_DISCOVERY_TIMEOUT = 1.0  # real s until a server counts as missing; DDS may still be connecting it
 _SUCCEEDED = 4  # action_msgs/GoalStatus
 
 
@@ -31,7 +35,9 @@ class PathPlanner:
     name : str
         The action, of type nav2_msgs/ComputePathToPose.
     frame : str
-        Of all places: that of the map.
+        The frame of the map, in which places and paths are.
+    timeout : float
+        Longest wait for each answer in real s.
 
     Raises
     ------
@@ -39,13 +45,14 @@ class PathPlanner:
         The type is not installed.
     """
 
-    def __init__(self, name: str, frame: str = "map") -> None:
-        self._name, self._frame = name, frame
+    def __init__(self, name: str, frame: str, timeout: float) -> None:
+        self._name, self._frame, self._timeout = name, frame, timeout
         self._kind = action_type("nav2_msgs/action/ComputePathToPose")
         self._node = Node("path_planner", start_parameter_services=False, use_global_arguments=False)
         self._client = ActionClient(self._node, self._kind, name)
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self._node)
+        self._was_ready = False
 
     def __str__(self) -> str:
         """Return the name of the action."""
@@ -54,38 +61,68 @@ class PathPlanner:
     def __call__(self, start: tuple[float, float], goal: tuple[float, float]) -> FloatArray | None:
         """Return the path between two places in m, shape (n, 2), or None if the server finds none.
 
-        Raises RefinementError if the server is missing or does not answer.
+        Raises RefinementError if the server is missing, rejects the goal, does not answer in time, or answers
+        with an unusable path.
         """
-        if not self._client.wait_for_server(_PATIENCE):
-            raise RefinementError(f"planner: expected the action server {self._name}, there is none")
-        request = self._kind.Goal(start=self._place(*start), goal=self._place(*goal), use_start=True)
-        handle = self._result_of(self._client.send_goal_async(request))
+        patience = 0.0 if self._was_ready else _DISCOVERY_TIMEOUT
+        if not (self._client.server_is_ready() or self._client.wait_for_server(patience)):
+            self._was_ready = True
+            raise RefinementError(
+                f"planner: expected the action server {self._name}, got none; start Nav2's planner_server"
+            )
+        self._was_ready = True
+        request = self._kind.Goal(start=self._pose_stamped(*start), goal=self._pose_stamped(*goal))
+        request.use_start = True
+        handle = self._answer(self._client.send_goal_async(request))
+        if handle is None:
+            raise self._unanswered(start, goal)
         if not handle.accepted:
+            raise RefinementError(f"planner: {self._name} rejected the goal; is it active?")
+        answer = self._answer(handle.get_result_async())
+        if answer is None:
+            handle.cancel_goal_async()
+            raise self._unanswered(start, goal)
+        if answer.status != _SUCCEEDED:
             return None
-        answer = self._result_of(handle.get_result_async())
-        path = [(item.pose.position.x, item.pose.position.y) for item in answer.result.path.poses]
-        return np.array(path) if answer.status == _SUCCEEDED and len(path) > 1 else None
+        found = answer.result.path
+        path = np.array([(item.pose.position.x, item.pose.position.y) for item in found.poses])
+        if len(path) < 2 or not np.isfinite(path).all() or found.header.frame_id not in ("", self._frame):
+            raise RefinementError(
+                f"planner: expected a path of finite places in {self._frame} from {self._name}, got "
+                f"{len(path)} places in {quoted(found.header.frame_id)}"
+            )
+        return path
 
-    def _place(self, x: float, y: float) -> PoseStamped:
+    def _pose_stamped(self, x: float, y: float) -> PoseStamped:
         place = PoseStamped()
         place.header.frame_id = self._frame
         place.pose.position.x, place.pose.position.y = x, y
         return place
 
-    def _result_of(self, future: Any) -> Any:
-        self._executor.spin_until_future_complete(future, _PATIENCE)
-        if not future.done():
-            raise RefinementError(f"planner: expected an answer of {self._name} within {_PATIENCE:g} s")
-        return future.result()
+    def _answer(self, future: Any) -> Any:
+        """Return what a request was answered, None if it was not."""
+        self._executor.spin_until_future_complete(future, self._timeout)
+        return future.result() if future.done() else None
+
+    def _unanswered(self, start: tuple[float, float], goal: tuple[float, float]) -> RefinementError:
+        places = " to ".join(f"x {x:.2f} m, y {y:.2f} m" for x, y in (start, goal))
+        return RefinementError(
+            f"planner: expected a path of {self._name} from {places} within {self._timeout:g} s, got none"
+        )
 
 
 def with_planner(
     node: Node, settings: Mapping[str, Any], domain: Domain, robot: Robot
 ) -> tuple[Domain, Robot]:
-    """Return domain and robot with the routes that the parameter `PLANNER` asks for; raises RemoteError."""
+    """Return domain and robot with the routes that the parameter `PLANNER` asks for; raises SetupError."""
     name = settings[PLANNER.name]
     if not name:
         return domain, robot
-    client = PathPlanner(node.resolve_topic_name(name), settings["frame"])
+    if domain.grid is None and not settings[MAP.name]:
+        raise SetupError("parameter planner: expected a map, too; set the parameter map")
+    try:
+        client = PathPlanner(node.resolve_topic_name(name), settings[FRAME.name], _LONGEST_REQUEST)
+    except RemoteError as error:
+        raise SetupError(f"parameter planner: {error}") from error
     domain = dataclasses.replace(domain, planner=lambda *_: client)
     return domain, domain.equip(robot)

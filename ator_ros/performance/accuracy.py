@@ -36,8 +36,8 @@ def accuracy(model: PerformanceModel, starts: pd.DataFrame, *, seed: int) -> dic
     Returns
     -------
     dict
-        mae_s, rmse_s with their _ci95, mean_duration_s, relative_error (MAE over mean duration); the number
-        of episodes, which are those that succeeded, and their seed.
+        mae_s, rmse_s with their _ci95, bias_s, mean_duration_s, relative_error (MAE over mean duration),
+        median_relative_error; the number of episodes, which are those that succeeded, and their seed.
     """
     starts = starts[starts["success"]]
     actual = starts["duration"].to_numpy(dtype=float)
@@ -50,8 +50,10 @@ def accuracy(model: PerformanceModel, starts: pd.DataFrame, *, seed: int) -> dic
         "mae_s_ci95": mean_ci95(size).tolist(),
         "rmse_s": float(np.sqrt(square.mean())),
         "rmse_s_ci95": np.sqrt(mean_ci95(square)).tolist(),
+        "bias_s": float(error.mean()),
         "mean_duration_s": float(actual.mean()),
         "relative_error": float(size.mean() / max(actual.mean(), CONTROL_PERIOD)),
+        "median_relative_error": float(np.median(size / np.maximum(actual, CONTROL_PERIOD))),
         "episodes": len(starts),
         "seed": seed,
     }

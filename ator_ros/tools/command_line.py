@@ -48,7 +48,7 @@ def guarded(program: str, work: Callable[[], object], *, interrupted: str = "not
             stream.reconfigure(errors="backslashreplace")
     try:
         with _interrupted_by_signals(), warnings.catch_warnings():
-            warnings.showwarning = lambda text, *_, **__: print(f"{program}: {text}", file=sys.stderr)
+            warnings.showwarning = _first_warnings(program)
             work()
             return 0
     except KeyboardInterrupt:
@@ -61,6 +61,18 @@ def guarded(program: str, work: Callable[[], object], *, interrupted: str = "not
         lines = filter(None, (line.strip() for line in str(error).splitlines()))
         print(f"{program}: {printable('; '.join(lines), _LONGEST_LINE)}", file=sys.stderr)
         return 1
+
+
+def _first_warnings(program: str) -> Callable[..., None]:
+    """Return a function that prints the first warning of each category, such as of another robot's models."""
+    printed: set[type[Warning]] = set()
+
+    def show(text: Warning | str, category: type[Warning], *_: object, **__: object) -> None:
+        if category not in printed:
+            printed.add(category)
+            print(f"{program}: {text}", file=sys.stderr)
+
+    return show
 
 
 @contextlib.contextmanager

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
 import dataclasses
 import os
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -144,6 +143,7 @@ def arguments() -> argparse.ArgumentParser:
         "--planner", type=topic, metavar="ACTION",
         help="running action server of nav2_msgs/ComputePathToPose, whose paths are the routes on the map",
     )  # fmt: skip
+    parser.add_argument("--frame", default="map", help="of the map, for the planner (default: %(default)s)")
     parser.add_argument("--models", type=Path, help="folder of the models (default: the shipped models/)")
     parser.add_argument(
         "--action-set",
@@ -163,31 +163,26 @@ def arguments() -> argparse.ArgumentParser:
     return parser
 
 
-@contextlib.contextmanager
-def _planning(domain: Domain, action: str | None) -> Iterator[Domain]:
-    """Yield the domain whose routes are the paths of a running planner, if `action` names one."""
-    if action is None:
-        yield domain
+def _run(options: argparse.Namespace, domain: Domain, command: str) -> None:
+    if options.planner is None:
+        _train(options, domain, command)
         return
     import rclpy
 
-    from ator_ros.nodes.path_planner import PathPlanner
+    from ator_ros.nodes.path_planner import LONGEST_PLAN, PathPlanner
     from ator_ros.nodes.remote_messages import RemoteError
 
     if domain.grid is None:
-        raise FileError("--planner: expected a map, too: add --map")
+        raise FileError("--planner: expected a map, too; add --map")
     stay_on_this_machine(os.environ)
-    with rclpy.init():
-        try:
-            planner = PathPlanner(action)
-        except RemoteError as error:
-            raise FileError(f"--planner: {error}") from error
-        yield dataclasses.replace(domain, planner=lambda *_: planner)
-
-
-def _run(options: argparse.Namespace, domain: Domain, command: str) -> None:
-    with _planning(domain, options.planner) as planned:
-        _train(options, planned, command)
+    rclpy.init()
+    try:
+        planner = PathPlanner(options.planner, options.frame, LONGEST_PLAN)
+        _train(options, dataclasses.replace(domain, planner=lambda *_: planner), command)
+    except RemoteError as error:
+        raise FileError(f"--planner: {error}") from error
+    finally:
+        rclpy.try_shutdown()
 
 
 def _train(options: argparse.Namespace, domain: Domain, command: str) -> None:

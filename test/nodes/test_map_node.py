@@ -1,21 +1,15 @@
 """Maps on running nodes: from a topic, each replaced by the next; goals in walls; a drive through a door."""
 
-import importlib
 import math
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from chain_client import ChainClient, call
 from conftest import Host, Start
 from experience_rows import route_drives
-from geometry_msgs.msg import PoseStamped
 from maps import hall
-from nav2_interfaces import provide_nav2_msgs
 from nav_msgs.msg import OccupancyGrid
-from rclpy.action import ActionServer
-from rclpy.action.server import ServerGoalHandle
 from refinement_requests import refine
 from ros_client import Client
 
@@ -28,8 +22,7 @@ from ator_ros.nodes.messages import occupancy_grid_of, pose_of
 from ator_ros.nodes.qos import LATCHED
 from ator_ros.performance.model_file import save_model
 from ator_ros.performance.training import train
-from ator_ros.world.grid_map import GridMap, save_map
-from ator_ros.world.messages import pose_from
+from ator_ros.world.grid_map import GridMap
 
 pytestmark = pytest.mark.node
 BUILDING = find_domain("building")
@@ -40,7 +33,7 @@ EMPTY = GridMap("/map", hall(wall=False), 0.05, Pose(-6.0, -4.0, 0.0))
 @pytest.fixture
 def models(tmp_path: Path) -> Path:
     """Return a folder with a model that was learned on the hall with a wall."""
-    domain = BUILDING.on_map(WALL)
+    domain = find_domain("pursuit").on_map(WALL)
     robot = domain.robot()
     rows = route_drives(robot, 120, seed=1).assign(action="pursue")
     save_model(tmp_path / "pursue.json", train("pursue", rows, robot, features=domain.candidates("pursue")))
@@ -90,43 +83,6 @@ def test_a_new_map_replaces_the_old_one_and_answers_name_theirs(
     assert "expected a place in free space, 0.17 m from obstacles, on the map /map (" in (
         refine(client, inside).reason
     )
-
-
-def test_a_planner_server_gives_the_routes_once_for_each_pair_of_places(
-    host: Host, client: Client, models: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    provide_nav2_msgs(monkeypatch)
-    kind = importlib.import_module("nav2_msgs.action").ComputePathToPose
-    planned = []
-
-    def plan(handle: ServerGoalHandle) -> Any:
-        start, goal = (pose_from(pose.pose, "pose") for pose in (handle.request.start, handle.request.goal))
-        assert handle.request.use_start
-        assert handle.request.goal.header.frame_id == "map"
-        planned.append((start, goal))
-        answer = kind.Result()
-        for x, y in (start[:2], (0.0, 3.0), goal[:2]):
-            answer.path.poses.append(PoseStamped(pose=pose_of(Pose(x, y, 0.0))))
-        handle.succeed()
-        return answer
-
-    file = save_map(WALL, models)
-    parameters = {"domain": "pursuit", "models": models, "map": file, "frame": "map", "deadline": 20.0}
-    host("refinement", planner="compute_path_to_pose", **parameters)
-    sent = request(
-        call("visit", Pose(3.0, 0.0, 0.0), opened=("yaw",)), call("visit", Pose(3.0, 3.0, math.pi / 2))
-    )
-    answer = refine(client, sent)
-    assert not answer.accepted
-    assert answer.reason == "planner: expected the action server /compute_path_to_pose, there is none"
-    server = ActionServer(client.node, kind, "compute_path_to_pose", plan)
-    answer = refine(client, sent)
-    assert answer.accepted, answer.reason
-    assert "paths of /compute_path_to_pose)" in answer.reason
-    assert np.array(planned)[:, :, :2] == pytest.approx(
-        np.array([[(-3.0, 0.0), (3.0, 0.0)], [(3.0, 0.0), (3.0, 3.0)]]), abs=0.05
-    )
-    server.destroy()
 
 
 def test_the_executor_refuses_a_goal_in_a_wall_before_the_robot_moves(host: Host, client: Client) -> None:

@@ -13,6 +13,8 @@ pytestmark = pytest.mark.node
 READY = {
     "executor": "ready for chains of turtlebot4 (domain stations",
     "refinement": "refining chains",
+    "learning": "learning from",
+    "waypoints": "waypoints",
 }
 
 

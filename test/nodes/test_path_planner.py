@@ -1,0 +1,133 @@
+"""A planner server, such as Nav2's, whose paths are the routes of refinement and of training."""
+
+import importlib
+import math
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from arena import LONG_START
+from chain_client import call
+from conftest import Host
+from experience_rows import route_drives
+from geometry_msgs.msg import PoseStamped
+from maps import hall
+from nav2_interfaces import provide_nav2_msgs
+from process import Process
+from rclpy.action import ActionServer, GoalResponse
+from rclpy.action.server import ServerGoalHandle
+from refinement_requests import refine
+from ros_client import Client
+
+from ator_interfaces.srv import RefineSubgoal
+from ator_ros.domains.domain import find_domain
+from ator_ros.experience.table import Experience, write_experience
+from ator_ros.geometry import Pose
+from ator_ros.nodes.messages import pose_of
+from ator_ros.performance.model_file import load_model, save_model
+from ator_ros.performance.training import train
+from ator_ros.world.grid_map import GridMap, save_map
+from ator_ros.world.messages import pose_from
+
+pytestmark = pytest.mark.node
+WALL = GridMap("map.yaml", hall(), 0.05, Pose(-6.0, -4.0, 0.0))
+DOMAIN = find_domain("pursuit").on_map(WALL)
+ROBOT = DOMAIN.robot()
+DRIVES = route_drives(ROBOT, 60, seed=1).assign(action="pursue")
+Planned = list[tuple[Pose, Pose]]
+
+
+@pytest.fixture
+def models(tmp_path: Path) -> Path:
+    """Return a folder with a map, and a model that was learned on it."""
+    save_map(WALL, tmp_path)
+    model = train("pursue", DRIVES, ROBOT, features=DOMAIN.candidates("pursue"))
+    save_model(tmp_path / "pursue.json", model)
+    return tmp_path
+
+
+@pytest.fixture
+def serve(client: Client, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Planned]]:
+    """Yield a function that starts a planner: around the wall, for the first `finds` pairs of places."""
+    provide_nav2_msgs(monkeypatch)
+    kind = importlib.import_module("nav2_msgs.action").ComputePathToPose
+    servers: list[Any] = []
+
+    def start(*, finds: float = math.inf, accepts: bool = True) -> Planned:
+        planned: Planned = []
+
+        def plan(handle: ServerGoalHandle) -> Any:
+            start, goal = (pose_from(it.pose, "pose") for it in (handle.request.start, handle.request.goal))
+            assert handle.request.use_start
+            assert handle.request.goal.header.frame_id == "map"
+            planned.append((start, goal))
+            answer = kind.Result()
+            if len(planned) > finds:
+                handle.abort()
+                return answer
+            bend = () if start.x * goal.x > 0.0 else ((0.0, 3.0),)
+            for x, y in (start[:2], *bend, goal[:2]):
+                answer.path.poses.append(PoseStamped(pose=pose_of(Pose(x, y, 0.0))))
+            handle.succeed()
+            return answer
+
+        response = GoalResponse.ACCEPT if accepts else GoalResponse.REJECT
+        while servers:
+            servers.pop().destroy()
+        servers.append(
+            ActionServer(client.node, kind, "compute_path_to_pose", plan, goal_callback=lambda _: response)
+        )
+        return planned
+
+    yield start
+    for server in servers:
+        server.destroy()
+
+
+def request() -> RefineSubgoal.Request:
+    sent = RefineSubgoal.Request()
+    sent.situation.robot = pose_of(Pose(-3.0, 0.0, 0.0))
+    middle = call("visit", Pose(3.0, 0.0, 0.0), opened=("yaw",))
+    sent.chain.calls = [middle, call("visit", Pose(3.0, 3.0, math.pi / 2))]
+    return sent
+
+
+def test_refinement_asks_it_once_for_each_pair_of_places_and_recovers_when_it_does(
+    host: Host, client: Client, models: Path, serve: Callable[..., Planned]
+) -> None:
+    parameters = {"domain": "pursuit", "models": models, "map": models / "map.yaml", "frame": "map"}
+    host("refinement", planner="compute_path_to_pose", deadline=20.0, **parameters)
+    assert "planner: expected the action server /compute_path_to_pose, got none" in (
+        refine(client, request()).reason
+    )
+    serve(accepts=False)
+    assert "/compute_path_to_pose rejected the goal" in refine(client, request()).reason
+    serve(finds=0)
+    assert not refine(client, request()).accepted
+    planned = serve()
+    for _ in range(2):
+        answer = refine(client, request())
+        assert answer.accepted, answer.reason
+    assert "paths of /compute_path_to_pose)" in answer.reason
+    places = np.array([(start[:2], goal[:2]) for start, goal in planned])
+    assert places == pytest.approx(np.array([[(-3, 0), (3, 0)], [(3, 0), (3, 3)]]), abs=0.05)
+
+
+def test_models_are_learned_from_its_paths(
+    client: Client, models: Path, serve: Callable[..., Planned], domain: int
+) -> None:
+    planned = serve()
+    experience = models / "drives.parquet"
+    write_experience(experience, Experience(DRIVES, {"robot_digest": ROBOT.digest(), "domain": "pursuit"}))
+    words = [experience, "--domain", "pursuit", "--map", models / "map.yaml", "--models", models / "new"]
+    command = Process(
+        "train", models / "log", domain, [*map(str, words), "--planner", "/compute_path_to_pose"]
+    )
+    client.eventually(lambda: not command.running, "the end of train", LONG_START)
+    assert command.wait() == 0, command.output
+    assert len(planned) == DRIVES["episode"].nunique()
+    model = load_model(models / "new" / "pursue.json", ROBOT, DOMAIN.known_features)
+    assert "paths of /compute_path_to_pose" in model.metadata["training"]["map"]
+    assert "route_length" in model.used_features
