@@ -27,7 +27,7 @@ from ator_ros.tops.objects import (
 )
 from ator_ros.world.state import STOP, World
 
-STOPPING = "stopping, to go on from there"
+STOPPING = "stopping before the action starts"
 """Message of a step that waits until the robot stands."""
 _STAYED = 0.02  # m and rad up to which a robot has not moved
 
@@ -188,7 +188,7 @@ class ChainExecutor:
                 step = self._follow(world)
         return step
 
-    def break_off(self, world: World, ending: Ending, why: str) -> None:
+    def interrupt(self, world: World, ending: Ending, why: str) -> None:
         """End the active action, if any, and record it as ended by `ending` in the state `world`."""
         if self._run.begun and self._run.stage is not Stage.OVER:
             self.records.append(self._run.close(world, ending, why))

@@ -33,7 +33,7 @@ def workers(jobs: int, cluster: str | None = None) -> Iterator[None]:
     ----------
     jobs : int
         Number of worker processes; 1: in this process; -1: one for each core. For a cluster it is the number
-        of tasks under way at once (-1: as many as it has threads).
+        of tasks that run at once (-1: as many as it has threads).
     cluster : str, optional
         Address of a dask scheduler, as in ``tcp://host:8786``.
 

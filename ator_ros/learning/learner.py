@@ -85,7 +85,7 @@ class Learner:
         return (self._folder / FROZEN).exists()
 
     def freeze(self, frozen: bool) -> None:
-        """Freeze or unfreeze publishing; freezing ends a round under way."""
+        """Freeze or unfreeze publishing; freezing ends a running round."""
         if frozen:
             (self._folder / FROZEN).touch()
             self._end_round()
@@ -202,7 +202,7 @@ class Learner:
         return values
 
     def close(self) -> None:
-        """End a round under way and close the store; records that cannot be written are lost."""
+        """End a running round and close the store; records that cannot be written are lost."""
         self._end_round()
         self._write_waiting()
         self.lost += len(self._waiting)

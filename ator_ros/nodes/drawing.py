@@ -53,13 +53,14 @@ class ExecutionDrawing:
         self._surroundings = LazyPublisher(node, MarkerArray, "scene_markers")
         self._surroundings.publish(lambda: marker_array(surroundings(domain, robot), "scene", frame))
         self._under_way = LazyPublisher(node, ChainPerformance, "chain_under_way")
-        self._stage: tuple[object, ...] = ()
+        self._state: tuple[object, ...] = ()
         self._drawn_at = self._objects_at = -math.inf
 
     def follow(self, run: GoalRun, world: World | None) -> None:
         """Publish the status of a goal and draw its chain; `world` is the newest state."""
         now = 0.0 if world is None else world.time
-        is_new, self._stage = run.stage != self._stage, run.stage
+        state = run.published_state
+        is_new, self._state = state != self._state, state
         if is_new:
             self._chain.publish(partial(self._chain_message, run.supervisor))
         if is_new or abs(now - self._drawn_at) >= _PERIOD - _ROUNDING:
