@@ -62,7 +62,7 @@ class RefinedAlong:
             status = Status.SUCCEEDED if run.ending is Ending.SUCCEEDED else Status.FAILED
         return Step(command, status, run.reason)
 
-    def break_off(self, world: World, ending: Ending, why: str) -> None:
+    def interrupt(self, world: World, ending: Ending, why: str) -> None:
         self._supervisor.end(ending, why)
 
     def _answer(self) -> None:

@@ -72,14 +72,14 @@ class Step:
 
 
 class ActionError(ValueError):
-    """An action cannot start."""
+    """An action cannot be executed: by this robot, from this state, or to this goal."""
 
 
 class Action(ABC):
     """A control program: set up, started with a goal, stepped once per control tick, ended once.
 
-    Actions are black boxes: their performance is learned by observation alone. Each start is a new instance,
-    which may start before the one with the previous goal of the same step ends.
+    Actions are black boxes: their performance is learned by observation alone. Each goal gets a new
+    instance. If the goal of a step changes, the new instance starts before the previous one ends.
     """
 
     name: ClassVar[str]

@@ -41,8 +41,10 @@ from ator_ros.world.state import World
 
 GROUP = "ator_ros.domains"
 """Group of entry points: the installed domains."""
-STAND_INS, PLANNERS = "ator_ros.stand_ins", "ator_ros.planners"
+STAND_INS = "ator_ros.stand_ins"
 """Group of entry points: actions that replace action servers in simulations without ROS."""
+PLANNERS = "ator_ros.planners"
+"""Group of entry points: functions that return the planner of a map for a robot."""
 _LONGEST_REASON = 200  # characters
 _LARGEST_FILE = 200_000  # bytes; a file with a dozen TOPs has 5 kB
 _ENDINGS = (".yaml", ".yml")

@@ -66,19 +66,19 @@ def run_chain(
 
     with Simulation(robot) as simulation:
         place(simulation, start)
-        ticks, message = round(time_limit * CONTROL_RATE) + 1, "broken off"
+        ticks, message = round(time_limit * CONTROL_RATE) + 1, "interrupted"
         try:
             done = run(simulation, steered, ticks=ticks)
             status = Status.RUNNING if done is None else done.status
             message = f"not done after {time_limit:g} s" if done is None else done.message
-            ended, ended_actions, last = simulation.time, tuple(executor.records), chain.calls[-1]
+            end_time, records, last = simulation.time, tuple(executor.records), chain.calls[-1]
         finally:  # also after an error, the action must be ended
-            executor.break_off(simulation.world(), Ending.CANCELED, message)
+            executor.interrupt(simulation.world(), Ending.CANCELED, message)
         judgment = judge(simulation, last.top, last.goal, status, message)
     return ChainRun(
-        ended if judgment.success else time_limit,
+        end_time if judgment.success else time_limit,
         judgment.success,
         judgment.reason,
-        tuple(record.duration for record in ended_actions),
+        tuple(record.duration for record in records),
         judgment.error if last.top.arrives else math.nan,
     )

@@ -12,7 +12,7 @@ from ator_ros.performance.accuracy import mean_ci95, resampled_means
 
 EQUAL = 0.02
 """Runs whose durations differ by no more than this share count as equal."""
-_LEAST_SAVED = 0.0005  # share of the naive durations that an oracle must save for captured shares
+_LEAST_SAVED = 0.0005  # share of the naive durations that an oracle must save for a captured share
 
 
 def summarize(records: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
@@ -67,13 +67,14 @@ def _policy_summary(
         "worst_loss_percent": _rounded(max(0.0, -ratio.min())),
         "oracle_captured_percent": None,
     }
+    # Policies that also choose speeds are compared with the oracle that does.
     joint = name.endswith("_speed") and "oracle_speed" in durations
     oracle = "oracle_speed" if joint else "oracle"
-    possible = reference.sum() - durations.get(oracle, reference).sum()
+    possible = reference.sum() - durations.get(oracle, reference).sum()  # s; 0 without an oracle
     if possible > _LEAST_SAVED * reference.sum():
         summary["oracle_captured_percent"] = _rounded(100.0 * (reference.sum() - duration.sum()) / possible)
-        drawn = resampled["naive"] - resampled[oracle]
-        shares = (resampled["naive"] - resampled[name])[drawn > 0.0] / drawn[drawn > 0.0]
+        saved, most = resampled["naive"] - resampled[name], resampled["naive"] - resampled[oracle]
+        shares = saved[most > 0.0] / most[most > 0.0]
         summary["oracle_captured_ci95"] = _interval(100.0 * shares)
     return summary
 

@@ -77,13 +77,13 @@ class ToolsetSource:
         """Return the robot."""
         return self.in_domain().robot(self.robot or None)
 
-    def top(self) -> Path:
+    def models_root(self) -> Path:
         """Return the folder of the models of all action sets."""
         return Path(self.models) if self.models else self.in_domain().shipped_models
 
     def folder(self) -> Path:
-        """Return the folder of the model files."""
-        return models_folder(self.top(), self.action_set)
+        """Return the folder of the model files of the action set."""
+        return models_folder(self.models_root(), self.action_set)
 
     def digest(self) -> str:
         """Return a digest of the robot's description and of all model files."""
@@ -106,12 +106,12 @@ class ToolsetSource:
 
 
 def tools_of(source: ToolsetSource) -> tuple[Toolset, TopLibrary]:
-    """Return toolset and library, cached until a file of the source changes; FileError: an unusable model."""
-    return _made(source, source.digest())
+    """Return toolset and library, cached until a file changes; raise FileError for an unusable model."""
+    return _loaded(source, source.digest())
 
 
 @lru_cache(maxsize=4)
-def _made(source: ToolsetSource, _digest: str) -> tuple[Toolset, TopLibrary]:
+def _loaded(source: ToolsetSource, _digest: str) -> tuple[Toolset, TopLibrary]:
     domain, robot, action_set = source.in_domain(), source.described(), source.action_set
-    models = load_models(robot, domain.known_features, action_set=action_set, folder=source.top())
+    models = load_models(robot, domain.known_features, action_set=action_set, folder=source.models_root())
     return Toolset(domain, robot, models), domain.library(robot, action_set)

@@ -97,12 +97,12 @@ def possible_actions(
 ) -> tuple[list[str], dict[str, str]]:
     """Return the actions that a robot can execute, directly or over ROS, and the others with the reason."""
     library = domain.library(robot, action_set)
-    lacking = library.left_out
-    left_out = {top.action: lacking[top.name] for top in domain.tops if top.name in lacking}
-    named = {top.action for top in domain.tops}
+    reasons = library.left_out  # by TOP
+    left_out = {top.action: reasons[top.name] for top in domain.tops if top.name in reasons}
+    actions_of_tops = {top.action for top in domain.tops}
     for name, spec in domain.actions(action_set).items():
-        if name not in named:
-            others = ", ".join(sorted(named))
+        if name not in actions_of_tops:
+            others = ", ".join(sorted(actions_of_tops))
             left_out[name] = f"expected a TOP with the action {name}, got TOPs with {others}"
         elif not over_ros and spec.over_ros_only is not None:
             left_out[name] = spec.over_ros_only
@@ -118,7 +118,10 @@ def possible_actions(
 def possible_chain(
     domain: Domain, library: TopLibrary, wanted: str | None, actions: Sequence[str]
 ) -> str | None:
-    """Return the requested chain or else the first one, of those with only these actions."""
+    """Return the name of a chain that consists of `actions`: the wanted one if possible, else the first.
+
+    Return None if every chain needs another action.
+    """
     for name in sorted(domain.chains, key=lambda name: name != wanted):
         try:
             trial = random_trial(domain, name, library, seed=0, index=0)

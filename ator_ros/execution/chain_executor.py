@@ -27,7 +27,7 @@ from ator_ros.tops.objects import (
 )
 from ator_ros.world.state import STOP, World
 
-STOPPING = "stopping, to go on from there"
+STOPPING = "stopping, then starting the action"
 """Message of a step that waits until the robot stands."""
 _STAYED = 0.02  # m and rad up to which a robot has not moved
 
@@ -127,11 +127,12 @@ class ChainExecutor:
         rolling: Rolling | None = None,
     ) -> None:
         self._described, self._rolling = library, rolling
+        # Of the robot with the observed deceleration of rolling objects instead of the described one.
         self._library = library if rolling is None else rolling.library(library)
         self.chain = chain
         self._time_limit, self._fetches = time_limit, fetches
-        self._began: float | None = None
-        self._planned = -math.inf  # when a step was last planned while another was driven, s
+        self._began: float | None = None  # s; first tick
+        self._replanned_at = -math.inf  # s; when the active step was last planned with another goal
         self.elapsed, self.released = 0.0, False
         self.records: list[ActionRecord] = []
         self.fetch_count = 0
@@ -168,7 +169,7 @@ class ChainExecutor:
     def _next(self, world: World) -> Step:
         step = self._follow(world)
         while step is None:
-            waiting = not self._run.begun
+            was_waiting = not self._run.begun
             step = self._run.step(world)
             if step.status is Status.RUNNING:
                 break
@@ -182,13 +183,13 @@ class ChainExecutor:
             self._run = self._new_run(self.chain, standing_first=standing_first)
             if standing_first:
                 step = Step(STOP, Status.RUNNING, STOPPING)
-            elif waiting or self._planned == world.time:
+            elif was_waiting or self._replanned_at == world.time:  # an action planned in this tick
                 step = Step(step.command, Status.RUNNING, step.message)
             else:
                 step = self._follow(world)
         return step
 
-    def break_off(self, world: World, ending: Ending, why: str) -> None:
+    def interrupt(self, world: World, ending: Ending, why: str) -> None:
         """End the active action, if any, and record it as ended by `ending` in the state `world`."""
         if self._run.begun and self._run.stage is not Stage.OVER:
             self.records.append(self._run.close(world, ending, why))
@@ -215,7 +216,7 @@ class ChainExecutor:
             if self._run.stage is Stage.SETTLING:
                 return False
             if self._run.begun:
-                self._planned = world.time
+                self._replanned_at = world.time
                 if run.begin(world) is not None:
                     return False
             self._replace_run(world, run)
@@ -223,13 +224,13 @@ class ChainExecutor:
         return True
 
     def _follow(self, world: World) -> Step | None:
-        """Move the goal with an object that has left it; return a stop if the robot must first stand."""
+        """Move the goal with an object that has left it; return a stop, or None if the step can continue."""
         robot, call = self._library.robot, self._run.call
         name = followed(call.top)
         if name is None or (self._run.begun and is_at_front(world, robot, name)):
             return None
         resting = at_rest(world, robot)
-        if not has_left(resting, call, robot) or self._planned == world.time:
+        if not has_left(resting, call, robot) or self._replanned_at == world.time:
             return None
         chain = self.chain.with_goal(self.index, at_object(call.goal, resting, name))
         if self.switch_to(world, chain):
@@ -298,8 +299,8 @@ class StepRun:
     def begin(self, world: World) -> str | None:
         """Start the action; return the reason if that is impossible."""
         call, robot = self.call, self._library.robot
-        seen = at_rest(world, robot) if followed(call.top) else world
-        violations = call.top.pre.violations(state_of(seen, robot), goal_values(call.goal))
+        checked = at_rest(world, robot) if followed(call.top) else world  # where a rolling object stops
+        violations = call.top.pre.violations(state_of(checked, robot), goal_values(call.goal))
         if violations:
             return f"pre-condition of {call.top.name}: {'; '.join(violations)}"
         try:

@@ -65,7 +65,7 @@ class Thresholds:
 
 
 class Fault(enum.Enum):
-    """A way in which the base does not follow its commands, in words."""
+    """Kind of deviation of the base from its commands; the value is its message."""
 
     STILL = (
         "does not {move} as commanded: {shown}: blocked wheels, an obstacle, motors off, or odometry that is "

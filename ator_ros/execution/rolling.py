@@ -22,8 +22,8 @@ _KEPT = 5  # number of free rolls, whose median is used
 _MOST, _FEWEST = 400, 5  # greatest and least number of sightings in one free roll
 _STRAY = 0.15  # share by which distance and integrated speed may differ: more is noise at rest, or a curve
 _SURE = 6.0  # standard errors by which a deceleration must differ, as errors of filtered speeds correlate
-_FARTHER, _FARTHEST, _PUSHED = 1.3, 4.0, 6.0
-"""Multiples of the described distance: least and greatest correction, and limit above which it is pushed."""
+_LEAST_CORRECTION, _GREATEST_CORRECTION = 1.3, 4.0  # multiples of the distance that an object rolls
+_PUSHED = 6.0  # multiple above which something pushes it
 _STEPS = 14  # steps of the described deceleration for corrections: actions compute tables for each
 
 
@@ -46,11 +46,11 @@ class Rolling:
         """Process the state `world`; repeated and extrapolated sightings are ignored."""
         for name, rolls in self._rolls.items():
             state, pose = world.objects.get(name), world.robot.pose
-            near = self._described.reach + self._described.scene.radius(name) + _CLEAR
+            pushed_within = self._described.reach + self._described.scene.radius(name) + _CLEAR
             if state is not None and (
-                state.speed < self._slowest or math.hypot(state.x - pose.x, state.y - pose.y) <= near
+                state.speed < self._slowest or math.hypot(state.x - pose.x, state.y - pose.y) <= pushed_within
             ):
-                state = None
+                state = None  # it does not roll freely
             if state is None or not rolls[-1].continues(world.time, state):
                 if self._fit(name, rolls[-1]) is None:
                     rolls.pop()
@@ -89,8 +89,8 @@ class Rolling:
     def _fit(self, name: str, roll: _FreeRoll) -> _Fit | None:
         """Return the fit of a free roll; None if the deceleration is so low that the object is pushed."""
         fit, described = roll.fit(), self._described.scene.objects[name].rolling_deceleration
-        slow = fit is not None and fit.deceleration - 2.0 * fit.error > described / _PUSHED
-        return fit if slow else None
+        is_free = fit is not None and fit.deceleration - 2.0 * fit.error > described / _PUSHED
+        return fit if is_free else None
 
     def _observed(self, name: str) -> float | None:
         """Return the observed deceleration in m/s^2; None if it is unknown or about as described."""
@@ -99,9 +99,9 @@ class Rolling:
         if sum(fit.seconds for fit in fits) < _ENOUGH:
             return None
         value, error, _ = fits[len(fits) // 2]
-        if value * _FARTHER >= described or described - value < _SURE * error:
+        if value * _LEAST_CORRECTION >= described or described - value < _SURE * error:
             return None
-        return max(round(value / described * _STEPS) / _STEPS, 1.0 / _FARTHEST) * described
+        return max(round(value / described * _STEPS) / _STEPS, 1.0 / _GREATEST_CORRECTION) * described
 
 
 class _Fit(NamedTuple):
@@ -142,11 +142,11 @@ class _FreeRoll:
             return None
         times = np.array([time for time, _ in self._sightings])
         speeds = np.array([state.speed for _, state in self._sightings])
-        distance = 0.5 * float((speeds[1:] + speeds[:-1]) @ np.diff(times))
+        distance = 0.5 * float((speeds[1:] + speeds[:-1]) @ np.diff(times))  # integrated speed
         first, last = self._sightings[0][1], self._sightings[-1][1]
-        gone = math.hypot(last.x - first.x, last.y - first.y)
+        moved = math.hypot(last.x - first.x, last.y - first.y)
         seconds = float(times[-1] - times[0])
-        if seconds < _SHORTEST or abs(gone - distance) > _STRAY * distance:
+        if seconds < _SHORTEST or abs(moved - distance) > _STRAY * distance:
             return None
         (slope, _), covariance = np.polyfit(times - times[0], speeds, 1, cov=True)
         return _Fit(-float(slope), math.sqrt(covariance[0, 0]), seconds)

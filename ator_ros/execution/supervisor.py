@@ -340,11 +340,11 @@ class Supervisor:
     # The end
 
     def end(self, ending: Ending, reason: str) -> None:
-        """End the goal, and record an active action as broken off; only the first call has an effect."""
+        """End the goal, and record an active action as interrupted; only the first call has an effect."""
         if self.ending is not None:
             return
         if self._newest is not None:
-            self.executor.break_off(self._newest, ending, reason)
+            self.executor.interrupt(self._newest, ending, reason)
         self.phase, self.ending, self.reason = Phase.STOPPING, ending, reason
         if math.isinf(self._odom_at):  # without any odometry its timeout counts from the acceptance
             self._odom_at = self._accepted

@@ -33,7 +33,7 @@ def workers(jobs: int, cluster: str | None = None) -> Iterator[None]:
     ----------
     jobs : int
         Number of worker processes; 1: in this process; -1: one for each core. For a cluster it is the number
-        of tasks under way at once (-1: as many as it has threads).
+        of tasks that run at once (-1: as many as it has threads).
     cluster : str, optional
         Address of a dask scheduler, as in ``tcp://host:8786``.
 
@@ -88,7 +88,7 @@ def run_tasks(function: Callable[[Task], Result], tasks: Iterable[Task]) -> Iter
 
 
 def _in_worker(function: Callable[[Task], Result], task: Task, parent: int) -> Result:
-    """Execute a task in a worker of the process `parent`, or in this itself."""
+    """Execute a task, in a worker of the process `parent` or in `parent` itself."""
     if os.getpid() == parent:
         return function(task)
     # Ctrl-C in a terminal, and the SIGTERM of a supervisor, reach the workers too; only the parent reacts.
@@ -100,9 +100,9 @@ def _in_worker(function: Callable[[Task], Result], task: Task, parent: int) -> R
 
 
 def progress(results: Iterable[Result], *, done: int, total: int, unit: str) -> Any:
-    """Yield results with a progress bar on a terminal, or one line of it every 30 s in a log.
+    """Yield results and report progress: a bar on a terminal, a line every 30 s in a log.
 
-    `done` is the number of results of earlier runs, `total` the number of all; `unit` is what a result is.
+    `done` is the number of results of earlier runs, `total` the number of all; `unit` names one result.
     """
     period = 0.1 if sys.stderr.isatty() else 30.0
     return tqdm(results, initial=done, total=total, unit=unit, mininterval=period, delay=period - 0.1)

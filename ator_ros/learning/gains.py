@@ -50,7 +50,7 @@ class Gains:
         return replace(self, chains=tuple(chain for chain in self.chains if chain.action_set == action_set))
 
     def diagnostics(self) -> dict[str, str]:
-        """Return the measured gain of each action set, in words."""
+        """Return the diagnostics: the measured gain of each action set."""
         sets = dict.fromkeys((DEFAULT_SET, *(chain.action_set for chain in self.chains)))
         return {f"measured gain per refined chain of {name}": str(self.of(name).measured) for name in sets}
 

@@ -39,6 +39,17 @@ class Learner:
     most : int
         How many episodes of an action set are kept.
 
+    Attributes
+    ----------
+    manifest : Manifest or None
+        That of the published set in use; None: the models of the start are in use.
+    gains : Gains
+        Measured gains of the set in use.
+    problem : str
+        The last problem, which diagnostics warn of; empty without one.
+    taken, left_out, lost : int
+        Records given to `take` and `take_chain`, rejected by the caller, and never written.
+
     Raises
     ------
     FileError, OSError
@@ -59,11 +70,12 @@ class Learner:
         self._start = start
         self._store = RecordStore(folder / RECORDS, info, most=most)
         remove_old(folder)
-        self._waiting: deque[Callable[[], None]] = deque(maxlen=_MOST_WAITING)  # they write records
+        # Functions that write a record each, while the disk is full.
+        self._waiting: deque[Callable[[], None]] = deque(maxlen=_MOST_WAITING)
         self._round: RoundProcess | None = None
-        self._began, self._ends = 0.0, 0
-        self._wanted = False
-        self._last: dict[str, Any] = {}
+        self._round_began, self._round_ends = 0.0, 0  # its real time in s, and `stored` when it started
+        self._requested = False
+        self._last: dict[str, Any] = {}  # result of the last round, the content of round.json
         with contextlib.suppress(FileError, SchemaError):  # without the file a round is due
             self._last = content_of(read_json(folder / ROUND), KIND)
         self.problem = ""
@@ -85,7 +97,7 @@ class Learner:
         return (self._folder / FROZEN).exists()
 
     def freeze(self, frozen: bool) -> None:
-        """Freeze or unfreeze publishing; freezing ends a round under way."""
+        """Freeze or unfreeze publishing; freezing ends a running round."""
         if frozen:
             (self._folder / FROZEN).touch()
             self._end_round()
@@ -96,7 +108,7 @@ class Learner:
         """Request a round; return why it cannot start, empty if it can."""
         if self.frozen:
             return "learning is frozen"
-        self._wanted = True
+        self._requested = True
         return ""
 
     def take(self, action_set: str, episode: Episode) -> None:
@@ -128,12 +140,12 @@ class Learner:
             if self._round.done:
                 done, self._round = self._round, None
                 return self._finish(done.result())
-            if now - self._began > _LONGEST_ROUND:
+            if now - self._round_began > _LONGEST_ROUND:
                 self._end_round()
                 return self._finish({"failed": f"it took longer than {_LONGEST_ROUND:g} s"})
-        elif not self.frozen and (self._wanted or self.new >= due):
-            self._round, self._began, self._wanted = self._begin(), now, False
-            self._ends = self.stored
+        elif not self.frozen and (self._requested or self.new >= due):
+            self._round, self._round_began, self._requested = self._begin(), now, False
+            self._round_ends = self.stored
         return None
 
     @property
@@ -149,7 +161,7 @@ class Learner:
     def _finish(self, result: dict[str, Any]) -> str:
         if "failed" in result:
             self.problem = f"learning failed: {result['failed']}"
-            result = {**self._last, "ends": self._ends}
+            result = {**self._last, "ends": self._round_ends}
         elif result["made"] and not self.frozen:
             try:
                 place = publish(self._folder, Path(result["made"]))
@@ -163,7 +175,7 @@ class Learner:
                     verdict["kind"] = ""
         else:
             self.problem = ""
-        self._last = {**result, "made": "", "ends": self._ends}
+        self._last = {**result, "made": "", "ends": self._round_ends}
         with self._reporting_full_disk():
             save(self._folder / ROUND, KIND, self._last)
         return self.problem or self._summary()
@@ -177,8 +189,9 @@ class Learner:
 
     def _summary(self) -> str:
         """Return the result of the last round: durations, and other measures whose tree was replaced."""
-        actions = self._last.get("actions", {})
-        shown = {n: v for n, v in actions.items() if v["kind"] or n.count("/") == 1}
+        verdicts = self._last.get("actions", {}).items()
+        # "SET/ACTION" is the duration of an action, "SET/ACTION/MEASURE" another measure.
+        shown = {name: verdict for name, verdict in verdicts if verdict["kind"] or name.count("/") == 1}
         return "; ".join(f"{name}: {verdict['reason']}" for name, verdict in shown.items()) or "none yet"
 
     def diagnostics(self) -> dict[str, object]:
@@ -202,7 +215,7 @@ class Learner:
         return values
 
     def close(self) -> None:
-        """End a round under way and close the store; records that cannot be written are lost."""
+        """End a running round and close the store; records that cannot be written are lost."""
         self._end_round()
         self._write_waiting()
         self.lost += len(self._waiting)

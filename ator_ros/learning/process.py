@@ -14,7 +14,7 @@ _ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
 
 
 class RoundProcess:
-    """A round of learning under way, in a process that runs `module` with a JSON list of arguments."""
+    """A running round of learning, in a process that runs `module` with a JSON list of arguments."""
 
     def __init__(self, module: str, arguments: Sequence[str]) -> None:
         self._process = subprocess.Popen(

@@ -83,8 +83,8 @@ def direction(distance: Real, before: Any, after: Any, rates: Bounds) -> Real:
     Where the distance is too short for the change of speed, the motion overshoots and comes back.
     """
     surplus = distance - change_distance(before, after, rates)
-    # A drive backward all the way counts as one in that direction. A drive exactly as long as its change of
-    # speed needs must not count as too short.
+    # A drive that is backward from start to end counts as one in that direction. A drive exactly as long as
+    # its change of speed needs must not count as too short.
     least = 1e-9 * (2.0 * (np.maximum(before, after) < 0.0) - 1.0)
     result: Real = 2.0 * (surplus >= least) - 1.0
     return result

@@ -29,7 +29,7 @@ _BITS = (1 << np.arange(WIDTH)).astype(np.uint32)
 _POINTS = 3 * WIDTH + 1
 _GRID_STEP = STEP / 4
 _GRID: FloatArray = _GRID_STEP * (np.arange(_POINTS, dtype=float) - _POINTS // 2)
-"""First turns of up to 270 degrees either way."""
+"""First turns of up to 270 degrees in either direction."""
 
 
 class Turn(NamedTuple):
@@ -179,7 +179,7 @@ def _search(end: Pose, entries: Ends, exits: Ends, rates: Rates, forward: bool, 
     (x, y, turn), cos, sin = end, math.cos(end.yaw), math.sin(end.yaw)
     _write_parts(near, entries, 0.0, x, y)
     for around in range(-1, 2):
-        # The whole change of heading may be either way round, or a full turn more.
+        # The whole change of heading may be in either direction, or a full turn more.
         total = turn + around * math.tau
         _write_parts(far, exits, total, 0.0, 0.0)
         for entry in range(len(times1)):

@@ -26,11 +26,11 @@ from ator_ros.nodes.segments import ORANGE, Segments, executed_chain_shapes, sur
 from ator_ros.robot.description import Robot
 from ator_ros.world.state import ObjectState, World
 
-_ABOVE_FLOOR = 0.02
+_ABOVE_FLOOR = 0.02  # m: height of the lines, above the grid that RViz draws
 _POINT = 0.05  # m: radius with which an object of unknown size is drawn
 _PERIOD = 0.2  # s on odometry's clock, between two updates
-_ROUNDING = 1e-6
-_MOST_POSES = 60
+_ROUNDING = 1e-6  # s
+_MOST_POSES = 60  # of planned_path
 
 
 class ExecutionDrawing:
@@ -53,13 +53,14 @@ class ExecutionDrawing:
         self._surroundings = LazyPublisher(node, MarkerArray, "scene_markers")
         self._surroundings.publish(lambda: marker_array(surroundings(domain, robot), "scene", frame))
         self._under_way = LazyPublisher(node, ChainPerformance, "chain_under_way")
-        self._stage: tuple[object, ...] = ()
-        self._drawn_at = self._objects_at = -math.inf
+        self._state: tuple[object, ...] = ()  # `GoalRun.published_state` of the last update
+        self._drawn_at = self._objects_at = -math.inf  # s on odometry's clock; last updates
 
     def follow(self, run: GoalRun, world: World | None) -> None:
         """Publish the status of a goal and draw its chain; `world` is the newest state."""
         now = 0.0 if world is None else world.time
-        is_new, self._stage = run.stage != self._stage, run.stage
+        state = run.published_state
+        is_new, self._state = state != self._state, state
         if is_new:
             self._chain.publish(partial(self._chain_message, run.supervisor))
         if is_new or abs(now - self._drawn_at) >= _PERIOD - _ROUNDING:
@@ -72,14 +73,14 @@ class ExecutionDrawing:
         """Draw the objects of the newest state, five times a second."""
         if abs(world.time - self._objects_at) >= _PERIOD - _ROUNDING:
             self._objects_at = world.time
-            spheres = (_sphere(there, self._scene.radius(name)) for name, there in world.objects.items())
+            spheres = (_sphere(state, self._scene.radius(name)) for name, state in world.objects.items())
             self._objects.publish(lambda: _array(spheres, "objects", self._frame))
 
-    def _chain_message(self, run: Supervisor) -> MarkerArray:
+    def _chain_message(self, supervisor: Supervisor) -> MarkerArray:
         shapes: list[Segments] = []
-        if run.phase is Phase.EXECUTING and run.start is not None:
-            start = run.start.robot.pose
-            shapes = executed_chain_shapes(start, run.executor.chain, run.executor.index)
+        if supervisor.phase is Phase.EXECUTING and supervisor.start is not None:
+            start, executor = supervisor.start.robot.pose, supervisor.executor
+            shapes = executed_chain_shapes(start, executor.chain, executor.index)
         return marker_array(shapes, "chain", self._frame)
 
     def _path_message(self, path: FloatArray | None, now: float) -> Path:
@@ -111,15 +112,15 @@ class LazyPublisher:
             self._publisher.publish(factory())
 
 
-def marker_array(shapes: Iterable[Segments], space: str, frame: str) -> MarkerArray:
-    """Return markers in the namespace `space`, which replace those of the previous message."""
-    return _array((_segments(shape) for shape in shapes if len(shape.points)), space, frame)
+def marker_array(shapes: Iterable[Segments], namespace: str, frame: str) -> MarkerArray:
+    """Return markers in the namespace, which replace those of the previous message."""
+    return _array((_segments(shape) for shape in shapes if len(shape.points)), namespace, frame)
 
 
-def _array(drawn: Iterable[Marker], space: str, frame: str) -> MarkerArray:
+def _array(drawn: Iterable[Marker], namespace: str, frame: str) -> MarkerArray:
     markers = [Marker(action=Marker.DELETEALL), *drawn]
     for number, marker in enumerate(markers):
-        marker.header.frame_id, marker.ns, marker.id = frame, space, number
+        marker.header.frame_id, marker.ns, marker.id = frame, namespace, number
     return MarkerArray(markers=markers)
 
 
@@ -132,8 +133,8 @@ def _segments(shape: Segments) -> Marker:
     return marker
 
 
-def _sphere(there: ObjectState, radius: float) -> Marker:
-    marker = Marker(type=Marker.SPHERE, color=_color(*ORANGE), pose=pose_of(Pose(there.x, there.y, 0.0)))
+def _sphere(state: ObjectState, radius: float) -> Marker:
+    marker = Marker(type=Marker.SPHERE, color=_color(*ORANGE), pose=pose_of(Pose(state.x, state.y, 0.0)))
     size = 2.0 * max(radius, _POINT)
     marker.pose.position.z = size / 2.0
     marker.scale.x = marker.scale.y = marker.scale.z = size

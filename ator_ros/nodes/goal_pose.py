@@ -59,7 +59,7 @@ class GoalPoseNode(Node):
             self.get_logger().warning("execute_chain: the executor rejected the goal; see its log")
             return
         answer = await handle.get_result_async()
-        # rclpy refuses a line that logs now as information, now as a warning.
+        # Two call sites: rclpy raises if one call site changes its severity.
         if answer.status == GoalStatus.STATUS_SUCCEEDED:
             self.get_logger().info(answer.result.outcome.reason)
         else:

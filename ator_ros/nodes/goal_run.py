@@ -83,7 +83,7 @@ class GoalRun:
         self._gain = gain_of()  # of the chain as planned
         self._request: Future | None = None
         self._asked: Question | None = None
-        self._feedback = ("", 0.0)  # last status and its time
+        self._feedback = ("", 0.0)  # step and phase of the last feedback, and its time in s
         self.finished = Future()
 
     @property
@@ -94,32 +94,33 @@ class GoalRun:
     @property
     def summary(self) -> str:
         """Ending, duration and reason in one line."""
-        run = self.supervisor
-        name = run.ending.name.lower() if run.ending else "running"
+        supervisor = self.supervisor
+        name = supervisor.ending.name.lower() if supervisor.ending else "running"
         refinement = ""
-        if run.refining.wanted:
-            refinement = f" ({'refined' if run.refining.refined else run.refining.reason})"
-        return f"{name} after {run.executor.elapsed:.2f} s: {run.reason}{refinement}"
+        if supervisor.refining.wanted:
+            refinement = f" ({'refined' if supervisor.refining.refined else supervisor.refining.reason})"
+        return f"{name} after {supervisor.executor.elapsed:.2f} s: {supervisor.reason}{refinement}"
 
     def publish_feedback(self) -> None:
-        """Publish feedback when the status changes, otherwise every 0.1 s."""
-        run = self.supervisor
-        now = run.executor.elapsed + (run.start.time if run.start else 0.0)
-        phase = run.phase.value
-        last_stage, last_time = self._feedback
-        stage = f"{run.executor.index} {phase}"
-        if not self.handle.is_active or (stage == last_stage and abs(now - last_time) < _FEEDBACK_PERIOD):
+        """Publish feedback when the step or the phase changes, otherwise every 0.1 s."""
+        supervisor = self.supervisor
+        now = supervisor.executor.elapsed + (supervisor.start.time if supervisor.start else 0.0)
+        phase = supervisor.phase.value
+        step_and_phase = f"{supervisor.executor.index} {phase}"
+        last, last_time = self._feedback
+        is_due = step_and_phase != last or abs(now - last_time) >= _FEEDBACK_PERIOD
+        if not self.handle.is_active or not is_due:
             return
-        self._feedback = stage, now
-        status = phase if run.reason == phase else f"{phase}: {run.reason}"
+        self._feedback = step_and_phase, now
+        status = phase if supervisor.reason == phase else f"{phase}: {supervisor.reason}"
         feedback = ExecuteChain.Feedback(
             chain_id=self._id,
-            step=run.executor.index,
-            steps=len(run.executor.chain),
-            top=run.executor.call.top.name,
-            status=f"{status} ({run.refining.reason})" if run.refining.wanted else status,
-            elapsed=run.executor.elapsed,
-            predicted_remaining=run.predicted_remaining(now),
+            step=supervisor.executor.index,
+            steps=len(supervisor.executor.chain),
+            top=supervisor.executor.call.top.name,
+            status=f"{status} ({supervisor.refining.reason})" if supervisor.refining.wanted else status,
+            elapsed=supervisor.executor.elapsed,
+            predicted_remaining=supervisor.predicted_remaining(now),
         )
         self.handle.publish_feedback(feedback)
 
@@ -148,14 +149,14 @@ class GoalRun:
         self._request.add_done_callback(partial(self._take_answer, question))
 
     def _take_answer(self, question: Question, future: Future) -> None:
-        answer, run = future.result(), self.supervisor
-        if answer is None or question is not run.question:  # withdrawn, or late
+        answer, supervisor = future.result(), self.supervisor
+        if answer is None or question is not supervisor.question:  # withdrawn, or late
             return
         reason = printable(answer.reason, _LONGEST_REASON)
         if not answer.accepted:
-            run.unrefined(reason)
+            supervisor.unrefined(reason)
             return
-        if run.phase is Phase.REFINING:
+        if supervisor.phase is Phase.REFINING:
             self._gain = answer.gain
         frame, where = self._frame, "refined chain"
         try:
@@ -163,9 +164,9 @@ class GoalRun:
                 answer.chain, self._library, frame=frame, where=where, fence=self._fence
             )
         except MessageError as error:
-            run.unrefined(str(error))
+            supervisor.unrefined(str(error))
         else:
-            run.refined_to(chain, answer.refined, reason, chosen=answer.chosen)
+            supervisor.refined_to(chain, answer.refined, reason, chosen=answer.chosen)
 
     def new_records(self) -> list[ActionPerformance]:
         """Return the records of the actions that have ended since the last call."""
@@ -193,36 +194,39 @@ class GoalRun:
         )
 
     @property
-    def stage(self) -> tuple[object, ...]:
-        """The values whose changes are published at once."""
-        run, refining = self.supervisor, self.supervisor.refining
+    def published_state(self) -> tuple[object, ...]:
+        """The values whose changes are published immediately."""
+        supervisor, refining = self.supervisor, self.supervisor.refining
         changes = refining.refined, refining.refined_again
-        return self._id, run.phase, run.executor.index, len(self._records), *changes
+        return self._id, supervisor.phase, supervisor.executor.index, len(self._records), *changes
 
     def record(self, world: World) -> ChainPerformance:
         """Return the record up to now, with predictions at the end; `world` is the last known state."""
-        run, frame = self.supervisor, self._frame
+        supervisor, frame = self.supervisor, self._frame
+        code = supervisor.ending.value if supervisor.ending else 0
         if self.ended:
-            predicted = messages.chain_performance_of(run.forecast.whole)
-            actual = _actual(run.executor.elapsed, run.ending or Ending.FAILED)
+            predicted = messages.chain_performance_of(supervisor.forecast.whole)
+            actual = _actual(supervisor.executor.elapsed, supervisor.ending or Ending.FAILED)
         else:
-            waits = run.phase in (Phase.WAITING, Phase.REFINING)
+            waits = supervisor.phase in (Phase.WAITING, Phase.REFINING)
             predicted = performance_of()
-            actual = performance_of({} if waits else {"duration": run.executor.elapsed})
+            actual = performance_of({} if waits else {"duration": supervisor.executor.elapsed})
         return ChainPerformance(
             header=situation_of(world, frame=frame).header,
             chain_id=self._id,
-            chain=messages.chain_of(run.executor.chain, action_set=self._library.action_set, frame=frame),
-            start=situation_of(run.start or world, frame=frame),
-            refined=run.refining.refined,
-            refinement=run.refining.reason,
-            fetched=run.executor.fetch_count,
-            refined_again=run.refining.refined_again,
+            chain=messages.chain_of(
+                supervisor.executor.chain, action_set=self._library.action_set, frame=frame
+            ),
+            start=situation_of(supervisor.start or world, frame=frame),
+            refined=supervisor.refining.refined,
+            refinement=supervisor.refining.reason,
+            fetched=supervisor.executor.fetch_count,
+            refined_again=supervisor.refining.refined_again,
             actions=self._records,
             gain=self._gain,
             predicted=predicted,
             actual=actual,
-            outcome=Outcome(code=run.ending.value if run.ending else 0, reason=run.reason),
+            outcome=Outcome(code=code, reason=supervisor.reason),
         )
 
     def result(self, world: World | None) -> Any:

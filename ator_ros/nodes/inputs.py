@@ -159,8 +159,8 @@ class Subscriptions:
     ) -> None:
         self._node, self._warn = node, warn
         self.tf, self.inputs = TfListener(node), dict[str, Input]()
-        frames = frame, robot_frame = settings["frame"], settings["robot_frame"]
-        # Objects first: of messages that have all come, theirs are then taken before odometry.
+        frame, robot_frame = frames = settings["frame"], settings["robot_frame"]
+        # Objects first: when several messages wait, those of objects are then processed before odometry.
         for source in sources:
             reader, take = ObjectReader(source, frame), partial(take_object, source.name)
             if source.type == "tf":

@@ -96,15 +96,15 @@ class RemoteAction(Action):
 
     def step(self, world: World) -> Step:
         """Return the next step; its command is None from the tick on in which the goal is sent."""
-        return self._before(world) if self._sent is None else self._after(world, self._sent)
+        return self._prepare(world) if self._sent is None else self._wait(world, self._sent)
 
     def end(self, reason: str) -> None:  # noqa: ARG002
         """Cancel the goal unless it is over; `RemoteServer.ending` tracks the rest."""
         if self._sent is not None:
             self._server.release(self._sent)
 
-    def _before(self, world: World) -> Step:
-        """Stop, find the server, send the goal."""
+    def _prepare(self, world: World) -> Step:
+        """Stop the robot, wait for the server, then send the goal."""
         server, now = self._server, time.monotonic()
         was_stopped, self._stopped = self._stopped, True
         if not (was_stopped and world.robot.is_standing):
@@ -117,8 +117,8 @@ class RemoteAction(Action):
         self._sent, self._since = server.send(self._goal), now
         return Step(None, Status.RUNNING, f"sent to {server.name}")
 
-    def _after(self, world: World, sent: RemoteGoal) -> Step:
-        """Wait for acceptance and result."""
+    def _wait(self, world: World, sent: RemoteGoal) -> Step:
+        """Check acceptance, result and timeouts of the goal that was sent."""
         server, name, limits = self._server, self._server.name, self._server.timeouts
         if sent.result is not None:
             failure = failure_in(server.call, sent.status, sent.result)
@@ -155,9 +155,9 @@ class RemoteServer:
     def __init__(self, node: Node, call: RemoteCall, frame: str) -> None:
         self.call, self.name, self.timeouts, self.fault = call, call.server, call.timeouts, ""
         self._node = node
-        self._present_at = -math.inf
+        self._present_at = -math.inf  # real s
         self._released: RemoteGoal | None = None
-        self._until = 0.0
+        self._cancel_deadline = 0.0  # real s; for the end of `_released`
         try:
             self._interface = RemoteInterface(call, frame)
             self._client = ActionClient(node, self._interface.kind, call.server)
@@ -191,15 +191,15 @@ class RemoteServer:
     def release(self, sent: RemoteGoal) -> None:
         """Cancel a goal unless it is over; the server is `ending` until then, or until a timeout."""
         if sent.release() and self.present():
-            self._released, self._until = sent, time.monotonic() + self.timeouts.cancel
+            self._released, self._cancel_deadline = sent, time.monotonic() + self.timeouts.cancel
 
     def ending(self) -> bool:
         """Return whether a canceled goal may still be executed."""
-        return self._is_canceling() and self.present() and time.monotonic() <= self._until
+        return self._is_canceling() and self.present() and time.monotonic() <= self._cancel_deadline
 
     def warning(self) -> str:
         """Return a warning, once, if the server has ignored a cancellation; otherwise empty."""
-        if not self._is_canceling() or time.monotonic() <= self._until:
+        if not self._is_canceling() or time.monotonic() <= self._cancel_deadline:
             return ""
         self._released = None
         return (
@@ -215,7 +215,7 @@ class RemoteGoal:
     """One goal of a server: whether it was `accepted`, None before the answer, and its `status` and `result`.
 
     DDS lists a server that was killed for up to 20 s. Therefore the server is requested periodically, one
-    request at a time, to cancel an unknown goal. Each server answers that at once, except one that has no
+    request at a time, to cancel an unknown goal. Each server answers that immediately, except one that has no
     free thread while it drives: missing answers count only after a first one. A restarted server does not
     answer requests to its predecessor, and does not execute the goal either.
     """

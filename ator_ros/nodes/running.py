@@ -27,8 +27,8 @@ from ator_ros.nodes.parameters import Parameter, SetupError
 from ator_ros.printable import printable
 from ator_ros.resources import ResourceError
 
-_SPIN_PERIOD = 0.1  # s
-_LAST_SPINS = 0.3  # s
+_SPIN_PERIOD = 0.1  # s within which a signal ends the node
+_LAST_SPINS = 0.3  # s for which `spin_out` sends
 _LONGEST_REASON = 1000  # characters of the error with which a node ends: a part of a path may have 255
 _EXPECTED = (SetupError, ResourceError, ParameterException, NameValidationException, RuntimeError, ValueError)
 """Errors for the user; rcl's are RuntimeErrors, and rclpy raises ValueError for a parameter []."""
@@ -55,7 +55,7 @@ def run_node(
         formatter_class=RawDescriptionHelpFormatter,
     )
     stopped: list[int] = []
-    for number in (signal.SIGINT, signal.SIGTERM):  # for good: a second one must not interrupt `stop`
+    for number in (signal.SIGINT, signal.SIGTERM):  # not restored: a second one must not interrupt `stop`
         signal.signal(number, lambda received, _: stopped.append(received))
     try:
         parser.parse_args(remove_ros_args(arguments)[1:])
@@ -65,7 +65,7 @@ def run_node(
         node = make()
     except _EXPECTED as error:
         rclpy.try_shutdown()
-        reason = printable(" ".join(str(error).split()), _LONGEST_REASON)  # rcl's have several lines
+        reason = printable(" ".join(str(error).split()), _LONGEST_REASON)  # those of rcl have several lines
         sys.exit(f"{Path(sys.argv[0]).name}: {reason}")
     # Libraries and models live as long as the process: scanning them for garbage would take up to 50 ms.
     gc.collect()
@@ -85,8 +85,8 @@ def run_node(
 
 @contextmanager
 def uninterrupted() -> Iterator[None]:
-    """Delay signals until the end of the block: within rclpy their exceptions become RuntimeErrors."""
-    if threading.current_thread() is not threading.main_thread():  # other threads receive none
+    """Delay signals until the end of the block; inside rclpy, KeyboardInterrupt would become RuntimeError."""
+    if threading.current_thread() is not threading.main_thread():  # only the main thread receives signals
         yield
         return
     received: list[int] = []

@@ -57,20 +57,24 @@ class SimulatedWorld:
             robot.sensors.reset()
         for name, place in self._object_starts.items():
             self.simulation.place_object(name, *place)
-        self._observe()
+        self._observe_all()
 
-    def _observe(self) -> None:
-        for number, robot in enumerate(self.robots):
-            robot.observed = robot.sensors.observe(self.simulation.world(number=number))
+    def _observe(self, number: int) -> None:
+        robot = self.robots[number]
+        robot.observed = robot.sensors.observe(self.simulation.world(number=number))
+
+    def _observe_all(self) -> None:
+        for number in range(len(self.robots)):
+            self._observe(number)
 
     def _observe_placed(self, name: str) -> None:
-        """Observe an object that was placed at once; odometry continues."""
+        """Observe a placed object immediately, without its sensor delay; odometry continues."""
         for robot in self.robots:
             robot.sensors.placed(name)
-        self._observe()
+        self._observe_all()
 
     def awaited(self) -> set[int]:
-        """Return the numbers of the robots whose next command a tick waits for.
+        """Return the numbers (indices in `robots`) of the robots whose next command a tick waits for.
 
         Of several robots those that were commanded to stop are left out, as the others need their odometry.
         """
@@ -81,7 +85,7 @@ class SimulatedWorld:
     def tick(self) -> set[str]:
         """Advance by one control tick; return the names of the robots that have come to stand."""
         self.simulation.tick()
-        self._observe()
+        self._observe_all()
         previous, self._idle = self._idle, set[str]()
         for number, robot in enumerate(self.robots):
             is_standing = self.simulation.world(number=number).robot.is_standing
@@ -95,7 +99,7 @@ class SimulatedWorld:
         self._begin()
 
     def place_robot(self, pose: Pose, number: int, *, v: float, w: float) -> None:
-        """Put a robot's axle at `pose`, moving at v (m/s) and w (rad/s).
+        """Put the axle of robot `number`, its index in `robots`, at `pose`, moving at v (m/s) and w (rad/s).
 
         Raises MessageError outside the floor, in another body, or beyond the robot's limits.
         """
@@ -105,9 +109,8 @@ class SimulatedWorld:
         messages.number(w, "w", low=-limits.w, high=limits.w, unit="rad/s")
         _check_clear(self.simulation.robot_overlap(pose, number=number), "pose.pose.position")
         self.simulation.place_robot(pose, v=v, w=w, number=number)
-        robot = self.robots[number]
-        robot.sensors.reset()
-        robot.observed = robot.sensors.observe(self.simulation.world(number=number))
+        self.robots[number].sensors.reset()
+        self._observe(number)
 
     def place_object(self, name: str, x: float, y: float, *, vx: float, vy: float) -> None:
         """Put an object on the floor at (x, y) m, rolling at (vx, vy) m/s.

@@ -68,9 +68,9 @@ def _write_positions(direct: FloatArray, hold: float, aw: float, rows: FloatArra
         time = abs(rotation) * (1.0 / aw)
         half = 0.5 * rotation * time
         mean = yaw + (2.0 / 3.0) * half
-        way = speed * time
-        rows[OPENING, at] = from_x + way * math.cos(mean)
-        rows[OPENING + 1, at] = from_y + way * math.sin(mean)
+        distance = speed * time
+        rows[OPENING, at] = from_x + distance * math.cos(mean)
+        rows[OPENING + 1, at] = from_y + distance * math.sin(mean)
         rows[OPENING + 2, at], rows[OPENING + 3, at] = yaw + half, time
 
 

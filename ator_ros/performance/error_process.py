@@ -2,7 +2,7 @@
 
 It is fitted to errors on episodes that the model was not learned from. Where similar episodes have an error,
 the same error is expected; where there are none, its mean is 0 and its deviation `signal`. The spread of
-models of resampled episodes would not show such errors: models of the same form err in the same way.
+models of resampled episodes would not show such errors, because models of the same form share them.
 """
 
 from __future__ import annotations

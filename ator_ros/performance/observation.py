@@ -30,8 +30,10 @@ from ator_ros.performance.driving import (
 )
 from ator_ros.robot.description import GREATEST, LEAST, Limits, Robot
 
-_GREATEST, _OFTEN = 0.995, 0.95  # quantiles taken as the greatest speed and acceleration
+_SPEED_QUANTILE = 0.995  # of the speeds: taken as the greatest speed
+_CHANGE_QUANTILE = 0.95  # of the accelerations, whose noise is larger: taken as the greatest acceleration
 _LEAST_SAMPLES = 10  # for a quantile
+_LEAST_SHARE = 0.05  # of the base's limit; smaller quantiles are noise, not limits
 _BACKWARD = (-0.1, 0.01)  # m/s, and the share of rows that are faster backward in an action that drives so
 _TURNING = 0.1  # share of the greatest turn rate above which the robot turns
 _SPEEDS: FloatArray = np.array([0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.65, 0.8, 1.0])
@@ -59,8 +61,8 @@ def observed_driving(rows: pd.DataFrame, robot: Robot) -> DrivingStyle:
         turns = _turns(rows, limits)
         first, last = _rates(turns.start, turns.gain, turns), _rates(turns.end, turns.loss, turns)
         known = np.isfinite(starts[["position_error", "heading_error"]]).any()
-        alike = holding.all() or not holding.any()  # all goals are for the hold, or all for the axle
-        free_heading = bool(alike and known["position_error"] and not known["heading_error"])
+        same_point = holding.all() or not holding.any()  # all goals are for the hold, or all for the axle
+        free_heading = bool(same_point and known["position_error"] and not known["heading_error"])
         shapes = forward_shapes(limits, first, last, free_heading=free_heading)
         if not shapes:  # the odometry shows no turns
             first = last = lambda speed, change: float(speed == change == 0.0)  # on the spot
@@ -88,11 +90,11 @@ def _observed_limits(rows: pd.DataFrame, robot: Robot) -> Limits:
     change = (np.abs(v[after]) - np.abs(v[after - 1])) / step
     base = robot.limits
     observed = (
-        _quantile(np.abs(v), _GREATEST, base.v),
-        _quantile(np.abs(w), _GREATEST, base.w),
-        _quantile(change[change > 0.0], _OFTEN, base.a),
-        _quantile(-change[change < 0.0], _OFTEN, base.brake),
-        _quantile(np.abs(w[after] - w[after - 1]) / step, _OFTEN, base.aw),
+        _quantile(np.abs(v), _SPEED_QUANTILE, base.v),
+        _quantile(np.abs(w), _SPEED_QUANTILE, base.w),
+        _quantile(change[change > 0.0], _CHANGE_QUANTILE, base.a),
+        _quantile(-change[change < 0.0], _CHANGE_QUANTILE, base.brake),
+        _quantile(np.abs(w[after] - w[after - 1]) / step, _CHANGE_QUANTILE, base.aw),
     )
     return Limits(*np.clip(observed, LEAST, list(GREATEST.values())).tolist())
 
@@ -107,7 +109,7 @@ def _series(rows: pd.DataFrame) -> tuple[FloatArray, FloatArray, FloatArray, np.
 def _quantile(values: FloatArray, share: float, otherwise: float) -> float:
     """Return a quantile, or the limit `otherwise` of the base if (almost) nothing was observed."""
     found = float(np.quantile(values, share)) if len(values) >= _LEAST_SAMPLES else 0.0
-    return found if found > 0.05 * otherwise else otherwise
+    return found if found > _LEAST_SHARE * otherwise else otherwise
 
 
 class _Turns(NamedTuple):
@@ -126,14 +128,20 @@ class _Turns(NamedTuple):
 
 
 def _turns(rows: pd.DataFrame, limits: Limits) -> _Turns:
+    """Return the turns: runs of rows with turn rates of one sign above `_TURNING`.
+
+    Each also has the row before and the row after it, if these belong to its episode.
+    """
     v, w, time, after = _series(rows)
-    follows = np.zeros(len(v), dtype=bool)
+    follows = np.zeros(len(v), dtype=bool)  # (rows,): the row follows the previous one of its episode
     follows[after] = True
     turning = np.abs(w) > _TURNING * limits.w
-    goes_on = np.zeros(len(v), dtype=bool)
-    goes_on[1:] = follows[1:] & turning[1:] & turning[:-1] & (w[1:] * w[:-1] > 0.0)
-    begins = np.flatnonzero(turning & ~goes_on)
-    ends = np.flatnonzero(turning & ~np.append(goes_on[1:], False))
+    continues = np.zeros(len(v), dtype=bool)  # (rows,): the row continues the turn of the previous one
+    continues[1:] = follows[1:] & turning[1:] & turning[:-1] & (w[1:] * w[:-1] > 0.0)
+    # Index of the first and of the last row of each turn, shape (turns,).
+    begins = np.flatnonzero(turning & ~continues)
+    ends = np.flatnonzero(turning & ~np.append(continues[1:], False))
+    # Include the neighboring rows of the same episode.
     begins = np.where(follows[begins], begins - 1, begins)
     ends = np.where(np.append(follows[1:], False)[ends], ends + 1, ends)
     found = []
@@ -150,9 +158,9 @@ def _turns(rows: pd.DataFrame, limits: Limits) -> _Turns:
         speeds = abs(v[begin]) / limits.v, abs(v[end]) / limits.v
         rate, angle = np.max(np.abs(w[part])) / limits.w, abs(np.trapezoid(w[part], time[part]))
         found.append((*speeds, gain, loss, rate, angle))
-    columns: FloatArray = np.array(found, dtype=float).reshape(-1, 6).T
-    full = columns[5] > limits.w**2 / limits.aw
-    return _Turns(columns[0], columns[1], columns[2], columns[3], columns[4], full)
+    start, end_speed, gains, losses, rates, angles = np.array(found, dtype=float).reshape(-1, 6).T
+    full = angles > limits.w**2 / limits.aw  # rad in which the base reaches its turn rate and stops again
+    return _Turns(start, end_speed, gains, losses, rates, full)
 
 
 def _rates(speeds: FloatArray, changes: FloatArray, turns: _Turns) -> TurnRates:

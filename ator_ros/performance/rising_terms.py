@@ -1,6 +1,6 @@
 """Durations as a sum of rising functions of single features, whose bends are thresholds and dead zones.
 
-Each function is piecewise linear and never falls: a longer way, or a larger turn, takes no less time. In
+Each function is piecewise linear and never falls: a longer path, or a larger turn, takes no less time. In
 rules, a dead zone of 40° is a term such as ``0.0147*max(0, angle_to_dest - 40°)``.
 """
 
@@ -83,7 +83,7 @@ def _segments(values: FloatArray, bends: FloatArray) -> FloatArray:
 
 
 def _merged(groups: _Groups) -> list[_Groups]:
-    """Return the groups with one bend less, in every way."""
+    """Return all groups that have one bend less than these."""
     return [
         [*groups[:number], [*parts[:at], parts[at] + parts[at + 1], *parts[at + 2 :]], *groups[number + 1 :]]
         for number, parts in enumerate(groups)

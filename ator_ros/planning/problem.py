@@ -111,6 +111,7 @@ def steps_for(goal: Sequence[Fact], tops: Sequence[Top]) -> list[PlannedStep]:
 
 
 def _bindings(top: Top, groups: Sequence[Sequence[Statement]]) -> Iterator[tuple[tuple[str, Symbol], ...]]:
+    """Yield goals of `top`: at the object that it follows, if any, and one for each group that it reaches."""
     name = followed(top)
     own: dict[str, Symbol] = {} if name is None else {"x": f"{name}.x", "y": f"{name}.y"}
     places_something = top.arrives or bool(top.post.goal_names() & {"x", "y"})
@@ -247,8 +248,9 @@ def planning_problem(goal: Sequence[Fact], steps: Sequence[PlannedStep], state: 
     numbers = {fact: number for number, fact in enumerate(facts)}
     true = {number for fact, number in numbers.items() if fact.violation(state) is None}
     names = dict.fromkeys(fact.region for fact in facts if fact.region)
-    regions = [frozenset(n for fact, n in numbers.items() if fact.region == name) for name in names]
-    here = dict(enumerate((region for region in regions if region <= true), start=len(facts)))
+    regions = [frozenset(number for fact, number in numbers.items() if fact.region == name) for name in names]
+    # Numbers of the facts that a region contains an object from the start, with the facts of the region.
+    contained = dict(enumerate((region for region in regions if region <= true), start=len(facts)))
     operators: dict[Operator, PlannedStep | None] = {}
     for step in steps:
         values = step.values()
@@ -256,11 +258,11 @@ def planning_problem(goal: Sequence[Fact], steps: Sequence[PlannedStep], state: 
         for fact, number in numbers.items():
             if fact.depends & values.keys():
                 (adds if fact.holds_after(values) else deletes).add(number)
-        moved = {number for number, group in here.items() if group & (deletes | adds)}
+        moved = {number for number, group in contained.items() if group & (deletes | adds)}
         needed = frozenset(numbers[fact] for fact in step.needs())
         operators.setdefault(Operator(needed, frozenset(adds), frozenset(deletes | moved)), step)
-    for number, group in here.items():
+    for number, group in contained.items():
         operators.setdefault(Operator(frozenset({number}), group, frozenset()), None)
-    initial = frozenset(true).difference(*here.values()) | frozenset(here)
+    initial = frozenset(true).difference(*contained.values()) | frozenset(contained)
     wanted = frozenset(numbers[fact] for fact in goal)
     return PlanningProblem(tuple(facts), tuple(operators.values()), tuple(operators), initial, wanted)

@@ -121,8 +121,8 @@ class StepRows:
             table[row] = before[:, column]
         if self._held is not None and self._of_start:
             yaw, moved = table[YAW], {row for row, _ in self._of_start}
-            for row, given, way in ((X, self._held.x, np.cos(yaw)), (Y, self._held.y, np.sin(yaw))):
-                table[row] = (table[row] if row in moved else given) - self._hold * way
+            for row, given, part in ((X, self._held.x, np.cos(yaw)), (Y, self._held.y, np.sin(yaw))):
+                table[row] = (table[row] if row in moved else given) - self._hold * part
         if self._arrival is not None:
             table[X] -= self._arrival.dist * math.cos(self._bearing)
             table[Y] -= self._arrival.dist * math.sin(self._bearing)

@@ -246,8 +246,8 @@ class Regions:
                 yield _Rule(f"pre-condition {step}", bound, before=True)
             distances = experience_of(self._models.get(call.top.action)).get("way")
             if distances is not None:
-                way = Distance("hold" if call.goal.point is Point.HOLD else "robot", "goal", *distances)
-                yield _Rule(f"experience of {call.top.action}", way, before=True)
+                bound = Distance("hold" if call.goal.point is Point.HOLD else "robot", "goal", *distances)
+                yield _Rule(f"experience of {call.top.action}", bound, before=True)
         if index + 1 == len(self._calls):
             return
         following = self._calls[index + 1]
@@ -281,7 +281,7 @@ class Regions:
     def _hold(self, state: Mapping[str, Any]) -> dict[str, Any]:
         yaw, hold = state["robot.yaw"], self._robot.hold
         ahead = {"hold.x": hold * np.cos(yaw), "hold.y": hold * np.sin(yaw)}
-        places = {name: state[f"robot.{name[-1]}"] + way for name, way in ahead.items()}
+        places = {name: state[f"robot.{name[-1]}"] + offset for name, offset in ahead.items()}
         return places if self._robot.holder is not None else {}
 
 
@@ -326,8 +326,8 @@ def _outside_experience(
         if not {"x", "y"} & (opened | opens):
             ahead = robot.hold * numbers["hold"] if robot.holder is not None else 0.0
             hold = Pose(numbers["x"], numbers["y"], numbers["yaw"]).ahead(ahead)
-            way = math.hypot(numbers["xg"] - hold.x, numbers["yg"] - hold.y)
-            quantities.append(("way", "distance", way, "m"))
+            distance = math.hypot(numbers["xg"] - hold.x, numbers["yg"] - hold.y)
+            quantities.append(("way", "distance", distance, "m"))
         if "yaw" not in opened | opens:
             turn = abs(wrap_angle(numbers["yawg"] - numbers["yaw"]))
             quantities.append(("turn", "turn", turn, "rad"))

@@ -14,6 +14,7 @@ _CREEP_STEPS = 12
 _CREEP = 0.01, 0.02  # m/s and rad/s by which creeping commands grow
 _CREEP_TIME = 0.6  # s of each
 _WINDOW = 0.4  # s over which a speed is judged
+_LONGEST_PERIOD = 0.1  # s between two states of slow odometry
 _STEADY = 0.02  # greatest change of a steady speed within the window, as a share of the speed
 _RESOLUTION = 0.005  # m/s and rad/s; least such change
 _SURELY_MOVING = 0.02, 0.04  # m/s and rad/s above which the base moves, whatever the noise
@@ -74,6 +75,8 @@ class ProbeDrive:
         if command is not None:
             self.samples.append(DriveSample(self._part, time, command, robot.v, robot.w))
         return command
+
+    # Each generator resumes after its `yield` with the next state.
 
     def _drive(self) -> Iterator[Command]:
         yield from self._creep(DrivePart.CREEP_V, Command(v=_CREEP[0]))
@@ -140,7 +143,8 @@ class ProbeDrive:
     def _steady(self) -> bool:
         """Whether the base moves and its mean speeds in both halves of the window are the same."""
         half = len(self._states) // 2
-        if not self._moving or self._time - self._states[0][0] < _WINDOW - 0.1 or not half:
+        covered = self._time - self._states[0][0]  # s; up to one period of odometry less than the window
+        if not self._moving or covered < _WINDOW - _LONGEST_PERIOD or not half:
             return False
         states = [state for _, state in self._states]
         for speeds in ([state.v for state in states], [state.w for state in states]):

@@ -92,7 +92,7 @@ class AxisResponse:
 _STEP = 0.01  # s of a step of the prediction
 _EXPIRES = 0.5  # s after which a command is forgotten: other programs may steer
 _ROUNDING = 1e-6  # s
-_PROMPT = 0.02  # s within which a command counts as computed at once
+_PROMPT = 0.02  # s within which a command counts as computed immediately
 
 
 class Foresight:
@@ -125,10 +125,10 @@ class Foresight:
         self._sent.append((time, command))
 
     def punctual(self, robot: RobotState, command: Command | None, took: float) -> Command | None:
-        """Return the command to send for `command`, which took `took` s to compute, in the predicted state.
+        """Return `command`, which took `took` s to compute, or a stop if it comes too late for `robot`.
 
-        A late command does not start a robot at rest, as the prediction would be ahead of the motion. It
-        starts with the command for the next state, even if that is late as well, as on a slow computer.
+        A late command does not start a robot at rest, because the prediction would be ahead of the motion.
+        The robot starts with the command for the next state, even if that is late too, as on a slow computer.
         """
         late = command is not None and self._latency > 0.0 and robot.is_still and took > _PROMPT
         self._held_back = late and not self._held_back

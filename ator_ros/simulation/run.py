@@ -97,7 +97,7 @@ def run_action(
     """
     action.setup()
     action.start(simulation.world(), goal)
-    reason = "broken off"
+    reason = "interrupted"
     try:
         stepped = action.step if step is None else partial(step, action)
         done = run(simulation, stepped, ticks=round(time_limit * CONTROL_RATE))

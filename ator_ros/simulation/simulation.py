@@ -20,13 +20,13 @@ from ator_ros.simulation.bodies import (
 from ator_ros.simulation.simulated_base import SimulatedBase
 from ator_ros.world.state import CONTROL_PERIOD, Command, ObjectState, World
 
-PHYSICS_RATE = 240
-TICK = CONTROL_PERIOD
-CONTROL_RATE = round(1.0 / TICK)
+PHYSICS_RATE = 240  # Hz
+TICK = CONTROL_PERIOD  # s
+CONTROL_RATE = round(1.0 / TICK)  # Hz
 RAMPS_PER_TICK = 4
 # Converged: with the rotors' inertia in the wheels, 50 iterations give the same speeds to 0.2 %.
 SOLVER_ITERATIONS = 20
-_AWAY = 50.0  # m: least distance from the center of the area of what is not in use
+_AWAY = 50.0  # m: least distance of removed bodies from the center of the area
 _DEEPEST = 0.005  # m by which placed bodies may overlap: contacts of a run reach about 1 mm
 _DISTANCE = 8  # index in what getClosestPoints returns
 
@@ -81,8 +81,8 @@ class Simulation:
         self._present = dict.fromkeys(self._bodies, False)
         self._bases = [SimulatedBase(bullet, self.robot, period=1.0 / PHYSICS_RATE) for _ in range(robots)]
         for base in self._bases:
-            rest = [other.body for other in self._bases if other is not base]
-            base.ignore(floor, (*self._bodies.values(), *self._walls, *rest))
+            others = [other.body for other in self._bases if other is not base]
+            base.ignore(floor, (*self._bodies.values(), *self._walls, *others))
         self._ticks = 0
 
     @property
@@ -151,8 +151,8 @@ class Simulation:
 
     def place_objects(self, objects: Mapping[str, ObjectState]) -> None:
         """Place these objects and take all others off the floor."""
-        for name, there in objects.items():
-            self.place_object(name, there.x, there.y, vx=there.vx, vy=there.vy)
+        for name, state in objects.items():
+            self.place_object(name, state.x, state.y, vx=state.vx, vy=state.vy)
         for name in self._bodies:
             if name not in objects:
                 self.remove_object(name)

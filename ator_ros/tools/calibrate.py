@@ -1,8 +1,8 @@
 """Estimate latency, motor lag, limits and dead zone of a base from half a minute of driving.
 
-Drives the base that subscribes to cmd_vel: slowly, at full speed forward and back, and in turns both ways.
-No other program may command it meanwhile. The robot needs free space ahead (--space), 0.5 m behind, and room
-to turn.
+Drives the base that subscribes to cmd_vel: slowly, at full speed forward and back, and turning in both
+directions. No other program may command it meanwhile. The robot needs free space ahead (--space), 0.5 m
+behind, and room to turn.
 """
 
 from __future__ import annotations

@@ -115,7 +115,7 @@ def _summary(situations: Sequence[DemoSituation]) -> str:
     percent = 100.0 * abs(gain) / naive if naive else 0.0
     verb = "saved" if gain >= 0.0 else "cost"
     lines = [
-        f"{len(succeeded)} of {len(situations)} situations succeeded both ways; "
+        f"{len(succeeded)} of {len(situations)} situations succeeded with both chains; "
         f"refinement {verb} {abs(gain):.2f} s of {naive:.2f} s ({percent:.1f} %)"
     ]
     for number, situation in enumerate(situations, start=1):

@@ -137,12 +137,12 @@ class History:
         poses += [pose_from(call.goal.pose, "chain") for call in last]
         gain = math.nan
         if record.refined:
-            naive = (
+            naive_durations = (
                 _duration_of(other)
                 for other, others, _ in reversed(self._chains)
                 if not other.refined and _tops(other) == _tops(record) and _same(poses, others)
             )
-            gain = next(naive, math.nan) - _duration_of(record)
+            gain = next(naive_durations, math.nan) - _duration_of(record)  # against the newest
         self._chains.append((record, poses, gain))
 
     def report(self) -> str:
@@ -170,6 +170,7 @@ def _tops(record: Any) -> list[str]:
 
 
 def _same(poses: Sequence[Pose], others: Sequence[Pose]) -> bool:
+    """Return whether two chains have the same start and last goal, see `History`."""
     pairs = zip(poses, others, strict=False)
     near = (a.distance(b) < _SAME and abs(a.relative(b).yaw) < _SAME for a, b in pairs)
     return len(poses) == len(others) and all(near)

@@ -282,7 +282,7 @@ def test_an_action_that_raises_in_a_simulated_chain_is_ended() -> None:
 
     with pytest.raises(RuntimeError, match="out of order"):
         run_chain(ROBOT, library_of(Broken), World(0.0, RobotState(Pose(0.0, 0.0, 0.0))), TopChain((NOTE,)))
-    assert log == ["start", "broken off"]
+    assert log == ["start", "interrupted"]
 
 
 def test_an_overdue_object_does_not_pause_an_external_action() -> None:

@@ -39,7 +39,7 @@ def test_own_server_is_built_driven_learned_and_refined(tmp_path: Path, domain: 
     outputs = {tool: run(f"{executable(tool)} {commands[tool]} {more}") for tool, more in small.items()}
     assert "s by cross-validation on" in outputs["train"]
     assert "three nodes and server start" in outputs["demo"]
-    assert "1 of 1 situations succeeded both ways" in outputs["demo"]
+    assert "1 of 1 situations succeeded with both chains" in outputs["demo"]
 
     nodes = dict(re.findall(r"make run EXE=(\w+) ARGS='(--ros-args .*)'", PAGE))
     assert set(nodes) == {"simulation", "executor", "refinement"}

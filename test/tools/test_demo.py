@@ -39,7 +39,7 @@ def test_the_table_shows_gains_and_failures() -> None:
         ]
     )
     assert "+2.00 s (+20 %)" in text
-    assert "1 of 2 situations succeeded both ways; refinement saved 2.00 s of 10.00 s (20.0 %)" in text
+    assert "1 of 2 situations succeeded with both chains; refinement saved 2.00 s of 10.00 s (20.0 %)" in text
     assert "situation 2, refined: lost the ball" in text
     assert "unchanged: no gain" in text
     assert "3.10 / 3.00" in text

@@ -499,9 +499,9 @@ class BezierShoot(_BezierHolding):
         `crossing` is the y at which it will cross the line, in m from the middle.
         """
         state = world.robot
-        way = max(short, 0.0) / max(abs(math.cos(state.pose.yaw)), 0.3) + _ROLL_RESERVE
+        needed = max(short, 0.0) / max(abs(math.cos(state.pose.yaw)), 0.3) + _ROLL_RESERVE
         roll = state.v**2 / (2.0 * self.robot.scene.objects[BALL].rolling_deceleration)
-        if roll > way and abs(state.w) < 0.3:
+        if roll > needed and abs(state.w) < 0.3:
             self._released = True
             return Step(STOP, Status.RUNNING, "braking: the ball rolls on into the goal")
         # Steer mildly from the posts toward the middle of the mouth.

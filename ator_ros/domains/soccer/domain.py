@@ -36,7 +36,7 @@ SHOT = (
     Feature("hold_off_axis", "rad", _TO_MOUTH, lambda g: np.abs(g.once(from_hold)[1])),
     Feature("heading_off_axis", "rad", variables("yaw"), lambda g: np.abs(wrap_angles(g.direct["yaw"]))),
 )
-"""Of a ball that is held and a goal whose heading does not matter, on the field's x axis."""
+"""Features of a shot: the ball is held, and the goal, whose yaw is not used, lies on the field's x axis."""
 
 _SHOOTING = (*names_of(SHOT), "v", *names_of(PATHS))
 _PAPER = names_of(PAPER_11)

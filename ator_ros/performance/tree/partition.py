@@ -103,7 +103,7 @@ class Partition:
 
     def _best_split(self, node: GrownNode, table: FloatArray) -> tuple[float, int, int] | None:
         """Return the greatest standard-deviation reduction by a split, if any, with feature and position."""
-        total = node.moments[0, 0]
+        total = node.moments[0, 0]  # number of rows
         minimum = self.min_samples_leaf
         if total < 2 * minimum:
             return None
@@ -115,9 +115,9 @@ class Partition:
         self._residuals[node.order[0], -1] = residual
         # Splits at quantiles of each feature, by the rows to the left; none falls between equal values.
         count, n = min(_CANDIDATES, int(total // minimum)), node.order.shape[1]
-        at = np.ceil(n * np.arange(1, count + 1) / (count + 1)).astype(np.intp) - 1
+        quantiles = np.ceil(n * np.arange(1, count + 1) / (count + 1)).astype(np.intp) - 1
         values = (column[order] for column, order in zip(self.X.T, node.order, strict=True))
-        ends = np.array([np.searchsorted(sorted_, sorted_[at], side="right") for sorted_ in values])
+        ends = np.array([np.searchsorted(sorted_, sorted_[quantiles], side="right") for sorted_ in values])
         positions, is_split = np.minimum(ends, n - 1), ends < n
         sums = self._moments_left(node, positions)
         left, right = sums[:, :-1], (sums[:, -1:] - sums)[:, :-1]

@@ -18,7 +18,7 @@ from ator_ros.motion.paths import Ends, entries_of, exits_of
 from ator_ros.robot.description import Limits, Robot
 from ator_ros.world.state import World
 
-_MARGIN = 0.05  # m/s^2: least push
+_MARGIN = 0.05  # m/s^2: least push against the ball, in turns and while braking
 # Speeds, changes of speed and turn rates as shares of the limits for dribbling.
 _ENTRY_SPEEDS = (0.0, 0.05, 0.1, 0.15, 0.2, 0.35, 0.55, 0.8)
 _ENTRY_GAINS = (*(step / 16 for step in range(15)), 0.9625)  # the last a little less than `PLAN_SHARE`
@@ -110,10 +110,11 @@ class HoldingAction(PlannedAction):
 
     def __init__(self, robot: Robot) -> None:
         super().__init__(robot, held_limits(robot, self.name))
-        # To drive back would lose the ball.
+        # A robot that overshoots must not drive back, which would lose the ball. So it catches up
+        # only as fast as it can brake again.
         self.reserve = max(0.0, robot.limits.brake - self.plan_limits.brake)
 
-    def check_turns(self, *tables: Ends) -> None:
+    def _check_turns(self, *tables: Ends) -> None:
         """Raise ActionError if a table of entries or exits with the ball is empty."""
         if any(len(ends.times) == 0 for ends in tables):
             raise ActionError(f"{self.name}: expected a turn in which the ball stays in front, there is none")
@@ -137,7 +138,7 @@ class DribbleBall(HoldingAction):
     def setup(self) -> None:
         """Compute the tables of dribbles from rest to rest; see `Action.setup`."""
         limits = self.plan_limits
-        self.check_turns(entries_with_ball(self.robot, limits, 0.0), dribble_exits(self.robot, limits, 0.0))
+        self._check_turns(entries_with_ball(self.robot, limits, 0.0), dribble_exits(self.robot, limits, 0.0))
 
     def plan(self, world: World) -> Manoeuvre:
         """Plan forward turns and drives that keep the ball in front."""

@@ -209,7 +209,7 @@ class Shoot(HoldingAction):
     def setup(self) -> None:
         """Compute the tables of run-ups from rest; see `Action.setup`."""
         limits = self.plan_limits
-        self.check_turns(entries_with_ball(self.robot, limits, 0.0), release_exits(self.robot, limits))
+        self._check_turns(entries_with_ball(self.robot, limits, 0.0), release_exits(self.robot, limits))
 
     def start(self, world: World, goal: Goal) -> None:
         """Plan the run-up; see `Action.start`."""
