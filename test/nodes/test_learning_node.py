@@ -122,8 +122,8 @@ def test_it_continues_after_a_kill(
     client.eventually(lambda: "30 records" in second.output, "the second node")
     assert values_of(client.status_of("learning"))["records since the last round"] == "30"
     publish_records(*records[30:])
+    client.eventually(lambda: stored_in(folder) == 45, "the other records")
     client.eventually(lambda: current_set(folder), "a set", patience=90.0)
-    assert stored_in(folder) == 45
 
 
 @pytest.fixture(scope="module")
