@@ -1,4 +1,4 @@
-"""Measure the speed of refinement, plans, actions and simulation, without ROS, on an idle machine.
+"""Measure the speed of refinement, plans, actions, routes and simulation, without ROS, on an idle machine.
 
 make bench                                         # everything
 make bench ARGS='refinement --requests 50'
@@ -22,7 +22,8 @@ from ator_ros.domains.domain import find_domain
 from ator_ros.domains.soccer.field import BALL, ball_of, field_of, objects_of
 from ator_ros.evaluation.toolset import ToolsetSource, tools_of
 from ator_ros.evaluation.trials import open_places, open_speeds, random_trial
-from ator_ros.geometry import Pose
+from ator_ros.geometry import BoolArray, FloatArray, Pose
+from ator_ros.motion.routes import Routes
 from ator_ros.planning.planner import chains_for
 from ator_ros.robot.description import Robot
 from ator_ros.robot.response import ramped
@@ -30,6 +31,7 @@ from ator_ros.simulation.simulation import CONTROL_RATE, Simulation
 from ator_ros.tops.chain import EVERYTHING, TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.objects import is_lost, kept, object_fetched_by
+from ator_ros.world.grid_map import GridMap
 from ator_ros.world.state import CONTROL_PERIOD, STOP, Command, ObjectState, RobotState, World
 
 Rows = Iterator[tuple[str, str]]
@@ -39,6 +41,7 @@ WARM_UP = 10  # requests
 LENGTHS = (2, 8, 32)  # steps of long chains
 TICKS = 40  # measured ticks of an action: the first two seconds, in which it plans
 BLOCK = 5.0  # s of a simulation
+ROOMS, ROOM, DOOR, WALL = 10, 5.0, 1.0, 0.15  # rooms along a side of the building; sides and widths in m
 
 CASES: dict[str, tuple[int, Callable[[TopChain], TopChain]]] = {
     "2 steps, heading": (0, lambda chain: chain),
@@ -191,6 +194,45 @@ def _after(robot: Robot, world: World, command: Command) -> World:
     return World(world.time + CONTROL_PERIOD, RobotState(pose, speeds.v, speeds.w), objects_of(ball))
 
 
+def route(requests: int) -> Rows:
+    """Measure our own search for routes in a building, from random places to new and to known ones."""
+    rng = np.random.default_rng(23)
+    side, cell = ROOMS * ROOM, 0.05
+    grid = GridMap("building", building(rng, cell), cell, Pose(0.0, 0.0, 0.0))
+    routes = Routes(grid, SOURCE.described().half_width)
+    times: dict[str, list[float]] = {"new": [], "known": []}
+    for _ in range(requests + WARM_UP):
+        goal = _in_a_room(rng)
+        for kind, measured in times.items():
+            ends = np.concatenate([_in_a_room(rng), goal])[:, None]
+            began = time.perf_counter()
+            found = routes.between(*ends)
+            measured.append(time.perf_counter() - began)
+            if math.isnan(found.length[0]):
+                raise ValueError(f"expected a route to each {kind} place, got none for {ends.ravel()}")
+    for kind, measured in times.items():
+        name = f"route to a {kind} place, {side:g} x {side:g} m at {100.0 * cell:g} cm"
+        yield name, _percentiles(measured[WARM_UP:])
+
+
+def building(rng: np.random.Generator, cell: float) -> BoolArray:
+    """Return the free cells of a square building of rooms; walls between rooms have a door somewhere."""
+    room, door, wall = (round(length / cell) for length in (ROOM, DOOR, WALL))
+    free = np.ones((ROOMS * room, ROOMS * room), dtype=bool)
+    for walls in (free, free.T):
+        for edge in range(room, ROOMS * room, room):
+            walls[edge : edge + wall] = False
+            for first in range(0, ROOMS * room, room):
+                begin = first + int(rng.integers(2 * wall, room - door - wall))
+                walls[edge : edge + wall, begin : begin + door] = True
+    return free
+
+
+def _in_a_room(rng: np.random.Generator) -> FloatArray:
+    """Return x, y in m of a place in any room, away from its walls."""
+    return ROOM * (rng.integers(ROOMS, size=2) + rng.uniform(0.2, 0.8, size=2))
+
+
 def simulation(requests: int) -> Rows:
     """Measure the real-time factor of the simulation in the fastest of several blocks."""
     domain, robot = find_domain(SOURCE.domain), SOURCE.described()
@@ -224,6 +266,7 @@ PARTS: dict[str, Callable[[int], Rows]] = {
     "refinement": refinement,
     "plans": plans,
     "ticks": ticks,
+    "route": route,
     "simulation": simulation,
 }
 

@@ -1,5 +1,8 @@
 """The motion watch: bases that do not follow commands are detected in time, without false alarms."""
 
+import dataclasses
+from dataclasses import dataclass
+
 import pytest
 from executions import LIBRARY, ROBOT, chain
 from faulty_base import Failure, KinematicBase, execute
@@ -9,6 +12,7 @@ from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.evaluation.chain_run import run_chain
 from ator_ros.evaluation.trials import random_trial
 from ator_ros.execution.chain_executor import ChainExecutor, Ending
+from ator_ros.execution.fence import Fence, FenceWatch
 from ator_ros.execution.motion_watch import MotionWatch
 from ator_ros.geometry import Pose
 from ator_ros.robot.response import ramped
@@ -65,36 +69,94 @@ def test_odometry_that_shows_a_fraction_of_the_motion_is_detected_in_time(share:
     assert done.ended <= 0.5
 
 
-class Watched(ChainExecutor):
-    """Executes a chain with drifting, late odometry, and keeps the faults that the motion watch raises."""
+def test_a_base_that_drives_on_after_its_goal_fails_the_goal() -> None:
+    near = chain(("goToPose", Pose(1.0, 0.0, 0.0)))
+    usual = execute(LIBRARY, near, base())
+    assert usual.ending is Ending.SUCCEEDED
+    end = usual.states[-1][0]
+    runaway = base(Failure("constant", "v", end - 0.4, "motion", 0.8))
+    done = execute(LIBRARY, near, runaway, until_stood=False)
+    assert done.ending is not Ending.SUCCEEDED
 
-    def __init__(self, library: TopLibrary, chain: TopChain, latency: float, seed: int) -> None:
+
+@dataclass(frozen=True)
+class Kind:
+    """How a base and its odometry differ from the described robot."""
+
+    drift: float = 0.0  # m after 1 m; of the heading, half as many rad
+    latency: float = 0.0  # s
+    motor_lag: float = ROBOT.motor_time_constant  # s
+    dead_zone: Command = STOP  # speeds up to which a command does nothing
+    share: float = 1.0  # of the commanded speed
+
+    def response(self, command: Command) -> Command:
+        """Return the command that a base as described follows in the same way."""
+        v = 0.0 if abs(command.v) <= self.dead_zone.v else self.share * command.v
+        w = 0.0 if abs(command.w) <= self.dead_zone.w else self.share * command.w
+        return Command(v, w)
+
+
+KINDS = {
+    "as described": Kind(),
+    "late": Kind(drift=0.02, latency=0.1),
+    "noisy": Kind(drift=0.02),
+    "motor lag": Kind(motor_lag=0.15),
+    "dead zone": Kind(dead_zone=Command(0.05, 0.1)),
+    "half as fast": Kind(share=0.5),
+}
+
+
+class Watched(ChainExecutor):
+    """Executes a chain on a kind of base; keeps the faults that the motion watch and the fence raise.
+
+    They are kept until the robot collides: it decelerates five times as fast as it can brake. With the
+    paper's actions, a base with slow motors may hit a goal post.
+    """
+
+    def __init__(self, library: TopLibrary, chain: TopChain, kind: Kind, fence: Fence, seed: int) -> None:
         super().__init__(library, chain)
-        self._sensors = Sensors(SensorConfig(drift=0.02, heading_drift=0.01, latency=latency), seed)
-        self._watch, self._last = MotionWatch(ROBOT, latency and latency + TICK), -1.0
+        self._sensors = Sensors(SensorConfig(kind.drift, 0.5 * kind.drift, kind.latency), seed)
+        self._watch, self._last = MotionWatch(ROBOT, kind.latency and kind.latency + TICK), -1.0
+        self._kind, self._fence = kind, FenceWatch(fence, ROBOT, 0.5)
+        self._speed, self.collided = 0.0, False
         self.faults: set[str] = set()
 
     def step(self, world: World) -> Step:
+        speed = abs(world.robot.v)
+        self.collided |= self._speed - speed > 5.0 * ROBOT.limits.brake * TICK
+        self._speed = speed
         observed = self._sensors.observe(world)
         if observed.time == self._last:
             return Step(None, Status.RUNNING, "")
         self._last = observed.time
-        self.faults |= {self._watch.fault(observed.time, observed.robot, world.time) or ""} - {""}
-        step = super().step(self._watch.foresight.ahead(observed))
+        ahead = self._watch.foresight.ahead(observed)
+        faults = (
+            self._watch.fault(observed.time, observed.robot, world.time),
+            self._fence.fault(ahead, self.call),
+        )
+        if not self.collided:
+            self.faults |= {fault for fault in faults if fault}
+        step = super().step(ahead)
         self._watch.sent(observed.time, step.command)
-        return step
+        return dataclasses.replace(step, command=self._kind.response(step.command or STOP))
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("latency", [0.0, 0.1])
 @pytest.mark.parametrize("action_set", ["default", "bezier"])
-def test_no_fault_is_raised_in_random_chains_with_drifting_odometry(action_set: str, latency: float) -> None:
-    library = SOCCER.library(ROBOT, action_set)
+@pytest.mark.parametrize("name", KINDS)
+def test_a_fault_is_raised_in_many_chains_only_where_there_is_one(name: str, action_set: str) -> None:
+    kind, library = KINDS[name], SOCCER.library(ROBOT, action_set)
+    moved = dataclasses.replace(ROBOT, motor_time_constant=kind.motor_lag)
+    # The paper's actions ignore the field and may leave it.
+    fence = Fence.around(ROBOT) if action_set == "default" else Fence(-50.0, -50.0, 50.0, 50.0)
+    faults = {}
     for index in range(100, 130):
         trial = random_trial(SOCCER, ("dribble", "shoot")[index % 2], library, seed=902, index=index)
-        executor = Watched(library, trial.chain, latency, index)
-        run_chain(ROBOT, library, trial.world, trial.chain, executor=executor)
-        assert not executor.faults, index
+        executor = Watched(library, trial.chain, kind, fence, index)
+        run_chain(moved, library, trial.world, trial.chain, executor=executor)
+        faults |= {index: executor.faults} if executor.faults else {}
+    # The paper's actions creep at 0.04 m/s, which a base with a dead zone truly does not follow.
+    assert bool(faults) is ((name, action_set) == ("dead zone", "bezier")), faults
 
 
 def test_motion_before_the_goal_is_ignored() -> None:

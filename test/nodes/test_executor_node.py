@@ -1,6 +1,7 @@
 """The `executor` node over its ROS interfaces; all tests share one set of processes."""
 
 import math
+import signal
 
 import pytest
 from action_msgs.msg import GoalStatus, GoalStatusArray
@@ -145,6 +146,24 @@ def test_a_goal_succeeds_without_a_refinement_node(chains: ChainClient) -> None:
     assert result.outcome.code == Outcome.SUCCEEDED
     assert not result.record.refined
     assert "executed as sent, refinement failed: no answer within 1 s" in result.record.refinement
+
+
+@pytest.mark.long
+def test_missing_odometry_stops_the_robot_and_a_new_goal_works(
+    chains: ChainClient, simulation: Process
+) -> None:
+    sent = chains.send(PATROL)
+    chains.wait_until_moving()
+    simulation.send(signal.SIGSTOP)
+    try:
+        outcome = sent.outcome()
+    finally:
+        simulation.send(signal.SIGCONT)
+    assert outcome.code == Outcome.INPUT_LOST
+    assert "odom is missing" in outcome.reason
+    chains.ros.eventually(lambda: chains.commands[-1].linear.x == 0.0, "a stop")
+    chains.ros.eventually(chains.standing, "the robot stands")
+    assert chains.send([call("goToPose", Pose(-1.0, 0.5, 0.0))]).outcome().code == Outcome.SUCCEEDED
 
 
 def test_a_reset_ends_the_goal(chains: ChainClient) -> None:

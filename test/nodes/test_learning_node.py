@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from conftest import Host
+from conftest import Host, Start
 from experience_rows import synthetic_model
 from refinement_requests import refine, request_of_the_paper, save_small_models
 from ros_client import Client, values_of
@@ -107,6 +107,23 @@ def test_learning_can_be_frozen_and_requested(
     assert (values["set"], values["last switch"]) == (manifest.digest, manifest.time)
     assert values["default/goToPose: switched"] == manifest.reasons["default/goToPose"]
     assert "error from" in values["default/goToPose: switched"]
+
+
+@pytest.mark.long
+def test_it_continues_after_a_kill(
+    start: Start, client: Client, publish_records: Callable[..., None], tmp_path: Path, models: Path
+) -> None:
+    folder, records = tmp_path / "learned", list(map(record_of, episodes(45, slower=1.3)))
+    first = start("learning", learned=folder, models=models, batch=40)
+    publish_records(*records[:30])
+    client.eventually(lambda: (folder / RECORDS).exists() and stored_in(folder) == 30, "records")
+    first.kill()
+    second = start("learning", learned=folder, models=models, batch=40)
+    client.eventually(lambda: "30 records" in second.output, "the second node")
+    assert values_of(client.status_of("learning"))["records since the last round"] == "30"
+    publish_records(*records[30:])
+    client.eventually(lambda: stored_in(folder) == 45, "the other records")
+    client.eventually(lambda: current_set(folder), "a set", patience=90.0)
 
 
 @pytest.fixture(scope="module")
