@@ -21,6 +21,7 @@ from ator_ros.experience import collect as simulated
 from ator_ros.experience.json_lines import PartialResults
 from ator_ros.experience.parallel import progress
 from ator_ros.experience.table import Experience, ExperienceError, join, library_versions, write_experience
+from ator_ros.files import FileError
 from ator_ros.tools.command_line import (
     RESUMES,
     add_factor,
@@ -90,6 +91,8 @@ def collect(
     settings["versions"] = library_versions()
     identity = {**settings, "robot": robot.sections(), "over_ros": over_ros is not None}
     identity |= {} if attachment is None else {"attached": True}
+    if attachment is not None and out.exists() and not out.with_suffix(".episodes.jsonl").exists():
+        raise FileError(f"--out: {out} has the drives of a finished command; name another file")
     with PartialResults(out.with_suffix(".episodes.jsonl"), identity, EPISODES) as partial:
         frames = map(pd.DataFrame, partial.results)
         finished = {(frame["action"].iloc[0], int(frame["episode"].iloc[0])): frame for frame in frames}

@@ -24,7 +24,7 @@ def test_nodes_start(tmp_path: Path, domain: int, monkeypatch: pytest.MonkeyPatc
     for file in ("nav2/stations.yaml", "nav2/nav2.yaml", "building/map.png"):
         shutil.copy(ROOT / "config" / file, tmp_path)
     shutil.copy(ROOT / "config" / "turtlebot4.yaml", tmp_path / "my_robot.yaml")
-    shutil.copy(ROOT / "config" / "building" / "map.yaml", tmp_path / "building.yaml")
+    shutil.copy(ROOT / "config" / "building" / "map.yaml", tmp_path / "map.yaml")
     monkeypatch.chdir(tmp_path)
     node = Process(name, tmp_path / "log", domain, ["--ros-args", "--params-file", "nav2.yaml"])
     try:
