@@ -40,7 +40,6 @@ BY_TEST = {
     r"make clean": "test_documentation.py::test_clean_leaves_the_sources",
     r"\. scripts/env\.sh": "test_environment.py::test_a_second_checkout_replaces_the_first",
     r"scripts/run COMMAND …": "test_environment.py::test_a_command_keeps_its_exit_code",
-    r"make bench": "test_programs.py::test_each_part_of_the_speed_is_measured",
     r"python scripts/figures\.py": "test_programs.py::test_both_figures_are_drawn",
     r"dask .*|.*--cluster .*": "test_documentation.py::test_a_cluster_collects",
     r".*examples/call\.py|ros2 (service|action) \w+": "nodes/test_call_example.py::test_a_service_is_",
