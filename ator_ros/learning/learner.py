@@ -18,7 +18,7 @@ from ator_ros.schema import SchemaError
 
 ROUND, KIND = "round.json", "round of learning"
 FROZEN = "frozen"
-_LONGEST_ROUND = 300.0  # real s; a round of 20,000 episodes takes some seconds
+_LONGEST_ROUND = 1800.0  # real s; a round of 20,000 episodes takes some seconds, but at the lowest priority
 _MOST_WAITING = 1000  # records; older ones are lost
 _SHARE = 0.02  # new records, as a share of all, after which to learn again
 
@@ -132,8 +132,11 @@ class Learner:
         self._waiting.append(write)
         self._write_waiting()
 
-    def work(self, now: float) -> str | None:
-        """Start or finish a round at the real time `now` (s); return a message when a round ends."""
+    def work(self, now: float, *, may_begin: bool = True) -> str | None:
+        """Start or finish a round at the real time `now` (s); return a message when a round ends.
+
+        No round starts unless `may_begin`.
+        """
         self._write_waiting()
         due = max(self._batch, _SHARE * min(self.stored, self._most))
         if self._round is not None:
@@ -143,7 +146,7 @@ class Learner:
             if now - self._round_began > _LONGEST_ROUND:
                 self._end_round()
                 return self._finish({"failed": f"it took longer than {_LONGEST_ROUND:g} s"})
-        elif not self.frozen and (self._requested or self.new >= due):
+        elif may_begin and not self.frozen and (self._requested or self.new >= due):
             self._round, self._round_began, self._requested = self._begin(), now, False
             self._round_ends = self.stored
         return None

@@ -47,10 +47,14 @@ def measured_path(path: FloatArray, look_ahead: float) -> PathMeasures:
 
 def _corners(path: FloatArray) -> FloatArray:
     """Return the ends and corners of a path by the algorithm of Ramer, Douglas and Peucker."""
-    chord = path[-1] - path[0]
-    x, y = (path - path[0]).T
-    offsets = np.abs(chord[0] * y - chord[1] * x) / max(math.hypot(*chord), 1e-9)
-    farthest = int(offsets.argmax())
-    if offsets[farthest] <= _TOLERANCE:
-        return path[[0, -1]]
-    return np.concatenate([_corners(path[: farthest + 1])[:-1], _corners(path[farthest:])])
+    kept, open_parts = {0, len(path) - 1}, [(0, len(path) - 1)]
+    while open_parts:
+        first, last = open_parts.pop()
+        chord = path[last] - path[first]
+        x, y = (path[first : last + 1] - path[first]).T
+        offsets = np.abs(chord[0] * y - chord[1] * x) / max(math.hypot(*chord), 1e-9)
+        farthest = first + int(offsets.argmax())
+        if offsets[farthest - first] > _TOLERANCE:
+            kept.add(farthest)
+            open_parts += [(first, farthest), (farthest, last)]
+    return path[sorted(kept)]

@@ -128,7 +128,7 @@ class Routes:
     def _planned(self, planner: Planner, x: float, y: float, to_x: float, to_y: float) -> FloatArray:
         """Return the route along the path of a planner between two places in m, a column of a `RouteSet`."""
         key = tuple(round(value / _CELL) for value in (x, y, to_x, to_y))  # stops differ by centimeters
-        path = self._paths.get(key)
+        path = self._paths.get(key) if key[:2] != key[2:] else np.array([(x, y), (to_x, to_y)])
         if path is None:
             path = planner((x, y), (to_x, to_y))
             if path is None:  # not cached: a planner may find a path later

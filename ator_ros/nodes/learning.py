@@ -34,7 +34,9 @@ from ator_ros.nodes.parameters import (
     declare_parameters,
     domain_and_robot,
     map_file,
+    map_topic,
 )
+from ator_ros.nodes.path_planner import expect_usable
 from ator_ros.nodes.qos import RESULTS
 from ator_ros.nodes.running import run_node
 from ator_ros.printable import printable
@@ -83,9 +85,8 @@ class LearningNode(Node):
         self._lock = contextlib.ExitStack()
         name, description, planner = settings["domain"], settings["robot"], settings["planner"]
         planner, frame = self.resolve_topic_name(planner) if planner else "", settings["frame"]
-        if planner and self._domain.grid is None and not settings["map"]:
-            raise SetupError("parameter planner: expected a map, too; set the parameter map")
-        self._grid = map_file(settings)
+        expect_usable(settings, self._domain)
+        self._grid, self._map_topic = map_file(settings), map_topic(settings)
         models = Path(settings["models"]) if settings["models"] else self._domain.shipped_models
         try:
             self._lock.enter_context(exclusive_folder(folder))
@@ -143,7 +144,8 @@ class LearningNode(Node):
             self._learner.take_chain(chain)
 
     def _work(self) -> None:
-        if report := self._learner.work(time.monotonic()):
+        has_map = bool(self._grid) or not self._map_topic
+        if report := self._learner.work(time.monotonic(), may_begin=has_map):
             self.get_logger().info(printable(report, 1000))
         if not self._learner.has_room:
             text = f"{self._learner.problem}: records are kept in memory and may be lost; free disk space"

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -20,9 +21,11 @@ from ator_ros.printable import quoted
 from ator_ros.refinement import RefinementError
 from ator_ros.robot.description import Robot
 
+_TYPE = "nav2_msgs/action/ComputePathToPose"
 LONGEST_PLAN = 10.0
 """Longest wait in real s for a path that is learned from."""
 _LONGEST_REQUEST = 1.0  # real s for each path of a request to refinement
+_TOLERANCE = 1.0  # m between places and ends of paths; that of Nav2's planners is 0.5 m by default
 _DISCOVERY_TIMEOUT = 1.0  # real s until a server counts as missing; DDS may still be connecting it
 _SUCCEEDED = 4  # action_msgs/GoalStatus
 
@@ -47,7 +50,7 @@ class PathPlanner:
 
     def __init__(self, name: str, frame: str, timeout: float) -> None:
         self._name, self._frame, self._timeout = name, frame, timeout
-        self._kind = action_type("nav2_msgs/action/ComputePathToPose")
+        self._kind = action_type(_TYPE)
         self._node = Node("path_planner", start_parameter_services=False, use_global_arguments=False)
         self._client = ActionClient(self._node, self._kind, name)
         self._executor = SingleThreadedExecutor()
@@ -91,6 +94,10 @@ class PathPlanner:
                 f"planner: expected a path of finite places in {self._frame} from {self._name}, got "
                 f"{len(path)} places in {quoted(found.header.frame_id)}"
             )
+        if max(math.dist(path[0], start), math.dist(path[-1], goal)) > _TOLERANCE:
+            raise RefinementError(
+                f"planner: expected a path {_between(start, goal)}, got one {_between(path[0], path[-1])}"
+            )
         return path
 
     def _pose_stamped(self, x: float, y: float) -> PoseStamped:
@@ -105,24 +112,34 @@ class PathPlanner:
         return future.result() if future.done() else None
 
     def _unanswered(self, start: tuple[float, float], goal: tuple[float, float]) -> RefinementError:
-        places = " to ".join(f"x {x:.2f} m, y {y:.2f} m" for x, y in (start, goal))
-        return RefinementError(
-            f"planner: expected a path of {self._name} from {places} within {self._timeout:g} s, got none"
-        )
+        wanted = f"a path {_between(start, goal)} of {self._name} within {self._timeout:g} s"
+        return RefinementError(f"planner: expected {wanted}, got none")
+
+
+def _between(start: Sequence[float], goal: Sequence[float]) -> str:
+    return f"from x {start[0]:.2f} m, y {start[1]:.2f} m to x {goal[0]:.2f} m, y {goal[1]:.2f} m"
+
+
+def expect_usable(settings: Mapping[str, Any], domain: Domain) -> None:
+    """Raise SetupError if the parameter `PLANNER` is set without a map or without nav2_msgs."""
+    if not settings[PLANNER.name]:
+        return
+    if domain.grid is None and not settings[MAP.name]:
+        raise SetupError("parameter planner: expected a map, too; set the parameter map")
+    try:
+        action_type(_TYPE)
+    except RemoteError as error:
+        raise SetupError(f"parameter planner: {error}") from error
 
 
 def with_planner(
     node: Node, settings: Mapping[str, Any], domain: Domain, robot: Robot
 ) -> tuple[Domain, Robot]:
     """Return domain and robot with the routes that the parameter `PLANNER` asks for; raises SetupError."""
+    expect_usable(settings, domain)
     name = settings[PLANNER.name]
     if not name:
         return domain, robot
-    if domain.grid is None and not settings[MAP.name]:
-        raise SetupError("parameter planner: expected a map, too; set the parameter map")
-    try:
-        client = PathPlanner(node.resolve_topic_name(name), settings[FRAME.name], _LONGEST_REQUEST)
-    except RemoteError as error:
-        raise SetupError(f"parameter planner: {error}") from error
+    client = PathPlanner(node.resolve_topic_name(name), settings[FRAME.name], _LONGEST_REQUEST)
     domain = dataclasses.replace(domain, planner=lambda *_: client)
     return domain, domain.equip(robot)

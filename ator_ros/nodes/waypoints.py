@@ -183,6 +183,10 @@ class Tour:
         self._write_statuses(feedback)
         self.handle.publish_feedback(feedback)
 
+    def summary(self) -> str:
+        """Return how many waypoints were missed, in words."""
+        return f"{len(self._missed) or 'no'} waypoints missed"
+
     def finish(self, code: int, reason: str) -> Any:
         """Put the goal into its final state and return its result; without a reason it has succeeded."""
         result = self._kind.Result(error_code=code, error_msg=reason)
@@ -320,7 +324,7 @@ class WaypointsNode(Node):
                 previous.cancel()  # the executor continues its chain if it refused the new one
         if handle.is_cancel_requested:
             code, reason = 0, "canceled by the client"
-        self.get_logger().info(f"goal ended: {reason or 'all waypoints done'}")
+        self.get_logger().info(f"goal ended: {reason or tour.summary()}")
         return tour.finish(code, reason)
 
     async def _read(self, tour: Tour) -> tuple[int, str]:

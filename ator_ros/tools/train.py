@@ -170,17 +170,17 @@ def _run(options: argparse.Namespace, domain: Domain, command: str) -> None:
     import rclpy
 
     from ator_ros.nodes.path_planner import LONGEST_PLAN, PathPlanner
-    from ator_ros.nodes.remote_messages import RemoteError
 
     if domain.grid is None:
         raise FileError("--planner: expected a map, too; add --map")
     stay_on_this_machine(os.environ)
     rclpy.init()
     try:
-        planner = PathPlanner(options.planner, options.frame, LONGEST_PLAN)
+        try:
+            planner = PathPlanner(options.planner, options.frame, LONGEST_PLAN)
+        except ValueError as error:  # a RemoteError, or rclpy's of a name
+            raise FileError(f"--planner: {' '.join(str(error).split())}") from error
         _train(options, dataclasses.replace(domain, planner=lambda *_: planner), command)
-    except RemoteError as error:
-        raise FileError(f"--planner: {error}") from error
     finally:
         rclpy.try_shutdown()
 

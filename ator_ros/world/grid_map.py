@@ -156,6 +156,8 @@ def _image(file: Path) -> FloatArray:
     """Read an image, such as PGM or PNG: from 0 (black) to 1 (white), shape (height, width)."""
     from PIL import Image  # slow to import, and needed with a map only
 
+    if file.exists() and not file.is_file():  # opening a pipe would block
+        raise FileError(f"{file}: expected the image of a map, got something else than a file")
     try:
         with Image.open(file) as image:
             if image.width * image.height > _MOST_CELLS:
