@@ -72,7 +72,7 @@ def topics(module: Any) -> str:
     """Return what the docstring of a node says about its topics, services and actions."""
     classes = (item for item in vars(module).values() if inspect.isclass(item) and issubclass(item, Node))
     node = next(item for item in classes if item.__module__ == module.__name__)
-    return re.sub(r"Parameters: see .*\n\n", "", inspect.getdoc(node) or "")
+    return inspect.getdoc(node) or ""
 
 
 def nodes_page() -> str:

@@ -26,7 +26,6 @@ LONGEST_PLAN = 10.0
 """Longest wait in real s for a path that is learned from."""
 _LONGEST_REQUEST = 1.0  # real s for each path of a request to refinement
 _TOLERANCE = 1.0  # m between places and ends of paths; that of Nav2's planners is 0.5 m by default
-_DISCOVERY_TIMEOUT = 1.0  # real s until a server counts as missing; DDS may still be connecting it
 _SUCCEEDED = 4  # action_msgs/GoalStatus
 
 
@@ -40,7 +39,7 @@ class PathPlanner:
     frame : str
         The frame of the map, in which places and paths are.
     timeout : float
-        Longest wait for each answer in real s.
+        Longest wait for the server, and for each of its answers, in real s.
 
     Raises
     ------
@@ -55,7 +54,7 @@ class PathPlanner:
         self._client = ActionClient(self._node, self._kind, name)
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self._node)
-        self._was_ready = False
+        self._waited = False
 
     def __str__(self) -> str:
         """Return the name of the action."""
@@ -67,13 +66,13 @@ class PathPlanner:
         Raises RefinementError if the server is missing, rejects the goal, does not answer in time, or answers
         with an unusable path.
         """
-        patience = 0.0 if self._was_ready else _DISCOVERY_TIMEOUT
+        patience = 0.0 if self._waited else self._timeout  # DDS may still be connecting the server
         if not (self._client.server_is_ready() or self._client.wait_for_server(patience)):
-            self._was_ready = True
+            self._waited = True
             raise RefinementError(
                 f"planner: expected the action server {self._name}, got none; start Nav2's planner_server"
             )
-        self._was_ready = True
+        self._waited = True
         request = self._kind.Goal(start=self._pose_stamped(*start), goal=self._pose_stamped(*goal))
         request.use_start = True
         handle = self._answer(self._client.send_goal_async(request))
