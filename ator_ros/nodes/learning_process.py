@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import os
 import sys
@@ -13,7 +12,7 @@ import rclpy
 
 from ator_ros.domains.domain import domain_for
 from ator_ros.learning.round import Source, learn
-from ator_ros.nodes.path_planner import LONGEST_PLAN, PathPlanner
+from ator_ros.nodes.path_planner import planned_by
 
 _NICE = 15
 
@@ -29,10 +28,9 @@ def main() -> None:
         Path("/proc/self/autogroup").write_text(str(_NICE), encoding="ascii")
     folder, name, robot, models, grid, planner, frame, time = json.loads(sys.argv[1])
     domain = domain_for(name, robot).on_map(grid)
-    if planner and domain.grid is not None:
+    if planner:
         rclpy.init()
-        client = PathPlanner(planner, frame, LONGEST_PLAN)
-        domain = dataclasses.replace(domain, planner=lambda *_: client)
+        domain = planned_by(planner, frame, domain)
     place = Path(models) if models else domain.shipped_models
     source = Source(Path(folder), domain, domain.robot(robot or None), place)
     sys.stdout.write(json.dumps(learn(source, time=time), allow_nan=False))

@@ -22,8 +22,6 @@ from ator_ros.refinement import RefinementError
 from ator_ros.robot.description import Robot
 
 _TYPE = "nav2_msgs/action/ComputePathToPose"
-LONGEST_PLAN = 10.0
-"""Longest wait in real s for a path that is learned from."""
 _LONGEST_REQUEST = 1.0  # real s for each path of a request to refinement
 _TOLERANCE = 1.0  # m between places and ends of paths; that of Nav2's planners is 0.5 m by default
 _SUCCEEDED = 4  # action_msgs/GoalStatus
@@ -88,7 +86,7 @@ class PathPlanner:
             return None
         found = answer.result.path
         path = np.array([(item.pose.position.x, item.pose.position.y) for item in found.poses])
-        if len(path) < 2 or not np.isfinite(path).all() or found.header.frame_id not in ("", self._frame):
+        if not len(path) or not np.isfinite(path).all() or found.header.frame_id not in ("", self._frame):
             raise RefinementError(
                 f"planner: expected a path of finite places in {self._frame} from {self._name}, got "
                 f"{len(path)} places in {quoted(found.header.frame_id)}"
@@ -139,6 +137,11 @@ def with_planner(
     name = settings[PLANNER.name]
     if not name:
         return domain, robot
-    client = PathPlanner(node.resolve_topic_name(name), settings[FRAME.name], _LONGEST_REQUEST)
-    domain = dataclasses.replace(domain, planner=lambda *_: client)
+    domain = planned_by(node.resolve_topic_name(name), settings[FRAME.name], domain, timeout=_LONGEST_REQUEST)
     return domain, domain.equip(robot)
+
+
+def planned_by(name: str, frame: str, domain: Domain, *, timeout: float = 10.0) -> Domain:
+    """Return a domain whose routes are the paths of a server; see `PathPlanner`. Training may wait longer."""
+    client = PathPlanner(name, frame, timeout)
+    return dataclasses.replace(domain, planner=lambda *_: client)

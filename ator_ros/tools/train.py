@@ -169,7 +169,7 @@ def _run(options: argparse.Namespace, domain: Domain, command: str) -> None:
         return
     import rclpy
 
-    from ator_ros.nodes.path_planner import LONGEST_PLAN, PathPlanner
+    from ator_ros.nodes.path_planner import planned_by
 
     if domain.grid is None:
         raise FileError("--planner: expected a map, too; add --map")
@@ -177,10 +177,10 @@ def _run(options: argparse.Namespace, domain: Domain, command: str) -> None:
     rclpy.init()
     try:
         try:
-            planner = PathPlanner(options.planner, options.frame, LONGEST_PLAN)
+            domain = planned_by(options.planner, options.frame, domain)
         except ValueError as error:  # a RemoteError, or rclpy's of a name
             raise FileError(f"--planner: {' '.join(str(error).split())}") from error
-        _train(options, dataclasses.replace(domain, planner=lambda *_: planner), command)
+        _train(options, domain, command)
     finally:
         rclpy.try_shutdown()
 

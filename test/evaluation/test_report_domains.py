@@ -1,16 +1,21 @@
-"""Evaluations and reports of other domains, without soccer terms."""
+"""Reports of evaluations: those that ship, and those of other domains, without soccer terms."""
 
 import dataclasses
 import json
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from documentation import ROOT
 from domain_files import install
 from experience_rows import synthetic_experience
 from outside.delivery import DELIVERY, two_visits
 
+from ator_ros.evaluation.report import REPORT, write_report
+from ator_ros.evaluation.running import KIND, RESULT
+from ator_ros.files import load
 from ator_ros.performance.model_file import save_model
 from ator_ros.performance.training import train
 from ator_ros.robot.description import Robot
@@ -46,3 +51,11 @@ def test_a_report_of_another_domain_has_no_soccer_terms(
     report = (tmp_path / "report.html").read_text()
     assert f"Subgoal refinement: chain {chain} of delivery" in report
     assert re.findall(WORDS, report) == []
+
+
+@pytest.mark.parametrize(
+    "folder", sorted((ROOT / "docs").glob("evaluation*")), ids=lambda folder: folder.name
+)
+def test_the_shipped_reports_are_those_of_their_results(folder: Path, tmp_path: Path) -> None:
+    report = write_report(tmp_path, load(folder / RESULT, KIND, dict[str, Any]))
+    assert report.read_text(encoding="utf-8") == (folder / REPORT).read_text(encoding="utf-8")
