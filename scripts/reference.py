@@ -164,9 +164,7 @@ PAGES = {"nodes": nodes_page, "interfaces": interfaces_page, "tools": tools_page
 
 
 def write_pages(folder: Path) -> None:
-    """Write the pages; one that has not changed keeps its time, so that Sphinx does not read it again."""
+    """Write the pages."""
     folder.mkdir(exist_ok=True)
     for name, page in PAGES.items():
-        file, text = folder / f"{name}.md", page()
-        if not file.is_file() or file.read_text(encoding="utf-8") != text:
-            file.write_text(text, encoding="utf-8")
+        (folder / f"{name}.md").write_text(page(), encoding="utf-8")

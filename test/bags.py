@@ -77,8 +77,8 @@ class Messages:
             ),
         )
 
-    def stamped(self, time: float, x: float, y: float, frame: str = "odom") -> Any:
-        return self.types["geometry_msgs/msg/PoseStamped"](self.header(time, frame), self.pose(x, y))
+    def stamped(self, time: float, x: float, y: float) -> Any:
+        return self.types["geometry_msgs/msg/PoseStamped"](self.header(time, "odom"), self.pose(x, y))
 
     def transforms(self, time: float, *links: tuple[str, str, Pose]) -> Any:
         """Return a message for /tf; `links` are frame, child frame, and pose of the child."""

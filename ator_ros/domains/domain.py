@@ -219,6 +219,10 @@ class Domain:
         models = resource_path("models")
         return models if self.name == DEFAULT else models / self.name
 
+    def models_root(self, folder: Path | str | None) -> Path:
+        """Return a folder of models; None or empty: the shipped one."""
+        return Path(folder or self.shipped_models)
+
     def robot(self, path: Path | str | None = None) -> Robot:
         """Read a robot's description, by default the domain's or the shipped one, for this domain's scene.
 
@@ -244,7 +248,7 @@ class Domain:
         objects = {name: known[name] for name in self.objects if name in known}
         scene = dataclasses.replace(robot.scene, objects=objects, bays=self.bays(robot.scene))
         grid = self.grid
-        if grid is not None and grid.planner is None and self.planner is not None:
+        if grid is not None and self.planner is not None:
             grid = dataclasses.replace(grid, planner=self.planner(grid, robot))
         equipped = dataclasses.replace(robot, scene=scene, grid=grid)
         routes_of(equipped)  # which checks the map

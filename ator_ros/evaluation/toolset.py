@@ -79,7 +79,7 @@ class ToolsetSource:
 
     def models_root(self) -> Path:
         """Return the folder of the models of all action sets."""
-        return Path(self.models) if self.models else self.in_domain().shipped_models
+        return self.in_domain().models_root(self.models)
 
     def folder(self) -> Path:
         """Return the folder of the model files of the action set."""

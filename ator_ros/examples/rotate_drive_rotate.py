@@ -68,8 +68,9 @@ class State:
 class RotateDriveRotate:
     """Drives to one goal, x, y (m) and yaw (rad)."""
 
-    def __init__(self, goal: tuple[float, float, float], tuning: Tuning | None = None) -> None:
-        self.tuning = tuning or Tuning()
+    tuning = Tuning()
+
+    def __init__(self, goal: tuple[float, float, float]) -> None:
         self.phase = Phase.ROTATING_TO_PATH
         self.distance = math.inf
         self._goal = goal

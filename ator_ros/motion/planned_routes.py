@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
@@ -12,18 +11,8 @@ from ator_ros.geometry import FloatArray, wrap_angles
 _TOLERANCE = 0.1  # m by which corners may differ from a path: the steps of a planner's cells are no turns
 
 
-class PathMeasures(NamedTuple):
-    """What is known of the route along a path; angles are in rad."""
-
-    length: float  # m
-    turn: float  # sum of the angles at its corners
-    departure: float  # heading over its first meters
-    arrival: float  # heading over its last meters
-    straight: bool
-
-
-def measured_path(path: FloatArray, look_ahead: float) -> PathMeasures:
-    """Measure a path.
+def measured_path(path: FloatArray, look_ahead: float) -> tuple[float, float, float, float, bool]:
+    """Return length (m), turn, departure, arrival (rad) and whether it is straight, as in a `RouteSet`.
 
     Parameters
     ----------
@@ -42,7 +31,7 @@ def measured_path(path: FloatArray, look_ahead: float) -> PathMeasures:
     corners = _corners(path)
     turns = wrap_angles(np.diff(np.arctan2(*np.diff(corners, axis=0).T[::-1])))
     departure, arrival = (math.atan2(step[1], step[0]) for step in (first - path[0], path[-1] - last))
-    return PathMeasures(length, float(np.abs(turns).sum()), departure, arrival, len(corners) == 2)
+    return length, float(np.abs(turns).sum()), departure, arrival, len(corners) == 2
 
 
 def _corners(path: FloatArray) -> FloatArray:

@@ -100,30 +100,27 @@ class Routes:
 
         A field is computed for each distinct start or goal, whichever are fewer.
         """
-        ends = np.stack([x, y, to_x, to_y])
-        count = ends.shape[1]
-        alike = count > 0 and bool((ends == ends[:, :1]).all())  # as in a search for headings
-        if alike:
-            found = self._few(ends[:, :1]).repeat(count, axis=1)
+        ends, count = np.stack([x, y, to_x, to_y]), len(x)
+        if (ends == ends[:, :1]).all():  # as in a search for headings
+            ends = ends[:, :1]
+        if 0 < ends.shape[1] <= _FEW and self.grid.planner is None:  # planned paths have their own cache
+            found = np.stack([self._cached(*pair) for pair in ends.T.tolist()], axis=1)
         else:
-            found = self._few(ends) if 0 < count <= _FEW else self._between(ends)
+            found = self._between(ends)
+        if ends.shape[1] < count:
+            found = found.repeat(count, axis=1)
         length, turn, clearance, departure, arrival, straight = found
         return RouteSet(length, turn, clearance, departure, arrival, straight == 1.0)
 
     def _between(self, ends: FloatArray) -> FloatArray:
         """Return the routes of pairs x, y, to_x, to_y in m, shape (4, n): the rows of a `RouteSet`."""
         if self.grid.planner is not None:
-            return np.stack([self._planned(self.grid.planner, *pair) for pair in ends.T.tolist()], axis=1)
+            planned = [self._planned(self.grid.planner, *pair) for pair in ends.T.tolist()]
+            return np.array(planned).reshape(-1, 6).T
         found = self._routes(self._places(*ends[:2]), self._places(*ends[2:]))
         found[[0, 2]] *= self._cell
         found[3:5] = wrap_angles(found[3:5] + self.grid.origin.yaw)
         return found
-
-    def _few(self, ends: FloatArray) -> FloatArray:
-        """Return the routes of a few pairs as `_between` does, cached; planned paths have their own cache."""
-        if self.grid.planner is not None:
-            return self._between(ends)
-        return np.stack([self._cached(*pair) for pair in ends.T.tolist()], axis=1)
 
     def _planned(self, planner: Planner, x: float, y: float, to_x: float, to_y: float) -> FloatArray:
         """Return the route along the path of a planner between two places in m, a column of a `RouteSet`."""
@@ -137,10 +134,9 @@ class Routes:
                 self._paths.clear()
             self._paths[key] = path
         path = np.concatenate([[(x, y)], path[1:-1], [(to_x, to_y)]])
-        along = measured_path(path, LOOK_AHEAD)
-        cells = self._cells(self._places(*path.T))
-        clearance = self._cell * np.where(cells < 0, 0.0, self._clearance.ravel()[cells]).min()
-        return np.array([along.length, along.turn, clearance, along.departure, along.arrival, along.straight])
+        length, turn, departure, arrival, straight = measured_path(path, LOOK_AHEAD)
+        clearance = self._cell * self._clearances(*path.T).min()
+        return np.array([length, turn, clearance, departure, arrival, straight])
 
     def connected(self, ends: FloatArray) -> BoolArray:
         """Return whether there are routes from x, y to to_x, to_y in m, shape (4, n)."""
@@ -159,9 +155,12 @@ class Routes:
 
     def clearance(self, x: FloatArray, y: FloatArray) -> FloatArray:
         """Return lower bounds in m, up to 0.2 m too low, of the distances of places from obstacles."""
+        return self._cell * np.maximum(self._clearances(x, y) - _TOLERANCE, 0.0)
+
+    def _clearances(self, x: FloatArray, y: FloatArray) -> FloatArray:
+        """Return the clearances at places in m, in cells; 0 outside the map."""
         cells = self._cells(self._places(x, y))
-        least = self._cell * np.maximum(self._clearance.ravel()[cells] - _TOLERANCE, 0.0)
-        return np.where(cells < 0, 0.0, least)
+        return np.where(cells < 0, 0.0, self._clearance.ravel()[cells])
 
     def _routes(self, starts: Places, goals: Places) -> FloatArray:
         """Return the routes between places in cells, shape (6, n), lengths in cells: see `RouteSet`."""

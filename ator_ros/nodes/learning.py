@@ -87,7 +87,7 @@ class LearningNode(Node):
         planner, frame = self.resolve_topic_name(planner) if planner else "", settings["frame"]
         expect_usable(settings, self._domain)
         self._grid, self._map_topic = map_file(settings), map_topic(settings)
-        models = Path(settings["models"]) if settings["models"] else self._domain.shipped_models
+        models = self._domain.models_root(settings["models"])
         try:
             self._lock.enter_context(exclusive_folder(folder))
             self._learner = Learner(

@@ -31,8 +31,7 @@ def main() -> None:
     if planner:
         rclpy.init()
         domain = planned_by(planner, frame, domain)
-    place = Path(models) if models else domain.shipped_models
-    source = Source(Path(folder), domain, domain.robot(robot or None), place)
+    source = Source(Path(folder), domain, domain.robot(robot or None), domain.models_root(models))
     sys.stdout.write(json.dumps(learn(source, time=time), allow_nan=False))
     rclpy.try_shutdown()
 

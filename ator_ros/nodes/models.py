@@ -62,7 +62,7 @@ class LearnedSets:
     ) -> None:
         models, learned = settings["models"], settings["learned"]
         self._node, self._domain, self._libraries, self._warm_up = node, domain, libraries, warm_up
-        self._place = Path(models) if models else domain.shipped_models
+        self._place = domain.models_root(models)
         self._source = f"models in {models}" if models else "shipped models"
         self._start = digest_of_start(self._place, libraries)
         self._folder = Path(learned).expanduser() if learned else None

@@ -8,13 +8,16 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from action_msgs.msg import GoalStatus
 from geometry_msgs.msg import PoseStamped
 from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from std_msgs.msg import Header
 
 from ator_ros.domains.domain import Domain
-from ator_ros.geometry import FloatArray
+from ator_ros.geometry import FloatArray, Pose
+from ator_ros.nodes.messages import pose_of
 from ator_ros.nodes.parameters import FRAME, MAP, PLANNER, SetupError
 from ator_ros.nodes.remote_messages import RemoteError, action_type
 from ator_ros.printable import quoted
@@ -24,7 +27,6 @@ from ator_ros.robot.description import Robot
 _TYPE = "nav2_msgs/action/ComputePathToPose"
 _LONGEST_REQUEST = 1.0  # real s for each path of a request to refinement
 _TOLERANCE = 1.0  # m between places and ends of paths; that of Nav2's planners is 0.5 m by default
-_SUCCEEDED = 4  # action_msgs/GoalStatus
 
 
 class PathPlanner:
@@ -52,7 +54,7 @@ class PathPlanner:
         self._client = ActionClient(self._node, self._kind, name)
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self._node)
-        self._waited = False
+        self._patience = timeout  # real s to wait for the server, once: DDS may still be connecting it
 
     def __str__(self) -> str:
         """Return the name of the action."""
@@ -64,15 +66,13 @@ class PathPlanner:
         Raises RefinementError if the server is missing, rejects the goal, does not answer in time, or answers
         with an unusable path.
         """
-        patience = 0.0 if self._waited else self._timeout  # DDS may still be connecting the server
-        if not (self._client.server_is_ready() or self._client.wait_for_server(patience)):
-            self._waited = True
+        patience, self._patience = self._patience, 0.0
+        if not self._client.wait_for_server(patience):
             raise RefinementError(
                 f"planner: expected the action server {self._name}, got none; start Nav2's planner_server"
             )
-        self._waited = True
-        request = self._kind.Goal(start=self._pose_stamped(*start), goal=self._pose_stamped(*goal))
-        request.use_start = True
+        ends = {"start": self._pose_stamped(*start), "goal": self._pose_stamped(*goal)}
+        request = self._kind.Goal(use_start=True, **ends)
         handle = self._answer(self._client.send_goal_async(request))
         if handle is None:
             raise self._unanswered(start, goal)
@@ -82,7 +82,7 @@ class PathPlanner:
         if answer is None:
             handle.cancel_goal_async()
             raise self._unanswered(start, goal)
-        if answer.status != _SUCCEEDED:
+        if answer.status != GoalStatus.STATUS_SUCCEEDED:
             return None
         found = answer.result.path
         path = np.array([(item.pose.position.x, item.pose.position.y) for item in found.poses])
@@ -98,10 +98,7 @@ class PathPlanner:
         return path
 
     def _pose_stamped(self, x: float, y: float) -> PoseStamped:
-        place = PoseStamped()
-        place.header.frame_id = self._frame
-        place.pose.position.x, place.pose.position.y = x, y
-        return place
+        return PoseStamped(header=Header(frame_id=self._frame), pose=pose_of(Pose(x, y, 0.0)))
 
     def _answer(self, future: Any) -> Any:
         """Return what a request was answered, None if it was not."""

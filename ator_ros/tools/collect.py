@@ -45,9 +45,9 @@ class Attachment:
     `arguments` are ROS arguments, such as the namespace of the robot's nodes.
     """
 
-    places: Path | None = None
-    confirmed: bool = False
-    arguments: Sequence[str] = ()
+    places: Path | None
+    confirmed: bool
+    arguments: Sequence[str]
 
 
 def collect(

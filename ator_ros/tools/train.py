@@ -186,7 +186,7 @@ def _run(options: argparse.Namespace, domain: Domain, command: str) -> None:
 
 
 def _train(options: argparse.Namespace, domain: Domain, command: str) -> None:
-    robot, folder = domain.robot(options.robot or None), options.models or domain.shipped_models
+    robot, folder = domain.robot(options.robot or None), domain.models_root(options.models)
     if options.rules:
         print(_rules(domain, options, robot, folder))
         return

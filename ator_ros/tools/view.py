@@ -8,7 +8,6 @@ import os
 import sys
 import time
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 from ator_ros.domains.domain import Domain, DomainError, domain_for
@@ -85,7 +84,7 @@ def serve(options: argparse.Namespace, words: Sequence[str]) -> None:
 
 def _models(folder: str, domain: Domain, robot: Robot) -> Mapping[str, Mapping[str, PerformanceModel]]:
     """Return the models of each action set that has models in the folder."""
-    path, models = Path(folder) if folder else domain.shipped_models, {}
+    path, models = domain.models_root(folder), {}
     for name in domain.action_sets:
         with contextlib.suppress(FileError, OSError):
             models[name] = load_models(robot, domain.known_features, action_set=name, folder=path)

@@ -48,11 +48,11 @@ def drive(robot: str, action: Action, start: World, goal: Goal) -> Drive:
         return Drive(simulation.time, plans, done.status)
 
 
-def approach(robot: str, bearing: float, yaw: float, speed: float = 0.0) -> Drive:
+def approach(robot: str, bearing: float, yaw: float) -> Drive:
     """Approach a ball 3.5 m away, from a start turned by `bearing` (rad), to hold it at `yaw`."""
     ball = ObjectState(1.8, 0.0)
     start = World(0.0, RobotState(Pose(-1.7, 0.0, bearing)), {BALL: ball})
-    return drive(robot, GoToPose(PIONEER), start, Goal(Pose(ball.x, ball.y, yaw), speed, Point.HOLD))
+    return drive(robot, GoToPose(PIONEER), start, Goal(Pose(ball.x, ball.y, yaw), 0.0, Point.HOLD))
 
 
 def test_a_plan_slows_down_for_a_weaker_robot() -> None:

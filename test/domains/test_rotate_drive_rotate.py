@@ -8,7 +8,7 @@ import pytest
 from ator_ros.actions.base import Goal, Status
 from ator_ros.domains.domain import find_domain
 from ator_ros.domains.stand_ins import DriveToStandIn
-from ator_ros.examples.rotate_drive_rotate import ENDED, Phase, RotateDriveRotate, State, Tuning
+from ator_ros.examples.rotate_drive_rotate import ENDED, Phase, RotateDriveRotate, State
 from ator_ros.geometry import Pose
 from ator_ros.simulation.run import place, run_action
 from ator_ros.simulation.simulation import Simulation
@@ -18,9 +18,9 @@ from ator_ros.world.state import Command, RobotState, World
 ROBOT = find_domain("tour").robot()
 
 
-def phases(start: Pose, goal: Pose, tuning: Tuning | None = None) -> tuple[list[Phase], list[Command], Pose]:
+def phases(start: Pose, goal: Pose) -> tuple[list[Phase], list[Command], Pose]:
     """Drive in the simulation; return the phases in order, the commands, and the final pose."""
-    law, phase, commands = RotateDriveRotate(tuple(goal), tuning), [], []
+    law, phase, commands = RotateDriveRotate(tuple(goal)), [], []
     with Simulation(ROBOT) as simulation:
         place(simulation, World(0.0, RobotState(start)))
         while law.phase not in ENDED:

@@ -187,9 +187,9 @@ def test_a_goal_before_the_first_ball_message_waits_at_rest() -> None:
 CARRY = chain(("goToBall", Pose(1.0, 0.0, 0.0)), ("dribbleBall", Pose(2.5, 0.0, 0.0)))
 
 
-def carrying(*, fetches: int = 0) -> tuple[Supervisor, World]:
+def carrying() -> tuple[Supervisor, World]:
     """Return an execution of CARRY that dribbles, and its current state."""
-    run = execution(CARRY, fetches=fetches)
+    run = execution(CARRY)
     with Simulation(ROBOT) as simulation:
         simulation.place_object(BALL, 1.0, 0.0)
         while run.executor.call.top.name != "dribbleBall":

@@ -55,15 +55,16 @@ class Drive:
         return [(record.top, record.ending) for record in self.executor.records]
 
 
-def once(index: int, after: float, move: Callable[[Simulation], None], times: int = 1) -> Disturb:
-    """Move the ball in step `index`, `after` s from its start, in up to `times` executions of the step."""
-    done: set[int] = set()
+def once(index: int, after: float, move: Callable[[Simulation], None]) -> Disturb:
+    """Move the ball once, in step `index`, `after` s from its start."""
+    done = False
 
     def disturb(simulation: Simulation, executor: ChainExecutor, step: Step) -> bool:
-        run, since = len(executor.records), sum(record.duration for record in executor.records)
-        if executor.index != index or len(done) == times or run in done or executor.elapsed - since < after:
+        nonlocal done
+        since = sum(record.duration for record in executor.records)
+        if done or executor.index != index or executor.elapsed - since < after:
             return False
-        done.add(run)
+        done = True
         move(simulation)
         return True
 

@@ -59,6 +59,8 @@ def test_a_planner_replaces_the_search_and_is_asked_once_for_each_pair_of_places
         found = between(*pairs, *pairs, routes=routes)
     assert set(asked) == {(pair[:2], pair[2:]) for pair in pairs}
     assert len(asked) == 2 + 4  # the pair without a path is asked for again
+    none = np.empty(0)
+    assert routes.between(none, none, none, none).length.size == 0
     angle = math.atan2(2.4, 3.0)
     assert found.length[0] == pytest.approx(2.0 * math.hypot(3.0, 2.4), rel=0.1)
     assert found.departure[0] == pytest.approx(angle, abs=0.15)

@@ -89,9 +89,9 @@ def printed(beginning: str) -> str:
     return text
 
 
-def wait_for(words: str, log: Path, patience: float = PATIENCE) -> str:
+def wait_for(words: str, log: Path) -> str:
     """Wait until the output contains these words, and return it."""
-    end = time.monotonic() + patience
+    end = time.monotonic() + PATIENCE
     while words not in (output := log.read_text(encoding="utf-8", errors="replace")):
         assert time.monotonic() < end, f"expected {words!r}, got:\n{output[-3000:]}"
         time.sleep(0.1)

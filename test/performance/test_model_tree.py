@@ -12,14 +12,14 @@ from ator_ros.performance.tree.model_tree import ModelTreeRegressor
 Array = NDArray[np.float64]
 
 
-def kinked(n: int, seed: int, *, noise: float = 0.02, n_idle: int = 3) -> tuple[Array, Array]:
+def kinked(n: int, seed: int) -> tuple[Array, Array]:
     """Driving time with a trapezoidal profile plus the nearer of two turns, and irrelevant features."""
     rng = np.random.default_rng(seed)
     dist, angle = rng.uniform(0.0, 4.0, n), rng.uniform(0.0, np.pi, n)
-    idle = rng.normal(size=(n, n_idle))
+    idle = rng.normal(size=(n, 3))
     driving = np.where(dist < 1.25, 2 * np.sqrt(dist / 0.8), dist + 1.25)
     turning = np.minimum(angle / 2.6, (np.pi - angle) / 2.6 + 0.3)
-    return np.column_stack([dist, angle, idle]), driving + turning + rng.normal(0.0, noise, n)
+    return np.column_stack([dist, angle, idle]), driving + turning + rng.normal(0.0, 0.02, n)
 
 
 def rmse(actual: Array, predicted: Array) -> float:

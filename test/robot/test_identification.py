@@ -27,11 +27,11 @@ def base(limits: Limits, lag: float) -> Robot:
 
 
 def driven(
-    robot: Robot, *, latency: float = 0.0, dead: float = 0.0, noise: float = 0.0, space: float = 3.0
+    robot: Robot, *, latency: float = 0.0, dead: float = 0.0, noise: float = 0.0
 ) -> Sequence[DriveSample]:
     """Return the samples of a probe drive in the simulation."""
     rng = np.random.default_rng(1)
-    drive = ProbeDrive(v=1.5 * robot.limits.v, w=1.5 * robot.limits.w, space=space)
+    drive = ProbeDrive(v=1.5 * robot.limits.v, w=1.5 * robot.limits.w, space=3.0)
     sensors, last = Sensors(SensorConfig(latency=latency)), -1.0
     with Simulation(robot) as simulation:
         while True:

@@ -18,9 +18,9 @@ def erring(**errors: float) -> SensorConfig:
     return SensorConfig(objects={BALL: ObjectErrors(**errors)})
 
 
-def drive(ticks: int, *, ball: ObjectState | None = None, start: float = 0.0) -> list[World]:
+def drive(ticks: int, *, ball: ObjectState | None = None) -> list[World]:
     return [
-        World(tick * TICK, RobotState(Pose(start + tick * TICK, 0.0, 0.3), 1.0, 0.0), objects_of(ball))
+        World(tick * TICK, RobotState(Pose(tick * TICK, 0.0, 0.3), 1.0, 0.0), objects_of(ball))
         for tick in range(ticks)
     ]
 

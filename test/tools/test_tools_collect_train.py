@@ -140,9 +140,9 @@ def test_two_commands_do_not_share_a_result(
     assert "expected a file of its own, another command is writing it" in capsys.readouterr().err
 
 
-def eventually_gone(group: int, seconds: float = 30.0) -> bool:
-    """Return whether no process of a group is left within `seconds`."""
-    for _ in range(round(10 * seconds)):
+def eventually_gone(group: int) -> bool:
+    """Return whether no process of a group is left within 30 s."""
+    for _ in range(300):
         try:
             os.killpg(group, 0)
         except ProcessLookupError:

@@ -26,8 +26,8 @@ HERE = RobotState(Pose(0.0, 0.0, 0.0))
 MOUTH = Goal(Pose(4.0, 0.0, 0.0), 0.0, Point.HOLD)
 
 
-def with_ball(x: float, y: float = 0.0, vx: float = 0.0) -> World:
-    return World(0.0, HERE, {BALL: ObjectState(x, y, vx)})
+def with_ball(x: float, y: float = 0.0) -> World:
+    return World(0.0, HERE, {BALL: ObjectState(x, y)})
 
 
 def test_a_region_is_relative_to_its_target() -> None:

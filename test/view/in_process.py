@@ -4,7 +4,6 @@ import dataclasses
 import math
 
 from ator_interfaces.msg import ActionPerformance, ChainPerformance, Outcome, Performance
-from ator_ros.domains.domain import Domain
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.evaluation.chain_run import run_chain
 from ator_ros.geometry import Pose
@@ -13,7 +12,6 @@ from ator_ros.performance.model_file import load_models
 from ator_ros.refinement import RefinementError
 from ator_ros.refinement.objective import Objective
 from ator_ros.refinement.refiner import Refiner, choose
-from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
 from ator_ros.view.draft import Draft
 from ator_ros.view.editor import Editor
@@ -43,8 +41,8 @@ def record_of(
 class InProcessBackend:
     """Answers immediately; `refined` and `calls` are the requests."""
 
-    def __init__(self, domain: Domain = SOCCER, robot: Robot | None = None) -> None:
-        robot = robot or domain.robot()
+    def __init__(self) -> None:
+        domain, robot = SOCCER, SOCCER.robot()
         self.domain, self.robot, self.can_place = domain, robot, True
         self.paused = False
         self.libraries = {name: domain.library(robot, name) for name in domain.action_sets}

@@ -14,8 +14,8 @@ TICK = 0.05
 NOISE, VELOCITY_NOISE = 0.015, 0.05
 
 
-def measurements(balls: list[ObjectState], seed: int = 1) -> list[ObjectState]:
-    rng = np.random.default_rng(seed)
+def measurements(balls: list[ObjectState]) -> list[ObjectState]:
+    rng = np.random.default_rng(1)
     measured = []
     for ball in balls:
         x, y = rng.normal(scale=NOISE, size=2)
@@ -52,12 +52,11 @@ def checked(
     velocity: Callable[[float], float],
     *,
     noise: float = 0.0,
-    seconds: float = 2.0,
 ) -> tuple[list[float], list[str]]:
     """Return the estimated velocities at 20 Hz, and the remarks, of a ball that moves along x."""
     rng, check = np.random.default_rng(3), VelocityCheck("ball", noise, 3.0 * noise)
     estimated, remarks = [], []
-    for tick in range(round(seconds / TICK)):
+    for tick in range(round(2.0 / TICK)):
         time, (dx, dv) = tick * TICK, rng.normal(size=2)
         measurement = ObjectState(position(time) + noise * dx, 0.0, velocity(time) + 3.0 * noise * dv)
         ball, remark = check.check(time, measurement)

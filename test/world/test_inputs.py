@@ -9,8 +9,8 @@ from ator_ros.world.inputs import ClockJumpError, Inputs, StampError
 from ator_ros.world.state import ObjectState, RobotState
 
 
-def inputs(timeout: float = 0.3) -> Inputs:
-    return Inputs({BALL: Sightings(BALL, timeout, ObjectTracker(0.0, 0.0))})
+def inputs() -> Inputs:
+    return Inputs({BALL: Sightings(BALL, 0.3, ObjectTracker(0.0, 0.0))})
 
 
 def test_the_ball_matches_the_stamp_of_odometry_in_any_order() -> None:
