@@ -26,6 +26,9 @@ RealArray = NDArray[np.floating[Any]]
 WIDTH = 32
 """Turns of a grid whose gaps are compared at once: whole vectors."""
 _BITS = (1 << np.arange(WIDTH)).astype(np.uint32)
+_DE_BRUIJN = 0x077CB531
+_PLACES = np.argsort([(_DE_BRUIJN << place >> 27) & 31 for place in range(WIDTH)])
+"""Places of bits by their products with a sequence of bits in which every five are different."""
 _POINTS = 3 * WIDTH + 1
 _GRID_STEP = STEP / 4
 _GRID: FloatArray = _GRID_STEP * (np.arange(_POINTS, dtype=float) - _POINTS // 2)
@@ -69,7 +72,8 @@ def crossings(above: int, steps: int, both: bool) -> int:
 @inlined
 def lowest(bits: int) -> int:
     """Return the place of the lowest bit that is set."""
-    return math.frexp(float(bits & -bits))[1] - 1
+    place: int = _PLACES[((bits & -bits) * _DE_BRUIJN >> 27) & 31]
+    return place
 
 
 @inlined

@@ -36,7 +36,8 @@ Rows = NDArray[np.void]
 
 SPEED_STEP = 0.02  # m/s
 _TURNS: FloatArray = STEP * np.arange(-HALF, WIDTH - HALF, dtype=float)
-_COS, _SIN = np.cos(_TURNS.astype(np.float32)), np.sin(_TURNS.astype(np.float32))
+_COS, _SIN = np.cos(_TURNS), np.sin(_TURNS)
+_COS32, _SIN32 = np.cos(_TURNS.astype(np.float32)), np.sin(_TURNS.astype(np.float32))
 _STEP = np.float32(STEP)
 
 
@@ -208,6 +209,7 @@ def fastest_paths(ends: FloatArray, shapes: ShapeSet, hold: float) -> FloatArray
     entries, exits = np.empty(len(rows), dtype=_END), np.empty(len(rows), dtype=_END)
     gaps, zeros = np.empty(WIDTH, dtype=np.float32), np.zeros(WIDTH, dtype=np.float32)
     firsts, first_entries, first_exits = rows[:count], entries[:count], exits[:count]
+    known = np.full((2, count), np.nan)  # speeds at both ends for which the others of each group are written
     likely = 0  # the last fastest group is tried first: its time prunes most others
     for at in range(ends.shape[1]):
         x, y, turn, speed, arrival = ends[0, at], ends[1, at], ends[2, at], ends[3, at], ends[4, at]
@@ -221,8 +223,11 @@ def fastest_paths(ends: FloatArray, shapes: ShapeSet, hold: float) -> FloatArray
         if others[likely] < others[likely + 1]:
             begin, end = others[likely], others[likely + 1]
             group, other_entries, other_exits = rows[begin:end], entries[begin:end], exits[begin:end]
-            _set_speed(other_entries, speed, group, tables, rules)
-            _set_arrival(other_exits, arrival, group, tables, rules)
+            if speed != known[0, likely]:
+                _set_speed(other_entries, speed, group, tables, rules)
+            if arrival != known[1, likely]:
+                _set_arrival(other_exits, arrival, group, tables, rules)
+            known[0, likely], known[1, likely] = speed, arrival
             faster, angles, _ = _fastest(
                 x, y, turn, hold, time, 0, other_entries, other_exits, gaps, zeros, group, tables, rules
             )
@@ -265,7 +270,7 @@ def _fastest(
     totals = (turn, turn - circle, turn + circle)
     windows = (_window_of(-totals[0]), _window_of(-totals[1]), _window_of(-totals[2]))
     best, result, turned, fastest = most, np.inf, 0.0, likely
-    (along, across), fractions = tables.turns, tables.fractions
+    turns, fractions = tables.turns, tables.fractions
     for number in range(len(shapes)):
         index = (likely + number) % len(shapes)
         shape, entry, exit_ = shapes[index], entries[index], exits[index]
@@ -294,19 +299,20 @@ def _fastest(
             near, direction = fractions[one.row, 0, 2 * HALF : 2 * HALF + WIDTH], shape["direction"]
             along_x, along_y, above = np.float32(offset.x), np.float32(offset.y), np.uint32(0)
             for step in range(WIDTH):
-                gap = direction * (along_y * _COS[step] - along_x * _SIN[step] - near[step] - far[step])
+                gap = direction * (along_y * _COS32[step] - along_x * _SIN32[step] - near[step] - far[step])
                 gaps[step] = gap
                 above |= sign_bit(gap, step)
             roots = crossings(int(above), 2 * HALF, False)
             while roots:
                 step = lowest(roots)
                 roots &= roots - 1
-                first = _TURNS[step] + _STEP * (gaps[step] / (gaps[step] - gaps[step + 1]))
+                beyond = np.float64(_STEP * (gaps[step] / (gaps[step] - gaps[step + 1])))
+                first = _TURNS[step] + beyond
                 last = 0.0 if rules.free_heading else total - first
                 angles = abs(first) + abs(last)
                 if abs(last) < WIDEST and angles < _MOST_TURNED:
                     time = _time(
-                        first, last, straight, best, offset, ahead, aside, one, two, along, across, rules
+                        step, beyond, last, straight, best, offset, ahead, aside, one, two, turns, rules
                     )
                     if time < best:
                         best, result, turned, fastest = time, time, angles, index
@@ -314,8 +320,18 @@ def _fastest(
 
 
 @inlined
+def _cos_sin(step: int, beyond: float) -> tuple[float, float]:
+    """Return cosine and sine of the turn `beyond` (rad, up to `STEP`) a step of the grid, to 1e-12."""
+    x = beyond * beyond
+    cos = 1.0 - x * (1 / 2 - x * (1 / 24 - x * (1 / 720 - x * (1 / 40320 - x * (1 / 3628800)))))
+    sin = beyond * (1.0 - x * (1 / 6 - x * (1 / 120 - x * (1 / 5040 - x * (1 / 362880)))))
+    return _COS[step] * cos - _SIN[step] * sin, _SIN[step] * cos + _COS[step] * sin
+
+
+@inlined
 def _time(
-    first: float,
+    step: int,
+    beyond: float,
     last: float,
     straight: float,
     best: float,
@@ -324,19 +340,19 @@ def _time(
     aside: float,
     one: Turn,
     two: Turn,
-    along: FloatArray,
-    across: FloatArray,
+    turns: TurnTable,
     rules: Rules,
 ) -> float:
     """Return the time in s of a path; infinite if it is not allowed or exceeds `best`.
 
-    The object at the goal lies `ahead` and `aside` (m) of where the first turn begins.
+    The first turn goes `beyond` (rad) a `step` of the grid. The object at the goal lies `ahead` and `aside`
+    (m) of where that turn begins.
     """
-    rates = rules.rates
+    (along, across), rates, first = turns, rules.rates, _TURNS[step] + beyond
     result = turn_time(abs(first), one.rate, rates.aw) + turn_time(abs(last), two.rate, rates.aw) + straight
     if result > best:
         return np.inf
-    cos, sin = math.cos(first), math.sin(first)
+    cos, sin = _cos_sin(step, beyond)
     length, before, after = drive_between(first, last, cos, sin, offset, one, two, along, along, rates)
     if result + abs(length) * (1.0 / rates.v) > best:
         return np.inf
@@ -353,7 +369,7 @@ def _time(
         if min(length, 0.0) < to_object < max(length, 0.0):
             beside = cos * aside - sin * ahead - look_up(across, one.row, first)
             result += _DETOUR / rates.v * max(rules.passing - abs(beside), 0.0)
-    return result
+    return float(result)
 
 
 _GROUPS, _OTHERS = 16, 24
