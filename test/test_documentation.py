@@ -91,7 +91,7 @@ NOT_HERE = {
     r"(sudo )?apt install .*|rosdep install .*|export PIP_BREAK_.*": "changes the system; needs ROS from apt",
     r"python3 -m pip install --user .*|pip install distributed": "changes the user's packages",
     r"python3 scripts/lock\.py": "asks the package registry for every version again",
-    r"(ros2 run ator_ros NAME|make run EXE=\w+) .*(ARGS|…).*": "shows the form; others are executed",
+    r"ros2 run ator_ros NAME ARGS|make run EXE=\w+ ARGS='(ARGS|…)'": "shows the form of others",
     r"mkdir -p ~/ws/src .*|cd ~/ws && ~/ator_ros/.*|\. ~/ws/install/.*": "see test_environment.py",
     r"ros2 action info -t": "ros2cli is not among the wheels",
     r"ros2 bag (record|play)( .*)?": "rosbag2 is not among the wheels; test_recording_node.py writes it",
