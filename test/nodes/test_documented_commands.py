@@ -16,6 +16,7 @@ from documentation import ROOT, commands
 
 pytestmark = [pytest.mark.node, pytest.mark.long]
 PATIENCE = 600.0
+NODES = {"simulation": "simulating", "executor": "ready for chains of", "refinement": "refining chains for"}
 TEXTS = [printed.text for printed in commands()]
 IGNORED = shutil.ignore_patterns(
     ".git", ".venv*", "build", "install", "log", "out", "__pycache__", ".*_cache"
@@ -140,16 +141,19 @@ def test_a_copy_of_the_configuration_is_used(shell: Shell) -> None:
     nodes = shell.start(printed("ros2 launch ator_ros ator.launch.xml config:="))
     wait_for("simulating my_robot", nodes)
     assert "ANOTHER ROBOT" in wait_for("ready for chains", nodes)
-    alone = printed("make run EXE=executor").replace("my_config", str(shell.folder / "my_config"))
-    wait_for("ready for chains of my_robot", shell.start(alone, cwd=ROOT))
+    for node, words in NODES.items():
+        text = printed(f"make run EXE={node} ARGS='--ros-args --params")
+        text = text.replace("my_config", str(robot.parent))
+        wait_for(f"{words} my_robot", shell.start(text, cwd=ROOT))
     shell.run(*re.findall(r"sed -i .*\\\n.*", (ROOT / "README.md").read_text(encoding="utf-8")))
     for name in ("refinement", "executor", "learning"):
         assert f"models: {shell.folder}/my_study/models\n" in (robot.parent / f"{name}.yaml").read_text()
 
 
-def test_a_node_runs_without_the_ros2_command(shell: Shell) -> None:
-    node = shell.start(printed("make run EXE=simulation"), cwd=ROOT)
-    wait_for("simulating pioneer_3dx at 5 times real time", node)
+def test_nodes_run_without_the_ros2_command(shell: Shell) -> None:
+    for node, words in NODES.items():
+        (text,) = {each for each in TEXTS if re.fullmatch(f"make run EXE={node}( .*factor.*)?", each)}
+        wait_for(f"{words} pioneer_3dx", shell.start(text, cwd=ROOT))
 
 
 def test_a_workspace_is_built(shell: Shell) -> None:
