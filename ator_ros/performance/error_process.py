@@ -21,7 +21,11 @@ from ator_ros.schema import Within, require
 _MOST_EPISODES = 300  # episodes kept, evenly spaced: more hardly change the result, and make a request slower
 _CLIPPED_AT, _NEIGHBORS = 4.0, 7
 """Standard deviations from the median of similar episodes at which an error is clipped, as an accident."""
-_LEAST_SIGNAL = 0.5  # least deviation of the process over that of the errors: a few may show none by chance
+_LEAST_SIGNAL_RATIO = 0.5
+"""Least ratio of `ErrorProcess.signal` to the standard deviation of the errors it is fitted to.
+
+A few episodes may show by chance no errors that depend on the features. A fit without this bound would then
+report too small an uncertainty."""
 _LENGTHS = (0.2, 1.0)  # least and greatest length of the process in standard deviations of a single feature
 _DIGITS = 4
 _Positive = Annotated[float, Within(1e-9)]
@@ -106,7 +110,7 @@ def fit_error_process(names: Sequence[str], features: FloatArray, errors: FloatA
     points = np.round((features - center) / scale, _DIGITS)
     spread = _spread(errors)
     shortest, longest = (length * np.sqrt(len(names)) for length in _LENGTHS)
-    signal = ConstantKernel(spread**2, ((_LEAST_SIGNAL * spread) ** 2, (10.0 * spread) ** 2))
+    signal = ConstantKernel(spread**2, ((_LEAST_SIGNAL_RATIO * spread) ** 2, (10.0 * spread) ** 2))
     kernel = signal * Matern(0.5 * longest, (shortest, longest), nu=1.5)
     noise = WhiteKernel(spread**2, ((0.2 * spread) ** 2, (3.0 * spread) ** 2))
     with warnings.catch_warnings():  # results at a bound are intended

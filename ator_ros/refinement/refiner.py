@@ -9,8 +9,14 @@ from dataclasses import dataclass
 
 from ator_ros.actions.goal_variables import direct_name, with_values
 from ator_ros.geometry import FloatArray
+from ator_ros.motion.routes import routes_of
 from ator_ros.refinement import RefinementError
-from ator_ros.refinement.chain_prediction import ChainModel, ChainPrediction, PredictsPerformance
+from ator_ros.refinement.chain_prediction import (
+    ChainModel,
+    ChainPrediction,
+    PredictsPerformance,
+    chain_situations,
+)
 from ator_ros.refinement.free_variables import (
     Analysis,
     FreeVariable,
@@ -165,7 +171,7 @@ class Refiner:
         Raises
         ------
         RefinementError
-            A chain is empty or too long, or no candidate has a finite prediction.
+            A chain is empty or too long, or no candidate has a finite prediction, such as without a route.
         """
         objective = objective if objective is not None else expected_time(self.failure_cost)
         analysis, regions = self.bounded(world, chain)
@@ -189,7 +195,8 @@ class Refiner:
             compared = model.compare(model.given, optimum.values)
         if not math.isfinite(optimum.cost):
             raise RefinementError(
-                "expected a finite prediction for some candidate, got none: check the distances"
+                self._missing_route(world, chain)
+                or "expected a finite prediction for some candidate, got none: check the distances"
             )
         return self._answer(world, chain, analysis, model, optimum, compared)
 
@@ -237,7 +244,10 @@ class Refiner:
                 continue
             if not math.isfinite(optimum.cost):
                 top = chain.calls[index].top.name
-                raise RefinementError(f"step {index + 1} ({top}): expected a finite prediction, got none")
+                raise RefinementError(
+                    self._missing_route(world, part)
+                    or f"step {index + 1} ({top}): expected a finite prediction, got none"
+                )
             chain = replaced(chain, index, dict(zip(names[index], optimum.values[0], strict=True)))
         return chain
 
@@ -322,6 +332,18 @@ class Refiner:
             not_free=analysis.not_free,
             without_model=self._without_model(chain),
         )
+
+    def _missing_route(self, world: World, chain: TopChain) -> str | None:
+        """Return the fault of the first step without a route on the map, None if there is no such step."""
+        routes = routes_of(self.robot)
+        if routes is None:
+            return None
+        for number, step in enumerate(chain_situations(world, chain, self.robot, {})):
+            from_x, from_y, x, y = (float(step[name][0]) for name in ("x", "y", "xg", "yg"))
+            fault = routes.fault(x, y) or routes.fault(x, y, (from_x, from_y), planned=True)
+            if fault is not None:
+                return f"step {number + 1} ({chain.calls[number].top.name}): {fault}"
+        return None
 
     def _without_model(self, chain: TopChain) -> tuple[int, ...]:
         return tuple(step for step, call in enumerate(chain.calls) if call.top.action not in self.models)

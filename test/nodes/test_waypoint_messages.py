@@ -8,7 +8,7 @@ import pytest
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Goals
 
-from ator_ros.nodes.waypoints import Tour
+from ator_ros.nodes.waypoints import WaypointGoal
 
 POSES = [PoseStamped() for _ in range(3)]
 
@@ -26,10 +26,10 @@ class Handle(SimpleNamespace):
         self.state = "succeeded"
 
 
-def tour(request: Any, **result: Any) -> Tour:
-    """Return a tour whose results have these fields."""
+def waypoint_goal(request: Any, **result: Any) -> WaypointGoal:
+    """Return a goal whose results have these fields."""
     kind = SimpleNamespace(Result=lambda **fields: SimpleNamespace(**result, **fields))
-    return Tour(Handle(request=request), kind)  # type: ignore[arg-type]
+    return WaypointGoal(Handle(request=request), kind)  # type: ignore[arg-type]
 
 
 @pytest.fixture(autouse=True)
@@ -38,7 +38,7 @@ def later(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_each_pose_has_a_status() -> None:
-    through = tour(SimpleNamespace(poses=Goals(goals=POSES)), waypoint_statuses=[])
+    through = waypoint_goal(SimpleNamespace(poses=Goals(goals=POSES)), waypoint_statuses=[])
     through.leg = 1
     code, reason = through.miss(1, "blocked")
     statuses = through.finish(code, reason).waypoint_statuses
@@ -48,7 +48,7 @@ def test_each_pose_has_a_status() -> None:
 
 
 def test_a_missed_waypoint_has_a_reason() -> None:
-    follow = tour(SimpleNamespace(poses=POSES, number_of_loops=0, goal_index=0))
+    follow = waypoint_goal(SimpleNamespace(poses=POSES, number_of_loops=0, goal_index=0))
     follow.miss(2, "blocked")
     (missed,) = follow.finish(0, "").missed_waypoints
     assert follow.handle.state == "succeeded"
