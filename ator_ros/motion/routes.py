@@ -35,10 +35,9 @@ CLEARANCES = (0.35, 0.25, 0.15, 0.05, 0.0)
 It is the largest at which start and goal, or the nearest free cells to them, are connected. Planners prefer
 such a distance, as Nav2 does with its inflation layer."""
 _CELL, _MOST_CELLS = 0.1, 250_000  # m; with so many cells a field takes 40 ms
+# Cells by which clearances may be too large: a cell has the greatest one in it, and its diagonal is √2 cells.
+# A start or goal may be nearer to an obstacle by as much, which allows for errors of localization, too.
 _TOLERANCE = 1.5
-"""Error of clearances in cells: the clearance of a cell is the greatest in it, and its diagonal is √2 cells.
-
-Starts and goals may be nearer to an obstacle by as much, which also allows for errors of localization."""
 _FIELD_BYTES = 200_000_000  # memory of the cached fields of a map
 _FEW, _CACHED_PAIRS = 64, 20_000  # up to so many pairs in one call are cached; size of that cache
 _BUCKETS = 4.0  # buckets of the queue per cell of length
@@ -155,16 +154,15 @@ class Routes:
     def fault(
         self, x: float, y: float, start: tuple[float, float] | None = None, *, planned: bool = False
     ) -> str | None:
-        """Return the message of why a place in m cannot be reached, None if it can.
+        """Return the message of why a place in m cannot be reached from `start`, or from anywhere; else None.
 
-        A route must lead to it from `start`, or from anywhere. With `planned`, the map's planner must find a
-        path from `start`, too.
+        With `planned`, the planner of the map must find a path from `start`, too.
         """
         ends = np.array([[*((x, y) if start is None else start), x, y]]).T
         if self.connected(ends)[0] and not (planned and np.isnan(self.between(*ends).length[0])):
             return None
         wanted = f"free space, {self.radius:.2f} m from obstacles"
-        if start is not None:
+        if start is not None and self.connected(ends[[2, 3, 2, 3]])[0]:
             wanted = f"reach of x {start[0]:.2f} m, y {start[1]:.2f} m"
         return f"expected a place in {wanted}, on the map {self.grid}, got x {x:.2f} m, y {y:.2f} m"
 

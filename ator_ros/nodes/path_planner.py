@@ -32,6 +32,8 @@ _TOLERANCE = 1.0  # m between places and ends of paths; that of Nav2's planners 
 class PlannerClient:
     """The client of a planner server. It can be called within callbacks: it has a node and an executor.
 
+    Raises RemoteError if the type of the action is not installed.
+
     Parameters
     ----------
     name : str
@@ -40,11 +42,6 @@ class PlannerClient:
         The frame of the map, in which places and paths are.
     timeout : float
         Longest wait for the server, and for each of its answers, in real s.
-
-    Raises
-    ------
-    RemoteError
-        The type is not installed.
     """
 
     def __init__(self, name: str, frame: str, timeout: float) -> None:
@@ -133,8 +130,8 @@ def with_planner(
 ) -> tuple[Domain, Robot]:
     """Return domain and robot as the parameter `PLANNER` of the node `refinement` asks for.
 
-    If it names a planner server, their routes are its paths, and each path must arrive in `_PATH_TIMEOUT`.
-    Otherwise they are returned as they are. Raises SetupError as `expect_planner_usable` does.
+    If it names a planner server, their routes are its paths; else they are returned unchanged. Raises
+    SetupError as `expect_planner_usable` does.
     """
     expect_planner_usable(settings, domain)
     name = settings[PLANNER.name]
@@ -145,9 +142,9 @@ def with_planner(
 
 
 def planned_by(name: str, frame: str, domain: Domain, *, timeout: float = 10.0) -> Domain:
-    """Return the domain with the paths of a planner server as its routes; see `PlannerClient` for the rest.
+    """Return the domain with the paths of a planner server as its routes; see `PlannerClient`.
 
-    The tool `train` and the node `learning` call it: the default timeout suits training, which may wait.
+    The tool `train` and the node `learning` call it with the default timeout, as training may wait.
     """
     client = PlannerClient(name, frame, timeout)
     return dataclasses.replace(domain, planner=lambda *_: client)

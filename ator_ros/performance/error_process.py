@@ -22,10 +22,9 @@ _MOST_EPISODES = 300  # episodes kept, evenly spaced: more hardly change the res
 _CLIPPED_AT, _NEIGHBORS = 4.0, 7
 """Standard deviations from the median of similar episodes at which an error is clipped, as an accident."""
 _LEAST_SIGNAL_RATIO = 0.5
-"""Least ratio of `ErrorProcess.signal` to the standard deviation of the errors it is fitted to.
+"""Least ratio of `ErrorProcess.signal` to the standard deviation of the errors that it is fitted to.
 
-A few episodes may show by chance no errors that depend on the features. A fit without this bound would then
-report too small an uncertainty."""
+Without it, a few episodes whose errors do not depend on the features by chance give no uncertainty."""
 _LENGTHS = (0.2, 1.0)  # least and greatest length of the process in standard deviations of a single feature
 _DIGITS = 4
 _Positive = Annotated[float, Within(1e-9)]
@@ -90,7 +89,7 @@ class ErrorProcess:
 
     def _kernel(self, one: FloatArray, other: FloatArray) -> FloatArray:
         """Return the Matérn kernel (3/2) of points (n, k) and (m, k), shape (n, m)."""
-        # The squared distances; as a product of matrices they take a third of the time of `_squares`.
+        # The squared distances; as a product of matrices they take a third of the time of differences.
         squares = np.square(one).sum(axis=1)[:, None] + np.square(other).sum(axis=1) - 2.0 * one @ other.T
         scaled: FloatArray = np.sqrt(3.0 * np.maximum(squares, 0.0)) / self.length
         return np.asarray(self.signal**2 * (1.0 + scaled) * np.exp(-scaled))
@@ -137,12 +136,8 @@ def _spread(errors: FloatArray) -> float:
 def _clipped(errors: FloatArray, points: FloatArray) -> FloatArray:
     """Return the errors (n,), each at most `_CLIPPED_AT` deviations off the median of similar episodes."""
     count = min(_NEIGHBORS, len(errors))
-    nearest = np.argpartition(_squares(points, points), count - 1, axis=1)[:, :count]
+    squares = np.square(points[:, None] - points).sum(axis=2)
+    nearest = np.argpartition(squares, count - 1, axis=1)[:, :count]
     usual = np.median(errors[nearest], axis=1)
     most = _CLIPPED_AT * _spread(errors)
     return np.asarray(errors.clip(usual - most, usual + most))
-
-
-def _squares(one: FloatArray, other: FloatArray) -> FloatArray:
-    """Return the squared distances of points (n, k) and (m, k), shape (n, m)."""
-    return np.asarray(np.square(one[:, None] - other[None]).sum(axis=2))

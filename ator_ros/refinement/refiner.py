@@ -9,14 +9,8 @@ from dataclasses import dataclass
 
 from ator_ros.actions.goal_variables import direct_name, with_values
 from ator_ros.geometry import FloatArray
-from ator_ros.motion.routes import routes_of
 from ator_ros.refinement import RefinementError
-from ator_ros.refinement.chain_prediction import (
-    ChainModel,
-    ChainPrediction,
-    PredictsPerformance,
-    chain_situations,
-)
+from ator_ros.refinement.chain_prediction import ChainModel, ChainPrediction, PredictsPerformance, route_fault
 from ator_ros.refinement.free_variables import (
     Analysis,
     FreeVariable,
@@ -156,6 +150,8 @@ class Refiner:
     ) -> Refinement:
         """Find the best free variables of `chain` from the state `world`; the gate decides about the change.
 
+        Raises RefinementError if the chain is empty or too long, or no candidate has a finite prediction.
+
         Parameters
         ----------
         world, chain
@@ -167,11 +163,6 @@ class Refiner:
         deadline : callable, optional
             Returns whether time is up; then the answer is the best chain found until then. Placeholders whose
             naive value has not been computed keep their values.
-
-        Raises
-        ------
-        RefinementError
-            A chain is empty or too long, or no candidate has a finite prediction, such as without a route.
         """
         objective = objective if objective is not None else expected_time(self.failure_cost)
         analysis, regions = self.bounded(world, chain)
@@ -195,7 +186,7 @@ class Refiner:
             compared = model.compare(model.given, optimum.values)
         if not math.isfinite(optimum.cost):
             raise RefinementError(
-                self._missing_route(world, chain)
+                route_fault(world, chain, self.robot)
                 or "expected a finite prediction for some candidate, got none: check the distances"
             )
         return self._answer(world, chain, analysis, model, optimum, compared)
@@ -245,7 +236,7 @@ class Refiner:
             if not math.isfinite(optimum.cost):
                 top = chain.calls[index].top.name
                 raise RefinementError(
-                    self._missing_route(world, part)
+                    route_fault(world, part, self.robot)
                     or f"step {index + 1} ({top}): expected a finite prediction, got none"
                 )
             chain = replaced(chain, index, dict(zip(names[index], optimum.values[0], strict=True)))
@@ -254,10 +245,7 @@ class Refiner:
     def bounded(self, world: World, chain: TopChain) -> tuple[Analysis, Regions]:
         """Return the free variables of `chain`, bounded by experience and regions, and the regions.
 
-        Raises
-        ------
-        RefinementError
-            The chain is empty or too long.
+        Raises RefinementError if the chain is empty or too long.
         """
         if not 1 <= len(chain.calls) <= LONGEST_CHAIN:
             raise RefinementError(f"chain: expected 1 to {LONGEST_CHAIN} actions, got {len(chain.calls)}")
@@ -332,18 +320,6 @@ class Refiner:
             not_free=analysis.not_free,
             without_model=self._without_model(chain),
         )
-
-    def _missing_route(self, world: World, chain: TopChain) -> str | None:
-        """Return the fault of the first step without a route on the map, None if there is no such step."""
-        routes = routes_of(self.robot)
-        if routes is None:
-            return None
-        for number, step in enumerate(chain_situations(world, chain, self.robot, {})):
-            from_x, from_y, x, y = (float(step[name][0]) for name in ("x", "y", "xg", "yg"))
-            fault = routes.fault(x, y) or routes.fault(x, y, (from_x, from_y), planned=True)
-            if fault is not None:
-                return f"step {number + 1} ({chain.calls[number].top.name}): {fault}"
-        return None
 
     def _without_model(self, chain: TopChain) -> tuple[int, ...]:
         return tuple(step for step, call in enumerate(chain.calls) if call.top.action not in self.models)
@@ -421,17 +397,14 @@ def choose(
 ) -> Selection:
     """Refine each of `chains` and choose the best; after the deadline, chains are only predicted.
 
+    Raises RefinementError with the reason for each chain if none can be used.
+
     Parameters
     ----------
     refiner, world, objective, placeholders, deadline
         As for `Refiner.refine`.
     chains : sequence of TopChain or str
         The chains, or why one cannot be used. A chain that is no valid plan from `world` is skipped.
-
-    Raises
-    ------
-    RefinementError
-        None of them can be used; the message has the reason for each.
     """
     judged: list[Judged] = []
     for chain in chains:
