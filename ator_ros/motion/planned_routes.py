@@ -39,8 +39,8 @@ def route_along(path: FloatArray, look_ahead: float) -> tuple[float, float, floa
 def _corners(path: FloatArray) -> FloatArray:
     """Return the ends and corners of a path by the algorithm of Ramer, Douglas and Peucker.
 
-    The turn of a route is summed at these. A planned path steps from cell to cell of a grid; the angles of
-    these steps would add up to several rad.
+    The turn of a route is summed at these. A planned path steps from cell to cell of a grid: the angles of
+    all steps would add up to far more than the turn of its corners.
     """
     kept, open_parts = {0, len(path) - 1}, [(0, len(path) - 1)]
     while open_parts:

@@ -24,7 +24,7 @@ _CLIPPED_AT, _NEIGHBORS = 4.0, 7
 _LEAST_SIGNAL_RATIO = 0.5
 """Least ratio of `ErrorProcess.signal` to the standard deviation of the errors that it is fitted to.
 
-Without it, a few episodes whose errors do not depend on the features by chance give no uncertainty."""
+Without it, a few episodes whose errors do not depend on the features by chance give almost no uncertainty."""
 _LENGTHS = (0.2, 1.0)  # least and greatest length of the process in standard deviations of a single feature
 _DIGITS = 4
 _Positive = Annotated[float, Within(1e-9)]

@@ -171,7 +171,7 @@ class Refiner:
         names = names_of(chain, analysis.free)
         model = ChainModel(world, chain, self.robot, models=self.models, names=names, objective=objective)
         if not analysis.free:
-            return self._left_alone(chain, analysis, model)
+            return self._left_alone(world, chain, analysis, model)
         if deadline():
             compared = model.compare(model.given, model.given)
             optimum = unsearched(model.given, compared[0].cost)
@@ -304,12 +304,14 @@ class Refiner:
             comparison=comparison,
         )
 
-    def _left_alone(self, chain: TopChain, analysis: Analysis, model: ChainModel) -> Refinement:
+    def _left_alone(self, world: World, chain: TopChain, analysis: Analysis, model: ChainModel) -> Refinement:
         """Return the answer if no variable is free."""
         prediction = model.predict()
         reason = "nothing is open: the plan commits to every goal variable"
         if any(call.open for call in chain.calls):
             reason = f"nothing is free: {_described(chain, analysis.not_free)}"
+        if not math.isfinite(prediction.cost) and (fault := route_fault(world, chain, self.robot)):
+            reason += f"; {fault}"
         return Refinement(
             False,
             reason + self._remarks(chain, analysis, ()),

@@ -107,6 +107,9 @@ def test_refinement_asks_it_once_for_each_pair_of_places_and_recovers_when_it_do
     serve(finds=0)
     without_path = "step 1 (visit): expected a place in reach of x -3.00 m, y 0.00 m, on the map"
     assert without_path in refine(client, request()).reason
+    nothing_open = request()
+    nothing_open.chain.calls[0].open = []
+    assert without_path in refine(client, nothing_open).reason
     planned = serve()
     for _ in range(2):
         answer = refine(client, request())
