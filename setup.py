@@ -20,7 +20,7 @@ DOMAINS = {
 }
 STAND_INS = {
     "drive_to": f"{PACKAGE}.domains.stand_ins:DriveToStandIn",
-    "pursue": f"{PACKAGE}.domains.stand_ins:PursueStandIn",
+    "pursue": f"{PACKAGE}.domains.stand_ins:PursuitStandIn",
 }
 PLANNERS = {"navfn": f"{PACKAGE}.domains.stand_ins:navfn"}
 

@@ -36,6 +36,11 @@ if not numba.config.CACHE_DIR:
     numba.config.CACHE_DIR = _cache_folder()
 
 
+def is_cached() -> bool:
+    """Return whether a process has already compiled functions of these sources."""
+    return any(Path(numba.config.CACHE_DIR).rglob("*.nbi"))
+
+
 def compiled(function: Function, **options: bool) -> Function:
     """Return `function` compiled at its first call."""
     try:

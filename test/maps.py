@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 import yaml
 
-from ator_ros.geometry import BoolArray
+from ator_ros.geometry import BoolArray, Pose
+from ator_ros.world.grid_map import GridMap
 
 FIELDS = {"resolution": 0.05, "origin": [-6.0, -4.0, 0.0], "negate": 0, "free_thresh": 0.25}
 
@@ -18,6 +19,11 @@ def hall(*, wall: bool = True) -> BoolArray:
         free[:, 118:122] = False
         free[120:144, 118:122] = True
     return free
+
+
+def hall_map(name: str = "hall", *, wall: bool = True) -> GridMap:
+    """Return the map of the hall."""
+    return GridMap(name, hall(wall=wall), 0.05, Pose(-6.0, -4.0, 0.0))
 
 
 def write_map(folder: Path, free: BoolArray, name: str = "hall", **fields: Any) -> Path:

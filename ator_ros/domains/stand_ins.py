@@ -1,4 +1,9 @@
-"""The control laws of the example servers as actions of the simulation without ROS, timed as over ROS."""
+"""Stand-ins for the example servers: actions that drive in simulations without ROS as the servers do.
+
+A *control law* computes the velocity command of an action server from the state of the robot. A *stand-in* is
+an action with the control law of a server, and with its delays over ROS. So drives of a remote action are
+collected and evaluated without ROS, in much less time.
+"""
 
 from __future__ import annotations
 
@@ -15,10 +20,10 @@ from ator_ros.world.state import STOP, Command, World
 
 
 class DriveToStandIn(Action):
-    """Drives as the server `drive_to_server` does.
+    """The stand-in for `drive_to_server`, whose control law is `RotateDriveRotate`.
 
-    The executor stops the robot, then sends the goal. The server publishes a command in the same tick; the
-    executor receives its result one tick after the last command.
+    Its delays: the executor stops the robot, then sends the goal. The server publishes a command in the same
+    tick; the executor receives its result one tick after the last command.
     """
 
     name = "drive_to_stand_in"
@@ -34,7 +39,7 @@ class DriveToStandIn(Action):
         self._law = self.law((pose.x, pose.y, pose.yaw))
 
     def law(self, goal: tuple[float, float, float]) -> Law:
-        """Return the server's law for a goal: x, y (m) and yaw (rad)."""
+        """Return the control law for a goal: x, y (m) and yaw (rad)."""
         return RotateDriveRotate(goal)
 
     def step(self, world: World) -> Step:
@@ -54,13 +59,13 @@ class DriveToStandIn(Action):
         return Step(Command(*command), Status.RUNNING, self._law.phase.value)
 
 
-class PursueStandIn(DriveToStandIn):
-    """Drives as the server `pursuit_server` does, on the robot's map."""
+class PursuitStandIn(DriveToStandIn):
+    """The stand-in for `pursuit_server`, whose control law is `Pursuit`; `navfn` plans its paths on a map."""
 
     name = "pursue_stand_in"
 
     def law(self, goal: tuple[float, float, float]) -> Law:
-        """Return the server's law for a goal: x, y (m) and yaw (rad)."""
+        """Return the control law for a goal: x, y (m) and yaw (rad)."""
         grid = self.robot.grid
         return Pursuit(goal, None if grid is None else navfn(grid, self.robot))
 

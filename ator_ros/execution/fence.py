@@ -8,8 +8,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from ator_ros.actions.base import Goal, Point
 from ator_ros.motion.routes import routes_of
 from ator_ros.robot.description import Robot
@@ -120,21 +118,13 @@ class Fence:
         routes = routes_of(robot)
         if routes is None:
             return None
-        numbers, ends = [], []
         for number, call in enumerate(chain.calls):
-            goal = call.goal.robot_pose(robot)[:2]
+            x, y, _ = call.goal.robot_pose(robot)
             given = call.top.arrives and not (call.opens("x") or call.opens("y"))
-            if given:
-                numbers.append(number)
-                ends.append((*(start or goal), *goal))
-            start = goal if given else None
-        connected = routes.connected(np.array(ends).reshape(-1, 4).T)
-        if connected.all():
-            return None
-        number = numbers[first := int(np.argmin(connected))]
-        from_x, from_y, x, y = ends[first]
-        fault = routes.fault(x, y) or routes.fault(x, y, (from_x, from_y))
-        return f"{where}.calls[{number}].goal ({chain.calls[number].top.name}): {fault}"
+            if given and (fault := routes.fault(x, y, start)):
+                return f"{where}.calls[{number}].goal ({call.top.name}): {fault}"
+            start = (x, y) if given else None
+        return None
 
     def leads_out(self, call: TopCall, robot: Robot) -> bool:
         """Return whether the goal of a step puts the robot, or the object that it holds, outside.

@@ -8,18 +8,20 @@ import numpy as np
 
 from ator_ros.geometry import FloatArray, wrap_angles
 
-_TOLERANCE = 0.1  # m by which corners may differ from a path: the steps of a planner's cells are no turns
+_TOLERANCE = 0.1  # m; greatest distance of a path from the straight lines between its corners
 
 
-def measured_path(path: FloatArray, look_ahead: float) -> tuple[float, float, float, float, bool]:
-    """Return length (m), turn, departure, arrival (rad) and whether it is straight, as in a `RouteSet`.
+def route_along(path: FloatArray, look_ahead: float) -> tuple[float, float, float, float, bool]:
+    """Return the route along a path: length in m; turn, departure and arrival in rad; whether it is straight.
+
+    They are the fields of `ator_ros.motion.routes.RouteSet` of the same names, for one route.
 
     Parameters
     ----------
     path : ndarray, shape (n, 2)
         Places in m, at least the start and the goal.
     look_ahead : float
-        Length in m of both ends, over which their headings are taken.
+        Length in m of the first and last part of the path; departure and arrival are the directions across.
     """
     distances = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
     length = float(distances[-1])
@@ -35,7 +37,11 @@ def measured_path(path: FloatArray, look_ahead: float) -> tuple[float, float, fl
 
 
 def _corners(path: FloatArray) -> FloatArray:
-    """Return the ends and corners of a path by the algorithm of Ramer, Douglas and Peucker."""
+    """Return the ends and corners of a path by the algorithm of Ramer, Douglas and Peucker.
+
+    The turn of a route is summed at these. A planned path steps from cell to cell of a grid: the angles of
+    all steps would add up to far more than the turn of its corners.
+    """
     kept, open_parts = {0, len(path) - 1}, [(0, len(path) - 1)]
     while open_parts:
         first, last = open_parts.pop()

@@ -1,7 +1,12 @@
-"""Routes on a map: for a place, a field of the shortest any-angle routes from everywhere else.
+"""Routes on a map: the shortest any-angle routes between places, found by table look-ups.
 
-A field is computed by Lazy Theta* (Nash, Koenig and Tovey, AAAI 2010) without a heuristic: the *parent* of a
-cell is the first point at which its route bends. Routes are then found by table look-ups.
+For each goal place a *field* is computed once and cached: the routes to it from all cells of the map. It has
+the *parent* of each cell, which is the first place at which the route from there bends, and tables of the
+route's length, least clearance, turn and heading at the end (`Tables`). The route between two places is read
+from the field of one of them, as the straight line to a parent and the parent's entries in the tables.
+
+Fields are computed by Lazy Theta* (Nash, Koenig and Tovey, AAAI 2010) without a heuristic. If the map has a
+planner, the routes are its paths instead.
 """
 
 from __future__ import annotations
@@ -18,18 +23,21 @@ from numpy.typing import NDArray
 from ator_ros.compiled import compiled
 from ator_ros.files import FileError
 from ator_ros.geometry import BoolArray, FloatArray, Pose, wrap_angles
-from ator_ros.motion.planned_routes import measured_path
+from ator_ros.motion.planned_routes import route_along
 from ator_ros.robot.description import Robot
 from ator_ros.world.grid_map import GridMap, Planner
 
 LOOK_AHEAD = 0.5
 """Length in m of the ends of a route, over which its headings at departure and arrival are averaged."""
 CLEARANCES = (0.35, 0.25, 0.15, 0.05, 0.0)
-"""Distances in m between robot and obstacles. A route keeps the first one that its start and goal allow.
+"""Distances in m between robot and obstacles, of which a whole route keeps one.
 
-Planners prefer such a distance, as Nav2 does with its inflation layer."""
+It is the largest at which start and goal, or the nearest free cells to them, are connected. Planners prefer
+such a distance, as Nav2 does with its inflation layer."""
 _CELL, _MOST_CELLS = 0.1, 250_000  # m; with so many cells a field takes 40 ms
-_TOLERANCE = 1.5  # cells by which a start or goal may be too near to an obstacle, as localization errs
+# Cells by which clearances may be too large: a cell has the greatest one in it, and its diagonal is √2 cells.
+# A start or goal may be nearer to an obstacle by as much, which allows for errors of localization, too.
+_TOLERANCE = 1.5
 _FIELD_BYTES = 200_000_000  # memory of the cached fields of a map
 _FEW, _CACHED_PAIRS = 64, 20_000  # up to so many pairs in one call are cached; size of that cache
 _BUCKETS = 4.0  # buckets of the queue per cell of length
@@ -54,7 +62,7 @@ class RouteSet(NamedTuple):
 
 
 class Routes:
-    """The shortest routes on a map for a robot, with a cache of fields.
+    """The search for routes on a map, with its cache of fields; it returns routes as a `RouteSet`.
 
     `radius` is the least distance in m of the robot's axle from an obstacle.
     """
@@ -134,7 +142,7 @@ class Routes:
                 self._paths.clear()
             self._paths[key] = path
         path = np.concatenate([[(x, y)], path[1:-1], [(to_x, to_y)]])
-        length, turn, departure, arrival, straight = measured_path(path, LOOK_AHEAD)
+        length, turn, departure, arrival, straight = route_along(path, LOOK_AHEAD)
         clearance = self._cell * self._clearances(*path.T).min()
         return np.array([length, turn, clearance, departure, arrival, straight])
 
@@ -143,13 +151,18 @@ class Routes:
         starts, goals = (self._cells(self._places(*pair)) for pair in (ends[:2], ends[2:]))
         return np.asarray(_levels(self._nearest, self._component, starts, goals) >= 0)
 
-    def fault(self, x: float, y: float, start: tuple[float, float] | None = None) -> str | None:
-        """Return why no route leads to a place in m, from `start` or from anywhere; None if one does."""
-        origin = (x, y) if start is None else start
-        if self.connected(np.array([[*origin, x, y]]).T)[0]:
+    def fault(
+        self, x: float, y: float, start: tuple[float, float] | None = None, *, planned: bool = False
+    ) -> str | None:
+        """Return the message of why a place in m cannot be reached from `start`, or from anywhere; else None.
+
+        With `planned`, the planner of the map must find a path from `start`, too.
+        """
+        ends = np.array([[*((x, y) if start is None else start), x, y]]).T
+        if self.connected(ends)[0] and not (planned and np.isnan(self.between(*ends).length[0])):
             return None
         wanted = f"free space, {self.radius:.2f} m from obstacles"
-        if start is not None:
+        if start is not None and self.connected(ends[[2, 3, 2, 3]])[0]:
             wanted = f"reach of x {start[0]:.2f} m, y {start[1]:.2f} m"
         return f"expected a place in {wanted}, on the map {self.grid}, got x {x:.2f} m, y {y:.2f} m"
 

@@ -36,7 +36,7 @@ from ator_ros.nodes.parameters import (
     map_file,
     map_topic,
 )
-from ator_ros.nodes.path_planner import expect_usable
+from ator_ros.nodes.path_planner import expect_planner_usable
 from ator_ros.nodes.qos import RESULTS
 from ator_ros.nodes.running import run_node
 from ator_ros.printable import printable
@@ -83,9 +83,9 @@ class LearningNode(Node):
         self._domain, self._robot = domain_and_robot(settings)
         self._folder = folder = Path(settings["learned"] or _DEFAULT_FOLDER).expanduser()
         self._lock = contextlib.ExitStack()
-        name, description, planner = settings["domain"], settings["robot"], settings["planner"]
-        planner, frame = self.resolve_topic_name(planner) if planner else "", settings["frame"]
-        expect_usable(settings, self._domain)
+        given = {name: settings[name] for name in ("domain", "robot", "models", "frame")}
+        planner = self.resolve_topic_name(settings["planner"]) if settings["planner"] else ""
+        expect_planner_usable(settings, self._domain)
         self._grid, self._map_topic = map_file(settings), map_topic(settings)
         models = self._domain.models_root(settings["models"])
         try:
@@ -95,7 +95,7 @@ class LearningNode(Node):
                 StoreInfo(self._robot.digest(), self._domain.name),
                 lambda: RoundProcess(
                     "ator_ros.nodes.learning_process",
-                    [str(folder), name, description, settings["models"], self._grid, planner, frame, _now()],
+                    given | {"learned": str(folder), "map": self._grid, "planner": planner, "time": _now()},
                 ),
                 start=digest_of_start(models, self._domain.action_sets),
                 batch=settings["batch"],

@@ -18,21 +18,22 @@ _NICE = 15
 
 
 def main() -> None:
-    """Execute one round at the lowest priority, and write its result to standard output.
+    """Execute one round at the lowest priority, and write its result as JSON to standard output.
 
-    Arguments, in a JSON list: the folder of records, domain, robot, models, map, planner and frame as the
-    parameters of the node name them, and the time.
+    The only argument is a JSON object: `learned`, the folder of records; `domain`, `robot`, `models`, `map`,
+    `planner` and `frame` as the parameters of the node; `time`, the time stamp of the new set of models.
     """
     os.nice(_NICE)
     with suppress(OSError):  # Linux weighs sessions before processes, and this process has its own session
         Path("/proc/self/autogroup").write_text(str(_NICE), encoding="ascii")
-    folder, name, robot, models, grid, planner, frame, time = json.loads(sys.argv[1])
-    domain = domain_for(name, robot).on_map(grid)
-    if planner:
+    given: dict[str, str] = json.loads(sys.argv[1])
+    domain = domain_for(given["domain"], given["robot"]).on_map(given["map"])
+    if given["planner"]:
         rclpy.init()
-        domain = planned_by(planner, frame, domain)
-    source = Source(Path(folder), domain, domain.robot(robot or None), domain.models_root(models))
-    sys.stdout.write(json.dumps(learn(source, time=time), allow_nan=False))
+        domain = planned_by(given["planner"], given["frame"], domain)
+    robot, models = domain.robot(given["robot"] or None), domain.models_root(given["models"])
+    source = Source(Path(given["learned"]), domain, robot, models)
+    sys.stdout.write(json.dumps(learn(source, time=given["time"]), allow_nan=False))
     rclpy.try_shutdown()
 
 

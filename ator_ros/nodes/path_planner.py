@@ -25,12 +25,14 @@ from ator_ros.refinement import RefinementError
 from ator_ros.robot.description import Robot
 
 _TYPE = "nav2_msgs/action/ComputePathToPose"
-_LONGEST_REQUEST = 1.0  # real s for each path of a request to refinement
+_PATH_TIMEOUT = 1.0  # real s for each path that a request to refinement needs
 _TOLERANCE = 1.0  # m between places and ends of paths; that of Nav2's planners is 0.5 m by default
 
 
-class PathPlanner:
+class PlannerClient:
     """The client of a planner server. It can be called within callbacks: it has a node and an executor.
+
+    Raises RemoteError if the type of the action is not installed.
 
     Parameters
     ----------
@@ -40,11 +42,6 @@ class PathPlanner:
         The frame of the map, in which places and paths are.
     timeout : float
         Longest wait for the server, and for each of its answers, in real s.
-
-    Raises
-    ------
-    RemoteError
-        The type is not installed.
     """
 
     def __init__(self, name: str, frame: str, timeout: float) -> None:
@@ -54,7 +51,7 @@ class PathPlanner:
         self._client = ActionClient(self._node, self._kind, name)
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self._node)
-        self._patience = timeout  # real s to wait for the server, once: DDS may still be connecting it
+        self._was_called = False
 
     def __str__(self) -> str:
         """Return the name of the action."""
@@ -66,8 +63,10 @@ class PathPlanner:
         Raises RefinementError if the server is missing, rejects the goal, does not answer in time, or answers
         with an unusable path.
         """
-        patience, self._patience = self._patience, 0.0
-        if not self._client.wait_for_server(patience):
+        # At the first call, DDS may still be connecting the server. Later nothing is to wait for.
+        discovery_timeout = 0.0 if self._was_called else self._timeout
+        self._was_called = True
+        if not self._client.wait_for_server(discovery_timeout):
             raise RefinementError(
                 f"planner: expected the action server {self._name}, got none; start Nav2's planner_server"
             )
@@ -114,7 +113,7 @@ def _between(start: Sequence[float], goal: Sequence[float]) -> str:
     return f"from x {start[0]:.2f} m, y {start[1]:.2f} m to x {goal[0]:.2f} m, y {goal[1]:.2f} m"
 
 
-def expect_usable(settings: Mapping[str, Any], domain: Domain) -> None:
+def expect_planner_usable(settings: Mapping[str, Any], domain: Domain) -> None:
     """Raise SetupError if the parameter `PLANNER` is set without a map or without nav2_msgs."""
     if not settings[PLANNER.name]:
         return
@@ -129,16 +128,23 @@ def expect_usable(settings: Mapping[str, Any], domain: Domain) -> None:
 def with_planner(
     node: Node, settings: Mapping[str, Any], domain: Domain, robot: Robot
 ) -> tuple[Domain, Robot]:
-    """Return domain and robot with the routes that the parameter `PLANNER` asks for; raises SetupError."""
-    expect_usable(settings, domain)
+    """Return domain and robot as the parameter `PLANNER` of the node `refinement` asks for.
+
+    If it names a planner server, their routes are its paths; else they are returned unchanged. Raises
+    SetupError as `expect_planner_usable` does.
+    """
+    expect_planner_usable(settings, domain)
     name = settings[PLANNER.name]
     if not name:
         return domain, robot
-    domain = planned_by(node.resolve_topic_name(name), settings[FRAME.name], domain, timeout=_LONGEST_REQUEST)
+    domain = planned_by(node.resolve_topic_name(name), settings[FRAME.name], domain, timeout=_PATH_TIMEOUT)
     return domain, domain.equip(robot)
 
 
 def planned_by(name: str, frame: str, domain: Domain, *, timeout: float = 10.0) -> Domain:
-    """Return a domain whose routes are the paths of a server; see `PathPlanner`. Training may wait longer."""
-    client = PathPlanner(name, frame, timeout)
+    """Return the domain with the paths of a planner server as its routes; see `PlannerClient`.
+
+    The tool `train` and the node `learning` call it with the default timeout, as training may wait.
+    """
+    client = PlannerClient(name, frame, timeout)
     return dataclasses.replace(domain, planner=lambda *_: client)

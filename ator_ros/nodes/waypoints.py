@@ -47,7 +47,7 @@ from ator_ros.world.messages import FrameError, MessageError, expect_frame, plai
 from ator_ros.world.state import RobotState
 
 _MAX_CHAIN_STEPS = 8  # the search of more takes longer than refinement's default deadline
-_PERIOD = 0.1  # real s between two checks of awaited conditions
+_PERIOD = 0.1  # real s between two checks of awaited conditions and of the executor
 _TF_TIMEOUT = 1.0  # real s until the frame of a pose counts as unknown
 _SERVER_TIMEOUT = 3.0  # real s until the executor counts as missing; DDS may still be connecting it
 _LONGEST_REASON = 500
@@ -80,22 +80,23 @@ PARAMETERS = (
 )
 
 
-class Tour:
-    """A goal of one of the two actions, and its progress; `loops` is true for FollowWaypoints.
+class WaypointGoal:
+    """A goal of FollowWaypoints (`is_follow_waypoints`) or NavigateThroughPoses, and its progress.
 
     A *leg* is the drive to one waypoint. The legs of all loops are numbered consecutively: `leg` is the
-    current one, `end` the one after the last. `poses` are the waypoints as sent, `goals` by index those that
-    can be driven to, in the node's frame.
+    current one, `end` the one after the last. `poses` are the waypoints as sent, `targets` by index those
+    that can be driven to, in the node's frame.
     """
 
     def __init__(self, handle: ServerGoalHandle, kind: Any) -> None:
-        goal = handle.request
+        request = handle.request
         self.handle, self._kind = handle, kind
-        self.loops = hasattr(goal, "number_of_loops")
-        self.poses: list[PoseStamped] = list(getattr(goal.poses, "goals", goal.poses))  # Goals since Kilted
-        self.goals: dict[int, Pose] = {}
-        self.leg = goal.goal_index if self.loops else 0
-        self.end = len(self.poses) * (1 + goal.number_of_loops if self.loops else 1)
+        self.is_follow_waypoints = loops = hasattr(request, "number_of_loops")
+        poses = getattr(request.poses, "goals", request.poses)  # nav_msgs/Goals since Kilted
+        self.poses: list[PoseStamped] = list(poses)
+        self.targets: dict[int, Pose] = {}
+        self.leg = request.goal_index if loops else 0
+        self.end = len(self.poses) * (1 + request.number_of_loops if loops else 1)
         self._missed: list[tuple[int, int, str]] = []  # waypoint index, error code, reason
         self._start_time = math.nan  # s, by odometry's stamps
         self._pace = 0.0  # predicted s per m along straight lines, for the chains after this one
@@ -108,7 +109,7 @@ class Tour:
 
     def next_legs(self) -> list[int]:
         """Return the legs of the next chain; none at the end."""
-        legs = (leg for leg in range(self.leg, self.end) if self.waypoint_index(leg) in self.goals)
+        legs = (leg for leg in range(self.leg, self.end) if self.waypoint_index(leg) in self.targets)
         return list(itertools.islice(legs, _MAX_CHAIN_STEPS))
 
     def miss(self, index: int, reason: str, *, frame: bool = False) -> tuple[int, str]:
@@ -118,7 +119,7 @@ class Tour:
         """
         reason = printable(reason, _LONGEST_REASON)
         self._missed.append((index, _POSE_TF_ERROR if frame else _POSE_UNKNOWN, reason))
-        if self.loops:
+        if self.is_follow_waypoints:
             return _FW_STOP_ON_MISSED_WAYPOINT, reason
         return _POSES_TF_ERROR if frame else _POSES_UNKNOWN, reason
 
@@ -159,11 +160,11 @@ class Tour:
         `executed` is the feedback of the chain of `legs`, `pose` the robot's in `frame_id`, `now` its stamp.
         """
         self.leg = legs[min(executed.step, len(legs) - 1)]
-        if self.loops:
+        if self.is_follow_waypoints:
             self.handle.publish_feedback(self._kind.Feedback(current_waypoint=self.waypoint_index(self.leg)))
             return
         self._start_time = now if math.isnan(self._start_time) else self._start_time
-        places = [pose, *(self.goals[leg] for leg in range(self.leg, self.end))]
+        places = [pose, *(self.targets[leg] for leg in range(self.leg, self.end))]
         lengths = [start.distance(end) for start, end in itertools.pairwise(places)]
         steps = legs[-1] + 1 - self.leg
         chain, later = sum(lengths[:steps]), sum(lengths[steps:])
@@ -190,7 +191,7 @@ class Tour:
     def finish(self, code: int, reason: str) -> Any:
         """Put the goal into its final state and return its result; without a reason it has succeeded."""
         result = self._kind.Result(error_code=code, error_msg=reason)
-        if self.loops:
+        if self.is_follow_waypoints:
             result.missed_waypoints = [self._missed_waypoint(*missed) for missed in self._missed]
         else:
             self._write_statuses(result)
@@ -252,7 +253,7 @@ class WaypointsNode(Node):
         domain, self._robot = domain_and_robot(settings)
         self._library, self._fence = domain.library(self._robot), fence_of(settings, self._robot)
         self._top, self._frame = driving_top(self._library), settings["frame"]
-        self._tour: Tour | None = None
+        self._active: WaypointGoal | None = None
         self._waiting: list[Future] = []
         self._robot_pose: tuple[float, Pose] | None = None  # with its stamp in s
         self._executor_count, self._shutting_down = 0, False
@@ -271,8 +272,7 @@ class WaypointsNode(Node):
             )
             for kind, name in zip(kinds, ACTIONS.values(), strict=True)
         ]  # fmt: skip
-        self.create_timer(_PERIOD, self._continue_waiting, clock=STEADY)
-        self.create_timer(_PERIOD, self._check_executor, clock=STEADY)
+        self.create_timer(_PERIOD, self._check, clock=STEADY)
         self.get_logger().info(
             f"waypoints in {self._frame} become chains of {self._top.name} (domain {domain.name}, ROS domain "
             f"{self.context.get_domain_id()})"
@@ -287,22 +287,20 @@ class WaypointsNode(Node):
     def _warn(self, text: str) -> None:
         self.get_logger().warning(text, throttle_duration_sec=WARNING_PERIOD)
 
-    def _continue_waiting(self) -> None:
+    def _check(self) -> None:
+        """Continue `_wait_for`; end the goal if the executor is gone, or was restarted and lost the goal."""
         waiting, self._waiting = self._waiting, []
         for future in waiting:
             future.set_result(None)
-
-    def _check_executor(self) -> None:
-        """End the goal if the executor is gone, or was restarted and would never report the result."""
         # DDS lists an executor that was killed for up to 20 s. After a restart two are listed.
         previous = max(self._executor_count, 1)
         self._executor_count = self.count_services("execute_chain/_action/send_goal")
-        if self._tour is None:
+        if self._active is None:
             return
         if not self._chains.server_is_ready():
-            self._tour.abandon(Outcome.INPUT_LOST, _NO_EXECUTOR)
+            self._active.abandon(Outcome.INPUT_LOST, _NO_EXECUTOR)
         elif self._executor_count > previous:
-            self._tour.abandon(Outcome.INPUT_LOST, _RESTARTED)
+            self._active.abandon(Outcome.INPUT_LOST, _RESTARTED)
 
     async def _wait_for(self, condition: Callable[[], bool], timeout: float) -> bool:
         """Wait until a condition holds, `timeout` real s at most; return whether it does."""
@@ -313,34 +311,34 @@ class WaypointsNode(Node):
         return condition()
 
     async def _execute(self, kind: Any, handle: ServerGoalHandle) -> Any:
-        tour = Tour(handle, kind)
-        code, reason = await self._read(tour)
+        goal = WaypointGoal(handle, kind)
+        code, reason = await self._read(goal)
         if not reason and not handle.is_cancel_requested:
-            previous, self._tour = self._tour, tour
-            code, reason = await self._execute_chains(tour)
-            if self._tour is tour:
-                self._tour = None
+            previous, self._active = self._active, goal
+            code, reason = await self._execute_chains(goal)
+            if self._active is goal:
+                self._active = None
             if previous is not None:
                 previous.cancel()  # the executor continues its chain if it refused the new one
         if handle.is_cancel_requested:
             code, reason = 0, "canceled by the client"
-        self.get_logger().info(f"goal ended: {reason or tour.summary()}")
-        return tour.finish(code, reason)
+        self.get_logger().info(f"goal ended: {reason or goal.summary()}")
+        return goal.finish(code, reason)
 
-    async def _read(self, tour: Tour) -> tuple[int, str]:
+    async def _read(self, goal: WaypointGoal) -> tuple[int, str]:
         """Read the poses; return error code and reason if the goal cannot be used, else 0 and ""."""
-        request, count = tour.handle.request, len(tour.poses)
+        request, count = goal.handle.request, len(goal.poses)
         if getattr(request, "behavior_tree", ""):
             reason = f"behavior_tree: expected none, got {quoted(request.behavior_tree)}"
             return _POSES_FAILED_TO_LOAD_BEHAVIOR_TREE, reason
-        if tour.leg >= count:
-            code = _FW_NO_VALID_WAYPOINTS if tour.loops else _POSES_UNKNOWN
+        if goal.leg >= count:
+            code = _FW_NO_VALID_WAYPOINTS if goal.is_follow_waypoints else _POSES_UNKNOWN
             if not count:
                 return code, "poses: expected at least 1 pose"
-            return code, f"goal_index: expected less than {count}, got {tour.leg}"
-        used = {tour.waypoint_index(leg) for leg in range(tour.leg, min(tour.end, tour.leg + count))}
+            return code, f"goal_index: expected less than {count}, got {goal.leg}"
+        used = {goal.waypoint_index(leg) for leg in range(goal.leg, min(goal.end, goal.leg + count))}
         with suppress(MessageError):  # reading the pose reports it
-            frames = {plain_frame(tour.poses[index].header.frame_id) for index in used}
+            frames = {plain_frame(goal.poses[index].header.frame_id) for index in used}
             frames -= {"", plain_frame(self._frame)}
             await self._wait_for(
                 lambda: all(self._tf.base(self._frame, each) for each in frames), _TF_TIMEOUT
@@ -348,14 +346,14 @@ class WaypointsNode(Node):
         end = 0, ""
         for index in sorted(used):
             try:
-                tour.goals[index] = self._goal(tour.poses[index], f"poses[{index}]")
+                goal.targets[index] = self._target(goal.poses[index], f"poses[{index}]")
             except MessageError as error:
                 self._warn(str(error))
-                end = tour.miss(index, str(error), frame=isinstance(error, FrameError))
-        continues = tour.goals and tour.loops and not self._settings["stop_on_failure"]
+                end = goal.miss(index, str(error), frame=isinstance(error, FrameError))
+        continues = goal.targets and goal.is_follow_waypoints and not self._settings["stop_on_failure"]
         return (0, "") if continues else end
 
-    def _goal(self, stamped: PoseStamped, where: str) -> Pose:
+    def _target(self, stamped: PoseStamped, where: str) -> Pose:
         """Read a pose into the node's frame; raises MessageError, also if it lies outside the fence."""
         pose, other = pose_from(stamped.pose, f"{where}.pose"), stamped.header.frame_id
         if (origin := self._tf.base(self._frame, other)) is not None:
@@ -370,62 +368,63 @@ class WaypointsNode(Node):
     def _call(self, pose: Pose, *, free: bool = False) -> TopCall:
         return TopCall(self._top, self._library.goal(self._top, pose), _FREE if free else frozenset())
 
-    def _chain(self, tour: Tour, legs: Sequence[int]) -> ChainMessage:
-        count, calls = len(tour.poses), []
+    def _chain(self, goal: WaypointGoal, legs: Sequence[int]) -> ChainMessage:
+        count, calls = len(goal.poses), []
         kept = {index % count for index in self._settings["keep_headings"] if -count <= index < count}
         for leg in legs:
-            index = tour.waypoint_index(leg)
-            calls.append(self._call(tour.goals[index], free=index not in kept and leg < tour.end - 1))
+            index = goal.waypoint_index(leg)
+            calls.append(self._call(goal.targets[index], free=index not in kept and leg < goal.end - 1))
         return chain_of(TopChain(tuple(calls)), action_set="", frame=self._frame)
 
-    async def _execute_chains(self, tour: Tour) -> tuple[int, str]:
+    async def _execute_chains(self, goal: WaypointGoal) -> tuple[int, str]:
         """Execute a goal chain by chain; return error code and reason, or 0 and "" after the last chain."""
-        unknown = _FW_UNKNOWN if tour.loops else _POSES_UNKNOWN
-        while legs := tour.next_legs():
+        unknown = _FW_UNKNOWN if goal.is_follow_waypoints else _POSES_UNKNOWN
+        while legs := goal.next_legs():
             if not await self._wait_for(self._chains.server_is_ready, _SERVER_TIMEOUT):
                 return unknown, _NO_EXECUTOR
-            if reason := self._interruption(tour):
+            if reason := self._interruption(goal):
                 return unknown, reason
-            result = await tour.send(self._chains, self._chain(tour, legs), partial(self._report, tour, legs))
+            result = await goal.send(self._chains, self._chain(goal, legs), partial(self._report, goal, legs))
             outcome = result.outcome
             if outcome.code == Outcome.SUCCEEDED:
-                tour.leg = legs[-1] + 1
+                goal.leg = legs[-1] + 1
                 continue
-            if reason := self._interruption(tour):
+            if reason := self._interruption(goal):
                 return unknown, reason
             if outcome.code == Outcome.REFUSED:
                 return unknown, printable(outcome.reason, _LONGEST_REASON)
             reached = [each.step for each in result.record.actions if each.outcome.code == Outcome.SUCCEEDED]
-            tour.leg = legs[min(max(reached, default=-1) + 1, len(legs) - 1)]
-            index = tour.waypoint_index(tour.leg)
-            end = tour.miss(index, f"poses[{index}]: {outcome.reason}")
-            if outcome.code != Outcome.FAILED or not tour.loops or self._settings["stop_on_failure"]:
+            goal.leg = legs[min(max(reached, default=-1) + 1, len(legs) - 1)]
+            index = goal.waypoint_index(goal.leg)
+            end = goal.miss(index, f"poses[{index}]: {outcome.reason}")
+            continues = goal.is_follow_waypoints and not self._settings["stop_on_failure"]
+            if outcome.code != Outcome.FAILED or not continues:
                 return end
-            tour.leg += 1
+            goal.leg += 1
         return 0, ""
 
-    def _interruption(self, tour: Tour) -> str:
+    def _interruption(self, goal: WaypointGoal) -> str:
         """Return why a goal ends though no waypoint was missed; empty if it continues."""
         if self._shutting_down:
             return _SHUTDOWN
-        if tour is not self._tour:
+        if goal is not self._active:
             return "a newer goal took over"
-        return "canceled" if tour.handle.is_cancel_requested else ""
+        return "canceled" if goal.handle.is_cancel_requested else ""
 
-    def _report(self, tour: Tour, legs: Sequence[int], message: Any) -> None:
-        if tour is self._tour and tour.handle.is_active and self._robot_pose is not None:
-            tour.publish_feedback(legs, message.feedback, *self._robot_pose, self._frame)
+    def _report(self, goal: WaypointGoal, legs: Sequence[int], message: Any) -> None:
+        if goal is self._active and goal.handle.is_active and self._robot_pose is not None:
+            goal.publish_feedback(legs, message.feedback, *self._robot_pose, self._frame)
 
     def _cancel(self, handle: ServerGoalHandle) -> CancelResponse:
-        if self._tour is not None and self._tour.handle is handle:
-            self._tour.cancel()
+        if self._active is not None and self._active.handle is handle:
+            self._active.cancel()
         return CancelResponse.ACCEPT
 
     def stop(self) -> None:
         """Cancel the chain and end the goal, before the node ends."""
         self._shutting_down = True
-        if self._tour is not None:
-            self._tour.abandon(Outcome.SHUTDOWN, _SHUTDOWN)
+        if self._active is not None:
+            self._active.abandon(Outcome.SHUTDOWN, _SHUTDOWN)
         spin_out(self)
 
 

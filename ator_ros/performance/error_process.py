@@ -21,7 +21,10 @@ from ator_ros.schema import Within, require
 _MOST_EPISODES = 300  # episodes kept, evenly spaced: more hardly change the result, and make a request slower
 _CLIPPED_AT, _NEIGHBORS = 4.0, 7
 """Standard deviations from the median of similar episodes at which an error is clipped, as an accident."""
-_LEAST_SIGNAL = 0.5  # least deviation of the process over that of the errors: a few may show none by chance
+_LEAST_SIGNAL_RATIO = 0.5
+"""Least ratio of `ErrorProcess.signal` to the standard deviation of the errors that it is fitted to.
+
+Without it, a few episodes whose errors do not depend on the features by chance give almost no uncertainty."""
 _LENGTHS = (0.2, 1.0)  # least and greatest length of the process in standard deviations of a single feature
 _DIGITS = 4
 _Positive = Annotated[float, Within(1e-9)]
@@ -86,7 +89,7 @@ class ErrorProcess:
 
     def _kernel(self, one: FloatArray, other: FloatArray) -> FloatArray:
         """Return the Matérn kernel (3/2) of points (n, k) and (m, k), shape (n, m)."""
-        # The squared distances; as a product of matrices they take a third of the time of `_squares`.
+        # The squared distances; as a product of matrices they take a third of the time of differences.
         squares = np.square(one).sum(axis=1)[:, None] + np.square(other).sum(axis=1) - 2.0 * one @ other.T
         scaled: FloatArray = np.sqrt(3.0 * np.maximum(squares, 0.0)) / self.length
         return np.asarray(self.signal**2 * (1.0 + scaled) * np.exp(-scaled))
@@ -106,7 +109,7 @@ def fit_error_process(names: Sequence[str], features: FloatArray, errors: FloatA
     points = np.round((features - center) / scale, _DIGITS)
     spread = _spread(errors)
     shortest, longest = (length * np.sqrt(len(names)) for length in _LENGTHS)
-    signal = ConstantKernel(spread**2, ((_LEAST_SIGNAL * spread) ** 2, (10.0 * spread) ** 2))
+    signal = ConstantKernel(spread**2, ((_LEAST_SIGNAL_RATIO * spread) ** 2, (10.0 * spread) ** 2))
     kernel = signal * Matern(0.5 * longest, (shortest, longest), nu=1.5)
     noise = WhiteKernel(spread**2, ((0.2 * spread) ** 2, (3.0 * spread) ** 2))
     with warnings.catch_warnings():  # results at a bound are intended
@@ -133,12 +136,8 @@ def _spread(errors: FloatArray) -> float:
 def _clipped(errors: FloatArray, points: FloatArray) -> FloatArray:
     """Return the errors (n,), each at most `_CLIPPED_AT` deviations off the median of similar episodes."""
     count = min(_NEIGHBORS, len(errors))
-    nearest = np.argpartition(_squares(points, points), count - 1, axis=1)[:, :count]
+    squares = np.square(points[:, None] - points).sum(axis=2)
+    nearest = np.argpartition(squares, count - 1, axis=1)[:, :count]
     usual = np.median(errors[nearest], axis=1)
     most = _CLIPPED_AT * _spread(errors)
     return np.asarray(errors.clip(usual - most, usual + most))
-
-
-def _squares(one: FloatArray, other: FloatArray) -> FloatArray:
-    """Return the squared distances of points (n, k) and (m, k), shape (n, m)."""
-    return np.asarray(np.square(one[:, None] - other[None]).sum(axis=2))

@@ -456,11 +456,8 @@ def allowed_changes(
 ) -> list[dict[str, float]]:
     """Return, step by step, the goal variables that `refined` changes, with their new values.
 
-    Raises
-    ------
-    InvalidChainError
-        It has other steps or goal variables than `plan`, it changes a variable that `plan` does not open or
-        that a condition binds, or a value is not in the variable's range.
+    Raises InvalidChainError if it has other steps or goal variables than `plan`, it changes a variable that
+    `plan` does not open or that a condition binds, or a value is not in the variable's range.
     """
     if [call.top for call in plan.calls] != [call.top for call in refined.calls]:
         raise InvalidChainError("expected the steps of the question")

@@ -22,6 +22,9 @@ LEAST_WEIGHT, MOST_WEIGHT = 1e-6, 1e6
 class Objective:
     """Weights of the measures; the cost of a chain is the weighted sum over its actions.
 
+    Raises RefinementError for an unknown measure, for a weight that is neither 0 nor from LEAST_WEIGHT to
+    MOST_WEIGHT, and if no weight is above 0.
+
     Attributes
     ----------
     weights : mapping
@@ -29,12 +32,6 @@ class Objective:
         in s per m. By default only duration counts.
     where_predicted : frozenset of str
         Measures that count only for models that predict them; models must predict the others.
-
-    Raises
-    ------
-    RefinementError
-        An unknown measure, a weight that is neither 0 nor from LEAST_WEIGHT to MOST_WEIGHT, or no weight
-        above 0.
     """
 
     weights: Mapping[str, float] = field(default_factory=lambda: {"duration": 1.0})

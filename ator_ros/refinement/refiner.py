@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from ator_ros.actions.goal_variables import direct_name, with_values
 from ator_ros.geometry import FloatArray
 from ator_ros.refinement import RefinementError
-from ator_ros.refinement.chain_prediction import ChainModel, ChainPrediction, PredictsPerformance
+from ator_ros.refinement.chain_prediction import ChainModel, ChainPrediction, PredictsPerformance, route_fault
 from ator_ros.refinement.free_variables import (
     Analysis,
     FreeVariable,
@@ -150,6 +150,8 @@ class Refiner:
     ) -> Refinement:
         """Find the best free variables of `chain` from the state `world`; the gate decides about the change.
 
+        Raises RefinementError if the chain is empty or too long, or no candidate has a finite prediction.
+
         Parameters
         ----------
         world, chain
@@ -161,11 +163,6 @@ class Refiner:
         deadline : callable, optional
             Returns whether time is up; then the answer is the best chain found until then. Placeholders whose
             naive value has not been computed keep their values.
-
-        Raises
-        ------
-        RefinementError
-            A chain is empty or too long, or no candidate has a finite prediction.
         """
         objective = objective if objective is not None else expected_time(self.failure_cost)
         analysis, regions = self.bounded(world, chain)
@@ -174,7 +171,7 @@ class Refiner:
         names = names_of(chain, analysis.free)
         model = ChainModel(world, chain, self.robot, models=self.models, names=names, objective=objective)
         if not analysis.free:
-            return self._left_alone(chain, analysis, model)
+            return self._left_alone(world, chain, analysis, model)
         if deadline():
             compared = model.compare(model.given, model.given)
             optimum = unsearched(model.given, compared[0].cost)
@@ -189,7 +186,8 @@ class Refiner:
             compared = model.compare(model.given, optimum.values)
         if not math.isfinite(optimum.cost):
             raise RefinementError(
-                "expected a finite prediction for some candidate, got none: check the distances"
+                route_fault(world, chain, self.robot)
+                or "expected a finite prediction for some candidate, got none: check the distances"
             )
         return self._answer(world, chain, analysis, model, optimum, compared)
 
@@ -237,17 +235,17 @@ class Refiner:
                 continue
             if not math.isfinite(optimum.cost):
                 top = chain.calls[index].top.name
-                raise RefinementError(f"step {index + 1} ({top}): expected a finite prediction, got none")
+                raise RefinementError(
+                    route_fault(world, part, self.robot)
+                    or f"step {index + 1} ({top}): expected a finite prediction, got none"
+                )
             chain = replaced(chain, index, dict(zip(names[index], optimum.values[0], strict=True)))
         return chain
 
     def bounded(self, world: World, chain: TopChain) -> tuple[Analysis, Regions]:
         """Return the free variables of `chain`, bounded by experience and regions, and the regions.
 
-        Raises
-        ------
-        RefinementError
-            The chain is empty or too long.
+        Raises RefinementError if the chain is empty or too long.
         """
         if not 1 <= len(chain.calls) <= LONGEST_CHAIN:
             raise RefinementError(f"chain: expected 1 to {LONGEST_CHAIN} actions, got {len(chain.calls)}")
@@ -306,12 +304,14 @@ class Refiner:
             comparison=comparison,
         )
 
-    def _left_alone(self, chain: TopChain, analysis: Analysis, model: ChainModel) -> Refinement:
+    def _left_alone(self, world: World, chain: TopChain, analysis: Analysis, model: ChainModel) -> Refinement:
         """Return the answer if no variable is free."""
         prediction = model.predict()
         reason = "nothing is open: the plan commits to every goal variable"
         if any(call.open for call in chain.calls):
             reason = f"nothing is free: {_described(chain, analysis.not_free)}"
+        if not math.isfinite(prediction.cost) and (fault := route_fault(world, chain, self.robot)):
+            reason += f"; {fault}"
         return Refinement(
             False,
             reason + self._remarks(chain, analysis, ()),
@@ -399,17 +399,14 @@ def choose(
 ) -> Selection:
     """Refine each of `chains` and choose the best; after the deadline, chains are only predicted.
 
+    Raises RefinementError with the reason for each chain if none can be used.
+
     Parameters
     ----------
     refiner, world, objective, placeholders, deadline
         As for `Refiner.refine`.
     chains : sequence of TopChain or str
         The chains, or why one cannot be used. A chain that is no valid plan from `world` is skipped.
-
-    Raises
-    ------
-    RefinementError
-        None of them can be used; the message has the reason for each.
     """
     judged: list[Judged] = []
     for chain in chains:

@@ -108,6 +108,8 @@ def search(
 ) -> Optimum:
     """Find the values of all free variables with the least cost of the whole chain.
 
+    Raises NoCandidateError if no tested point is allowed, and no values are given.
+
     Parameters
     ----------
     step_cost : callable
@@ -121,11 +123,6 @@ def search(
     deadline : callable, optional
         Once it has passed, subgoals that have not been searched keep their given values. Without given
         values, all first candidates are evaluated nevertheless.
-
-    Raises
-    ------
-    NoCandidateError
-        No tested point is allowed, and no values are given.
     """
     free = [0, *map(len, axes), 0]
     beside = [bool(free[index] or free[index + 2]) for index in range(len(axes))]

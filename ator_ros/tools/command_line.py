@@ -13,6 +13,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from pathlib import Path
 
 from ator_ros.actions import DEFAULT_SET
+from ator_ros.compiled import is_cached
 from ator_ros.domains.domain import Domain, DomainError, domain_for
 from ator_ros.evaluation.toolset import ToolsetSource
 from ator_ros.evaluation.trials import EvaluationError
@@ -166,6 +167,8 @@ def run_tool(
     """
     words = list(sys.argv[1:] if argv is None else argv)
     options = parser.parse_args(words)
+    if not is_cached():
+        print(f"{parser.prog}: first start: compiling, which takes up to a minute", file=sys.stderr)
     try:
         domain = domain_for(options.domain, options.robot).on_map(options.map)
     except (DomainError, FileError) as error:

@@ -106,10 +106,7 @@ def map_of_grid(
 ) -> GridMap:
     """Return the map of an OccupancyGrid, whose `data` are row by row percent, or -1 where unknown.
 
-    Raises
-    ------
-    FileError
-        `data` has another size, or no cell is free.
+    Raises FileError if `data` has another size, or no cell is free.
     """
     values = np.asarray(data, dtype=np.int16)
     if values.size != width * height or not 0 < values.size <= _MOST_CELLS:
@@ -122,10 +119,7 @@ def map_of_grid(
 def load_map(path: Path | str) -> GridMap:
     """Read the map that a YAML file of map_server describes.
 
-    Raises
-    ------
-    FileError
-        The file or its image cannot be used; the message names file and field.
+    Raises FileError, which names file and field, if the file or its image cannot be used.
     """
     file = Path(path)
     try:

@@ -10,7 +10,7 @@ from maps import hall, write_map
 
 from ator_ros.actions.base import Goal, Status
 from ator_ros.domains.domain import find_domain
-from ator_ros.domains.stand_ins import PursueStandIn
+from ator_ros.domains.stand_ins import PursuitStandIn
 from ator_ros.evaluation.trials import random_trial
 from ator_ros.examples.navfn import NavFn
 from ator_ros.examples.pursuit import Pursuit
@@ -69,7 +69,7 @@ def test_the_server_drives_through_doors_in_the_middle() -> None:
     assert ROUTES.clearance(*path.T).min() > 0.25
     with Simulation(ROBOT) as simulation:
         place(simulation, World(0.0, RobotState(start)))
-        done = run_action(simulation, PursueStandIn(ROBOT), Goal(goal), time_limit=90.0)
+        done = run_action(simulation, PursuitStandIn(ROBOT), Goal(goal), time_limit=90.0)
         end = simulation.world().robot.pose
     assert done.status is Status.SUCCEEDED
     assert end.distance(goal) < 0.2

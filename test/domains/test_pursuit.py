@@ -9,7 +9,7 @@ import pytest
 
 from ator_ros.actions.base import Goal, Status
 from ator_ros.domains.domain import find_domain
-from ator_ros.domains.stand_ins import PursueStandIn
+from ator_ros.domains.stand_ins import PursuitStandIn
 from ator_ros.examples.pursuit import Pursuit
 from ator_ros.examples.rotate_drive_rotate import Phase, State
 from ator_ros.geometry import Pose
@@ -33,7 +33,7 @@ def test_durations_agree_with_drives_of_nav2() -> None:
             )
             place(simulation, World(0.0, RobotState(start)))
             before = simulation.time
-            done = run_action(simulation, PursueStandIn(ROBOT), Goal(goal))
+            done = run_action(simulation, PursuitStandIn(ROBOT), Goal(goal))
             assert done.status is Status.SUCCEEDED
             errors.append(simulation.time - before - float(row["duration_s"]))
     assert np.mean(np.abs(errors)) < 0.2

@@ -8,7 +8,7 @@ import pytest
 from chain_client import ChainClient, call
 from conftest import Host, Start
 from experience_rows import route_drives
-from maps import hall
+from maps import hall_map
 from nav_msgs.msg import OccupancyGrid
 from refinement_requests import refine
 from ros_client import Client
@@ -26,8 +26,8 @@ from ator_ros.world.grid_map import GridMap
 
 pytestmark = pytest.mark.node
 BUILDING = find_domain("building")
-WALL = GridMap("/map", hall(), 0.05, Pose(-6.0, -4.0, 0.0))
-EMPTY = GridMap("/map", hall(wall=False), 0.05, Pose(-6.0, -4.0, 0.0))
+WALL = hall_map("/map")
+EMPTY = hall_map("/map", wall=False)
 
 
 @pytest.fixture

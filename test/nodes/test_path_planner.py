@@ -13,7 +13,7 @@ from chain_client import call
 from conftest import Host
 from experience_rows import route_drives
 from geometry_msgs.msg import PoseStamped
-from maps import hall
+from maps import hall_map
 from nav2_interfaces import provide_nav2_msgs
 from process import Process
 from rclpy.action import ActionServer, GoalResponse
@@ -28,11 +28,11 @@ from ator_ros.geometry import Pose
 from ator_ros.nodes.messages import pose_of
 from ator_ros.performance.model_file import load_model, save_model
 from ator_ros.performance.training import train
-from ator_ros.world.grid_map import GridMap, save_map
+from ator_ros.world.grid_map import save_map
 from ator_ros.world.messages import pose_from
 
 pytestmark = pytest.mark.node
-WALL = GridMap("map.yaml", hall(), 0.05, Pose(-6.0, -4.0, 0.0))
+WALL = hall_map("map.yaml")
 DOMAIN = find_domain("pursuit").on_map(WALL)
 ROBOT = DOMAIN.robot()
 DRIVES = route_drives(ROBOT, 60, seed=1).assign(action="pursue")
@@ -105,7 +105,11 @@ def test_refinement_asks_it_once_for_each_pair_of_places_and_recovers_when_it_do
     serve(accepts=False)
     assert "/compute_path_to_pose rejected the goal" in refine(client, request()).reason
     serve(finds=0)
-    assert not refine(client, request()).accepted
+    without_path = "step 1 (visit): expected a place in reach of x -3.00 m, y 0.00 m, on the map"
+    assert without_path in refine(client, request()).reason
+    nothing_open = request()
+    nothing_open.chain.calls[0].open = []
+    assert without_path in refine(client, nothing_open).reason
     planned = serve()
     for _ in range(2):
         answer = refine(client, request())

@@ -3,33 +3,21 @@
 import sys
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import Mock, call
 
 import pytest
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Goals
 
-from ator_ros.nodes.waypoints import Tour
+from ator_ros.nodes.waypoints import WaypointGoal
 
 POSES = [PoseStamped() for _ in range(3)]
 
 
-class Handle(SimpleNamespace):
-    """A goal's handle that keeps its final state."""
-
-    is_cancel_requested = False
-    state = ""
-
-    def abort(self) -> None:
-        self.state = "aborted"
-
-    def succeed(self) -> None:
-        self.state = "succeeded"
-
-
-def tour(request: Any, **result: Any) -> Tour:
-    """Return a tour whose results have these fields."""
+def waypoint_goal(request: Any, **result: Any) -> WaypointGoal:
+    """Return a goal whose results have these fields."""
     kind = SimpleNamespace(Result=lambda **fields: SimpleNamespace(**result, **fields))
-    return Tour(Handle(request=request), kind)  # type: ignore[arg-type]
+    return WaypointGoal(Mock(request=request, is_cancel_requested=False), kind)
 
 
 @pytest.fixture(autouse=True)
@@ -38,18 +26,18 @@ def later(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_each_pose_has_a_status() -> None:
-    through = tour(SimpleNamespace(poses=Goals(goals=POSES)), waypoint_statuses=[])
+    through = waypoint_goal(SimpleNamespace(poses=Goals(goals=POSES)), waypoint_statuses=[])
     through.leg = 1
     code, reason = through.miss(1, "blocked")
     statuses = through.finish(code, reason).waypoint_statuses
-    assert (code, through.handle.state) == (9100, "aborted")
+    assert (code, through.handle.method_calls) == (9100, [call.abort()])
     assert [each.waypoint_status for each in statuses] == [1, 3, 0]
     assert (statuses[1].error_code, statuses[1].error_msg) == (9000, "blocked")
 
 
 def test_a_missed_waypoint_has_a_reason() -> None:
-    follow = tour(SimpleNamespace(poses=POSES, number_of_loops=0, goal_index=0))
+    follow = waypoint_goal(SimpleNamespace(poses=POSES, number_of_loops=0, goal_index=0))
     follow.miss(2, "blocked")
     (missed,) = follow.finish(0, "").missed_waypoints
-    assert follow.handle.state == "succeeded"
+    assert follow.handle.method_calls == [call.succeed()]
     assert (missed.waypoint_index, missed.waypoint_status, missed.error_msg) == (2, 3, "blocked")

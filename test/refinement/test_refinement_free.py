@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from maps import hall
+from maps import hall_map
 from refinement_fakes import (
     ALL,
     ANGLE,
@@ -32,7 +32,6 @@ from ator_ros.refinement.refiner import Refiner
 from ator_ros.tops.chain import EVERYTHING, TopCall, TopChain
 from ator_ros.tops.conditions import Condition
 from ator_ros.tops.ranges import USUAL_RANGES, Range
-from ator_ros.world.grid_map import GridMap
 from ator_ros.world.state import RobotState, World
 
 
@@ -135,7 +134,7 @@ def test_soccer_is_limited_to_its_field_and_learned_speeds() -> None:
 
 
 def test_a_free_place_is_searched_where_the_robot_has_room_on_its_map() -> None:
-    domain = find_domain("tour").on_map(GridMap("hall", hall(), 0.05, Pose(-6.0, -4.0, 0.0)))
+    domain = find_domain("tour").on_map(hall_map())
     robot = domain.robot()
     library = domain.library(robot)
     stop, end = (library.goal(library["visit"], Pose(x, 0.5, 0.0)) for x in (-3.0, -2.0))
