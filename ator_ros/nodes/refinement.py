@@ -52,6 +52,7 @@ from ator_ros.refinement.search import Deadline, no_deadline
 from ator_ros.robot.description import Robot
 from ator_ros.tops.conditions import state_variables
 from ator_ros.tops.library import TopLibrary
+from ator_ros.world.grid_map import is_planned
 from ator_ros.world.messages import MessageError, count, pose_from, world_from
 
 PARAMETERS = (
@@ -104,10 +105,7 @@ class RefinementNode(Node):
         self._use(domain, robot)
         self._fence = fence_of(self._settings, robot)
         self._ranges = self._fence.narrowed(domain.ranges, robot)  # places are searched inside the fence
-        self._sets = LearnedSets(
-            self, domain, self._libraries, self._settings,
-            warm_up=lambda library, read: warm_up_refinement(library, self._refiner(read, Gate())),
-        )  # fmt: skip
+        self._sets = LearnedSets(self, domain, self._libraries, self._settings, self._warm_up)
         follow_map(self, self._settings, domain, robot, self._take_map)
         self._goals = domain.goals(robot)
         self._variables = state_variables(domain.objects, holder=robot.holder is not None)
@@ -130,6 +128,18 @@ class RefinementNode(Node):
             f"refining chains for {robot.name} (domain {domain.name}, ROS domain "
             f"{self.context.get_domain_id()}); {self._sets.startup_text()}; {policy}"
         )
+
+    def _warm_up(self, library: TopLibrary, read: ModelSet) -> None:
+        """Compile what refinement needs, and warn of models that were learned on other routes."""
+        warm_up_refinement(library, self._refiner(read, Gate()))
+        grid = self._robot.grid
+        learned = {str(model.metadata["training"].get("map", "")) for model in read.models.values()} - {""}
+        for other in sorted(learned):
+            if grid is not None and is_planned(other) != is_planned(str(grid)):
+                self.get_logger().warning(
+                    f"action set {library.action_set}: models were learned on the map {other}, but are used "
+                    f"on {grid}: set the parameter planner if, and only if, they were learned with it"
+                )
 
     def _use(self, domain: Domain, robot: Robot) -> None:
         self._domain, self._robot = domain, robot

@@ -38,6 +38,14 @@ class _MapFile:
     mode: Annotated[str, Must("trinary", lambda mode: mode == "trinary")] = "trinary"
 
 
+_PATHS_OF = ", paths of "
+
+
+def is_planned(text: str) -> bool:
+    """Return whether the text of a map, see `GridMap.__str__`, names a planner."""
+    return _PATHS_OF in text
+
+
 @dataclass(frozen=True, eq=False)
 class GridMap:
     """A grid of cells: free, or else occupied or unknown. Maps are equal if name and content are."""
@@ -46,7 +54,7 @@ class GridMap:
     free: BoolArray  # shape (rows, columns), the first row at the origin
     resolution: float  # m; side of a cell
     origin: Pose  # outer corner of the first cell, and the direction of its row
-    planner: Planner | None = None  # plans the routes of drives, instead of our own search
+    planner: Planner | None = None  # plans the routes of drives, instead of `Routes`
 
     def __post_init__(self) -> None:
         """Raise FileError if the map is not plausible."""
@@ -63,10 +71,10 @@ class GridMap:
         # Origins in messages are rounded: their yaw is that of a quaternion.
         numbers = np.round([*self.free.shape, self.resolution, *self.origin], 6) + 0.0
         digest = hashlib.sha256(numbers.tobytes() + self.free.tobytes()).hexdigest()[:8]
-        return f"{self.name} ({digest}{'' if self.planner is None else f', paths of {self.planner}'})"
+        return f"{self.name} ({digest}{'' if self.planner is None else f'{_PATHS_OF}{self.planner}'})"
 
     def __str__(self) -> str:
-        """Return the name and a digest of the content."""
+        """Return the name, a digest of the content, and the name of the planner, if there is one."""
         return self._text
 
     def __eq__(self, other: object) -> bool:

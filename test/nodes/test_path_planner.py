@@ -44,6 +44,7 @@ def models(tmp_path: Path) -> Path:
     """Return a folder with a map, and a model that was learned on it."""
     save_map(WALL, tmp_path)
     model = train("pursue", DRIVES, ROBOT, features=DOMAIN.candidates("pursue"))
+    model.metadata["training"] = {"map": str(WALL)}
     save_model(tmp_path / "pursue.json", model)
     return tmp_path
 
@@ -98,7 +99,8 @@ def test_refinement_asks_it_once_for_each_pair_of_places_and_recovers_when_it_do
     host: Host, client: Client, models: Path, serve: Callable[..., Planned]
 ) -> None:
     parameters = {"domain": "pursuit", "models": models, "map": models / "map.yaml", "frame": "map"}
-    host("refinement", planner="compute_path_to_pose", deadline=20.0, **parameters)
+    node = host("refinement", planner="compute_path_to_pose", deadline=20.0, **parameters)
+    assert f"models were learned on the map {WALL}, but are used on" in node.output
     assert "planner: expected the action server /compute_path_to_pose, got none" in (
         refine(client, request()).reason
     )
