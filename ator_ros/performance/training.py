@@ -52,6 +52,7 @@ predictions that are too low."""
 _FASTER_SHARE, _FASTER_BY = 0.05, 0.25
 """An action does not follow its path if this share of its drives is faster than their paths by that share of
 the median duration."""
+_GONE = 0.05  # m; a robot that is nearer to the start, or to the end, of its drive turns there
 _NEAR_GOAL = 0.5  # m; closer to a goal its bearing does not matter, and terms are not fitted to such drives
 OUTCOMES = {"success": "success", "accuracy": "position_error", "heading": "heading_error"}
 """The column of an experience table for each measure except the duration."""
@@ -105,7 +106,7 @@ def train(
     table = partial(features_of, robot=robot, features=features, driving=driving)
     durations = good_starts["duration"].to_numpy(dtype=float)
     good = table(good_starts)
-    duration, errors = duration_tree(good, durations)
+    duration, errors = duration_tree(good, durations, phases_of(rows, good_starts))
     success = _success_tree(starts["success"].to_numpy(dtype=float), table(starts))
     trees = {"duration": duration, "success": success}
     for measure in ("accuracy", "heading"):
@@ -164,21 +165,37 @@ def features_of(
     return pd.DataFrame(table, columns=list(names_of(features)))
 
 
-def duration_tree(table: pd.DataFrame, durations: FloatArray) -> tuple[ModelTree, FloatArray]:
+def phases_of(rows: pd.DataFrame, starts: pd.DataFrame) -> FloatArray:
+    """Return how long robots turned before they drove, drove, and turned at the end, in s, shape (n, 3).
+
+    NaN for drives of which the experience `rows` have no more than the `starts`.
+    """
+    first, last = (rows.groupby("episode")[["x", "y"]].transform(which) for which in ("first", "last"))
+    gone, left = (np.hypot(rows["x"] - place["x"], rows["y"] - place["y"]) > _GONE for place in (first, last))
+    before = rows[gone].groupby("episode")["t"].first().reindex(starts["episode"]).to_numpy()
+    until = rows[left].groupby("episode")["t"].last().reindex(starts["episode"]).to_numpy()
+    after = starts["duration"].to_numpy(dtype=float) - until
+    return np.stack([before, until - before, after], axis=1)
+
+
+def duration_tree(
+    table: pd.DataFrame, durations: FloatArray, phases: FloatArray | None = None
+) -> tuple[ModelTree, FloatArray]:
     """Return a tree of durations (n,) in s, and its errors in cross-validation: actual less predicted, in s.
 
     If the time of the path is among the features, the tree predicts the difference of both times: linear
     models of whole durations would fall below the path time where there is hardly room, and a search selects
     such predictions. It predicts the whole duration of an action that does not follow its path to the end,
     such as a shot. If the robot stands at both ends, it predicts the difference to a sum of rising terms,
-    which has no jumps at thresholds that a search could exploit.
+    which has no jumps at thresholds that a search could exploit; `phases` as for `rising_terms`.
     """
     if _PATH not in table:
         tree, errors = _best_learning(table, durations, _unbased, extrapolation=1.0)
     elif _stands(table):
         rising = rising_in(table.columns)
         basic = table[[*rising, "route_time" if _LENGTH in rising else _PATH]]
-        tree, errors = _best_learning(basic, durations, _on_terms, leaf=_SMALL_LEAF, folds=_FOLDS)
+        on_terms = partial(_on_terms, phases=phases)
+        tree, errors = _best_learning(basic, durations, on_terms, leaf=_SMALL_LEAF, folds=_FOLDS)
     else:
         late = durations - table[_PATH].to_numpy()
         faster = np.quantile(late, _FASTER_SHARE, method="lower") < -_FASTER_BY * np.median(durations)
@@ -203,25 +220,31 @@ def _drives(table: pd.DataFrame) -> BoolArray:
     return far if far.sum() >= LEAST_EPISODES else np.full(len(far), True)
 
 
-_Base = Callable[[pd.DataFrame, FloatArray], tuple[tuple[Hinge, ...], FloatArray]]
-"""Returns the terms that fit durations, and the target (n,) of the tree: durations less these terms."""
+_Base = Callable[[pd.DataFrame, FloatArray, BoolArray], tuple[tuple[Hinge, ...], FloatArray]]
+"""Returns the terms that fit some of the drives (n,), and the target of the tree: their durations less these
+terms."""
 
 
-def _unbased(_: pd.DataFrame, durations: FloatArray) -> tuple[tuple[Hinge, ...], FloatArray]:
-    return (), durations
+def _unbased(_: pd.DataFrame, durations: FloatArray, some: BoolArray) -> tuple[tuple[Hinge, ...], FloatArray]:
+    return (), durations[some]
 
 
-def _on_path(table: pd.DataFrame, durations: FloatArray) -> tuple[tuple[Hinge, ...], FloatArray]:
-    late = durations - table[_PATH].to_numpy()
+def _on_path(
+    table: pd.DataFrame, durations: FloatArray, some: BoolArray
+) -> tuple[tuple[Hinge, ...], FloatArray]:
+    late = (durations - table[_PATH].to_numpy())[some]
     usual = float(np.median(late))
     spread = float(np.median(np.abs(late - usual)))
     return (Hinge(_PATH, 0.0, 1.0),), np.maximum(late, usual - _CLIPPED_AT * spread)
 
 
-def _on_terms(table: pd.DataFrame, durations: FloatArray) -> tuple[tuple[Hinge, ...], FloatArray]:
-    drives = _drives(table)
-    base = rising_terms(table[drives], durations[drives])
-    return base, durations - sum_of(base, table)
+def _on_terms(
+    table: pd.DataFrame, durations: FloatArray, some: BoolArray, *, phases: FloatArray | None
+) -> tuple[tuple[Hinge, ...], FloatArray]:
+    used = np.flatnonzero(some)[_drives(table[some])]
+    of_phases = None if phases is None or np.isnan(phases[used]).any() else phases[used]
+    base = rising_terms(table.iloc[used], durations[used], of_phases)
+    return base, (durations - sum_of(base, table))[some]
 
 
 def _best_learning(
@@ -242,11 +265,11 @@ def _best_learning(
     ]
     for number in range(folds):
         held = fold == number
-        base, target = base_of(table[~held], durations[~held])
+        base, target = base_of(table, durations, ~held)
         values = durations[held] - sum_of(base, table[held])
         for at, learner in enumerate(learners):
             errors[at, held] = values - learner.fit(table[~held], target).predict(table[held])
-    base, target = base_of(table, durations)
+    base, target = base_of(table, durations, np.full(len(durations), True))
     best = int(np.argmin(np.abs(errors).sum(axis=1)))
     tree: ModelTree = learners[best].fit(table, target).tree_
     return dataclasses.replace(tree, base=base), errors[best]
