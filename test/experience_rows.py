@@ -69,6 +69,23 @@ def dead_zone_drives(count: int, *, seed: int, noise: float = 0.12) -> pd.DataFr
     return rows.assign(time_to_go=duration, duration=duration, success=True)
 
 
+def irregular_drives(count: int, *, seed: int, noise: float) -> pd.DataFrame:
+    """Return drives by `dead_zone_time`, of which only the way between both turns has noise (s)."""
+    starts = dead_zone_drives(count, seed=seed, noise=0.0)
+    x, y, xg, yg = (starts[name].to_numpy() for name in ("x", "y", "xg", "yg"))
+    straight = starts.assign(yaw=np.arctan2(yg - y, xg - x), yawg=np.arctan2(yg - y, xg - x))
+    before = 0.5 + dead_zone_time({**starts, "yawg": straight["yawg"]}) - dead_zone_time(straight)
+    way = np.hypot(xg - x, yg - y) / 0.6
+    way = np.maximum(way + np.random.default_rng(seed).normal(0.0, noise, count), 0.1)
+    after = starts["duration"] - before - np.hypot(xg - x, yg - y) / 0.6
+    duration = before + way + after
+    rows = []
+    for t, share in ((0.0 * way, 0.0), (before, 0.2), (before + way, 0.8), (before + way + 0.5 * after, 1.0)):
+        place = {"x": x + share * (xg - x), "y": y + share * (yg - y)}
+        rows.append(starts.assign(t=t, time_to_go=duration - t, duration=duration, **place))
+    return pd.concat(rows).sort_values(["episode", "t"], ignore_index=True)
+
+
 def route_drives(robot: Robot, count: int, *, seed: int, noise: float = 0.0) -> pd.DataFrame:
     """Return drives from rest in the hall with a wall; their durations follow from their routes."""
     rows, routes = dead_zone_drives(count, seed=seed), routes_of(robot)

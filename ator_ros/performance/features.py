@@ -96,7 +96,27 @@ PATHS = (
 )
 """Time of and angle turned on the fastest path that the action was observed to drive; see `Geometry.path`."""
 
-GENERAL: dict[str, Feature] = {feature.name: feature for feature in (*PAPER_11, *SIGNED, *PATHS)}
+
+def _of_drive(geometry: Geometry) -> FloatArray:
+    """Return the features of the drive between both turns, shape (4, n)."""
+    dist, to, at = geometry.rows[[DIST, ANGLE_TO, ANGLE_AT]]
+    backward = to > geometry.backward_above
+    return np.stack(
+        [np.where(backward, np.pi - angle, angle) for angle in (to, at)] + [backward, backward * dist]
+    )
+
+
+OF_DRIVE = (
+    Feature("angle_to_drive", "rad", variables(_POSES), lambda g: g.once(_of_drive)[0]),
+    Feature("angle_after_drive", "rad", variables(_POSES), lambda g: g.once(_of_drive)[1]),
+    Feature("backward", "", variables(_POSES), lambda g: g.once(_of_drive)[2]),
+    Feature("dist_backward", "m", variables(_POSES), lambda g: g.once(_of_drive)[3]),
+)
+"""Turns before and after a drive that is backward above an angle, see `DrivingStyle.backward_above`.
+
+Candidates for the durations of such actions, see `ator_ros.performance.training.for_durations`."""
+
+GENERAL: dict[str, Feature] = {feature.name: feature for feature in (*PAPER_11, *SIGNED, *PATHS, *OF_DRIVE)}
 """The features that every domain has, by name."""
 
 CANDIDATES: tuple[Feature, ...] = (*PAPER_3, *SIGNED, *PATHS)

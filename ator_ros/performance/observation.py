@@ -17,7 +17,7 @@ import pandas as pd
 from ator_ros.geometry import BoolArray, FloatArray
 from ator_ros.motion.durations import rates_of
 from ator_ros.motion.shapes import Rules
-from ator_ros.performance.derived import Geometry
+from ator_ros.performance.derived import ANGLE_TO, Geometry
 from ator_ros.performance.direct import DIRECT_VARIABLES
 from ator_ros.performance.driving import (
     RUNS,
@@ -35,6 +35,7 @@ _CHANGE_QUANTILE = 0.95  # of the accelerations, whose noise is larger: taken as
 _LEAST_SAMPLES = 10  # for a quantile
 _LEAST_SHARE = 0.05  # of the base's limit; smaller quantiles are noise, not limits
 _BACKWARD = (-0.1, 0.01)  # m/s, and the share of rows that are faster backward in an action that drives so
+_FAR, _UNCLEAR = 0.5, 0.02  # m from the goal; share of the drives that no angle to the destination explains
 _TURNING = 0.1  # share of the greatest turn rate above which the robot turns
 _SPEEDS: FloatArray = np.array([0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.65, 0.8, 1.0])
 _CHANGES: FloatArray = np.array([-1.0, -0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75, 1.0])
@@ -74,8 +75,23 @@ def observed_driving(rows: pd.DataFrame, robot: Robot) -> DrivingStyle:
     free = starts if holding.all() else starts[~holding]
     ends = _geometry(free, robot).ends
     drives = chosen_shapes(free_shapes(limits), Rules(rates_of(limits)), ends, hold=0.0)
-    driving = DrivingStyle(limits, drives)
+    driving = DrivingStyle(limits, drives, backward_above=_backward_above(rows, starts, robot))
     return _best_approach(driving, starts[holding], robot) if holding.any() else driving
+
+
+def _backward_above(rows: pd.DataFrame, starts: pd.DataFrame, robot: Robot) -> float:
+    """Return the angle in rad to the destination above which almost all drives are backward; else pi."""
+    backward = (rows.groupby("episode")["v"].mean().reindex(starts["episode"]) < 0.0).to_numpy()
+    geometry = _geometry(starts, robot)
+    order = np.argsort(geometry.rows[ANGLE_TO])
+    order = order[geometry.dist[order] > _FAR]
+    angles, backward = geometry.rows[ANGLE_TO][order], backward[order]
+    # How many drives each border would put on the wrong side; it lies before the angle with its index.
+    wrong = np.append(0, np.cumsum(backward)) + np.append(np.cumsum(~backward[::-1])[::-1], 0)
+    border = int(np.argmin(wrong))
+    if not 0 < border < len(angles) or wrong[border] > _UNCLEAR * len(angles):
+        return math.pi
+    return float(angles[border - 1 : border + 1].mean())
 
 
 def _geometry(starts: pd.DataFrame, robot: Robot, driving: DrivingStyle | None = None) -> Geometry:

@@ -20,6 +20,14 @@ from ator_ros.performance.tree.nodes import Hinge
 _ANGLES: FloatArray = np.radians([0.0, 10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 75.0, 90.0, 120.0, 150.0])
 RISING: dict[str, FloatArray] = {"dist": np.zeros(1), "angle_to_dest": _ANGLES, "angle_at_dest": _ANGLES}
 """Features that durations rise with, and where each may bend, in m and rad. Thresholds are mostly small."""
+_BACKWARD_TOO: dict[str, FloatArray] = {
+    "dist": np.zeros(1),
+    "dist_backward": np.zeros(1),
+    "backward": np.zeros(1),
+    "angle_to_drive": _ANGLES,
+    "angle_after_drive": _ANGLES,
+}
+"""Those of an action that drives backward above an angle."""
 _ON_MAP: dict[str, FloatArray] = {
     "route_length": np.zeros(1),
     "route_turn": np.zeros(1),
@@ -33,8 +41,10 @@ _CLIPPED_AT, _ROUNDS = 3.0, 3
 
 
 def rising_in(names: Container[str]) -> dict[str, FloatArray]:
-    """Return `RISING`, or those of a map if they are among the features `names`."""
-    return _ON_MAP if "route_length" in names else RISING
+    """Return the features that durations rise with: `RISING`, unless there are others among `names`."""
+    if "route_length" in names:
+        return _ON_MAP
+    return _BACKWARD_TOO if "dist_backward" in names else RISING
 
 
 def sum_of(base: tuple[Hinge, ...], table: pd.DataFrame) -> FloatArray:

@@ -21,6 +21,7 @@ from ator_ros.performance.error_process import fit_error_process
 from ator_ros.performance.features import (
     CANDIDATES,
     GENERAL,
+    OF_DRIVE,
     PATHS,
     ROUTE_ANGLE_AT,
     Feature,
@@ -103,18 +104,19 @@ def train(
             f"got {len(good_starts)} of {len(starts)}{''.join(without_routes(rows, robot, features))}"
         )
     driving = observed_driving(rows, robot) if set(features) & set(PATHS) else None
-    table = partial(features_of, robot=robot, features=features, driving=driving)
+    table = partial(features_of, robot=robot, driving=driving)
     durations = good_starts["duration"].to_numpy(dtype=float)
-    good = table(good_starts)
+    of_durations = for_durations(features, good_starts, driving)
+    good = table(good_starts, features=of_durations)
     duration, errors = duration_tree(good, durations, phases_of(rows, good_starts))
-    success = _success_tree(starts["success"].to_numpy(dtype=float), table(starts))
+    success = _success_tree(starts["success"].to_numpy(dtype=float), table(starts, features=features))
     trees = {"duration": duration, "success": success}
     for measure in ("accuracy", "heading"):
         values = good_starts[OUTCOMES[measure]].to_numpy(dtype=float)
         known = np.isfinite(values)
         if known.sum() >= LEAST_EPISODES:
-            trees[measure] = small_tree(good[known], values[known])
-    named = {feature.name: feature for feature in features}
+            trees[measure] = small_tree(good.loc[known, list(names_of(features))], values[known])
+    named = {feature.name: feature for feature in of_durations}
     names = error_features(duration, named)
     counted = _drives(good) if _stands(good) else np.full(len(good), True)
     return PerformanceModel(
@@ -150,6 +152,17 @@ def without_routes(rows: pd.DataFrame, robot: Robot, features: Sequence[Feature]
     found = routed(rows[rows["t"] == 0.0], robot, features)
     text = "have no route on the map and are left out: is it the map of these drives, in their frame?"
     return [] if found.all() else [f": {(~found).sum()} of {len(found)} episodes {text}"]
+
+
+def for_durations(
+    features: Sequence[Feature], starts: pd.DataFrame, driving: DrivingStyle | None
+) -> tuple[Feature, ...]:
+    """Return the candidates for durations: `features`, and those of drives that may be backward.
+
+    The latter only if the action, whose episodes have these `starts`, drives from rest to rest.
+    """
+    both = driving is not None and driving.backward_above < math.pi and _is_at_rest(starts)
+    return (*features, *OF_DRIVE) if both else tuple(features)
 
 
 def error_features(tree: ModelTree, known: Container[str]) -> list[str]:

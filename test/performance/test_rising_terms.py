@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pandas as pd
 import pytest
-from experience_rows import dead_zone_drives, dead_zone_time
+from experience_rows import dead_zone_drives, dead_zone_time, irregular_drives
 
 from ator_ros.domains.domain import find_domain
 from ator_ros.evaluation.trials import random_trial
@@ -47,6 +47,16 @@ def test_drives_that_begin_at_their_goals_hide_no_threshold() -> None:
     along = {"x": -2.0, "y": 0.0, "v": 0.0, "w": 0.0, "xg": 2.0, "yg": 0.0, "speedg": 0.0, "hold": 0.0}
     direct = {**along, "yaw": 0.0, "yawg": np.radians([0.0, 10.0, 40.0])}
     assert learned.predict(direct).duration == pytest.approx(dead_zone_time(direct), abs=0.12)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_fifty_whole_drives_show_the_dead_zone_though_the_way_takes_irregularly_long(seed: int) -> None:
+    learned = train("drive_to", irregular_drives(50, seed=seed, noise=0.8), ROBOT)
+    along = {"x": -2.0, "y": 0.0, "v": 0.0, "w": 0.0, "xg": 2.0, "yg": 0.0, "speedg": 0.0, "hold": 0.0}
+    headings = np.radians([0.0, 30.0, 60.0, 90.0, 150.0])
+    for direct in ({**along, "yaw": headings, "yawg": 0.0}, {**along, "yaw": 0.0, "yawg": headings}):
+        found, true = learned.predict(direct).duration, dead_zone_time(direct)
+        assert found - found[0] == pytest.approx(true - true[0], abs=0.25)
 
 
 def test_the_distance_from_the_goal_at_which_an_action_stops_is_learned() -> None:
