@@ -10,7 +10,7 @@ import pandas as pd
 
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience.table import columns
-from ator_ros.geometry import wrap_angles
+from ator_ros.geometry import FloatArray, wrap_angles
 from ator_ros.motion.routes import routes_of
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.training import train
@@ -69,21 +69,38 @@ def dead_zone_drives(count: int, *, seed: int, noise: float = 0.12) -> pd.DataFr
     return rows.assign(time_to_go=duration, duration=duration, success=True)
 
 
-def irregular_drives(count: int, *, seed: int, noise: float) -> pd.DataFrame:
-    """Return drives by `dead_zone_time`, of which only the way between both turns has noise (s)."""
+def irregular_drives(
+    count: int, *, seed: int, noise: float, backward_above: float = math.pi
+) -> tuple[pd.DataFrame, FloatArray]:
+    """Return drives of which only the way between both turns has noise (s), and their starts' true times.
+
+    They take `dead_zone_time`. Above an angle (rad) to the goal they are backward, at 0.4 instead of 0.6 m/s.
+    """
     starts = dead_zone_drives(count, seed=seed, noise=0.0)
-    x, y, xg, yg = (starts[name].to_numpy() for name in ("x", "y", "xg", "yg"))
-    straight = starts.assign(yaw=np.arctan2(yg - y, xg - x), yawg=np.arctan2(yg - y, xg - x))
-    before = 0.5 + dead_zone_time({**starts, "yawg": straight["yawg"]}) - dead_zone_time(straight)
-    way = np.hypot(xg - x, yg - y) / 0.6
-    way = np.maximum(way + np.random.default_rng(seed).normal(0.0, noise, count), 0.1)
-    after = starts["duration"] - before - np.hypot(xg - x, yg - y) / 0.6
-    duration = before + way + after
-    rows = []
-    for t, share in ((0.0 * way, 0.0), (before, 0.2), (before + way, 0.8), (before + way + 0.5 * after, 1.0)):
-        place = {"x": x + share * (xg - x), "y": y + share * (yg - y)}
-        rows.append(starts.assign(t=t, time_to_go=duration - t, duration=duration, **place))
-    return pd.concat(rows).sort_values(["episode", "t"], ignore_index=True)
+    dx, dy = starts["xg"] - starts["x"], starts["yg"] - starts["y"]
+    path, way = np.arctan2(dy, dx), np.hypot(dx, dy)
+    backward = np.abs(wrap_angles(path - starts["yaw"])) > backward_above
+    turned = starts.assign(yaw=starts["yaw"] + math.pi * backward, yawg=starts["yawg"] + math.pi * backward)
+    before = (
+        0.5 + dead_zone_time({**turned, "yawg": path}) - dead_zone_time({**turned, "yaw": path, "yawg": path})
+    )
+    driving = way / np.where(backward, 0.4, 0.6)
+    after = dead_zone_time(turned) - before - way / 0.6
+    irregular = np.maximum(driving + np.random.default_rng(seed).normal(0.0, noise, count), 0.1)
+    duration, rows = before + irregular + after, []
+    ends = before + irregular
+    for t, share, moves in (
+        (0.0 * ends, 0.0, 0.0),
+        (before, 0.2, 1.0),
+        (ends, 0.8, 1.0),
+        (ends + 0.5 * after, 1.0, 0.0),
+    ):
+        place = {"x": starts["x"] + share * dx, "y": starts["y"] + share * dy}
+        v = moves * np.where(backward, -0.4, 0.6)
+        rows.append(starts.assign(t=t, v=v, time_to_go=duration - t, duration=duration, **place))
+    return pd.concat(rows).sort_values(["episode", "t"], ignore_index=True), (
+        before + driving + after
+    ).to_numpy()
 
 
 def route_drives(robot: Robot, count: int, *, seed: int, noise: float = 0.0) -> pd.DataFrame:
