@@ -38,7 +38,7 @@ from ator_ros.performance.model_file import (
     models_folder,
     save_model,
 )
-from ator_ros.performance.training import error_features, for_durations, observed_arrival, routed
+from ator_ros.performance.training import duration_features, error_features, observed_arrival, routed
 from ator_ros.robot.description import Robot
 from ator_ros.world.grid_map import GridMap
 
@@ -70,7 +70,7 @@ def _improved(
         driving = plain_driving(robot) if set(features) & set(PATHS) else None
     present = [current] if current is not None else []
     former = {name: model for name, model in former.items() if model.driving == driving}
-    of_durations = for_durations(features, rows[rows["success"]], driving)
+    of_durations = duration_features(features, rows[rows["success"]], driving)
     known = {feature.name: feature for feature in of_durations}
     for model in (*former.values(), *present):
         known |= model.features

@@ -19,15 +19,17 @@ from ator_ros.performance.tree.nodes import Hinge
 
 _ANGLES: FloatArray = np.radians([0.0, 10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 75.0, 90.0, 120.0, 150.0])
 RISING: dict[str, FloatArray] = {"dist": np.zeros(1), "angle_to_dest": _ANGLES, "angle_at_dest": _ANGLES}
-"""Features that durations rise with, and where each may bend, in m and rad. Thresholds are mostly small."""
-_BACKWARD_TOO: dict[str, FloatArray] = {
+"""Features that durations rise with, and where each may bend, in m and rad. Thresholds are mostly small.
+
+The first is the distance, the last two are the turns before and after the straight; so in those below."""
+_EITHER_DIRECTION: dict[str, FloatArray] = {
     "dist": np.zeros(1),
     "dist_backward": np.zeros(1),
     "backward": np.zeros(1),
-    "angle_to_drive": _ANGLES,
-    "angle_after_drive": _ANGLES,
+    "angle_to_straight": _ANGLES,
+    "angle_after_straight": _ANGLES,
 }
-"""Those of an action that drives backward above an angle."""
+"""The same for an action that drives backward above an angle."""
 _ON_MAP: dict[str, FloatArray] = {
     "route_length": np.zeros(1),
     "route_turn": np.zeros(1),
@@ -38,13 +40,14 @@ _ON_MAP: dict[str, FloatArray] = {
 _TERM_COST = 0.75  # of a segment in the corrected error; more makes shorter rules, which refine less well
 _CLIPPED_AT, _ROUNDS = 3.0, 3
 """Standard deviations at which residuals are clipped, in rounds: now and then a drive takes much longer."""
+_SAMPLING, _ROUNDING = 0.1, 1e-9  # s between the rows of drives; slopes that are rounded zeros
 
 
 def rising_in(names: Container[str]) -> dict[str, FloatArray]:
     """Return the features that durations rise with: `RISING`, unless there are others among `names`."""
     if "route_length" in names:
         return _ON_MAP
-    return _BACKWARD_TOO if "dist_backward" in names else RISING
+    return _EITHER_DIRECTION if "dist_backward" in names else RISING
 
 
 def sum_of(base: tuple[Hinge, ...], table: pd.DataFrame) -> FloatArray:
@@ -56,24 +59,24 @@ def sum_of(base: tuple[Hinge, ...], table: pd.DataFrame) -> FloatArray:
 
 
 def rising_terms(
-    table: pd.DataFrame, durations: FloatArray, phases: FloatArray | None = None
+    table: pd.DataFrame, durations: FloatArray, parts: FloatArray | None = None
 ) -> tuple[Hinge, ...]:
     """Return the terms that fit durations (n,) in s best, without the constant.
 
-    If the phases of all drives are known, shape (n, 3), see `phases_of`, the terms of each phase are found
-    alone: fifty drives then show at which angle an action turns first, whatever else makes durations vary.
-    `table` has the features `rising_in`.
+    If the times of the parts of all drives are known, shape (n, 3), see `parts_of_drives`, the terms of each
+    part are found alone: fifty drives then show at which angle an action turns first, whatever else makes
+    durations vary. `table` has the features `rising_in`.
     """
     rising = rising_in(table.columns)
-    if phases is None:
-        return tuple(Hinge(*at, slope) for at, slope in _fitted(table, rising, durations).items())
-    *_, to, there = rising
-    parts = {to: rising[to]}, rising, {there: rising[there]}
+    *_, first, last = rising
+    fits = [(rising, durations)]
+    if parts is not None:
+        fits = [*zip(({first: rising[first]}, rising, {last: rising[last]}), parts.T, strict=True)]
     slopes = {(name, float(bend)): 0.0 for name, bends in rising.items() for bend in bends}
-    for part, times in zip(parts, phases.T, strict=True):
-        for at, slope in _fitted(table, part, times).items():
-            slopes[at] += slope
-    return tuple(Hinge(*at, slope) for at, slope in slopes.items() if slope)
+    for features, times in fits:
+        for at, change in _fitted(table, features, times).items():
+            slopes[at] += change
+    return tuple(Hinge(*at, slope) for at, slope in slopes.items() if abs(slope) > _ROUNDING)
 
 
 _Bend = tuple[str, float]  # feature and place of a change of slope
@@ -91,7 +94,8 @@ def _fitted(table: pd.DataFrame, rising: dict[str, FloatArray], durations: Float
     for _ in range(_ROUNDS):
         fitted = centered @ nnls(centered, target)[0]
         error = target - fitted
-        most = _CLIPPED_AT * 1.4826 * float(np.median(np.abs(error - np.median(error))))
+        spread = 1.4826 * float(np.median(np.abs(error - np.median(error))))
+        most = max(_CLIPPED_AT * spread, _SAMPLING)
         target = fitted + np.clip(error, -most, most)
         target -= target.mean()
     factor: FloatArray = np.asarray(np.linalg.qr(np.column_stack([centered, target]), mode="r"))

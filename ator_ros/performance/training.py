@@ -21,7 +21,7 @@ from ator_ros.performance.error_process import fit_error_process
 from ator_ros.performance.features import (
     CANDIDATES,
     GENERAL,
-    OF_DRIVE,
+    OF_STRAIGHT,
     PATHS,
     ROUTE_ANGLE_AT,
     Feature,
@@ -30,7 +30,7 @@ from ator_ros.performance.features import (
     names_of,
 )
 from ator_ros.performance.model import UNOBSERVED, Arrival, AtGoal, PerformanceModel, narrowed
-from ator_ros.performance.observation import observed_driving
+from ator_ros.performance.observation import observed_driving, parts_of_drives
 from ator_ros.performance.rising_terms import rising_in, rising_terms, sum_of
 from ator_ros.performance.tree.model_tree import ModelTreeRegressor
 from ator_ros.performance.tree.nodes import Hinge, ModelTree
@@ -53,7 +53,6 @@ predictions that are too low."""
 _FASTER_SHARE, _FASTER_BY = 0.05, 0.25
 """An action does not follow its path if this share of its drives is faster than their paths by that share of
 the median duration."""
-_GONE = 0.05  # m; a robot that is nearer to the start, or to the end, of its drive turns there
 _NEAR_GOAL = 0.5  # m; closer to a goal its bearing does not matter, and terms are not fitted to such drives
 OUTCOMES = {"success": "success", "accuracy": "position_error", "heading": "heading_error"}
 """The column of an experience table for each measure except the duration."""
@@ -106,9 +105,9 @@ def train(
     driving = observed_driving(rows, robot) if set(features) & set(PATHS) else None
     table = partial(features_of, robot=robot, driving=driving)
     durations = good_starts["duration"].to_numpy(dtype=float)
-    of_durations = for_durations(features, good_starts, driving)
+    of_durations = duration_features(features, good_starts, driving)
     good = table(good_starts, features=of_durations)
-    duration, errors = duration_tree(good, durations, phases_of(rows, good_starts))
+    duration, errors = duration_tree(good, durations, parts_of_drives(rows, good_starts))
     success = _success_tree(starts["success"].to_numpy(dtype=float), table(starts, features=features))
     trees = {"duration": duration, "success": success}
     for measure in ("accuracy", "heading"):
@@ -154,15 +153,20 @@ def without_routes(rows: pd.DataFrame, robot: Robot, features: Sequence[Feature]
     return [] if found.all() else [f": {(~found).sum()} of {len(found)} episodes {text}"]
 
 
-def for_durations(
+def duration_features(
     features: Sequence[Feature], starts: pd.DataFrame, driving: DrivingStyle | None
 ) -> tuple[Feature, ...]:
-    """Return the candidates for durations: `features`, and those of drives that may be backward.
+    """Return the candidates for durations: `features`, and `OF_STRAIGHT` if straights may be backward.
 
-    The latter only if the action, whose episodes have these `starts`, drives from rest to rest.
+    The latter only without a map, and if the action, whose episodes have these `starts`, drives from rest to
+    rest.
     """
-    both = driving is not None and driving.backward_above < math.pi and _is_at_rest(starts)
-    return (*features, *OF_DRIVE) if both else tuple(features)
+    may_reverse = (
+        driving is not None and driving.backward_above < math.pi and _LENGTH not in names_of(features)
+    )
+    if may_reverse and _is_at_rest(starts):
+        return tuple(dict.fromkeys((*features, *OF_STRAIGHT)))
+    return tuple(features)
 
 
 def error_features(tree: ModelTree, known: Container[str]) -> list[str]:
@@ -178,21 +182,8 @@ def features_of(
     return pd.DataFrame(table, columns=list(names_of(features)))
 
 
-def phases_of(rows: pd.DataFrame, starts: pd.DataFrame) -> FloatArray:
-    """Return how long robots turned before they drove, drove, and turned at the end, in s, shape (n, 3).
-
-    NaN for drives of which the experience `rows` have no more than the `starts`.
-    """
-    first, last = (rows.groupby("episode")[["x", "y"]].transform(which) for which in ("first", "last"))
-    gone, left = (np.hypot(rows["x"] - place["x"], rows["y"] - place["y"]) > _GONE for place in (first, last))
-    before = rows[gone].groupby("episode")["t"].first().reindex(starts["episode"]).to_numpy()
-    until = rows[left].groupby("episode")["t"].last().reindex(starts["episode"]).to_numpy()
-    after = starts["duration"].to_numpy(dtype=float) - until
-    return np.stack([before, until - before, after], axis=1)
-
-
 def duration_tree(
-    table: pd.DataFrame, durations: FloatArray, phases: FloatArray | None = None
+    table: pd.DataFrame, durations: FloatArray, parts: FloatArray | None = None
 ) -> tuple[ModelTree, FloatArray]:
     """Return a tree of durations (n,) in s, and its errors in cross-validation: actual less predicted, in s.
 
@@ -200,14 +191,15 @@ def duration_tree(
     models of whole durations would fall below the path time where there is hardly room, and a search selects
     such predictions. It predicts the whole duration of an action that does not follow its path to the end,
     such as a shot. If the robot stands at both ends, it predicts the difference to a sum of rising terms,
-    which has no jumps at thresholds that a search could exploit; `phases` as for `rising_terms`.
+    which has no jumps at thresholds that a search could exploit, except where the robot begins to drive
+    backward; `parts` as for `rising_terms`.
     """
     if _PATH not in table:
         tree, errors = _best_learning(table, durations, _unbased, extrapolation=1.0)
     elif _stands(table):
         rising = rising_in(table.columns)
         basic = table[[*rising, "route_time" if _LENGTH in rising else _PATH]]
-        on_terms = partial(_on_terms, phases=phases)
+        on_terms = partial(_on_terms, parts=parts)
         tree, errors = _best_learning(basic, durations, on_terms, leaf=_SMALL_LEAF, folds=_FOLDS)
     else:
         late = durations - table[_PATH].to_numpy()
@@ -238,26 +230,29 @@ _Base = Callable[[pd.DataFrame, FloatArray, BoolArray], tuple[tuple[Hinge, ...],
 terms."""
 
 
-def _unbased(_: pd.DataFrame, durations: FloatArray, some: BoolArray) -> tuple[tuple[Hinge, ...], FloatArray]:
-    return (), durations[some]
+def _unbased(_: pd.DataFrame, durations: FloatArray, mask: BoolArray) -> tuple[tuple[Hinge, ...], FloatArray]:
+    return (), durations[mask]
 
 
 def _on_path(
-    table: pd.DataFrame, durations: FloatArray, some: BoolArray
+    table: pd.DataFrame, durations: FloatArray, mask: BoolArray
 ) -> tuple[tuple[Hinge, ...], FloatArray]:
-    late = (durations - table[_PATH].to_numpy())[some]
+    late = (durations - table[_PATH].to_numpy())[mask]
     usual = float(np.median(late))
     spread = float(np.median(np.abs(late - usual)))
     return (Hinge(_PATH, 0.0, 1.0),), np.maximum(late, usual - _CLIPPED_AT * spread)
 
 
 def _on_terms(
-    table: pd.DataFrame, durations: FloatArray, some: BoolArray, *, phases: FloatArray | None
+    table: pd.DataFrame, durations: FloatArray, mask: BoolArray, *, parts: FloatArray | None
 ) -> tuple[tuple[Hinge, ...], FloatArray]:
-    used = np.flatnonzero(some)[_drives(table[some])]
-    of_phases = None if phases is None or np.isnan(phases[used]).any() else phases[used]
-    base = rising_terms(table.iloc[used], durations[used], of_phases)
-    return base, (durations - sum_of(base, table))[some]
+    used = np.flatnonzero(mask)[_drives(table[mask])]
+    known = used if parts is None else used[np.isfinite(parts[used]).all(axis=1)]
+    if parts is None or len(known) < LEAST_EPISODES:
+        base = rising_terms(table.iloc[used], durations[used])
+    else:
+        base = rising_terms(table.iloc[known], durations[known], parts[known])
+    return base, (durations - sum_of(base, table))[mask]
 
 
 def _best_learning(

@@ -14,7 +14,7 @@ from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.geometry import FloatArray
 from ator_ros.performance.direct import DIRECT_VARIABLES
 from ator_ros.performance.driving import plain_driving
-from ator_ros.performance.features import OF_DRIVE, PAPER_3, PAPER_11, PATHS, Feature, names_of
+from ator_ros.performance.features import OF_STRAIGHT, PAPER_3, PAPER_11, PATHS, Feature, names_of
 from ator_ros.performance.features import feature_table as table_of_features
 from ator_ros.robot.description import Robot, load_robot
 
@@ -129,6 +129,6 @@ def test_paper_features_of_a_known_situation() -> None:
 
 def test_a_drive_backward_turns_from_and_to_the_opposite_headings() -> None:
     direct = {**dict.fromkeys(DIRECT_VARIABLES, 0.0), "xg": 2.0, "yaw": np.array([1.9, 2.5]), "yawg": 3.0}
-    forward, backward = feature_table(direct, ROBOT, names_of(OF_DRIVE))
+    forward, backward = feature_table(direct, ROBOT, names_of(OF_STRAIGHT))
     assert forward == pytest.approx([1.9, 3.0, 0.0, 0.0])
     assert backward == pytest.approx([math.pi - 2.5, math.pi - 3.0, 1.0, 2.0])

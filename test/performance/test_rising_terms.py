@@ -41,6 +41,7 @@ def test_the_rules_show_the_dead_zone_and_nothing_falls(model: PerformanceModel)
 
 def test_drives_that_begin_at_their_goals_hide_no_threshold() -> None:
     rows, near = dead_zone_drives(200, seed=1), dead_zone_drives(40, seed=2)
+    near["episode"] += len(rows)
     near[["x", "y"]] = near[["xg", "yg"]] + 0.01
     near["duration"] = near["time_to_go"] = 0.3
     learned = train("drive_to", pd.concat([rows, near]), ROBOT)
