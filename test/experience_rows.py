@@ -69,38 +69,35 @@ def dead_zone_drives(count: int, *, seed: int, noise: float = 0.12) -> pd.DataFr
     return rows.assign(time_to_go=duration, duration=duration, success=True)
 
 
-def irregular_drives(
+def whole_drives(
     count: int, *, seed: int, noise: float, backward_above: float = math.pi
 ) -> tuple[pd.DataFrame, FloatArray]:
-    """Return drives of which only the way between both turns has noise (s), and their starts' true times.
+    """Return drives at 10 Hz whose straights have noise (s), and their durations (s) without it, shape (n,).
 
-    They take `dead_zone_time`. Above an angle (rad) to the goal they are backward, at 0.4 instead of 0.6 m/s.
+    Turns take as long as in `dead_zone_time`. Above an angle (rad) straights are backward, at 0.4 m/s.
     """
     starts = dead_zone_drives(count, seed=seed, noise=0.0)
     dx, dy = starts["xg"] - starts["x"], starts["yg"] - starts["y"]
-    path, way = np.arctan2(dy, dx), np.hypot(dx, dy)
+    path = np.arctan2(dy, dx)
     backward = np.abs(wrap_angles(path - starts["yaw"])) > backward_above
-    turned = starts.assign(yaw=starts["yaw"] + math.pi * backward, yawg=starts["yawg"] + math.pi * backward)
-    before = (
-        0.5 + dead_zone_time({**turned, "yawg": path}) - dead_zone_time({**turned, "yaw": path, "yawg": path})
-    )
-    driving = way / np.where(backward, 0.4, 0.6)
-    after = dead_zone_time(turned) - before - way / 0.6
-    irregular = np.maximum(driving + np.random.default_rng(seed).normal(0.0, noise, count), 0.1)
-    duration, rows = before + irregular + after, []
-    ends = before + irregular
-    for t, share, moves in (
-        (0.0 * ends, 0.0, 0.0),
-        (before, 0.2, 1.0),
-        (ends, 0.8, 1.0),
-        (ends + 0.5 * after, 1.0, 0.0),
-    ):
-        place = {"x": starts["x"] + share * dx, "y": starts["y"] + share * dy}
-        v = moves * np.where(backward, -0.4, 0.6)
-        rows.append(starts.assign(t=t, v=v, time_to_go=duration - t, duration=duration, **place))
-    return pd.concat(rows).sort_values(["episode", "t"], ignore_index=True), (
-        before + driving + after
-    ).to_numpy()
+    heading = path + math.pi * backward
+    to, at = np.abs(wrap_angles(heading - starts["yaw"])), np.abs(wrap_angles(starts["yawg"] - heading))
+    first = 0.5 + np.maximum(0.0, to - math.pi / 4) / 0.7
+    straight = np.hypot(dx, dy) / np.where(backward, 0.4, 0.6)
+    last = 0.8 + np.maximum(0.0, at - 0.15) / 1.05
+    driven = np.maximum(straight + np.random.default_rng(seed).normal(0.0, noise, count), 0.1)
+    drives = []
+    for index, duration in enumerate(first + driven + last):
+        t = np.arange(0.0, duration, 0.1)
+        share = np.clip((t - first[index]) / driven[index], 0.0, 1.0)
+        v = np.where((share > 0.0) & (share < 1.0), -0.4 if backward[index] else 0.6, 0.0)
+        drives.append(
+            starts.iloc[[index] * len(t)].assign(
+                t=t, x=starts["x"][index] + share * dx[index], y=starts["y"][index] + share * dy[index],
+                v=v, time_to_go=duration - t, duration=duration,
+            )
+        )  # fmt: skip
+    return pd.concat(drives, ignore_index=True), (first + straight + last).to_numpy()
 
 
 def route_drives(robot: Robot, count: int, *, seed: int, noise: float = 0.0) -> pd.DataFrame:

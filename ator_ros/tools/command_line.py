@@ -168,7 +168,7 @@ def run_tool(
     words = list(sys.argv[1:] if argv is None else argv)
     options = parser.parse_args(words)
     if not is_cached():
-        print(f"{parser.prog}: first start: compiling, which takes up to a minute", file=sys.stderr)
+        print(f"{parser.prog}: the first start compiles code, which may take a minute", file=sys.stderr)
     try:
         domain = domain_for(options.domain, options.robot).on_map(options.map)
     except (DomainError, FileError) as error:
