@@ -101,7 +101,7 @@ def test_a_first_start_prints_that_it_compiles_and_an_error_is_one_line(
     monkeypatch.setattr(sys, "stderr", io.TextIOWrapper(raw, "ascii", write_through=True))
     assert train.main(["böse.parquet"]) == 1
     first, error = raw.getvalue().decode("ascii").splitlines()
-    assert first == "train: first start: compiling, which takes up to a minute"
+    assert first == "train: the first start compiles code, which may take a minute"
     assert error.startswith("train: b\\xf6se.parquet: expected a Parquet file")
 
 
