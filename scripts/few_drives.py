@@ -25,12 +25,13 @@ from ator_ros.tools.collect import collect
 from ator_ros.tools.evaluate import evaluate
 from ator_ros.tools.train import train
 
-USERS = {
+UNLEARNED = {
     "fixed": "heading 0",
     "arrive": "bearing of the arrival",
     "face_goal": "bearing of the next goal",
+    "analytic": "path times alone",
 }
-"""Headings without refinement: policies, and their rows in the table."""
+"""Headings without learned models: policies, and their rows in the table."""
 POLICIES = ("naive", "refined", "gated")
 
 
@@ -60,7 +61,7 @@ def measured(domain_name: str, drives: int, work: Path, options: argparse.Namesp
     settings = Settings(
         options.seed,
         next(iter(domain.chains)),
-        (*POLICIES, *USERS) if first else POLICIES,
+        (*POLICIES, *UNLEARNED) if first else POLICIES,
         oracle=options.oracle if first else 0,
         oracle_margin=0.3 if first else None,
         source=source,
@@ -79,7 +80,7 @@ def rows(domain_name: str, summaries: dict[int, dict[str, Any]]) -> Iterator[str
     oracle, naive = summary["oracle"], summary["naive"]
     yield f"| {domain_name} | naive | {naive['mean_duration_s']:.2f} s | | | |"
     yield f"| | oracle | {oracle['mean_duration_s']:.2f} s | {_gain(oracle)} | | |"
-    for policy, meaning in USERS.items():
+    for policy, meaning in UNLEARNED.items():
         yield f"| | {meaning} | {_result(summary[policy])} |"
     for drives, found in sorted(summaries.items()):
         yield f"| | refined, {drives} drives | {_result(found['refined'])} |"

@@ -16,7 +16,7 @@ from ator_ros.evaluation.trials import Trial, open_places, open_speeds, reopened
 from ator_ros.geometry import Pose
 from ator_ros.performance.derived import Geometry
 from ator_ros.performance.driving import DrivingStyle
-from ator_ros.performance.features import PATHS
+from ator_ros.performance.features import PATHS, ROUTE_TIME
 from ator_ros.refinement.chain_prediction import ChainPrediction
 from ator_ros.refinement.refiner import Refinement
 from ator_ros.robot.description import Robot
@@ -37,7 +37,7 @@ Policy = Callable[[Toolset, Trial], Choice]
 
 @dataclass(frozen=True)
 class PathTime:
-    """A performance model that is not learned: the time of the fastest turn-straight-turn path.
+    """A performance model that is not learned: the time of the fastest path or, on a map, of the route.
 
     `driving` is how the action drives; None: all that the base can do.
     """
@@ -49,7 +49,8 @@ class PathTime:
 
     def predict(self, direct: Mapping[str, Any], measures: Any = (), signs: Any = None) -> Any:  # noqa: ARG002
         """Return the duration in s, shape (n,), and an error of 0, as none was measured."""
-        duration = Geometry(direct, self.robot, self.driving).path[0]
+        geometry = Geometry(direct, self.robot, self.driving)
+        duration = geometry.path[0] if self.robot.grid is None else ROUTE_TIME.compute(geometry)
         return SimpleNamespace(duration=duration, error_of_sum=(0.0, 0.0))
 
 

@@ -151,7 +151,7 @@ ROUTE_FEATURES = (
     Feature("route_clearance", "m", variables(_PLACES), lambda g: g.once(_on_route)[2]),
     Feature("route_angle_to", "rad", variables(_POSES), lambda g: g.once(_on_route)[3]),
     ROUTE_ANGLE_AT := Feature("route_angle_at", "rad", variables(_PLACES), lambda g: g.once(_on_route)[4]),
-    Feature("route_time", "s", _MOTION, _route_time),
+    ROUTE_TIME := Feature("route_time", "s", _MOTION, _route_time),
 )
 """The features of the routes on the robot's map."""
 
