@@ -117,10 +117,13 @@ def parts_of_drives(rows: pd.DataFrame, starts: pd.DataFrame) -> FloatArray:
     from_start, from_end = (
         np.hypot(rows["x"] - place["x"], rows["y"] - place["y"]) > _TURNS_WITHIN for place in (first, last)
     )
+    # Three rows in a row: a position that errs by centimeters in one of them does not count.
+    leaves = from_start & from_start.shift(-1, fill_value=False) & from_start.shift(-2, fill_value=False)
+    nears = from_end & from_end.shift(1, fill_value=False) & from_end.shift(2, fill_value=False)
     found = pd.DataFrame(
         {
-            "begin": rows[from_start].groupby("episode")["t"].first(),
-            "end": rows[from_end].groupby("episode")["t"].last(),
+            "begin": rows[leaves].groupby("episode")["t"].first(),
+            "end": rows[nears].groupby("episode")["t"].last(),
             "known": episodes["t"].last(),
         }
     ).reindex(starts["episode"])
