@@ -112,19 +112,16 @@ def parts_of_drives(rows: pd.DataFrame, starts: pd.DataFrame) -> FloatArray:
     starts : pandas.DataFrame, n rows
         The first rows of these drives.
     """
-    episodes = rows.groupby("episode")
-    first, last = (episodes[["x", "y"]].transform(which) for which in ("first", "last"))
-    from_start, from_end = (
-        np.hypot(rows["x"] - place["x"], rows["y"] - place["y"]) > _TURNS_WITHIN for place in (first, last)
-    )
-    # Three rows in a row: a position that errs by centimeters in one of them does not count.
-    leaves = from_start & from_start.shift(-1, fill_value=False) & from_start.shift(-2, fill_value=False)
-    nears = from_end & from_end.shift(1, fill_value=False) & from_end.shift(2, fill_value=False)
+    episode = rows["episode"]
+    # By speeds, as localization corrects positions while the robot stands.
+    steps = rows["v"] * (rows["t"].shift(-1) - rows["t"]).where(episode == episode.shift(-1), 0.0)
+    driven = steps.groupby(episode).cumsum() - steps
+    left = steps.groupby(episode).transform("sum") - driven
     found = pd.DataFrame(
         {
-            "begin": rows[leaves].groupby("episode")["t"].first(),
-            "end": rows[nears].groupby("episode")["t"].last(),
-            "known": episodes["t"].last(),
+            "begin": rows[driven.abs() > _TURNS_WITHIN].groupby("episode")["t"].first(),
+            "end": rows[left.abs() > _TURNS_WITHIN].groupby("episode")["t"].last(),
+            "known": rows.groupby("episode")["t"].last(),
         }
     ).reindex(starts["episode"])
     begin, end, known = found.to_numpy().T
