@@ -10,7 +10,7 @@ import pandas as pd
 
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience.table import columns
-from ator_ros.geometry import wrap_angles
+from ator_ros.geometry import FloatArray, wrap_angles
 from ator_ros.motion.routes import routes_of
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.training import train
@@ -67,6 +67,37 @@ def dead_zone_drives(count: int, *, seed: int, noise: float = 0.12) -> pd.DataFr
     rows = synthetic_experience("drive_to", episodes=count, seed=seed)
     duration = dead_zone_time(rows) + np.random.default_rng(seed).normal(0.0, noise, count)
     return rows.assign(time_to_go=duration, duration=duration, success=True)
+
+
+def whole_drives(
+    count: int, *, seed: int, noise: float, backward_above: float = math.pi
+) -> tuple[pd.DataFrame, FloatArray]:
+    """Return drives at 10 Hz whose straights have noise (s), and their durations (s) without it, shape (n,).
+
+    Turns take as long as in `dead_zone_time`. Above an angle (rad) straights are backward, at 0.4 m/s.
+    """
+    starts = dead_zone_drives(count, seed=seed, noise=0.0)
+    dx, dy = starts["xg"] - starts["x"], starts["yg"] - starts["y"]
+    path = np.arctan2(dy, dx)
+    backward = np.abs(wrap_angles(path - starts["yaw"])) > backward_above
+    heading = path + math.pi * backward
+    to, at = np.abs(wrap_angles(heading - starts["yaw"])), np.abs(wrap_angles(starts["yawg"] - heading))
+    first = 0.5 + np.maximum(0.0, to - math.pi / 4) / 0.7
+    straight = np.hypot(dx, dy) / np.where(backward, 0.4, 0.6)
+    last = 0.8 + np.maximum(0.0, at - 0.15) / 1.05
+    driven = np.maximum(straight + np.random.default_rng(seed).normal(0.0, noise, count), 0.1)
+    drives = []
+    for index, duration in enumerate(first + driven + last):
+        t = np.arange(0.0, duration, 0.1)
+        share = np.clip((t - first[index]) / driven[index], 0.0, 1.0)
+        v = np.where((share > 0.0) & (share < 1.0), -0.4 if backward[index] else 0.6, 0.0)
+        drives.append(
+            starts.iloc[[index] * len(t)].assign(
+                t=t, x=starts["x"][index] + share * dx[index], y=starts["y"][index] + share * dy[index],
+                v=v, time_to_go=duration - t, duration=duration,
+            )
+        )  # fmt: skip
+    return pd.concat(drives, ignore_index=True), (first + straight + last).to_numpy()
 
 
 def route_drives(robot: Robot, count: int, *, seed: int, noise: float = 0.0) -> pd.DataFrame:

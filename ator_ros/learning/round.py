@@ -29,7 +29,7 @@ from ator_ros.learning.sets import (
 )
 from ator_ros.performance.driving import plain_driving
 from ator_ros.performance.error_process import fit_error_process
-from ator_ros.performance.features import PATHS, Feature, declared_by
+from ator_ros.performance.features import PATHS, Feature, declared_by, names_of
 from ator_ros.performance.model import MEASURES, UNOBSERVED, PerformanceModel
 from ator_ros.performance.model_file import (
     RobotMismatchWarning,
@@ -38,7 +38,7 @@ from ator_ros.performance.model_file import (
     models_folder,
     save_model,
 )
-from ator_ros.performance.training import error_features, observed_arrival, routed
+from ator_ros.performance.training import duration_features, error_features, observed_arrival, routed
 from ator_ros.robot.description import Robot
 from ator_ros.world.grid_map import GridMap
 
@@ -70,7 +70,8 @@ def _improved(
         driving = plain_driving(robot) if set(features) & set(PATHS) else None
     present = [current] if current is not None else []
     former = {name: model for name, model in former.items() if model.driving == driving}
-    known = {feature.name: feature for feature in features}
+    of_durations = duration_features(features, rows[rows["success"]], driving)
+    known = {feature.name: feature for feature in of_durations}
     for model in (*former.values(), *present):
         known |= model.features
     data = training_data(rows, robot, tuple(known.values()), driving)
@@ -78,7 +79,7 @@ def _improved(
     verdicts = {
         measure: judge(
             data[measure],
-            [feature.name for feature in features],
+            names_of(of_durations if measure == "duration" else features),
             current=trees.get(measure),
             seen=seen.get(measure, 0),
             former={name: m.trees[measure] for name, m in former.items() if measure in m.trees},

@@ -149,6 +149,11 @@ class Geometry:
         kept: Derived = self._kept[compute]
         return kept
 
+    @property
+    def backward_above(self) -> float:
+        """Angle in rad to the destination above which the action drives backward."""
+        return math.pi if self._driving is None else self._driving.backward_above
+
     @cached_property
     def rows(self) -> FloatArray:
         """The quantities of `BASICS` and those after them, shape (ROWS, n)."""

@@ -40,6 +40,9 @@ class DrivingStyle:
         the run is as long as its change of speed needs.
     passing : float
         Distance in m that a straight drive keeps from the object held at the goal.
+    backward_above : float
+        Angle in rad to the destination above which it drives backward; pi if it never does, or if no angle
+        separates such drives from the others.
     drives, approaches : tuple
         Groups of shapes of paths, the fastest of which counts: to a pose, and to a pose at which the robot
         holds an object. Without approaches, the drives hold for both.
@@ -52,6 +55,7 @@ class DrivingStyle:
     free_heading: bool = False
     run: Annotated[float, Within(0.0)] = 0.0
     passing: Annotated[float, Within(0.0)] = 0.0
+    backward_above: Annotated[float, Within(0.0, math.pi)] = math.pi
 
     def __post_init__(self) -> None:
         """Check the shapes."""

@@ -96,7 +96,29 @@ PATHS = (
 )
 """Time of and angle turned on the fastest path that the action was observed to drive; see `Geometry.path`."""
 
-GENERAL: dict[str, Feature] = {feature.name: feature for feature in (*PAPER_11, *SIGNED, *PATHS)}
+
+def _of_straight(geometry: Geometry) -> FloatArray:
+    """Return the features of the straight between both turns, shape (4, n)."""
+    dist, to, at = geometry.rows[[DIST, ANGLE_TO, ANGLE_AT]]
+    backward = to > geometry.backward_above
+    return np.stack(
+        [np.where(backward, np.pi - angle, angle) for angle in (to, at)] + [backward, backward * dist]
+    )
+
+
+OF_STRAIGHT = (
+    Feature("angle_to_straight", "rad", variables(_POSES), lambda g: g.once(_of_straight)[0]),
+    Feature("angle_after_straight", "rad", variables(_POSES), lambda g: g.once(_of_straight)[1]),
+    Feature("backward", "", variables(_POSES), lambda g: g.once(_of_straight)[2]),
+    Feature("dist_backward", "m", variables(_POSES), lambda g: g.once(_of_straight)[3]),
+)
+"""Turns before and after a straight that is driven backward above an angle, and the part driven backward.
+
+See `DrivingStyle.backward_above`; candidates of `ator_ros.performance.training.duration_features`."""
+
+GENERAL: dict[str, Feature] = {
+    feature.name: feature for feature in (*PAPER_11, *SIGNED, *PATHS, *OF_STRAIGHT)
+}
 """The features that every domain has, by name."""
 
 CANDIDATES: tuple[Feature, ...] = (*PAPER_3, *SIGNED, *PATHS)

@@ -17,7 +17,7 @@ import pandas as pd
 from ator_ros.geometry import BoolArray, FloatArray
 from ator_ros.motion.durations import rates_of
 from ator_ros.motion.shapes import Rules
-from ator_ros.performance.derived import Geometry
+from ator_ros.performance.derived import ANGLE_TO, Geometry
 from ator_ros.performance.direct import DIRECT_VARIABLES
 from ator_ros.performance.driving import (
     RUNS,
@@ -35,12 +35,16 @@ _CHANGE_QUANTILE = 0.95  # of the accelerations, whose noise is larger: taken as
 _LEAST_SAMPLES = 10  # for a quantile
 _LEAST_SHARE = 0.05  # of the base's limit; smaller quantiles are noise, not limits
 _BACKWARD = (-0.1, 0.01)  # m/s, and the share of rows that are faster backward in an action that drives so
+_FAR = 0.5  # m; closer to a goal its bearing does not decide
+_MOST_WRONG = 0.02  # share of the drives on the wrong side of the angle above which they are backward
+_TURNS_WITHIN = 0.05  # m of the start, or of the end, of a drive: there the robot turns
+_MISSING = 0.5  # s at the end of a drive without odometry
 _TURNING = 0.1  # share of the greatest turn rate above which the robot turns
 _SPEEDS: FloatArray = np.array([0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.65, 0.8, 1.0])
 _CHANGES: FloatArray = np.array([-1.0, -0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75, 1.0])
 """Speeds, and changes of speed, for which turn rates are kept; shares of the limits."""
 _SLOWER, _FASTER, _OTHER = 0.04, 0.02, 0.1  # by how much alike turns may differ in speed and in its change
-_FEWEST = 3  # alike turns
+_FEWEST = 3  # alike turns, or drives
 _USUAL = 0.6  # quantile of the rates of alike turns
 _RUN_LENGTHS = (0.0, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5)  # m
 _PASSINGS = (0.0, 0.2, 0.3, 0.35, 0.4, 0.5)  # m
@@ -74,8 +78,57 @@ def observed_driving(rows: pd.DataFrame, robot: Robot) -> DrivingStyle:
     free = starts if holding.all() else starts[~holding]
     ends = _geometry(free, robot).ends
     drives = chosen_shapes(free_shapes(limits), Rules(rates_of(limits)), ends, hold=0.0)
-    driving = DrivingStyle(limits, drives)
+    driving = DrivingStyle(limits, drives, backward_above=_backward_above(rows, starts, robot))
     return _best_approach(driving, starts[holding], robot) if holding.any() else driving
+
+
+def _backward_above(rows: pd.DataFrame, starts: pd.DataFrame, robot: Robot) -> float:
+    """Return the angle in rad to the destination above which almost all drives are backward; else pi."""
+    speeds = rows[rows["t"] > 0.0].groupby("episode")["v"].mean()
+    starts = starts[starts["episode"].isin(speeds.index)]
+    backward = speeds.reindex(starts["episode"]).to_numpy() < 0.0
+    geometry = _geometry(starts, robot)
+    order = np.argsort(geometry.rows[ANGLE_TO])
+    order = order[geometry.dist[order] > _FAR]
+    angles, backward = geometry.rows[ANGLE_TO][order], backward[order]
+    # How many drives each border would put on the wrong side; it lies before the angle with its index.
+    wrong = np.append(0, np.cumsum(backward)) + np.append(np.cumsum(~backward[::-1])[::-1], 0)
+    border = int(np.argmin(wrong))
+    if not _FEWEST <= border <= len(angles) - _FEWEST or wrong[border] > _MOST_WRONG * len(angles):
+        return math.pi
+    return float(angles[border - 1 : border + 1].mean())
+
+
+def parts_of_drives(rows: pd.DataFrame, starts: pd.DataFrame) -> FloatArray:
+    """Return the times of the first turn, the straight and the last turn of each drive in s, shape (n, 3).
+
+    The first turn lasts until the robot is `_TURNS_WITHIN` away from its start, the last one begins when it
+    is as near to its end. NaN where odometry is missing.
+
+    Parameters
+    ----------
+    rows : pandas.DataFrame
+        Experience: the rows of each episode in the order of time.
+    starts : pandas.DataFrame, n rows
+        The first rows of these drives.
+    """
+    episode = rows["episode"]
+    # By speeds, as localization corrects positions while the robot stands.
+    steps = rows["v"] * (rows["t"].shift(-1) - rows["t"]).where(episode == episode.shift(-1), 0.0)
+    driven = steps.groupby(episode).cumsum() - steps
+    left = steps.groupby(episode).transform("sum") - driven
+    found = pd.DataFrame(
+        {
+            "begin": rows[driven.abs() > _TURNS_WITHIN].groupby("episode")["t"].first(),
+            "end": rows[left.abs() > _TURNS_WITHIN].groupby("episode")["t"].last(),
+            "known": rows.groupby("episode")["t"].last(),
+        }
+    ).reindex(starts["episode"])
+    begin, end, known = found.to_numpy().T
+    duration = starts["duration"].to_numpy(dtype=float)
+    parts = np.stack([begin, end - begin, duration - end], axis=1)
+    parts[(parts < 0.0).any(axis=1) | (known < duration - _MISSING)] = np.nan
+    return parts
 
 
 def _geometry(starts: pd.DataFrame, robot: Robot, driving: DrivingStyle | None = None) -> Geometry:

@@ -7,6 +7,7 @@ rules, a dead zone of 40Â° is a term such as ``0.0147*max(0, angle_to_dest - 40Â
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Container
 
 import numpy as np
@@ -18,8 +19,19 @@ from ator_ros.performance.tree.linear_models import corrected_error
 from ator_ros.performance.tree.nodes import Hinge
 
 _ANGLES: FloatArray = np.radians([0.0, 10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 75.0, 90.0, 120.0, 150.0])
+_TURNS: FloatArray = np.radians([*range(0, 60, 5), 60.0, 67.5, 75.0, 90.0, 105.0, 120.0, 135.0, 150.0])
 RISING: dict[str, FloatArray] = {"dist": np.zeros(1), "angle_to_dest": _ANGLES, "angle_at_dest": _ANGLES}
-"""Features that durations rise with, and where each may bend, in m and rad. Thresholds are mostly small."""
+"""Features that durations rise with, and where each may bend, in m and rad. Thresholds are mostly small.
+
+The first is the distance, the last two are the turns before and after the straight; so in those below."""
+_EITHER_DIRECTION: dict[str, FloatArray] = {
+    "dist": np.zeros(1),
+    "dist_backward": np.zeros(1),
+    "backward": np.zeros(1),
+    "angle_to_straight": _ANGLES,
+    "angle_after_straight": _ANGLES,
+}
+"""The same for an action that drives backward above an angle."""
 _ON_MAP: dict[str, FloatArray] = {
     "route_length": np.zeros(1),
     "route_turn": np.zeros(1),
@@ -30,11 +42,14 @@ _ON_MAP: dict[str, FloatArray] = {
 _TERM_COST = 0.75  # of a segment in the corrected error; more makes shorter rules, which refine less well
 _CLIPPED_AT, _ROUNDS = 3.0, 3
 """Standard deviations at which residuals are clipped, in rounds: now and then a drive takes much longer."""
+_SAMPLING, _ROUNDING = 0.1, 1e-9  # s between the rows of drives; slopes that are rounded zeros
 
 
 def rising_in(names: Container[str]) -> dict[str, FloatArray]:
-    """Return `RISING`, or those of a map if they are among the features `names`."""
-    return _ON_MAP if "route_length" in names else RISING
+    """Return the features that durations rise with: `RISING`, unless there are others among `names`."""
+    if "route_length" in names:
+        return _ON_MAP
+    return _EITHER_DIRECTION if "dist_backward" in names else RISING
 
 
 def sum_of(base: tuple[Hinge, ...], table: pd.DataFrame) -> FloatArray:
@@ -45,20 +60,45 @@ def sum_of(base: tuple[Hinge, ...], table: pd.DataFrame) -> FloatArray:
     return total
 
 
-def rising_terms(table: pd.DataFrame, durations: FloatArray) -> tuple[Hinge, ...]:
+def rising_terms(
+    table: pd.DataFrame, durations: FloatArray, parts: FloatArray | None = None
+) -> tuple[Hinge, ...]:
     """Return the terms that fit durations (n,) in s best, without the constant.
 
-    It is a non-negative least-squares fit on the segments between bends. Bends are removed, those first that
-    are worth least, while the corrected error of M5' does not grow. `table` has the features `rising_in`.
+    If the times of the parts of all drives are known, shape (n, 3), see `parts_of_drives`, the terms of each
+    part are found alone: fifty drives then show at which angle an action turns first, whatever else makes
+    durations vary. `table` has the features `rising_in`.
     """
     rising = rising_in(table.columns)
+    *_, first, last = rising
+    fits = [(rising, durations)]
+    if parts is not None:
+        fits = [*zip(({first: _TURNS}, rising, {last: _TURNS}), parts.T, strict=True)]
+    slopes: Counter[_Bend] = Counter()
+    for features, times in fits:
+        slopes.update(_fitted(table, features, times))
+    order = list(rising)
+    bends = sorted(slopes, key=lambda bend: (order.index(bend[0]), bend[1]))
+    return tuple(Hinge(*bend, slopes[bend]) for bend in bends if abs(slopes[bend]) > _ROUNDING)
+
+
+_Bend = tuple[str, float]  # feature and place of a change of slope
+
+
+def _fitted(table: pd.DataFrame, rising: dict[str, FloatArray], durations: FloatArray) -> dict[_Bend, float]:
+    """Return the changes of slope that fit durations (n,) in s best.
+
+    It is a non-negative least-squares fit on the segments between bends. Bends are removed, those first that
+    are worth least, while the corrected error of M5' does not grow.
+    """
     segments = np.hstack([_segments(table[name].to_numpy(), bends) for name, bends in rising.items()])
     centered = segments - segments.mean(axis=0)
     target = durations - durations.mean()
     for _ in range(_ROUNDS):
         fitted = centered @ nnls(centered, target)[0]
         error = target - fitted
-        most = _CLIPPED_AT * 1.4826 * float(np.median(np.abs(error - np.median(error))))
+        spread = 1.4826 * float(np.median(np.abs(error - np.median(error))))
+        most = max(_CLIPPED_AT * spread, _SAMPLING)
         target = fitted + np.clip(error, -most, most)
         target -= target.mean()
     factor: FloatArray = np.asarray(np.linalg.qr(np.column_stack([centered, target]), mode="r"))
@@ -70,7 +110,7 @@ def rising_terms(table: pd.DataFrame, durations: FloatArray) -> tuple[Hinge, ...
         if least[0] > error[0]:
             break
         error, slopes, groups = least, other, merged
-    return _hinges(begins, groups, slopes)
+    return _changes(begins, groups, slopes)
 
 
 _Groups = list[list[list[int]]]  # by feature, the numbers of the segments that share a slope
@@ -100,14 +140,14 @@ def _fit(groups: _Groups, factor: FloatArray, count: int) -> tuple[tuple[float, 
     return (float(error[0]), float(residual)), slopes
 
 
-def _hinges(begins: list[tuple[str, float]], groups: _Groups, slopes: FloatArray) -> tuple[Hinge, ...]:
-    """Return the changes of slope as terms; `begins` are feature and begin of each segment."""
-    remaining, hinges = iter(slopes.tolist()), []
+def _changes(begins: list[_Bend], groups: _Groups, slopes: FloatArray) -> dict[_Bend, float]:
+    """Return the changes of slope; `begins` are feature and begin of each segment."""
+    remaining, changes = iter(slopes.tolist()), {}
     for parts in groups:
         before = 0.0
         for part in parts:
             slope = next(remaining)
             if slope != before:
-                hinges.append(Hinge(*begins[part[0]], slope - before))
+                changes[begins[part[0]]] = slope - before
             before = slope
-    return tuple(hinges)
+    return changes

@@ -21,6 +21,7 @@ from ator_ros.performance.error_process import fit_error_process
 from ator_ros.performance.features import (
     CANDIDATES,
     GENERAL,
+    OF_STRAIGHT,
     PATHS,
     ROUTE_ANGLE_AT,
     Feature,
@@ -29,7 +30,7 @@ from ator_ros.performance.features import (
     names_of,
 )
 from ator_ros.performance.model import UNOBSERVED, Arrival, AtGoal, PerformanceModel, narrowed
-from ator_ros.performance.observation import observed_driving
+from ator_ros.performance.observation import observed_driving, parts_of_drives
 from ator_ros.performance.rising_terms import rising_in, rising_terms, sum_of
 from ator_ros.performance.tree.model_tree import ModelTreeRegressor
 from ator_ros.performance.tree.nodes import Hinge, ModelTree
@@ -102,18 +103,20 @@ def train(
             f"got {len(good_starts)} of {len(starts)}{''.join(without_routes(rows, robot, features))}"
         )
     driving = observed_driving(rows, robot) if set(features) & set(PATHS) else None
-    table = partial(features_of, robot=robot, features=features, driving=driving)
+    table = partial(features_of, robot=robot, driving=driving)
     durations = good_starts["duration"].to_numpy(dtype=float)
-    good = table(good_starts)
-    duration, errors = duration_tree(good, durations)
-    success = _success_tree(starts["success"].to_numpy(dtype=float), table(starts))
+    of_durations = duration_features(features, good_starts, driving)
+    good = table(good_starts, features=of_durations)
+    parts = parts_of_drives(rows, good_starts) if robot.grid is None else None
+    duration, errors = duration_tree(good, durations, parts)
+    success = _success_tree(starts["success"].to_numpy(dtype=float), table(starts, features=features))
     trees = {"duration": duration, "success": success}
     for measure in ("accuracy", "heading"):
         values = good_starts[OUTCOMES[measure]].to_numpy(dtype=float)
         known = np.isfinite(values)
         if known.sum() >= LEAST_EPISODES:
-            trees[measure] = small_tree(good[known], values[known])
-    named = {feature.name: feature for feature in features}
+            trees[measure] = small_tree(good.loc[known, list(names_of(features))], values[known])
+    named = {feature.name: feature for feature in of_durations}
     names = error_features(duration, named)
     counted = _drives(good) if _stands(good) else np.full(len(good), True)
     return PerformanceModel(
@@ -151,6 +154,22 @@ def without_routes(rows: pd.DataFrame, robot: Robot, features: Sequence[Feature]
     return [] if found.all() else [f": {(~found).sum()} of {len(found)} episodes {text}"]
 
 
+def duration_features(
+    features: Sequence[Feature], starts: pd.DataFrame, driving: DrivingStyle | None
+) -> tuple[Feature, ...]:
+    """Return the candidates for durations: `features`, and `OF_STRAIGHT` if straights may be backward.
+
+    The latter only without a map, and if the action, whose episodes have these `starts`, drives from rest to
+    rest.
+    """
+    may_reverse = (
+        driving is not None and driving.backward_above < math.pi and _LENGTH not in names_of(features)
+    )
+    if may_reverse and _is_at_rest(starts):
+        return tuple(dict.fromkeys((*features, *OF_STRAIGHT)))
+    return tuple(features)
+
+
 def error_features(tree: ModelTree, known: Container[str]) -> list[str]:
     """Return the features of an error process: those of the tree, and those that durations rise with."""
     return list(dict.fromkeys((*tree.names, *filter(known.__contains__, rising_in(known)))))
@@ -164,21 +183,30 @@ def features_of(
     return pd.DataFrame(table, columns=list(names_of(features)))
 
 
-def duration_tree(table: pd.DataFrame, durations: FloatArray) -> tuple[ModelTree, FloatArray]:
+def duration_tree(
+    table: pd.DataFrame, durations: FloatArray, parts: FloatArray | None = None
+) -> tuple[ModelTree, FloatArray]:
     """Return a tree of durations (n,) in s, and its errors in cross-validation: actual less predicted, in s.
 
     If the time of the path is among the features, the tree predicts the difference of both times: linear
     models of whole durations would fall below the path time where there is hardly room, and a search selects
     such predictions. It predicts the whole duration of an action that does not follow its path to the end,
     such as a shot. If the robot stands at both ends, it predicts the difference to a sum of rising terms,
-    which has no jumps at thresholds that a search could exploit.
+    which has no jumps at thresholds that a search could exploit, except where the robot begins to drive
+    backward; `parts` as for `rising_terms`.
     """
     if _PATH not in table:
         tree, errors = _best_learning(table, durations, _unbased, extrapolation=1.0)
     elif _stands(table):
         rising = rising_in(table.columns)
         basic = table[[*rising, "route_time" if _LENGTH in rising else _PATH]]
-        tree, errors = _best_learning(basic, durations, _on_terms, leaf=_SMALL_LEAF, folds=_FOLDS)
+        tree_features = list(basic)
+        if parts is not None and np.isfinite(parts).all(axis=1).sum() >= LEAST_EPISODES:
+            tree_features = tree_features[:1]  # the terms of the turns have all thresholds
+        on_terms = partial(_on_terms, parts=parts)
+        tree, errors = _best_learning(
+            basic, durations, on_terms, leaf=_SMALL_LEAF, folds=_FOLDS, tree_features=tree_features
+        )
     else:
         late = durations - table[_PATH].to_numpy()
         faster = np.quantile(late, _FASTER_SHARE, method="lower") < -_FASTER_BY * np.median(durations)
@@ -203,25 +231,34 @@ def _drives(table: pd.DataFrame) -> BoolArray:
     return far if far.sum() >= LEAST_EPISODES else np.full(len(far), True)
 
 
-_Base = Callable[[pd.DataFrame, FloatArray], tuple[tuple[Hinge, ...], FloatArray]]
-"""Returns the terms that fit durations, and the target (n,) of the tree: durations less these terms."""
+_Base = Callable[[pd.DataFrame, FloatArray, BoolArray], tuple[tuple[Hinge, ...], FloatArray]]
+"""Returns the terms that fit some of the drives (n,), and the target of the tree: their durations less these
+terms."""
 
 
-def _unbased(_: pd.DataFrame, durations: FloatArray) -> tuple[tuple[Hinge, ...], FloatArray]:
-    return (), durations
+def _unbased(_: pd.DataFrame, durations: FloatArray, mask: BoolArray) -> tuple[tuple[Hinge, ...], FloatArray]:
+    return (), durations[mask]
 
 
-def _on_path(table: pd.DataFrame, durations: FloatArray) -> tuple[tuple[Hinge, ...], FloatArray]:
-    late = durations - table[_PATH].to_numpy()
+def _on_path(
+    table: pd.DataFrame, durations: FloatArray, mask: BoolArray
+) -> tuple[tuple[Hinge, ...], FloatArray]:
+    late = (durations - table[_PATH].to_numpy())[mask]
     usual = float(np.median(late))
     spread = float(np.median(np.abs(late - usual)))
     return (Hinge(_PATH, 0.0, 1.0),), np.maximum(late, usual - _CLIPPED_AT * spread)
 
 
-def _on_terms(table: pd.DataFrame, durations: FloatArray) -> tuple[tuple[Hinge, ...], FloatArray]:
-    drives = _drives(table)
-    base = rising_terms(table[drives], durations[drives])
-    return base, durations - sum_of(base, table)
+def _on_terms(
+    table: pd.DataFrame, durations: FloatArray, mask: BoolArray, *, parts: FloatArray | None
+) -> tuple[tuple[Hinge, ...], FloatArray]:
+    used = np.flatnonzero(mask)[_drives(table[mask])]
+    known = used if parts is None else used[np.isfinite(parts[used]).all(axis=1)]
+    if parts is None or len(known) < LEAST_EPISODES:
+        base = rising_terms(table.iloc[used], durations[used])
+    else:
+        base = rising_terms(table.iloc[known], durations[known], parts[known])
+    return base, (durations - sum_of(base, table))[mask]
 
 
 def _best_learning(
@@ -232,8 +269,13 @@ def _best_learning(
     extrapolation: float = 0.0,
     leaf: int = _LEAF,
     folds: int = _FEW_FOLDS,
+    tree_features: Sequence[str] | None = None,
 ) -> tuple[ModelTree, FloatArray]:
-    """Return the tree of the best of `_SMOOTHINGS`, and its errors in s on other episodes, shape (n,)."""
+    """Return the tree of the best of `_SMOOTHINGS`, and its errors in s on other episodes, shape (n,).
+
+    The tree itself uses `tree_features`, by default all of `table`.
+    """
+    known = table if tree_features is None else table[list(tree_features)]
     fold = np.arange(len(durations)) % folds
     errors = np.empty((len(_SMOOTHINGS), len(durations)))
     learners = [
@@ -242,14 +284,20 @@ def _best_learning(
     ]
     for number in range(folds):
         held = fold == number
-        base, target = base_of(table[~held], durations[~held])
+        base, target = base_of(table, durations, ~held)
         values = durations[held] - sum_of(base, table[held])
         for at, learner in enumerate(learners):
-            errors[at, held] = values - learner.fit(table[~held], target).predict(table[held])
-    base, target = base_of(table, durations)
+            errors[at, held] = values - learner.fit(known[~held], target).predict(known[held])
+    base, target = base_of(table, durations, np.full(len(durations), True))
     best = int(np.argmin(np.abs(errors).sum(axis=1)))
-    tree: ModelTree = learners[best].fit(table, target).tree_
-    return dataclasses.replace(tree, base=base), errors[best]
+    tree: ModelTree = learners[best].fit(known, target).tree_
+    columns = table.columns.get_indexer(list(tree.names))
+    coefficients = np.zeros((len(tree.feature), table.shape[1]))
+    coefficients[:, columns] = tree.coefficients
+    whole = dataclasses.replace(
+        tree, names=tuple(table), feature=columns[tree.feature], coefficients=coefficients, base=base
+    )
+    return whole, errors[best]
 
 
 def small_tree(table: pd.DataFrame, values: FloatArray, *, leaf: int = SMALL_LEAF) -> ModelTree:

@@ -1,5 +1,6 @@
 """Features: their values, variables and invariances."""
 
+import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -12,7 +13,8 @@ from hypothesis import strategies as st
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.geometry import FloatArray
 from ator_ros.performance.direct import DIRECT_VARIABLES
-from ator_ros.performance.features import PAPER_3, PAPER_11, PATHS, Feature, names_of
+from ator_ros.performance.driving import plain_driving
+from ator_ros.performance.features import OF_STRAIGHT, PAPER_3, PAPER_11, PATHS, Feature, names_of
 from ator_ros.performance.features import feature_table as table_of_features
 from ator_ros.robot.description import Robot, load_robot
 
@@ -22,8 +24,11 @@ NAMES = tuple(FEATURES)
 Direct = dict[str, FloatArray]
 
 
+DRIVING = dataclasses.replace(plain_driving(ROBOT), backward_above=2.0)
+
+
 def feature_table(direct: Mapping[str, Any], robot: Robot, names: Sequence[str]) -> FloatArray:
-    return table_of_features(direct, robot, [FEATURES[name] for name in names])
+    return table_of_features(direct, robot, [FEATURES[name] for name in names], DRIVING)
 
 
 PLACES, DIRECTIONS = {"x", "y", "xg", "yg"}, {"yaw", "yawg", "dx", "dy", "hold_off_axis", "heading_off_axis"}
@@ -120,3 +125,10 @@ def test_paper_features_of_a_known_situation() -> None:
     assert values["angle_to_dest"] == pytest.approx(math.pi / 2)
     assert values["angle_at_dest"] == pytest.approx(0.0)
     assert (values["dx"], values["dy"]) == pytest.approx((0.0, 2.0))
+
+
+def test_a_drive_backward_turns_from_and_to_the_opposite_headings() -> None:
+    direct = {**dict.fromkeys(DIRECT_VARIABLES, 0.0), "xg": 2.0, "yaw": np.array([1.9, 2.5]), "yawg": 3.0}
+    forward, backward = feature_table(direct, ROBOT, names_of(OF_STRAIGHT))
+    assert forward == pytest.approx([1.9, 3.0, 0.0, 0.0])
+    assert backward == pytest.approx([math.pi - 2.5, math.pi - 3.0, 1.0, 2.0])

@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pandas as pd
 import pytest
-from experience_rows import dead_zone_drives, dead_zone_time
+from experience_rows import dead_zone_drives, dead_zone_time, whole_drives
 
 from ator_ros.domains.domain import find_domain
 from ator_ros.evaluation.trials import random_trial
@@ -41,12 +41,41 @@ def test_the_rules_show_the_dead_zone_and_nothing_falls(model: PerformanceModel)
 
 def test_drives_that_begin_at_their_goals_hide_no_threshold() -> None:
     rows, near = dead_zone_drives(200, seed=1), dead_zone_drives(40, seed=2)
+    near["episode"] += len(rows)
     near[["x", "y"]] = near[["xg", "yg"]] + 0.01
     near["duration"] = near["time_to_go"] = 0.3
     learned = train("drive_to", pd.concat([rows, near]), ROBOT)
     along = {"x": -2.0, "y": 0.0, "v": 0.0, "w": 0.0, "xg": 2.0, "yg": 0.0, "speedg": 0.0, "hold": 0.0}
     direct = {**along, "yaw": 0.0, "yawg": np.radians([0.0, 10.0, 40.0])}
     assert learned.predict(direct).duration == pytest.approx(dead_zone_time(direct), abs=0.12)
+
+
+@pytest.mark.parametrize("backward_above", [2.0, np.pi])
+def test_fifty_whole_drives_show_how_an_action_turns_though_its_straights_vary(backward_above: float) -> None:
+    rows, _ = whole_drives(50, seed=2, noise=0.6, backward_above=backward_above)
+    fresh, true = whole_drives(200, seed=7, noise=0.6, backward_above=backward_above)
+    situations = direct_of(fresh[fresh["t"] == 0.0])
+
+    def error(model: PerformanceModel) -> float:
+        return float(np.abs(model.predict(situations).duration - true).mean())
+
+    learned = train("drive_to", rows, ROBOT)
+    assert learned.driving is not None
+    assert learned.driving.backward_above == pytest.approx(backward_above, abs=0.1)
+    assert error(learned) < 0.22 < 0.7 * error(train("drive_to", rows[rows["t"] == 0.0], ROBOT))
+    # Drives of which records have the starts only, as the executor's do, count as before.
+    others = dead_zone_drives(5, seed=9).assign(episode=lambda drives: drives["episode"] + 50)
+    assert error(train("drive_to", pd.concat([rows, others]), ROBOT)) < 0.25
+    places = rows[["x", "y"]] + np.random.default_rng(1).normal(0.0, 0.02, (len(rows), 2))
+    assert error(train("drive_to", rows.assign(x=places["x"], y=places["y"]), ROBOT)) < 0.3
+
+
+def test_accidental_drives_backward_are_not_where_an_action_begins_to_drive_backward() -> None:
+    rows, _ = whole_drives(60, seed=3, noise=0.1)
+    rows.loc[rows["episode"] < 2, "v"] *= -1.0
+    driving = train("drive_to", rows, ROBOT).driving
+    assert driving is not None
+    assert driving.backward_above == np.pi
 
 
 def test_the_distance_from_the_goal_at_which_an_action_stops_is_learned() -> None:
