@@ -53,6 +53,7 @@ predictions that are too low."""
 _FASTER_SHARE, _FASTER_BY = 0.05, 0.25
 """An action does not follow its path if this share of its drives is faster than their paths by that share of
 the median duration."""
+_CLEARLY_WORSE = 4.0 / 3.0  # ratio of mean errors above which parts of drives are learned together after all
 _NEAR_GOAL = 0.5  # m; closer to a goal its bearing does not matter, and terms are not fitted to such drives
 OUTCOMES = {"success": "success", "accuracy": "position_error", "heading": "heading_error"}
 """The column of an experience table for each measure except the duration."""
@@ -198,20 +199,29 @@ def duration_tree(
     if _PATH not in table:
         tree, errors = _best_learning(table, durations, _unbased, extrapolation=1.0)
     elif _stands(table):
-        rising = rising_in(table.columns)
-        basic = table[[*rising, "route_time" if _LENGTH in rising else _PATH]]
-        tree_features = list(basic)
-        if parts is not None and np.isfinite(parts).all(axis=1).sum() >= LEAST_EPISODES:
-            tree_features = tree_features[:1]  # the terms of the turns have all thresholds
-        on_terms = partial(_on_terms, parts=parts)
-        tree, errors = _best_learning(
-            basic, durations, on_terms, leaf=_SMALL_LEAF, folds=_FOLDS, tree_features=tree_features
-        )
+        tree, errors = _on_sum(table, durations, parts)
     else:
         late = durations - table[_PATH].to_numpy()
         faster = np.quantile(late, _FASTER_SHARE, method="lower") < -_FASTER_BY * np.median(durations)
         tree, errors = _best_learning(table, durations, _unbased if faster else _on_path)
     return narrowed(tree), errors
+
+
+def _on_sum(
+    table: pd.DataFrame, durations: FloatArray, parts: FloatArray | None
+) -> tuple[ModelTree, FloatArray]:
+    """Return a tree on top of a sum of rising terms, and its errors as `duration_tree` does."""
+    rising = rising_in(table.columns)
+    basic = table[[*rising, "route_time" if _LENGTH in rising else _PATH]]
+    learn = partial(_best_learning, basic, durations, leaf=_SMALL_LEAF, folds=_FOLDS)
+    if parts is None or np.isfinite(parts).all(axis=1).sum() < LEAST_EPISODES:
+        return learn(partial(_on_terms, parts=None))
+    # The terms of the turns have all thresholds, unless parts depend on more than their own turn.
+    alone = learn(partial(_on_terms, parts=parts), tree_features=basic.columns[:1])
+    whole = _on_sum(table.drop(columns=list(names_of(OF_STRAIGHT)), errors="ignore"), durations, None)
+    drives = _drives(table)
+    mean, mean_whole = (np.abs(errors[drives]).mean() for _, errors in (alone, whole))
+    return alone if mean < _CLEARLY_WORSE * mean_whole else whole
 
 
 def _stands(table: pd.DataFrame) -> bool:

@@ -9,8 +9,10 @@ from experience_rows import dead_zone_drives, dead_zone_time, whole_drives
 
 from ator_ros.domains.domain import find_domain
 from ator_ros.evaluation.trials import random_trial
+from ator_ros.performance.features import CANDIDATES
 from ator_ros.performance.model import Arrival, PerformanceModel
-from ator_ros.performance.training import direct_of, train
+from ator_ros.performance.observation import parts_of_drives
+from ator_ros.performance.training import direct_of, duration_tree, features_of, train
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.tops.chain import TopChain
 from ator_ros.world.state import World
@@ -68,6 +70,15 @@ def test_fifty_whole_drives_show_how_an_action_turns_though_its_straights_vary(b
     assert error(train("drive_to", pd.concat([rows, others]), ROBOT)) < 0.25
     places = rows[["x", "y"]] + np.random.default_rng(1).normal(0.0, 0.02, (len(rows), 2))
     assert error(train("drive_to", rows.assign(x=places["x"], y=places["y"]), ROBOT)) < 0.3
+
+
+def test_straights_that_depend_on_both_turns_are_learned_with_them() -> None:
+    rows, _ = whole_drives(200, seed=4, noise=0.1)
+    starts = rows[rows["t"] == 0.0]
+    table, parts = features_of(starts, ROBOT, CANDIDATES, None), parts_of_drives(rows, starts)
+    parts[:, 1] += 4.0 * ((table["angle_to_dest"] > 1.5) & (table["angle_at_dest"] > 1.5))
+    _, errors = duration_tree(table, parts.sum(axis=1), parts)
+    assert np.abs(errors).mean() < 0.6
 
 
 def test_accidental_drives_backward_are_not_where_an_action_begins_to_drive_backward() -> None:
