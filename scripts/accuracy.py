@@ -136,7 +136,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         title = "Feature ablation"
         lines = list(ablation_table(rows, others, robot, domain, seed=fresh.metadata.get("seed") or 0))
     else:
-        models = shipped(options.models or domain.shipped_models, domain, robot)
+        models = shipped(domain.models_root(options.models), domain, robot)
         title = "Accuracy of the performance models"
         lines = [*accuracy_table(models, PAPER_ERRORS), "", "## Success", "", *success_table(models)]
     command, text = portable_command("accuracy.py", words), "\n".join(lines)

@@ -109,11 +109,17 @@ class Fence:
         return self.unreachable(chain, robot, where)
 
     def unreachable(
-        self, chain: TopChain, robot: Robot, where: str = "chain", start: tuple[float, float] | None = None
+        self,
+        chain: TopChain,
+        robot: Robot,
+        where: str = "chain",
+        start: tuple[float, float] | None = None,
+        *,
+        planned: bool = False,
     ) -> str | None:
         """Return the fault of the first step without a route on the map, from `start` in m, or None.
 
-        Places that are free variables are not checked.
+        Places that are free variables are not checked; `planned` as for `Routes.fault`.
         """
         routes = routes_of(robot)
         if routes is None:
@@ -121,7 +127,7 @@ class Fence:
         for number, call in enumerate(chain.calls):
             x, y, _ = call.goal.robot_pose(robot)
             given = call.top.arrives and not (call.opens("x") or call.opens("y"))
-            if given and (fault := routes.fault(x, y, start)):
+            if given and (fault := routes.fault(x, y, start, planned=planned)):
                 return f"{where}.calls[{number}].goal ({call.top.name}): {fault}"
             start = (x, y) if given else None
         return None

@@ -40,7 +40,6 @@ from ator_ros.performance.model_file import (
 )
 from ator_ros.performance.training import duration_features, error_features, observed_arrival, routed
 from ator_ros.robot.description import Robot
-from ator_ros.world.grid_map import GridMap
 
 _LEAST_RECORDS = 12  # to estimate the mean of a measure
 _FORMER = 3  # earlier sets whose models are candidates
@@ -186,7 +185,7 @@ def learn(source: Source, *, time: str) -> dict[str, Any]:
                     reasons[key], seen[key] = verdict.reason, int(rows[NUMBER].max()) + 1
             episodes[name] = max(verdict.episodes for verdict in verdicts.values())
             if model is not None:
-                metadata = _metadata(action_set, verdicts, episodes[name], current, source.robot.grid)
+                metadata = _metadata(source, action_set, verdicts, episodes[name], current)
                 models[model_path(str(action), action_set)] = dataclasses.replace(model, metadata=metadata)
     made: Path | str = ""
     if models:
@@ -196,19 +195,15 @@ def learn(source: Source, *, time: str) -> dict[str, Any]:
 
 
 def _metadata(
-    action_set: str,
-    verdicts: Verdicts,
-    episodes: int,
-    current: PerformanceModel | None,
-    grid: GridMap | None,
+    source: Source, action_set: str, verdicts: Verdicts, episodes: int, current: PerformanceModel | None
 ) -> dict[str, Any]:
     """Return the metadata of a better model than `current`."""
     kinds = "; ".join(f"{measure}: {verdict.kind}" for measure, verdict in verdicts.items() if verdict.kind)
     # The ranges of starts are kept, since records of refined chains cover less of them.
     starts = {} if current is None else current.metadata["training"].get("starts", {})
     training = {"command": "learning", "kind": kinds, "episodes": episodes, "starts": starts}
-    if grid is not None:
-        training["map"] = str(grid)
+    if source.robot.grid is not None:
+        training["map"] = str(source.robot.grid)
     return {"action_set": action_set, "training": training, "versions": library_versions()}
 
 

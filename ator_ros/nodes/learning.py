@@ -86,7 +86,7 @@ class LearningNode(Node):
         given = {name: settings[name] for name in ("domain", "robot", "models", "frame")}
         planner = self.resolve_topic_name(settings["planner"]) if settings["planner"] else ""
         expect_planner_usable(settings, self._domain)
-        self._grid, self._map_topic = map_file(settings), map_topic(settings)
+        self._grid, self._awaits_map = map_file(settings), bool(map_topic(settings))
         models = self._domain.models_root(settings["models"])
         try:
             self._lock.enter_context(exclusive_folder(folder))
@@ -125,7 +125,7 @@ class LearningNode(Node):
     def _take_map(self, domain: Domain, robot: Robot) -> None:
         """Use another map from the next round on, whose process reads it from a file."""
         assert domain.grid is not None
-        self._grid = str(save_map(domain.grid, self._folder))
+        self._grid, self._awaits_map = str(save_map(domain.grid, self._folder)), False
         self._domain, self._robot = domain, robot
 
     def _take(self, message: Any) -> None:
@@ -144,8 +144,7 @@ class LearningNode(Node):
             self._learner.take_chain(chain)
 
     def _work(self) -> None:
-        has_map = bool(self._grid) or not self._map_topic
-        if report := self._learner.work(time.monotonic(), may_begin=has_map):
+        if report := self._learner.work(time.monotonic(), may_begin=not self._awaits_map):
             self.get_logger().info(printable(report, 1000))
         if not self._learner.has_room:
             text = f"{self._learner.problem}: records are kept in memory and may be lost; free disk space"
@@ -154,7 +153,8 @@ class LearningNode(Node):
     def _learn_now(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         why_not = self._learner.learn_now()
         response.success = not why_not
-        response.message = why_not or "a round starts; log and diagnostics report its result"
+        when = "once there is a map" if self._awaits_map else "now"
+        response.message = why_not or f"a round starts {when}; log and diagnostics report its result"
         return response
 
     def _freeze(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:

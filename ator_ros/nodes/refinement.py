@@ -52,7 +52,7 @@ from ator_ros.refinement.search import Deadline, no_deadline
 from ator_ros.robot.description import Robot
 from ator_ros.tops.conditions import state_variables
 from ator_ros.tops.library import TopLibrary
-from ator_ros.world.grid_map import is_planned
+from ator_ros.world.grid_map import PATHS_OF
 from ator_ros.world.messages import MessageError, count, pose_from, world_from
 
 PARAMETERS = (
@@ -135,7 +135,7 @@ class RefinementNode(Node):
         grid = self._robot.grid
         learned = {str(model.metadata["training"].get("map", "")) for model in read.models.values()} - {""}
         for other in sorted(learned):
-            if grid is not None and is_planned(other) != is_planned(str(grid)):
+            if grid is not None and (PATHS_OF in other) != (grid.planner is not None):
                 self.get_logger().warning(
                     f"action set {library.action_set}: models were learned on the map {other}, but are used "
                     f"on {grid}: set the parameter planner if, and only if, they were learned with it"
@@ -265,7 +265,8 @@ def refine_request(
     world = world_from(request.situation, frame=frame)
     chain = messages.chain_from(request.chain, library, frame=frame, fence=fence)
     others = messages.alternatives_from(request.alternatives, library, frame=frame, fence=fence)
-    if fence and (fault := fence.unreachable(chain, refiner.robot, start=world.robot.pose[:2])):
+    start = world.robot.pose[:2]
+    if fence and (fault := fence.unreachable(chain, refiner.robot, start=start, planned=True)):
         raise MessageError(fault)
     objective = messages.objective_from(request.objective, refiner.failure_cost)
     chains, placeholders = (chain, *others), not request.as_given

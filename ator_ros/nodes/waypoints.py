@@ -186,7 +186,7 @@ class WaypointGoal:
 
     def summary(self) -> str:
         """Return how many waypoints were missed, in words."""
-        return f"{len(self._missed) or 'no'} waypoints missed"
+        return f"missed waypoints: {len(self._missed)}"
 
     def finish(self, code: int, reason: str) -> Any:
         """Put the goal into its final state and return its result; without a reason it has succeeded."""

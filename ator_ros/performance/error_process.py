@@ -107,7 +107,7 @@ def fit_error_process(names: Sequence[str], features: FloatArray, errors: FloatA
     center, scale = features.mean(axis=0), features.std(axis=0)
     scale[scale < 1e-9] = 1.0
     points = np.round((features - center) / scale, _DIGITS)
-    spread = _spread(errors)
+    spread = robust_spread(errors)
     shortest, longest = (length * np.sqrt(len(names)) for length in _LENGTHS)
     signal = ConstantKernel(spread**2, ((_LEAST_SIGNAL_RATIO * spread) ** 2, (10.0 * spread) ** 2))
     kernel = signal * Matern(0.5 * longest, (shortest, longest), nu=1.5)
@@ -128,7 +128,7 @@ def fit_error_process(names: Sequence[str], features: FloatArray, errors: FloatA
     )
 
 
-def _spread(errors: FloatArray) -> float:
+def robust_spread(errors: FloatArray) -> float:
     """Return the standard deviation in s, robust against outliers."""
     return max(1.4826 * float(np.median(np.abs(errors - np.median(errors)))), 1e-3)
 
@@ -139,5 +139,5 @@ def _clipped(errors: FloatArray, points: FloatArray) -> FloatArray:
     squares = np.square(points[:, None] - points).sum(axis=2)
     nearest = np.argpartition(squares, count - 1, axis=1)[:, :count]
     usual = np.median(errors[nearest], axis=1)
-    most = _CLIPPED_AT * _spread(errors)
+    most = _CLIPPED_AT * robust_spread(errors)
     return np.asarray(errors.clip(usual - most, usual + most))

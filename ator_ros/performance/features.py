@@ -116,9 +116,7 @@ OF_STRAIGHT = (
 
 See `DrivingStyle.backward_above`; candidates of `ator_ros.performance.training.duration_features`."""
 
-GENERAL: dict[str, Feature] = {
-    feature.name: feature for feature in (*PAPER_11, *SIGNED, *PATHS, *OF_STRAIGHT)
-}
+GENERAL: dict[str, Feature] = {each.name: each for each in (*PAPER_11, *SIGNED, *PATHS, *OF_STRAIGHT)}
 """The features that every domain has, by name."""
 
 CANDIDATES: tuple[Feature, ...] = (*PAPER_3, *SIGNED, *PATHS)

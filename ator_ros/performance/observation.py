@@ -35,7 +35,6 @@ _CHANGE_QUANTILE = 0.95  # of the accelerations, whose noise is larger: taken as
 _LEAST_SAMPLES = 10  # for a quantile
 _LEAST_SHARE = 0.05  # of the base's limit; smaller quantiles are noise, not limits
 _BACKWARD = (-0.1, 0.01)  # m/s, and the share of rows that are faster backward in an action that drives so
-_FAR = 0.5  # m; closer to a goal its bearing does not decide
 _MOST_WRONG = 0.02  # share of the drives on the wrong side of the angle above which they are backward
 _TURNS_WITHIN = 0.05  # m of the start, or of the end, of a drive: there the robot turns
 _MISSING = 0.5  # s at the end of a drive without odometry
@@ -49,6 +48,10 @@ _USUAL = 0.6  # quantile of the rates of alike turns
 _RUN_LENGTHS = (0.0, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5)  # m
 _PASSINGS = (0.0, 0.2, 0.3, 0.35, 0.4, 0.5)  # m
 _BETTER = 0.97  # share of the error that a change of run or passing must leave at most
+
+
+NEAR_GOAL = 0.5
+"""Distance in m from a goal within which its bearing does not decide how an action drives."""
 
 
 def observed_driving(rows: pd.DataFrame, robot: Robot) -> DrivingStyle:
@@ -84,15 +87,14 @@ def observed_driving(rows: pd.DataFrame, robot: Robot) -> DrivingStyle:
 
 def _backward_above(rows: pd.DataFrame, starts: pd.DataFrame, robot: Robot) -> float:
     """Return the angle in rad to the destination above which almost all drives are backward; else pi."""
-    speeds = rows[rows["t"] > 0.0].groupby("episode")["v"].mean()
-    starts = starts[starts["episode"].isin(speeds.index)]
-    backward = speeds.reindex(starts["episode"]).to_numpy() < 0.0
+    speeds = rows[rows["t"] > 0.0].groupby("episode")["v"].mean().reindex(starts["episode"]).to_numpy()
     geometry = _geometry(starts, robot)
-    order = np.argsort(geometry.rows[ANGLE_TO])
-    order = order[geometry.dist[order] > _FAR]
-    angles, backward = geometry.rows[ANGLE_TO][order], backward[order]
+    used = np.isfinite(speeds) & (geometry.dist > NEAR_GOAL)
+    angles, backward = geometry.rows[ANGLE_TO][used], speeds[used] < 0.0
+    order = np.argsort(angles)
+    angles, backward = angles[order], backward[order]
     # How many drives each border would put on the wrong side; it lies before the angle with its index.
-    wrong = np.append(0, np.cumsum(backward)) + np.append(np.cumsum(~backward[::-1])[::-1], 0)
+    wrong = np.append(0, np.cumsum(1 - 2 * ~backward)) + np.count_nonzero(~backward)
     border = int(np.argmin(wrong))
     if not _FEWEST <= border <= len(angles) - _FEWEST or wrong[border] > _MOST_WRONG * len(angles):
         return math.pi

@@ -15,6 +15,7 @@ import pandas as pd
 from scipy.optimize import nnls
 
 from ator_ros.geometry import FloatArray
+from ator_ros.performance.error_process import robust_spread
 from ator_ros.performance.tree.linear_models import corrected_error
 from ator_ros.performance.tree.nodes import Hinge
 
@@ -60,22 +61,18 @@ def sum_of(base: tuple[Hinge, ...], table: pd.DataFrame) -> FloatArray:
     return total
 
 
-def rising_terms(
-    table: pd.DataFrame, durations: FloatArray, parts: FloatArray | None = None
-) -> tuple[Hinge, ...]:
-    """Return the terms that fit durations (n,) in s best, without the constant.
+def rising_terms(table: pd.DataFrame, parts: FloatArray) -> tuple[Hinge, ...]:
+    """Return the terms that fit the durations of drives best, without the constant.
 
-    If the times of the parts of all drives are known, shape (n, 3), see `parts_of_drives`, the terms of each
-    part are found alone: fifty drives then show at which angle an action turns first, whatever else makes
-    durations vary. `table` has the features `rising_in`.
+    `parts` are the times in s of the parts of each drive, shape (n, 3), see `parts_of_drives`, or its whole
+    duration, shape (n, 1). The terms of each part are found alone: fifty drives then show at which angle an
+    action turns first, whatever else makes durations vary. `table` has the features `rising_in`.
     """
     rising = rising_in(table.columns)
     *_, first, last = rising
-    fits = [(rising, durations)]
-    if parts is not None:
-        fits = [*zip(({first: _TURNS}, rising, {last: _TURNS}), parts.T, strict=True)]
+    features_of_parts = ({first: _TURNS}, rising, {last: _TURNS}) if parts.shape[1] > 1 else (rising,)
     slopes: Counter[_Bend] = Counter()
-    for features, times in fits:
+    for features, times in zip(features_of_parts, parts.T, strict=True):
         slopes.update(_fitted(table, features, times))
     order = list(rising)
     bends = sorted(slopes, key=lambda bend: (order.index(bend[0]), bend[1]))
@@ -97,8 +94,7 @@ def _fitted(table: pd.DataFrame, rising: dict[str, FloatArray], durations: Float
     for _ in range(_ROUNDS):
         fitted = centered @ nnls(centered, target)[0]
         error = target - fitted
-        spread = 1.4826 * float(np.median(np.abs(error - np.median(error))))
-        most = max(_CLIPPED_AT * spread, _SAMPLING)
+        most = max(_CLIPPED_AT * robust_spread(error), _SAMPLING)
         target = fitted + np.clip(error, -most, most)
         target -= target.mean()
     factor: FloatArray = np.asarray(np.linalg.qr(np.column_stack([centered, target]), mode="r"))

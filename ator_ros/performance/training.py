@@ -30,8 +30,8 @@ from ator_ros.performance.features import (
     names_of,
 )
 from ator_ros.performance.model import UNOBSERVED, Arrival, AtGoal, PerformanceModel, narrowed
-from ator_ros.performance.observation import observed_driving, parts_of_drives
-from ator_ros.performance.rising_terms import rising_in, rising_terms, sum_of
+from ator_ros.performance.observation import NEAR_GOAL, observed_driving, parts_of_drives
+from ator_ros.performance.rising_terms import RISING, rising_in, rising_terms, sum_of
 from ator_ros.performance.tree.model_tree import ModelTreeRegressor
 from ator_ros.performance.tree.nodes import Hinge, ModelTree
 from ator_ros.robot.description import Robot
@@ -54,7 +54,6 @@ _FASTER_SHARE, _FASTER_BY = 0.05, 0.25
 """An action does not follow its path if this share of its drives is faster than their paths by that share of
 the median duration."""
 _CLEARLY_WORSE = 4.0 / 3.0  # ratio of mean errors above which parts of drives are learned together after all
-_NEAR_GOAL = 0.5  # m; closer to a goal its bearing does not matter, and terms are not fitted to such drives
 OUTCOMES = {"success": "success", "accuracy": "position_error", "heading": "heading_error"}
 """The column of an experience table for each measure except the duration."""
 LEAST_EPISODES = 20  # that must have succeeded
@@ -163,10 +162,9 @@ def duration_features(
     The latter only without a map, and if the action, whose episodes have these `starts`, drives from rest to
     rest.
     """
-    may_reverse = (
-        driving is not None and driving.backward_above < math.pi and _LENGTH not in names_of(features)
-    )
-    if may_reverse and _is_at_rest(starts):
+    may_reverse = driving is not None and driving.backward_above < math.pi
+    known = {*names_of(features)}
+    if may_reverse and {*RISING} <= known and _LENGTH not in known and _is_at_rest(starts):
         return tuple(dict.fromkeys((*features, *OF_STRAIGHT)))
     return tuple(features)
 
@@ -214,12 +212,13 @@ def _on_sum(
     rising = rising_in(table.columns)
     basic = table[[*rising, "route_time" if _LENGTH in rising else _PATH]]
     learn = partial(_best_learning, basic, durations, leaf=_SMALL_LEAF, folds=_FOLDS)
-    if parts is None or np.isfinite(parts).all(axis=1).sum() < LEAST_EPISODES:
+    drives = _drives(table)
+    if parts is None or (drives & np.isfinite(parts).all(axis=1)).sum() < LEAST_EPISODES:
         return learn(partial(_on_terms, parts=None))
     # The terms of the turns have all thresholds, unless parts depend on more than their own turn.
-    alone = learn(partial(_on_terms, parts=parts), tree_features=basic.columns[:1])
+    base_of = partial(_on_terms, parts=pd.DataFrame(parts, table.index))
+    alone = learn(base_of, tree_features=basic.columns[:1])
     whole = _on_sum(table.drop(columns=list(names_of(OF_STRAIGHT)), errors="ignore"), durations, None)
-    drives = _drives(table)
     mean, mean_whole = (np.abs(errors[drives]).mean() for _, errors in (alone, whole))
     return alone if mean < _CLEARLY_WORSE * mean_whole else whole
 
@@ -237,38 +236,32 @@ def _is_at_rest(rows: pd.DataFrame) -> bool:
 
 def _drives(table: pd.DataFrame) -> BoolArray:
     """Return which episodes have a goal away from their start; all, if those are too few."""
-    far: BoolArray = table[next(iter(rising_in(table.columns)))].to_numpy() > _NEAR_GOAL
+    far: BoolArray = table[next(iter(rising_in(table.columns)))].to_numpy() > NEAR_GOAL
     return far if far.sum() >= LEAST_EPISODES else np.full(len(far), True)
 
 
-_Base = Callable[[pd.DataFrame, FloatArray, BoolArray], tuple[tuple[Hinge, ...], FloatArray]]
-"""Returns the terms that fit some of the drives (n,), and the target of the tree: their durations less these
-terms."""
+_Base = Callable[[pd.DataFrame, FloatArray], tuple[tuple[Hinge, ...], FloatArray]]
+"""Returns the terms that fit durations, and the target (n,) of the tree: durations less these terms."""
 
 
-def _unbased(_: pd.DataFrame, durations: FloatArray, mask: BoolArray) -> tuple[tuple[Hinge, ...], FloatArray]:
-    return (), durations[mask]
+def _unbased(_: pd.DataFrame, durations: FloatArray) -> tuple[tuple[Hinge, ...], FloatArray]:
+    return (), durations
 
 
-def _on_path(
-    table: pd.DataFrame, durations: FloatArray, mask: BoolArray
-) -> tuple[tuple[Hinge, ...], FloatArray]:
-    late = (durations - table[_PATH].to_numpy())[mask]
+def _on_path(table: pd.DataFrame, durations: FloatArray) -> tuple[tuple[Hinge, ...], FloatArray]:
+    late = durations - table[_PATH].to_numpy()
     usual = float(np.median(late))
     spread = float(np.median(np.abs(late - usual)))
     return (Hinge(_PATH, 0.0, 1.0),), np.maximum(late, usual - _CLIPPED_AT * spread)
 
 
 def _on_terms(
-    table: pd.DataFrame, durations: FloatArray, mask: BoolArray, *, parts: FloatArray | None
+    table: pd.DataFrame, durations: FloatArray, *, parts: pd.DataFrame | None
 ) -> tuple[tuple[Hinge, ...], FloatArray]:
-    used = np.flatnonzero(mask)[_drives(table[mask])]
-    known = used if parts is None else used[np.isfinite(parts[used]).all(axis=1)]
-    if parts is None or len(known) < LEAST_EPISODES:
-        base = rising_terms(table.iloc[used], durations[used])
-    else:
-        base = rising_terms(table.iloc[known], durations[known], parts[known])
-    return base, (durations - sum_of(base, table))[mask]
+    times = durations[:, None] if parts is None else parts.loc[table.index].to_numpy()
+    used = _drives(table) & np.isfinite(times).all(axis=1)
+    base = rising_terms(table[used], times[used])
+    return base, durations - sum_of(base, table)
 
 
 def _best_learning(
@@ -294,20 +287,18 @@ def _best_learning(
     ]
     for number in range(folds):
         held = fold == number
-        base, target = base_of(table, durations, ~held)
+        base, target = base_of(table[~held], durations[~held])
         values = durations[held] - sum_of(base, table[held])
         for at, learner in enumerate(learners):
             errors[at, held] = values - learner.fit(known[~held], target).predict(known[held])
-    base, target = base_of(table, durations, np.full(len(durations), True))
+    base, target = base_of(table, durations)
     best = int(np.argmin(np.abs(errors).sum(axis=1)))
     tree: ModelTree = learners[best].fit(known, target).tree_
     columns = table.columns.get_indexer(list(tree.names))
     coefficients = np.zeros((len(tree.feature), table.shape[1]))
     coefficients[:, columns] = tree.coefficients
-    whole = dataclasses.replace(
-        tree, names=tuple(table), feature=columns[tree.feature], coefficients=coefficients, base=base
-    )
-    return whole, errors[best]
+    tree = dataclasses.replace(tree, names=tuple(table), feature=columns[tree.feature])
+    return dataclasses.replace(tree, coefficients=coefficients, base=base), errors[best]
 
 
 def small_tree(table: pd.DataFrame, values: FloatArray, *, leaf: int = SMALL_LEAF) -> ModelTree:

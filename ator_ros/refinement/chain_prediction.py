@@ -170,18 +170,6 @@ def chain_situations(
     return [step.table(as_given, as_given) for step in rows]
 
 
-def route_fault(world: World, chain: TopChain, robot: Robot) -> str | None:
-    """Return the message of the first step without a route on the map, None if there is no such step."""
-    if (routes := routes_of(robot)) is None:
-        return None
-    situations = chain_situations(world, chain, robot, {})
-    for number, (call, direct) in enumerate(zip(chain.calls, situations, strict=True), 1):
-        from_x, from_y, x, y = (float(direct[name][0]) for name in ("x", "y", "xg", "yg"))
-        if fault := routes.fault(x, y, (from_x, from_y), planned=True):
-            return f"step {number} ({call.top.name}): {fault}"
-    return None
-
-
 # The prediction
 
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from ator_ros.actions.goal_variables import direct_name, with_values
 from ator_ros.geometry import FloatArray
 from ator_ros.refinement import RefinementError
-from ator_ros.refinement.chain_prediction import ChainModel, ChainPrediction, PredictsPerformance, route_fault
+from ator_ros.refinement.chain_prediction import ChainModel, ChainPrediction, PredictsPerformance
 from ator_ros.refinement.free_variables import (
     Analysis,
     FreeVariable,
@@ -171,7 +171,7 @@ class Refiner:
         names = names_of(chain, analysis.free)
         model = ChainModel(world, chain, self.robot, models=self.models, names=names, objective=objective)
         if not analysis.free:
-            return self._left_alone(world, chain, analysis, model)
+            return self._left_alone(chain, analysis, model)
         if deadline():
             compared = model.compare(model.given, model.given)
             optimum = unsearched(model.given, compared[0].cost)
@@ -186,8 +186,7 @@ class Refiner:
             compared = model.compare(model.given, optimum.values)
         if not math.isfinite(optimum.cost):
             raise RefinementError(
-                route_fault(world, chain, self.robot)
-                or "expected a finite prediction for some candidate, got none: check the distances"
+                "expected a finite prediction for some candidate, got none: check the distances"
             )
         return self._answer(world, chain, analysis, model, optimum, compared)
 
@@ -235,10 +234,7 @@ class Refiner:
                 continue
             if not math.isfinite(optimum.cost):
                 top = chain.calls[index].top.name
-                raise RefinementError(
-                    route_fault(world, part, self.robot)
-                    or f"step {index + 1} ({top}): expected a finite prediction, got none"
-                )
+                raise RefinementError(f"step {index + 1} ({top}): expected a finite prediction, got none")
             chain = replaced(chain, index, dict(zip(names[index], optimum.values[0], strict=True)))
         return chain
 
@@ -304,14 +300,12 @@ class Refiner:
             comparison=comparison,
         )
 
-    def _left_alone(self, world: World, chain: TopChain, analysis: Analysis, model: ChainModel) -> Refinement:
+    def _left_alone(self, chain: TopChain, analysis: Analysis, model: ChainModel) -> Refinement:
         """Return the answer if no variable is free."""
         prediction = model.predict()
         reason = "nothing is open: the plan commits to every goal variable"
         if any(call.open for call in chain.calls):
             reason = f"nothing is free: {_described(chain, analysis.not_free)}"
-        if not math.isfinite(prediction.cost) and (fault := route_fault(world, chain, self.robot)):
-            reason += f"; {fault}"
         return Refinement(
             False,
             reason + self._remarks(chain, analysis, ()),

@@ -38,12 +38,8 @@ class _MapFile:
     mode: Annotated[str, Must("trinary", lambda mode: mode == "trinary")] = "trinary"
 
 
-_PATHS_OF = ", paths of "
-
-
-def is_planned(text: str) -> bool:
-    """Return whether the text of a map, see `GridMap.__str__`, names a planner."""
-    return _PATHS_OF in text
+PATHS_OF = ", paths of "
+"""Precedes the name of the planner in the text of a map, see `GridMap.__str__`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +67,7 @@ class GridMap:
         # Origins in messages are rounded: their yaw is that of a quaternion.
         numbers = np.round([*self.free.shape, self.resolution, *self.origin], 6) + 0.0
         digest = hashlib.sha256(numbers.tobytes() + self.free.tobytes()).hexdigest()[:8]
-        return f"{self.name} ({digest}{'' if self.planner is None else f'{_PATHS_OF}{self.planner}'})"
+        return f"{self.name} ({digest}{'' if self.planner is None else f'{PATHS_OF}{self.planner}'})"
 
     def __str__(self) -> str:
         """Return the name, a digest of the content, and the name of the planner, if there is one."""
@@ -158,18 +154,14 @@ def _image(file: Path) -> FloatArray:
     """Read an image, such as PGM or PNG: from 0 (black) to 1 (white), shape (height, width)."""
     from PIL import Image  # slow to import, and needed with a map only
 
-    if file.exists() and not file.is_file():  # opening a pipe would block
-        raise FileError(f"{file}: expected the image of a map, got something else than a file")
+    if not file.is_file():  # opening a pipe would block
+        raise FileError(f"{file}: expected the image of a map, there is none: check the field image")
     try:
         with Image.open(file) as image:
             if image.width * image.height > _MOST_CELLS:
                 raise ValueError(f"expected at most 1e8 cells, got {image.width} x {image.height}")
             deep = image.mode.startswith("I")  # 16 bit
             values = np.asarray(image if deep else image.convert("L"), dtype=float)
-    except FileNotFoundError:
-        raise FileError(
-            f"{file}: expected the image of a map, there is none: check the field image"
-        ) from None
     except Exception as error:  # Pillow raises many on damaged files
         raise FileError(f"{file}: expected a readable PGM or PNG: {printable(error, 200)}") from error
     return values / (65535.0 if deep else 255.0)

@@ -107,7 +107,7 @@ def test_refinement_asks_it_once_for_each_pair_of_places_and_recovers_when_it_do
     serve(accepts=False)
     assert "/compute_path_to_pose rejected the goal" in refine(client, request()).reason
     serve(finds=0)
-    without_path = "step 1 (visit): expected a place in reach of x -3.00 m, y 0.00 m, on the map"
+    without_path = "calls[0].goal (visit): expected a place in reach of x -3.00 m, y 0.00 m, on the map"
     assert without_path in refine(client, request()).reason
     nothing_open = request()
     nothing_open.chain.calls[0].open = []
