@@ -80,7 +80,9 @@ def _floats(value: Any) -> Any:
 
 def show(message: Any, end: str = "") -> None:
     """Print a message, or messages by name, as YAML, with at most six digits of each number."""
-    print(yaml.safe_dump(_plain(message), sort_keys=False, width=1000), end=end, flush=True)
+    print(
+        yaml.safe_dump(_plain(message), sort_keys=False, width=1000, allow_unicode=True), end=end, flush=True
+    )
 
 
 def _plain(value: Any) -> Any:

@@ -28,7 +28,7 @@ MEANING: Mapping[str, str] = {
     "fixed": "heading 0 at each subgoal, as in a list of waypoints without headings",
     "arrive": "bearing of each subgoal from the place before",
     "face_goal": "bearing of the next goal, from each subgoal",
-    "analytic": "search of headings with path times, without learned models",
+    "analytic": "search of headings with path times of the observed driving, without trees",
     "analytic_speed": "search of headings and arrival speeds with path times",
     "refined": "subgoal refinement, headings only",
     "gated": "subgoal refinement where the gate accepts the predicted gain, headings only",

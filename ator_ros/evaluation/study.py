@@ -55,7 +55,8 @@ def _summary(step: int, top: str, name: str, results: list[Refinement]) -> dict[
     elif not accepted:
         explanation = f"the gate refuses all gains, of {gain:.2f} s on average: too little, or too uncertain"
     else:
-        explanation = f"gains {gain:.2f} s on average; the gate accepts it in {accepted} of {free} situations"
+        accepts = f"the gate accepts it in {accepted} of {free} situations"
+        explanation = f"predicted to gain {gain:.2f} s on average; {accepts}"
     if closed.total() <= free and limits:
         explanation += f"; searched within limits: {limits.most_common(1)[0][0]}"
     share = free / (closed.total() + free) if results else 0.0

@@ -209,7 +209,9 @@ def fastest_paths(ends: FloatArray, shapes: ShapeSet, hold: float) -> FloatArray
     entries, exits = np.empty(len(rows), dtype=_END), np.empty(len(rows), dtype=_END)
     gaps, zeros = np.empty(WIDTH, dtype=np.float32), np.zeros(WIDTH, dtype=np.float32)
     firsts, first_entries, first_exits = rows[:count], entries[:count], exits[:count]
-    known = np.full((2, count), np.nan)  # speeds at both ends for which the others of each group are written
+    written_for = np.full(
+        (2, count), np.nan
+    )  # speeds at both ends for which the others of each group are written
     likely = 0  # the last fastest group is tried first: its time prunes most others
     for at in range(ends.shape[1]):
         x, y, turn, speed, arrival = ends[0, at], ends[1, at], ends[2, at], ends[3, at], ends[4, at]
@@ -223,11 +225,11 @@ def fastest_paths(ends: FloatArray, shapes: ShapeSet, hold: float) -> FloatArray
         if others[likely] < others[likely + 1]:
             begin, end = others[likely], others[likely + 1]
             group, other_entries, other_exits = rows[begin:end], entries[begin:end], exits[begin:end]
-            if speed != known[0, likely]:
+            if speed != written_for[0, likely]:
                 _set_speed(other_entries, speed, group, tables, rules)
-            if arrival != known[1, likely]:
+            if arrival != written_for[1, likely]:
                 _set_arrival(other_exits, arrival, group, tables, rules)
-            known[0, likely], known[1, likely] = speed, arrival
+            written_for[0, likely], written_for[1, likely] = speed, arrival
             faster, angles, _ = _fastest(
                 x, y, turn, hold, time, 0, other_entries, other_exits, gaps, zeros, group, tables, rules
             )
@@ -321,7 +323,7 @@ def _fastest(
 
 @inlined
 def _cos_sin(step: int, beyond: float) -> tuple[float, float]:
-    """Return cosine and sine of the turn `beyond` (rad, up to `STEP`) a step of the grid, to 1e-12."""
+    """Return cosine and sine of `_TURNS[step] + beyond`, for 0 to `STEP` rad beyond, to 1e-12, by series."""
     x = beyond * beyond
     cos = 1.0 - x * (1 / 2 - x * (1 / 24 - x * (1 / 720 - x * (1 / 40320 - x * (1 / 3628800)))))
     sin = beyond * (1.0 - x * (1 / 6 - x * (1 / 120 - x * (1 / 5040 - x * (1 / 362880)))))
@@ -345,8 +347,8 @@ def _time(
 ) -> float:
     """Return the time in s of a path; infinite if it is not allowed or exceeds `best`.
 
-    The first turn goes `beyond` (rad) a `step` of the grid. The object at the goal lies `ahead` and `aside`
-    (m) of where that turn begins.
+    The first turn is `_TURNS[step] + beyond`. The object at the goal lies `ahead` and `aside` (m) of where
+    that turn begins.
     """
     (along, across), rates, first = turns, rules.rates, _TURNS[step] + beyond
     result = turn_time(abs(first), one.rate, rates.aw) + turn_time(abs(last), two.rate, rates.aw) + straight

@@ -1,4 +1,4 @@
-"""Paths of a running planner server, such as Nav2's, as the routes of drives."""
+"""Nav2's planner server, or another server of ComputePathToPose, as the source of routes."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from ator_ros.robot.description import Robot
 
 _TYPE = "nav2_msgs/action/ComputePathToPose"
 _PATH_TIMEOUT = 1.0  # real s for each path that a request to refinement needs
-_TOLERANCE = 1.0  # m between places and ends of paths; that of Nav2's planners is 0.5 m by default
+_TOLERANCE = 1.0  # greatest m between a place and the end of its path; Nav2's planners allow 0.5 m
 
 
 class PlannerClient:
@@ -63,7 +63,7 @@ class PlannerClient:
         Raises RefinementError if the server is missing, rejects the goal, does not answer in time, or answers
         with an unusable path.
         """
-        # At the first call, DDS may still be connecting the server. Later nothing is to wait for.
+        # At the first call, DDS may still be connecting the server. Later calls do not wait.
         discovery_timeout = 0.0 if self._was_called else self._timeout
         self._was_called = True
         if not self._client.wait_for_server(discovery_timeout):

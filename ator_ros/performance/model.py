@@ -197,7 +197,10 @@ class PerformanceModel:
 
     def rules(self, measure: str = "duration") -> str:
         """Return the rules of one measure as text in the paper's form, one a line."""
-        return self._writer(measure).rules()
+        above, first = self.driving.backward_above if self.driving is not None else math.pi, ""
+        if "backward" in self.trees[measure].names:
+            first = f"straights are backward if angle_to_dest > {math.degrees(above):.3g}°\n"
+        return first + self._writer(measure).rules()
 
     def explain(self, direct: Direct) -> str:
         """Return the rule that predicts the duration in one situation, and what each of its terms adds."""

@@ -36,8 +36,8 @@ _LEAST_SAMPLES = 10  # for a quantile
 _LEAST_SHARE = 0.05  # of the base's limit; smaller quantiles are noise, not limits
 _BACKWARD = (-0.1, 0.01)  # m/s, and the share of rows that are faster backward in an action that drives so
 _MOST_WRONG = 0.02  # share of the drives on the wrong side of the angle above which they are backward
-_TURNS_WITHIN = 0.05  # m of the start, or of the end, of a drive: there the robot turns
-_MISSING = 0.5  # s at the end of a drive without odometry
+_TURNS_WITHIN = 0.05  # m driven from the start, or left to the end, of a drive: there the robot turns
+_LONGEST_GAP = 0.5  # s at the end of a drive without odometry
 _TURNING = 0.1  # share of the greatest turn rate above which the robot turns
 _SPEEDS: FloatArray = np.array([0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.65, 0.8, 1.0])
 _CHANGES: FloatArray = np.array([-1.0, -0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75, 1.0])
@@ -86,14 +86,14 @@ def observed_driving(rows: pd.DataFrame, robot: Robot) -> DrivingStyle:
 
 
 def _backward_above(rows: pd.DataFrame, starts: pd.DataFrame, robot: Robot) -> float:
-    """Return the angle in rad to the destination above which almost all drives are backward; else pi."""
+    """Return the `angle_to_dest` in rad above which drives are backward; pi if none separates them."""
     speeds = rows[rows["t"] > 0.0].groupby("episode")["v"].mean().reindex(starts["episode"]).to_numpy()
     geometry = _geometry(starts, robot)
     used = np.isfinite(speeds) & (geometry.dist > NEAR_GOAL)
     angles, backward = geometry.rows[ANGLE_TO][used], speeds[used] < 0.0
     order = np.argsort(angles)
     angles, backward = angles[order], backward[order]
-    # How many drives each border would put on the wrong side; it lies before the angle with its index.
+    # How many drives are on the wrong side of a border before each angle, and of one after the last.
     wrong = np.append(0, np.cumsum(1 - 2 * ~backward)) + np.count_nonzero(~backward)
     border = int(np.argmin(wrong))
     if not _FEWEST <= border <= len(angles) - _FEWEST or wrong[border] > _MOST_WRONG * len(angles):
@@ -104,8 +104,8 @@ def _backward_above(rows: pd.DataFrame, starts: pd.DataFrame, robot: Robot) -> f
 def parts_of_drives(rows: pd.DataFrame, starts: pd.DataFrame) -> FloatArray:
     """Return the times of the first turn, the straight and the last turn of each drive in s, shape (n, 3).
 
-    The first turn lasts until the robot is `_TURNS_WITHIN` away from its start, the last one begins when it
-    is as near to its end. NaN where odometry is missing.
+    The first turn lasts until the robot has driven `_TURNS_WITHIN`, the last one begins that much before its
+    end. NaN for drives shorter than twice that, and where odometry misses the end.
 
     Parameters
     ----------
@@ -115,7 +115,7 @@ def parts_of_drives(rows: pd.DataFrame, starts: pd.DataFrame) -> FloatArray:
         The first rows of these drives.
     """
     episode = rows["episode"]
-    # By speeds, as localization corrects positions while the robot stands.
+    # Integrated speeds: localization may move the position of a robot that stands.
     steps = rows["v"] * (rows["t"].shift(-1) - rows["t"]).where(episode == episode.shift(-1), 0.0)
     driven = steps.groupby(episode).cumsum() - steps
     left = steps.groupby(episode).transform("sum") - driven
@@ -129,7 +129,7 @@ def parts_of_drives(rows: pd.DataFrame, starts: pd.DataFrame) -> FloatArray:
     begin, end, known = found.to_numpy().T
     duration = starts["duration"].to_numpy(dtype=float)
     parts = np.stack([begin, end - begin, duration - end], axis=1)
-    parts[(parts < 0.0).any(axis=1) | (known < duration - _MISSING)] = np.nan
+    parts[(parts < 0.0).any(axis=1) | (known < duration - _LONGEST_GAP)] = np.nan
     return parts
 
 

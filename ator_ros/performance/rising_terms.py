@@ -20,7 +20,8 @@ from ator_ros.performance.tree.linear_models import corrected_error
 from ator_ros.performance.tree.nodes import Hinge
 
 _ANGLES: FloatArray = np.radians([0.0, 10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 75.0, 90.0, 120.0, 150.0])
-_TURNS: FloatArray = np.radians([*range(0, 60, 5), 60.0, 67.5, 75.0, 90.0, 105.0, 120.0, 135.0, 150.0])
+_FINE_ANGLES: FloatArray = np.radians([*range(0, 60, 5), 60.0, 67.5, 75.0, 90.0, 105.0, 120.0, 135.0, 150.0])
+"""Where whole durations may bend with an angle, and where the time of a turn, which varies less, may."""
 RISING: dict[str, FloatArray] = {"dist": np.zeros(1), "angle_to_dest": _ANGLES, "angle_at_dest": _ANGLES}
 """Features that durations rise with, and where each may bend, in m and rad. Thresholds are mostly small.
 
@@ -43,11 +44,12 @@ _ON_MAP: dict[str, FloatArray] = {
 _TERM_COST = 0.75  # of a segment in the corrected error; more makes shorter rules, which refine less well
 _CLIPPED_AT, _ROUNDS = 3.0, 3
 """Standard deviations at which residuals are clipped, in rounds: now and then a drive takes much longer."""
-_SAMPLING, _ROUNDING = 0.1, 1e-9  # s between the rows of drives; slopes that are rounded zeros
+_SAMPLING = 0.1  # s between the rows of drives; residuals are not clipped below
+_ROUNDING = 1e-9  # slopes that are rounded zeros
 
 
 def rising_in(names: Container[str]) -> dict[str, FloatArray]:
-    """Return the features that durations rise with: `RISING`, unless there are others among `names`."""
+    """Return what durations rise with: features of routes or straights, if `names` has them, or `RISING`."""
     if "route_length" in names:
         return _ON_MAP
     return _EITHER_DIRECTION if "dist_backward" in names else RISING
@@ -65,15 +67,18 @@ def rising_terms(table: pd.DataFrame, parts: FloatArray) -> tuple[Hinge, ...]:
     """Return the terms that fit the durations of drives best, without the constant.
 
     `parts` are the times in s of the parts of each drive, shape (n, 3), see `parts_of_drives`, or its whole
-    duration, shape (n, 1). The terms of each part are found alone: fifty drives then show at which angle an
-    action turns first, whatever else makes durations vary. `table` has the features `rising_in`.
+    duration, shape (n, 1). The terms of each part are found alone: fifty drives then show beyond which
+    angle an action turns on the spot, whatever else makes durations vary. `table` has the features
+    `rising_in`.
     """
     rising = rising_in(table.columns)
     *_, first, last = rising
-    features_of_parts = ({first: _TURNS}, rising, {last: _TURNS}) if parts.shape[1] > 1 else (rising,)
+    features_of_parts = (
+        ({first: _FINE_ANGLES}, rising, {last: _FINE_ANGLES}) if parts.shape[1] > 1 else (rising,)
+    )
     slopes: Counter[_Bend] = Counter()
     for features, times in zip(features_of_parts, parts.T, strict=True):
-        slopes.update(_fitted(table, features, times))
+        slopes.update(_fitted(table, features, times))  # adds
     order = list(rising)
     bends = sorted(slopes, key=lambda bend: (order.index(bend[0]), bend[1]))
     return tuple(Hinge(*bend, slopes[bend]) for bend in bends if abs(slopes[bend]) > _ROUNDING)
@@ -97,6 +102,7 @@ def _fitted(table: pd.DataFrame, rising: dict[str, FloatArray], durations: Float
         most = max(_CLIPPED_AT * robust_spread(error), _SAMPLING)
         target = fitted + np.clip(error, -most, most)
         target -= target.mean()
+    # The triangular factor has the errors of all fits in a few rows; its last column is the target.
     factor: FloatArray = np.asarray(np.linalg.qr(np.column_stack([centered, target]), mode="r"))
     begins = [(name, float(bend)) for name, bends in rising.items() for bend in bends]
     groups = [[[at] for at, (other, _) in enumerate(begins) if other == name] for name in rising]
@@ -121,15 +127,15 @@ def _segments(values: FloatArray, bends: FloatArray) -> FloatArray:
 def _merged(groups: _Groups) -> list[_Groups]:
     """Return all groups that have one bend less than these."""
     return [
-        [*groups[:number], [*parts[:at], parts[at] + parts[at + 1], *parts[at + 2 :]], *groups[number + 1 :]]
-        for number, parts in enumerate(groups)
-        for at in range(len(parts) - 1)
+        [*groups[:number], [*runs[:at], runs[at] + runs[at + 1], *runs[at + 2 :]], *groups[number + 1 :]]
+        for number, runs in enumerate(groups)
+        for at in range(len(runs) - 1)
     ]
 
 
 def _fit(groups: _Groups, factor: FloatArray, count: int) -> tuple[tuple[float, float], FloatArray]:
-    """Return the corrected error of the groups, which may be infinite, with the plain one, and the slopes."""
-    table = np.column_stack([factor[:, part].sum(axis=1) for parts in groups for part in parts])
+    """Return corrected and plain error, for comparison, and the slopes; the first error may be infinite."""
+    table = np.column_stack([factor[:, run].sum(axis=1) for runs in groups for run in runs])
     slopes, residual = nnls(table, factor[:, -1])
     terms = np.array([1.0 + _TERM_COST * len(slopes)])
     error = corrected_error(np.array([residual**2]), np.array([float(count)]), terms)
@@ -139,11 +145,11 @@ def _fit(groups: _Groups, factor: FloatArray, count: int) -> tuple[tuple[float, 
 def _changes(begins: list[_Bend], groups: _Groups, slopes: FloatArray) -> dict[_Bend, float]:
     """Return the changes of slope; `begins` are feature and begin of each segment."""
     remaining, changes = iter(slopes.tolist()), {}
-    for parts in groups:
+    for runs in groups:
         before = 0.0
-        for part in parts:
+        for run in runs:
             slope = next(remaining)
             if slope != before:
-                changes[begins[part[0]]] = slope - before
+                changes[begins[run[0]]] = slope - before
             before = slope
     return changes

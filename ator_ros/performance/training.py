@@ -118,7 +118,7 @@ def train(
             trees[measure] = small_tree(good.loc[known, list(names_of(features))], values[known])
     named = {feature.name: feature for feature in of_durations}
     names = error_features(duration, named)
-    counted = _drives(good) if _stands(good) else np.full(len(good), True)
+    counted = _far_from_goal(good) if _stands(good) else np.full(len(good), True)
     return PerformanceModel(
         action,
         robot,
@@ -163,8 +163,8 @@ def duration_features(
     rest.
     """
     may_reverse = driving is not None and driving.backward_above < math.pi
-    known = {*names_of(features)}
-    if may_reverse and {*RISING} <= known and _LENGTH not in known and _is_at_rest(starts):
+    names = {*names_of(features)}
+    if may_reverse and {*RISING} <= names and _LENGTH not in names and _is_at_rest(starts):
         return tuple(dict.fromkeys((*features, *OF_STRAIGHT)))
     return tuple(features)
 
@@ -187,21 +187,25 @@ def duration_tree(
 ) -> tuple[ModelTree, FloatArray]:
     """Return a tree of durations (n,) in s, and its errors in cross-validation: actual less predicted, in s.
 
-    If the time of the path is among the features, the tree predicts the difference of both times: linear
-    models of whole durations would fall below the path time where there is hardly room, and a search selects
-    such predictions. It predicts the whole duration of an action that does not follow its path to the end,
-    such as a shot. If the robot stands at both ends, it predicts the difference to a sum of rising terms,
-    which has no jumps at thresholds that a search could exploit, except where the robot begins to drive
-    backward; `parts` as for `rising_terms`.
+    The tree predicts, in the first of these cases that holds:
+
+    - the whole duration, without path times among the features;
+    - the difference to a sum of rising terms, if the robot stands at both ends: the sum has no jumps at
+      thresholds that a search could exploit, except where the robot begins to drive backward;
+    - the whole duration, if the action does not follow its path to the end, such as a shot;
+    - the difference to the time of the path: linear models of whole durations would fall below it where
+      there is hardly room, and a search selects such predictions.
+
+    `parts` are those of the drives, shape (n, 3), NaN where unknown; see `parts_of_drives`.
     """
     if _PATH not in table:
-        tree, errors = _best_learning(table, durations, _unbased, extrapolation=1.0)
+        tree, errors = _best_learning(table, durations, _whole, extrapolation=1.0)
     elif _stands(table):
         tree, errors = _on_sum(table, durations, parts)
     else:
         late = durations - table[_PATH].to_numpy()
         faster = np.quantile(late, _FASTER_SHARE, method="lower") < -_FASTER_BY * np.median(durations)
-        tree, errors = _best_learning(table, durations, _unbased if faster else _on_path)
+        tree, errors = _best_learning(table, durations, _whole if faster else _less_path)
     return narrowed(tree), errors
 
 
@@ -212,11 +216,11 @@ def _on_sum(
     rising = rising_in(table.columns)
     basic = table[[*rising, "route_time" if _LENGTH in rising else _PATH]]
     learn = partial(_best_learning, basic, durations, leaf=_SMALL_LEAF, folds=_FOLDS)
-    drives = _drives(table)
+    drives = _far_from_goal(table)
     if parts is None or (drives & np.isfinite(parts).all(axis=1)).sum() < LEAST_EPISODES:
-        return learn(partial(_on_terms, parts=None))
+        return learn(partial(_less_terms, parts=None))
     # The terms of the turns have all thresholds, unless parts depend on more than their own turn.
-    base_of = partial(_on_terms, parts=pd.DataFrame(parts, table.index))
+    base_of = partial(_less_terms, parts=pd.DataFrame(parts, table.index))
     alone = learn(base_of, tree_features=basic.columns[:1])
     whole = _on_sum(table.drop(columns=list(names_of(OF_STRAIGHT)), errors="ignore"), durations, None)
     mean, mean_whole = (np.abs(errors[drives]).mean() for _, errors in (alone, whole))
@@ -234,7 +238,7 @@ def _is_at_rest(rows: pd.DataFrame) -> bool:
     return bool(arriving.max() <= AT_REST.v and starting.quantile(_MOSTLY) <= _STOPPING)
 
 
-def _drives(table: pd.DataFrame) -> BoolArray:
+def _far_from_goal(table: pd.DataFrame) -> BoolArray:
     """Return which episodes have a goal away from their start; all, if those are too few."""
     far: BoolArray = table[next(iter(rising_in(table.columns)))].to_numpy() > NEAR_GOAL
     return far if far.sum() >= LEAST_EPISODES else np.full(len(far), True)
@@ -244,22 +248,22 @@ _Base = Callable[[pd.DataFrame, FloatArray], tuple[tuple[Hinge, ...], FloatArray
 """Returns the terms that fit durations, and the target (n,) of the tree: durations less these terms."""
 
 
-def _unbased(_: pd.DataFrame, durations: FloatArray) -> tuple[tuple[Hinge, ...], FloatArray]:
+def _whole(_: pd.DataFrame, durations: FloatArray) -> tuple[tuple[Hinge, ...], FloatArray]:
     return (), durations
 
 
-def _on_path(table: pd.DataFrame, durations: FloatArray) -> tuple[tuple[Hinge, ...], FloatArray]:
+def _less_path(table: pd.DataFrame, durations: FloatArray) -> tuple[tuple[Hinge, ...], FloatArray]:
     late = durations - table[_PATH].to_numpy()
     usual = float(np.median(late))
     spread = float(np.median(np.abs(late - usual)))
     return (Hinge(_PATH, 0.0, 1.0),), np.maximum(late, usual - _CLIPPED_AT * spread)
 
 
-def _on_terms(
+def _less_terms(
     table: pd.DataFrame, durations: FloatArray, *, parts: pd.DataFrame | None
 ) -> tuple[tuple[Hinge, ...], FloatArray]:
     times = durations[:, None] if parts is None else parts.loc[table.index].to_numpy()
-    used = _drives(table) & np.isfinite(times).all(axis=1)
+    used = _far_from_goal(table) & np.isfinite(times).all(axis=1)
     base = rising_terms(table[used], times[used])
     return base, durations - sum_of(base, table)
 
@@ -278,7 +282,7 @@ def _best_learning(
 
     The tree itself uses `tree_features`, by default all of `table`.
     """
-    known = table if tree_features is None else table[list(tree_features)]
+    used = table if tree_features is None else table[list(tree_features)]
     fold = np.arange(len(durations)) % folds
     errors = np.empty((len(_SMOOTHINGS), len(durations)))
     learners = [
@@ -290,10 +294,10 @@ def _best_learning(
         base, target = base_of(table[~held], durations[~held])
         values = durations[held] - sum_of(base, table[held])
         for at, learner in enumerate(learners):
-            errors[at, held] = values - learner.fit(known[~held], target).predict(known[held])
+            errors[at, held] = values - learner.fit(used[~held], target).predict(used[held])
     base, target = base_of(table, durations)
     best = int(np.argmin(np.abs(errors).sum(axis=1)))
-    tree: ModelTree = learners[best].fit(known, target).tree_
+    tree: ModelTree = learners[best].fit(used, target).tree_
     columns = table.columns.get_indexer(list(tree.names))
     coefficients = np.zeros((len(tree.feature), table.shape[1]))
     coefficients[:, columns] = tree.coefficients

@@ -122,7 +122,7 @@ def test_gains_are_reported_for_each_variable(tools: Toolset, trials: list[Trial
     for each in variables.values():
         assert (each["step"], each["top"], each["free"]) == (1, "goToBall", 1.0)
         assert each["explanation"].startswith(
-            f"gains {each['gain_s']:.2f} s on average; the gate accepts it in "
+            f"predicted to gain {each['gain_s']:.2f} s on average; the gate accepts it in "
         )
 
 
