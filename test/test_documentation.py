@@ -117,6 +117,7 @@ def reproduced() -> list[set[str]]:
 
 def is_reproduced(text: str) -> bool:
     """Return whether a command, possibly abbreviated with `…`, is in scripts/reproduce."""
+    text = text.removeprefix("scripts/run ")
     words = {Path(word).name for word in text.split() if word != "…" and not word.isupper()}
     return len(words) > 1 and any(words <= line for line in reproduced())
 
