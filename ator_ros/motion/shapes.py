@@ -268,16 +268,20 @@ def _fastest(
     cos, sin = math.cos(turn), math.sin(turn)
     object_x, object_y = x + hold * cos, y + hold * sin
     # The whole change of heading may be in either direction, or a full turn more.
-    circle = math.copysign(math.tau, turn)
-    totals = (turn, turn - circle, turn + circle)
+    whole = 0.0 if rules.free_heading else turn
+    circle = math.copysign(math.tau, whole)
+    totals = (whole, whole - circle, whole + circle)
+    w, aw = rules.rates.w, rules.rates.aw
+    least = (turn_time(abs(whole), w, aw), turn_time(abs(totals[1]), w, aw), turn_time(abs(totals[2]), w, aw))
     windows = (_window_of(-totals[0]), _window_of(-totals[1]), _window_of(-totals[2]))
     best, result, turned, fastest = most, np.inf, 0.0, likely
     turns, fractions = tables.turns, tables.fractions
     for number in range(len(shapes)):
-        index = (likely + number) % len(shapes)
+        index = likely + number
+        index -= len(shapes) if index >= len(shapes) else 0  # a remainder takes longer
         shape, entry, exit_ = shapes[index], entries[index], exits[index]
         straight = entry["time"] + exit_["time"]
-        if straight == np.inf:
+        if straight > best:
             continue
         one = Turn(entry["row"], entry["speed"], shape["first_change"], shape["first_rate"])
         two = Turn(exit_["row"], exit_["speed"], shape["last_change"], shape["last_rate"])
@@ -288,9 +292,9 @@ def _fastest(
             back = exit_["length"]
             offset = Offset(x - entry["length"] - back * cos, y - back * sin, 0.0)
         for around in range(1 if rules.free_heading else 3 if rules.forward else 2):
-            total = 0.0 if rules.free_heading else totals[around]
-            if straight + turn_time(abs(total), max(one.rate, two.rate), rules.rates.aw) > best:
+            if straight + least[around] > best:
                 continue
+            total = totals[around]
             if rules.free_heading:
                 far = zeros
             else:

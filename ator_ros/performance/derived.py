@@ -41,12 +41,16 @@ def wrapped(angle: float) -> float:
     return turned - math.pi
 
 
+NEAR = 0.04
+"""Distance in m from the goal within which a robot at rest only has to turn to the goal's heading."""
+_NEAR_PULL = 20.0  # weight of the goal's heading in the bearing of a goal within `NEAR`, which is noise
+
 # The direct variables `direct` have the shape (10 or more, n), `rows` has the shape (ROWS, n).
 
 
 @compiled
-def _write_positions(direct: FloatArray, hold: float, aw: float, rows: FloatArray) -> None:
-    """Write all rows but those of the bearing, see `_write_angles`; `hold` in m.
+def _write_rows(direct: FloatArray, hold: float, aw: float, rows: FloatArray) -> None:
+    """Write all rows; `hold` in m.
 
     In the opening the robot loses its rotation at up to `aw` (rad/s^2), while its speed stays the same.
     """
@@ -55,12 +59,19 @@ def _write_positions(direct: FloatArray, hold: float, aw: float, rows: FloatArra
         from_x, from_y, heading = direct[X, at], direct[Y, at], direct[YAWG, at]
         rows[FROM_X, at], rows[FROM_Y, at], rows[FROM_YAW, at] = from_x, from_y, yaw
         rows[GOAL_X, at], rows[GOAL_Y, at], rows[GOAL_YAW, at] = direct[XG, at], direct[YG, at], heading
+        cos, sin = math.cos(heading), math.sin(heading)
         back = hold * direct[HOLD, at]
-        x = direct[XG, at] - back * math.cos(heading)
-        y = direct[YG, at] - back * math.sin(heading)
+        x, y = direct[XG, at] - back * cos, direct[YG, at] - back * sin
         dx, dy = x - from_x, y - from_y
-        rows[TO_X, at], rows[TO_Y, at], rows[DX, at], rows[DY, at] = x, y, dx, dy
-        rows[DIST, at] = math.sqrt(dx * dx + dy * dy)
+        dist = math.sqrt(dx * dx + dy * dy)
+        rows[TO_X, at], rows[TO_Y, at], rows[DX, at], rows[DY, at], rows[DIST, at] = x, y, dx, dy, dist
+        pull = _NEAR_PULL * max(NEAR - dist, 0.0)
+        bearing = math.atan2(dy + pull * sin, dx + pull * cos)
+        to, there = wrapped(bearing - yaw), wrapped(heading - bearing)
+        side = 1.0 if to >= 0.0 else -1.0
+        rows[TO_DEST, at], rows[AT_DEST, at] = to, there
+        rows[ANGLE_TO, at], rows[ANGLE_AT, at] = abs(to), abs(there)
+        rows[AT_BY_TURN, at], rows[W_BY_TURN, at] = side * there, side * rotation
         rows[ANGLE_BETWEEN, at] = abs(wrapped(heading - yaw))
         arrival = direct[SPEEDG, at]
         rows[SPEED, at], rows[ARRIVAL, at], rows[HOLDS, at] = speed, arrival, direct[HOLD, at]
@@ -75,18 +86,6 @@ def _write_positions(direct: FloatArray, hold: float, aw: float, rows: FloatArra
 
 
 @compiled
-def _write_angles(direct: FloatArray, bearing: FloatArray, rows: FloatArray) -> None:
-    """Write the rows that need the bearing (n,) of the destination, in rad."""
-    for at in range(direct.shape[1]):
-        to = wrapped(bearing[at] - direct[YAW, at])
-        there = wrapped(direct[YAWG, at] - bearing[at])
-        side = 1.0 if to >= 0.0 else -1.0
-        rows[TO_DEST, at], rows[AT_DEST, at] = to, there
-        rows[ANGLE_TO, at], rows[ANGLE_AT, at] = abs(to), abs(there)
-        rows[AT_BY_TURN, at], rows[W_BY_TURN, at] = side * there, side * direct[W, at]
-
-
-@compiled
 def _write_relative_ends(direct: FloatArray, rows: FloatArray, ends: FloatArray) -> None:
     """Write the destinations relative to the openings, shape (5, n), see `fastest_paths`."""
     for at in range(direct.shape[1]):
@@ -98,8 +97,6 @@ def _write_relative_ends(direct: FloatArray, rows: FloatArray, ends: FloatArray)
         ends[3, at], ends[4, at] = direct[V, at], direct[SPEEDG, at]
 
 
-NEAR = 0.04
-"""Distance in m from the goal within which a robot at rest only has to turn to the goal's heading."""
 ALIGNED = 0.1
 """Angle in rad up to which a robot may turn on the spot with an object in front."""
 
@@ -119,7 +116,6 @@ def _complete_paths(rows: FloatArray, w: float, aw: float, paths: FloatArray) ->
             paths[0, at], paths[1, at] = turn_time(angle, w, aw), angle
 
 
-_NEAR_PULL = 20.0  # weight of the goal's heading in the bearing of a goal within `NEAR`, which is noise
 Derived = TypeVar("Derived")
 
 
@@ -158,11 +154,7 @@ class Geometry:
     def rows(self) -> FloatArray:
         """The quantities of `BASICS` and those after them, shape (ROWS, n)."""
         rows = np.empty((ROWS, self._table.shape[1]))
-        _write_positions(self._table, self.robot.hold, self.robot.limits.aw, rows)
-        heading, dist = self.direct["yawg"], rows[DIST]
-        pull = _NEAR_PULL * np.maximum(NEAR - dist, 0.0)
-        bearing = np.arctan2(rows[DY] + pull * np.sin(heading), rows[DX] + pull * np.cos(heading))
-        _write_angles(self._table, bearing, rows)
+        _write_rows(self._table, self.robot.hold, self.robot.limits.aw, rows)
         return rows
 
     @property

@@ -73,19 +73,22 @@ class ErrorProcess:
 
         `features` (n, k) are the situations, `signs` (n,) those of their durations in the sum.
         """
-        points = (features - np.array(self.center)) / np.array(self.scale)
-        known, inverse, weights = self._solved
-        similar = signs @ self._kernel(points, known)
-        variance = signs @ self._kernel(points, points) @ signs - similar @ inverse @ similar
+        known, inverse, weights, center, scale = self._solved
+        points = (features - center) / scale
+        # One kernel of all points takes hardly longer than one of few.
+        kernels = signs @ self._kernel(points, np.concatenate((known, points)))
+        similar, own = kernels[: len(known)], kernels[len(known) :]
+        variance = own @ signs - similar @ inverse @ similar
         return float(similar @ weights), max(float(variance), 0.0)
 
     @cached_property
-    def _solved(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Points (n, k), the inverse of their covariances (n, n), and the weights of their kernels (n,)."""
+    def _solved(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Points (n, k), inverse of their covariances (n, n), weights of their kernels; center and scale."""
         known = np.array(self.points)
         covariances = self._kernel(known, known) + self.noise**2 * np.eye(len(known))
         inverse: FloatArray = np.asarray(np.linalg.inv(covariances), dtype=float)
-        return known, inverse, inverse @ _clipped(np.array(self.errors), known)
+        weights = inverse @ _clipped(np.array(self.errors), known)
+        return known, inverse, weights, np.array(self.center), np.array(self.scale)
 
     def _kernel(self, one: FloatArray, other: FloatArray) -> FloatArray:
         """Return the Matérn kernel (3/2) of points (n, k) and (m, k), shape (n, m)."""

@@ -88,6 +88,10 @@ class Optimum:
         Cost of the chain with these values.
     curves : sequence of SearchCurve
         First candidates, by subgoal.
+    rows : sequence of int
+        Row of the best candidate among the last ones of each subgoal.
+    costs : sequence of ndarray, shapes (n, m)
+        Cost of each step with the last candidates of the subgoals before (n) and after it (m).
     complete : bool
         False if the deadline ended the search.
     """
@@ -95,6 +99,8 @@ class Optimum:
     values: Sequence[FloatArray]
     cost: float
     curves: Sequence[SearchCurve]
+    rows: Sequence[int] = ()
+    costs: Sequence[FloatArray] = ()
     complete: bool = True
 
 
@@ -146,11 +152,19 @@ def search(
         if not path.complete or deadline():
             return dataclasses.replace(path, curves=curves, complete=False)
         centers, cost = path.values, path.cost
-        candidates = [
-            window.candidates(center, curve, number)
-            for window, center, curve in zip(windows, centers, path.curves, strict=True)
+        best = [
+            window.best(row, curve)
+            for window, row, curve in zip(windows, path.rows, path.curves, strict=True)
         ]
-        path = least_path(step_cost, candidates, centers, deadline)
+        moves = [window.has_turn(number) for window in windows]
+        candidates = [
+            window.around(curve.values[rows], number) if has_turn else curve.values[rows]
+            for window, curve, rows, has_turn in zip(windows, path.curves, best, moves, strict=True)
+        ]
+        # Steps between subgoals that keep their candidates are not evaluated again.
+        sides = zip(path.costs, [[0], *best], best, [False, *moves], moves, strict=False)
+        known = [None if any(new) else costs[np.ix_(before, after)] for costs, before, after, *new in sides]
+        path = least_path(step_cost, candidates, centers, deadline, known)
         for window, start, end in zip(windows, centers, path.values, strict=True):
             window.shrink(start, end, number)
         without_gain = 0 if cost - path.cost > _GAIN * abs(cost) / len(axes) else without_gain + 1
@@ -171,8 +185,12 @@ def least_path(
     candidates: Sequence[FloatArray],
     given: Sequence[FloatArray],
     deadline: Deadline = no_deadline,
+    known: Sequence[FloatArray | None] = (),
 ) -> Optimum:
-    """Find the best candidate of each subgoal; after the deadline, later subgoals keep the `given` value."""
+    """Find the best candidate of each subgoal; after the deadline, later subgoals keep the `given` value.
+
+    `known` are the costs (n, m) of each step, None where they must be evaluated; by default all must be.
+    """
     searched: list[FloatArray] = []
     costs: list[FloatArray] = []
     forward: list[FloatArray] = []
@@ -180,7 +198,10 @@ def least_path(
     before, complete = np.zeros((1, 0)), True
     for index, offered in enumerate(candidates):
         after = offered if complete else given[index][None, :]
-        cost = _pairwise(step_cost, index, before, after, deadline if complete and given else no_deadline)
+        cost = known[index] if known and complete else None
+        if cost is None:
+            limit = deadline if complete and given else no_deadline
+            cost = _pairwise(step_cost, index, before, after, limit)
         if len(cost) < len(before):
             complete, after = False, given[index][None, :]
             cost = _pairwise(step_cost, index, before, after, no_deadline)
@@ -199,7 +220,7 @@ def least_path(
         path.insert(0, int(origin[path[0]]))
     values = [c[i] for c, i in zip(searched, path, strict=True)]
     curves = [SearchCurve(c, f + b) for c, f, b in zip(searched, forward, backward, strict=True)]
-    return Optimum(values, total, curves, complete)
+    return Optimum(values, total, curves, path, costs, complete)
 
 
 def _pairwise(
@@ -238,15 +259,9 @@ class _Windows:
         count = _of(_FIRST_BESIDE if beside else _FIRST_ALONE, len(domains))
         self.first, self._radius = self._first(count)
 
-    def candidates(self, center: FloatArray, curve: SearchCurve, number: int) -> FloatArray:
-        """Return the candidates (n, k) of a round: the best known and, if it has a turn, their windows.
-
-        `center` (k,) is on the best path; `curve` has all candidates of the last round.
-        """
-        free = len(center)
-        best = self._best(center, curve)
-        if not free or not self._has_turn(number):
-            return best
+    def around(self, best: FloatArray, number: int) -> FloatArray:
+        """Return the `best` candidates (n, k) and those of their windows, for a round with a turn."""
+        free = best.shape[1]
         each = _of(_IN_WINDOW, free)
         offsets = 2.0 * spread_points(free, self._used, each * len(best)) - 1.0
         self._used += len(offsets)
@@ -264,22 +279,24 @@ class _Windows:
 
     def shrink(self, start: FloatArray, end: FloatArray, number: int) -> None:
         """Shrink the windows after a round in which the best candidate moved from `start` to `end`, (k,)."""
-        if len(start) and self._has_turn(number):
+        if self.has_turn(number):
             self._radius = np.maximum(_SHRINKS * self._radius, _REACH * self._apart(start, end))
 
-    def _has_turn(self, number: int) -> bool:
-        return not self._beside or (self._index + number) % 2 == 0
+    def has_turn(self, number: int) -> bool:
+        """Return whether the subgoal has new candidates in a round."""
+        return bool(self._domains) and (not self._beside or (self._index + number) % 2 == 0)
 
-    def _best(self, center: FloatArray, curve: SearchCurve) -> FloatArray:
-        """Return `center` and the best candidates that are no neighbors of each other, shape (n, k)."""
-        best, left = [center], curve.totals.copy()
-        while len(center) and len(best) < _BEST:
-            left[(self._apart(curve.values, best[-1]) < _APART * self._radius).all(axis=1)] = np.inf
+    def best(self, row: int, curve: SearchCurve) -> list[int]:
+        """Return `row`, and rows of the best candidates that are no neighbors of each other."""
+        best, left = [row], curve.totals.copy()
+        while self._domains and len(best) < _BEST:
+            neighbors = self._apart(curve.values, curve.values[best[-1]]) < _APART * self._radius
+            left[neighbors.all(axis=1)] = np.inf
             row = int(np.argmin(left))
             if not np.isfinite(left[row]):
                 break
-            best.append(curve.values[row])
-        return np.array(best)
+            best.append(row)
+        return best
 
     def _first(self, count: int) -> tuple[FloatArray, FloatArray]:
         """Return `count` first candidates (n, k), fewer in a small region, and windows' half widths (k,)."""
@@ -317,7 +334,8 @@ def _grid(domains: tuple[Range, ...], count: int) -> tuple[FloatArray, FloatArra
         low, high = domains[number].low, domains[number].high
         lines[number] = np.linspace(low, high, steps, endpoint=not domains[number].periodic)
     axes = np.meshgrid(*(lines[number] for number in range(len(domains))), indexing="ij")
-    grid = np.stack([axis.ravel() for axis in axes], axis=1) if domains else np.zeros((1, 0))
+    # The last variable, a speed, varies slowest: its changes cost time in the search for paths.
+    grid = np.stack([axis.ravel("F") for axis in axes], axis=1) if domains else np.zeros((1, 0))
     grid.setflags(write=False)
     return grid, np.array([lines[number][1] - lines[number][0] for number in range(len(domains))])
 
