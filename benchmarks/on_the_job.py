@@ -72,6 +72,7 @@ def episode(record: ActionRecord) -> Episode:
         record.position_error,
         record.heading_error,
         tuple(start.objects),
+        record.parts,
     )
 
 

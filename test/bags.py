@@ -191,7 +191,8 @@ def action_performance(
     actual = performance(duration=duration, spread=0.0, success=float(code == 1), accuracy=0.01)
     return types["ator_interfaces/msg/ActionPerformance"](
         header=header, chain_id="0", step=0, steps=1, action=action, action_set=action_set, call=call,
-        start=situation, end=situation, predicted=unknown, actual=actual, heading_error=0.02,
+        start=situation, end=situation, predicted=unknown, actual=actual, first_turn=0.4,
+        last_turn=0.6, driven=1.5, heading_error=0.02,
         outcome=types["ator_interfaces/msg/Outcome"](code=code, reason="so it went"),
     )  # fmt: skip
 

@@ -11,6 +11,7 @@ import pandas as pd
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience.table import columns
 from ator_ros.geometry import FloatArray, wrap_angles
+from ator_ros.motion.drive_parts import DriveParts, parts_of_drive
 from ator_ros.motion.routes import routes_of
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.training import train
@@ -32,7 +33,7 @@ def synthetic_experience(action: str, *, episodes: int = 300, seed: int = 1) -> 
         "w": 0.0, "ball_x": np.nan, "ball_y": np.nan, "xg": xg, "yg": yg, "yawg": yawg, "speedg": 0.0,
         "hold": 0, "time_to_go": duration, "duration": duration,
         "success": rng.random(episodes) > 0.1 * dist, "reason": "made up",
-        "position_error": 0.01 * dist, "heading_error": 0.02,
+        "position_error": 0.01 * dist, "heading_error": 0.02, **DriveParts()._asdict(),
     })  # fmt: skip
     return frame[list(columns(SOCCER.objects))]
 
@@ -91,10 +92,11 @@ def whole_drives(
         t = np.arange(0.0, duration, 0.1)
         share = np.clip((t - first[index]) / driven[index], 0.0, 1.0)
         v = np.where((share > 0.0) & (share < 1.0), -0.4 if backward[index] else 0.6, 0.0)
+        parts = parts_of_drive(t, v, duration)._asdict()
         drives.append(
             starts.iloc[[index] * len(t)].assign(
                 t=t, x=starts["x"][index] + share * dx[index], y=starts["y"][index] + share * dy[index],
-                v=v, time_to_go=duration - t, duration=duration,
+                v=v, time_to_go=duration - t, duration=duration, **parts,
             )
         )  # fmt: skip
     return pd.concat(drives, ignore_index=True), (first + straight + last).to_numpy()

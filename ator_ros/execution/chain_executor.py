@@ -6,11 +6,14 @@ import enum
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
 from ator_ros.actions import TIME_LIMIT
 from ator_ros.actions.base import Action, ActionError, Status, Step
 from ator_ros.actions.goal_variables import goal_values
 from ator_ros.execution.rolling import Rolling
 from ator_ros.geometry import FloatArray
+from ator_ros.motion.drive_parts import DriveParts, parts_of_drive
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.conditions import state_of
 from ator_ros.tops.library import TopLibrary
@@ -78,6 +81,7 @@ class ActionRecord:
     reason: str  # a sentence on the ending
     position_error: float  # m; distance from the goal at the end
     heading_error: float  # rad
+    parts: DriveParts
     lost: str | None = None  # the object whose loss made the action fail
 
     @property
@@ -289,6 +293,7 @@ class StepRun:
         self._library, self._chain, self._index, self._time_limit = library, chain, index, time_limit
         self.action: Action | None = None
         self._start: World | None = None
+        self._speeds: list[tuple[float, float]] = []  # times (s) and speeds (m/s) while the action runs
         self._settling = math.inf  # time in s since which the step waits for the action's effect
 
     @property
@@ -329,6 +334,7 @@ class StepRun:
             return Step(STOP, Status.FAILED, fault)
         if self.action is None:  # SETTLING
             return self._confirmed(world, Step(STOP, Status.SUCCEEDED, f"{self.call.top.name} has settled"))
+        self._speeds.append((world.time, world.robot.v))
         return self._confirmed(world, self.action.step(world))
 
     def _confirmed(self, world: World, step: Step) -> Step:
@@ -359,14 +365,19 @@ class StepRun:
         goal = self.call.goal.robot_pose(robot)
         held = kept(self.call.top) if self.begun else held_first(self.call.top)
         lost = ending is Ending.FAILED and held is not None and is_lost(world, robot, held)
+        start, parts = self._start or world, DriveParts()
+        if self._speeds:
+            times, speeds = np.array(self._speeds).T
+            parts = parts_of_drive(times - start.time, speeds, world.time - start.time)
         return ActionRecord(
             self._index,
             self._chain,
-            self._start or world,
+            start,
             world,
             ending,
             reason,
             pose.distance(goal),
             abs(pose.relative(goal).yaw),
+            parts,
             held if lost else None,
         )

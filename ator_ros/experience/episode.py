@@ -13,6 +13,7 @@ from ator_ros.actions import TIME_LIMIT
 from ator_ros.actions.base import Action, ActionError, Status, Step
 from ator_ros.actions.situation import Situation
 from ator_ros.geometry import FloatArray
+from ator_ros.motion.drive_parts import DriveParts
 from ator_ros.simulation.run import judge, place, run_action
 from ator_ros.simulation.simulation import Simulation
 from ator_ros.tops.chain import Top
@@ -43,6 +44,8 @@ class Episode:
         place the robot: how far the world is from the post-condition, and NaN.
     objects : tuple of str
         The objects in `samples`.
+    parts : DriveParts or None
+        By odometry; None: by the samples.
     """
 
     situation: Situation
@@ -53,6 +56,7 @@ class Episode:
     position_error: float
     heading_error: float
     objects: tuple[str, ...] = ()
+    parts: DriveParts | None = None
 
 
 def run_episode(

@@ -15,6 +15,7 @@ from ator_ros.actions.situation import ActionSpec, Situation
 from ator_ros.experience.episode import Episode, sample_of
 from ator_ros.experience.table import LARGEST
 from ator_ros.files import is_name
+from ator_ros.motion.drive_parts import DriveParts
 from ator_ros.printable import printable, quoted
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import Top
@@ -81,6 +82,9 @@ def episode_of(message: Any, domain: Vocabulary, robot: Robot) -> Episode:
     given = {item.name: item.value for item in call.values}
     values = {name: given[name] for name in domain.goal_variables if name in given}
     point = Point.AXLE if top is None else top.point
+    # Zero, or no such field as in version 0.1: unknown
+    numbers = (getattr(message, name, 0.0) for name in DriveParts._fields)
+    parts = DriveParts(*(each if 0.0 < abs(each) <= LARGEST else math.nan for each in numbers))
     episode = Episode(
         situation=Situation(message.action, state, objects, Goal(pose, speed, point, values)),
         samples=np.array([sample_of(World(0.0, state, objects), 0.0, objects)]),
@@ -90,6 +94,7 @@ def episode_of(message: Any, domain: Vocabulary, robot: Robot) -> Episode:
         position_error=message.actual.accuracy,
         heading_error=message.heading_error,
         objects=tuple(objects),
+        parts=parts,
     )
     if fault := fault_in(episode, top, robot):
         raise MessageError(fault)

@@ -19,6 +19,7 @@ from ator_ros.actions.goal_variables import MOST_GOAL_VARIABLES, direct_name
 from ator_ros.experience.episode import Episode
 from ator_ros.files import atomic_write, content_of, header, is_name
 from ator_ros.geometry import FloatArray
+from ator_ros.motion.drive_parts import DriveParts, parts_of_drive
 from ator_ros.printable import printable, quoted
 from ator_ros.schema import SchemaError
 from ator_ros.world.messages import MOST_OBJECTS
@@ -55,6 +56,9 @@ _AFTER = {
     "duration": "s, of the whole episode",
     "success": "the action ended well, and the post-condition of its TOP holds",
     "reason": "how the episode ended",
+    "first_turn": "s until the robot had driven 5 cm; NaN if unknown",
+    "last_turn": "s from 5 cm before its end; NaN if unknown",
+    "driven": "m, by odometry, negative backward; NaN if unknown",
     "position_error": "m, at the end",
     "heading_error": "rad, at the end; NaN where the heading does not matter",
 }
@@ -130,6 +134,7 @@ def checked_rows(source: Path | str, frame: pd.DataFrame, action_set: object) ->
     """
     objects, declared = objects_of_columns(frame.columns), goal_variables_of_columns(frame.columns)
     wanted = columns(objects, declared)
+    frame = frame.assign(**{name: np.nan for name in DriveParts._fields if name not in frame})
     if missing := [name for name in wanted if name not in frame.columns]:
         raise ExperienceError(
             f"{source}: expected the columns {', '.join(wanted)}; missing: {', '.join(missing)}"
@@ -201,6 +206,8 @@ def episode_frame(number: int, episode: Episode, objects: tuple[str, ...]) -> pd
     """
     frame = pd.DataFrame(episode.samples, columns=[*STATE_COLUMNS, *object_columns(episode.objects)])
     goal = episode.situation.goal
+    times, speeds = (frame[name].to_numpy() for name in ("t", "v"))
+    parts = episode.parts or parts_of_drive(times, speeds, episode.duration)
     others = {
         **dict.fromkeys(object_columns(name for name in objects if name not in episode.objects), np.nan),
         "action": episode.situation.action,
@@ -215,6 +222,7 @@ def episode_frame(number: int, episode: Episode, objects: tuple[str, ...]) -> pd
         "duration": episode.duration,
         "success": episode.success,
         "reason": episode.reason,
+        **parts._asdict(),
         "position_error": episode.position_error,
         "heading_error": episode.heading_error,
     }

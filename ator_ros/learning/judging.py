@@ -17,6 +17,7 @@ from ator_ros.geometry import FloatArray
 from ator_ros.performance.driving import DrivingStyle
 from ator_ros.performance.features import Feature
 from ator_ros.performance.model import MEASURES
+from ator_ros.performance.observation import parts_of_drives
 from ator_ros.performance.training import OUTCOMES, SMALL_LEAF, duration_tree, features_of, small_tree
 from ator_ros.performance.tree.nodes import IntArray, ModelTree
 from ator_ros.robot.description import Robot
@@ -35,12 +36,16 @@ Learn = Callable[[IntArray], ModelTree | None]
 
 @dataclass(frozen=True, eq=False)
 class TrainingData:
-    """Records of one of `MEASURES`, oldest first: features, values (n,) of the measure, and `NUMBER` (n,)."""
+    """Records of one of `MEASURES`, oldest first: features, values (n,) of the measure, and `NUMBER` (n,).
+
+    `parts` are those of drives for durations without a map, see `parts_of_drives`; else None.
+    """
 
     measure: str
     table: pd.DataFrame
     values: FloatArray
     numbers: IntArray
+    parts: FloatArray | None
 
     def predicted(self, tree: ModelTree, which: IntArray) -> FloatArray:
         """Return a tree's predictions for some of the records."""
@@ -70,7 +75,9 @@ def training_data(
         if measure != "success":
             usable &= rows["success"].to_numpy(dtype=bool)
         part, numbers = table[usable].reset_index(drop=True), rows[NUMBER].to_numpy()
-        found[measure] = TrainingData(measure, part, values[usable], numbers[usable])
+        by_parts = measure == "duration" and robot.grid is None
+        parts = parts_of_drives(rows[usable]) if by_parts else None
+        found[measure] = TrainingData(measure, part, values[usable], numbers[usable], parts)
     return found
 
 
@@ -107,7 +114,7 @@ def _learned(data: TrainingData, names: Sequence[str], size: int, which: IntArra
         return None
     table, values = data.table[list(names)].iloc[which], data.values[which]
     if data.measure == "duration":
-        return duration_tree(table, values)[0]
+        return duration_tree(table, values, None if data.parts is None else data.parts[which])[0]
     # Failures are rare, so small leaves are allowed.
     leaf = int(np.clip(len(which) // 6, _LEAST_LEAF, SMALL_LEAF))
     return small_tree(table, values, leaf=leaf)

@@ -27,7 +27,6 @@ from ator_ros.learning.sets import (
     seal,
     sets_in,
 )
-from ator_ros.performance.driving import plain_driving
 from ator_ros.performance.error_process import fit_error_process
 from ator_ros.performance.features import PATHS, Feature, declared_by, names_of
 from ator_ros.performance.model import MEASURES, UNOBSERVED, PerformanceModel
@@ -38,6 +37,7 @@ from ator_ros.performance.model_file import (
     models_folder,
     save_model,
 )
+from ator_ros.performance.observation import observed_driving
 from ator_ros.performance.training import duration_features, error_features, observed_arrival, routed
 from ator_ros.robot.description import Robot
 
@@ -66,7 +66,7 @@ def _improved(
     if current is not None:
         driving = current.driving
     else:
-        driving = plain_driving(robot) if set(features) & set(PATHS) else None
+        driving = observed_driving(rows, robot) if set(features) & set(PATHS) else None
     present = [current] if current is not None else []
     former = {name: model for name, model in former.items() if model.driving == driving}
     of_durations = duration_features(features, rows[rows["success"]], driving)

@@ -189,6 +189,7 @@ class GoalRun:
             end=end,
             predicted=performance_of(self._predictor.action(record.start, record.chain, record.index)),
             actual=_actual(record.duration, record.ending, record.position_error),
+            **record.parts._asdict(),
             heading_error=float(record.heading_error),
             outcome=Outcome(code=record.ending.value, reason=record.reason),
         )

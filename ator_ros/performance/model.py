@@ -16,7 +16,7 @@ from ator_ros.performance.derived import ANGLE_BETWEEN, Geometry
 from ator_ros.performance.direct import Direct
 from ator_ros.performance.driving import DrivingStyle
 from ator_ros.performance.error_process import ErrorProcess
-from ator_ros.performance.features import Feature, declared_by, derived_from
+from ator_ros.performance.features import OF_STRAIGHT, Feature, declared_by, derived_from, names_of
 from ator_ros.performance.tree.nodes import ModelTree, RuleWriter
 from ator_ros.robot.description import Robot
 from ator_ros.schema import Within
@@ -198,7 +198,7 @@ class PerformanceModel:
     def rules(self, measure: str = "duration") -> str:
         """Return the rules of one measure as text in the paper's form, one a line."""
         above, first = self.driving.backward_above if self.driving is not None else math.pi, ""
-        if "backward" in self.trees[measure].names:
+        if {*names_of(OF_STRAIGHT)} & {*self.trees[measure].names}:
             first = f"straights are backward if angle_to_dest > {math.degrees(above):.3g}°\n"
         return first + self._writer(measure).rules()
 

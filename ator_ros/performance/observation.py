@@ -36,8 +36,6 @@ _LEAST_SAMPLES = 10  # for a quantile
 _LEAST_SHARE = 0.05  # of the base's limit; smaller quantiles are noise, not limits
 _BACKWARD = (-0.1, 0.01)  # m/s, and the share of rows that are faster backward in an action that drives so
 _MOST_WRONG = 0.02  # share of the drives on the wrong side of the angle above which they are backward
-_TURNS_WITHIN = 0.05  # m driven from the start, or left to the end, of a drive: there the robot turns
-_LONGEST_GAP = 0.5  # s at the end of a drive without odometry
 _TURNING = 0.1  # share of the greatest turn rate above which the robot turns
 _SPEEDS: FloatArray = np.array([0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.65, 0.8, 1.0])
 _CHANGES: FloatArray = np.array([-1.0, -0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75, 1.0])
@@ -60,8 +58,11 @@ def observed_driving(rows: pd.DataFrame, robot: Robot) -> DrivingStyle:
     Where too little was observed, the limits of `robot` are assumed.
     """
     starts = rows[(rows["t"] == 0.0) & rows["success"]]
-    if starts.empty or not (rows["t"] > 0.0).any():  # records hold only the starts of episodes
+    if starts.empty:
         return plain_driving(robot)
+    backward_above = _backward_above(starts, robot)
+    if not (rows["t"] > 0.0).any():  # records hold only the starts of episodes
+        return dataclasses.replace(plain_driving(robot), backward_above=backward_above)
     limits = _observed_limits(rows, robot)
     holding = starts["hold"] > 0.5
     if np.mean(rows["v"] < _BACKWARD[0]) <= _BACKWARD[1]:
@@ -81,16 +82,15 @@ def observed_driving(rows: pd.DataFrame, robot: Robot) -> DrivingStyle:
     free = starts if holding.all() else starts[~holding]
     ends = _geometry(free, robot).ends
     drives = chosen_shapes(free_shapes(limits), Rules(rates_of(limits)), ends, hold=0.0)
-    driving = DrivingStyle(limits, drives, backward_above=_backward_above(rows, starts, robot))
+    driving = DrivingStyle(limits, drives, backward_above=backward_above)
     return _best_approach(driving, starts[holding], robot) if holding.any() else driving
 
 
-def _backward_above(rows: pd.DataFrame, starts: pd.DataFrame, robot: Robot) -> float:
+def _backward_above(starts: pd.DataFrame, robot: Robot) -> float:
     """Return the `angle_to_dest` in rad above which drives are backward; pi if none separates them."""
-    speeds = rows[rows["t"] > 0.0].groupby("episode")["v"].mean().reindex(starts["episode"]).to_numpy()
-    geometry = _geometry(starts, robot)
-    used = np.isfinite(speeds) & (geometry.dist > NEAR_GOAL)
-    angles, backward = geometry.rows[ANGLE_TO][used], speeds[used] < 0.0
+    driven, geometry = starts["driven"].to_numpy(dtype=float), _geometry(starts, robot)
+    used = np.isfinite(driven) & (geometry.dist > NEAR_GOAL)
+    angles, backward = geometry.rows[ANGLE_TO][used], driven[used] < 0.0
     order = np.argsort(angles)
     angles, backward = angles[order], backward[order]
     # How many drives are on the wrong side of a border before each angle, and of one after the last.
@@ -101,35 +101,14 @@ def _backward_above(rows: pd.DataFrame, starts: pd.DataFrame, robot: Robot) -> f
     return float(angles[border - 1 : border + 1].mean())
 
 
-def parts_of_drives(rows: pd.DataFrame, starts: pd.DataFrame) -> FloatArray:
-    """Return the times of the first turn, the straight and the last turn of each drive in s, shape (n, 3).
+def parts_of_drives(starts: pd.DataFrame) -> FloatArray:
+    """Return the times in s of first turn, straight and last turn of drives, shape (n, 3); NaN if unknown.
 
-    The first turn lasts until the robot has driven `_TURNS_WITHIN`, the last one begins that much before its
-    end. NaN for drives shorter than twice that, and where odometry misses the end.
-
-    Parameters
-    ----------
-    rows : pandas.DataFrame
-        Experience: the rows of each episode in the order of time.
-    starts : pandas.DataFrame, n rows
-        The first rows of these drives.
+    `starts` are the first rows of n episodes of an experience table.
     """
-    episode = rows["episode"]
-    # Integrated speeds: localization may move the position of a robot that stands.
-    steps = rows["v"] * (rows["t"].shift(-1) - rows["t"]).where(episode == episode.shift(-1), 0.0)
-    driven = steps.groupby(episode).cumsum() - steps
-    left = steps.groupby(episode).transform("sum") - driven
-    found = pd.DataFrame(
-        {
-            "begin": rows[driven.abs() > _TURNS_WITHIN].groupby("episode")["t"].first(),
-            "end": rows[left.abs() > _TURNS_WITHIN].groupby("episode")["t"].last(),
-            "known": rows.groupby("episode")["t"].last(),
-        }
-    ).reindex(starts["episode"])
-    begin, end, known = found.to_numpy().T
-    duration = starts["duration"].to_numpy(dtype=float)
-    parts = np.stack([begin, end - begin, duration - end], axis=1)
-    parts[(parts < 0.0).any(axis=1) | (known < duration - _LONGEST_GAP)] = np.nan
+    first, last = (starts[name].to_numpy(dtype=float) for name in ("first_turn", "last_turn"))
+    parts = np.stack([first, starts["duration"].to_numpy(dtype=float) - first - last, last], axis=1)
+    parts[(parts < 0.0).any(axis=1)] = np.nan
     return parts
 
 

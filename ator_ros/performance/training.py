@@ -107,7 +107,7 @@ def train(
     durations = good_starts["duration"].to_numpy(dtype=float)
     of_durations = duration_features(features, good_starts, driving)
     good = table(good_starts, features=of_durations)
-    parts = parts_of_drives(rows, good_starts) if robot.grid is None else None
+    parts = parts_of_drives(good_starts) if robot.grid is None else None
     duration, errors = duration_tree(good, durations, parts)
     success = _success_tree(starts["success"].to_numpy(dtype=float), table(starts, features=features))
     trees = {"duration": duration, "success": success}

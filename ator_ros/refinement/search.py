@@ -152,10 +152,8 @@ def search(
         if not path.complete or deadline():
             return dataclasses.replace(path, curves=curves, complete=False)
         centers, cost = path.values, path.cost
-        best = [
-            window.best(row, curve)
-            for window, row, curve in zip(windows, path.rows, path.curves, strict=True)
-        ]
+        known_best = zip(windows, path.rows, path.curves, strict=True)
+        best = [window.best(row, curve) for window, row, curve in known_best]
         moves = [window.has_turn(number) for window in windows]
         candidates = [
             window.around(curve.values[rows], number) if has_turn else curve.values[rows]

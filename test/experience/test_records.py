@@ -4,12 +4,16 @@ import math
 from functools import reduce
 from typing import Any
 
+import numpy as np
 import pytest
 from bags import ROBOT, action_performance, own_types
 
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience.records import episode_of
+from ator_ros.experience.table import episode_frame
 from ator_ros.geometry import Pose
+from ator_ros.motion.drive_parts import DriveParts
+from ator_ros.performance.observation import parts_of_drives
 from ator_ros.world.messages import MessageError
 
 TYPES = own_types()
@@ -33,9 +37,18 @@ def test_a_record_becomes_an_episode() -> None:
     assert (episode.situation.action, episode.duration, episode.success) == ("goToPose", 3.0, True)
     assert episode.situation.goal.pose == pytest.approx((1.5, 0.5, 0.7))
     assert episode.objects == ("ball",)
+    assert episode.parts == DriveParts(first_turn=0.4, last_turn=0.6, driven=1.5)
     # Without a set, it is an action of the default one; another program may not know the errors.
     unknown = episode_of(record(action_set="", heading_error=math.nan), SOCCER, ROBOT)
     assert unknown.situation == episode.situation
+
+
+@pytest.mark.parametrize(
+    "fields", [{"first_turn": math.nan}, {"last_turn": 0.0}, {"last_turn": -0.1}, {"first_turn": 2.5}]
+)
+def test_a_record_may_lack_the_parts_of_the_drive(fields: dict[str, float]) -> None:
+    episode = episode_of(record(**fields), SOCCER, ROBOT)
+    assert np.isnan(parts_of_drives(episode_frame(0, episode, ("ball",)))).any()
 
 
 @pytest.mark.parametrize(

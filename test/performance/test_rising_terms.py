@@ -9,6 +9,7 @@ from experience_rows import dead_zone_drives, dead_zone_time, whole_drives
 
 from ator_ros.domains.domain import find_domain
 from ator_ros.evaluation.trials import random_trial
+from ator_ros.motion.drive_parts import DriveParts
 from ator_ros.performance.features import CANDIDATES
 from ator_ros.performance.model import Arrival, PerformanceModel
 from ator_ros.performance.observation import parts_of_drives
@@ -64,8 +65,16 @@ def test_fifty_whole_drives_show_how_an_action_turns_though_its_straights_vary(b
     learned = train("drive_to", rows, ROBOT)
     assert learned.driving is not None
     assert learned.driving.backward_above == pytest.approx(backward_above, abs=0.1)
-    assert error(learned) < 0.22 < 0.7 * error(train("drive_to", rows[rows["t"] == 0.0], ROBOT))
-    # Drives of which records have the starts only, as the executor's do, count as before.
+    assert (
+        error(learned) < 0.22 < 0.7 * error(train("drive_to", rows.assign(**DriveParts()._asdict()), ROBOT))
+    )
+    # Records of the executor have the start of a drive and its parts.
+    recorded = train("drive_to", rows[rows["t"] == 0.0], ROBOT)
+    assert recorded.driving is not None
+    assert recorded.driving.backward_above == learned.driving.backward_above
+    assert recorded.rules().startswith("straights are backward if ") == (backward_above < np.pi)
+    assert error(recorded) < 0.22
+    # Drives whose parts are unknown do no harm.
     others = dead_zone_drives(5, seed=9).assign(episode=lambda drives: drives["episode"] + 50)
     assert error(train("drive_to", pd.concat([rows, others]), ROBOT)) < 0.25
 
@@ -73,7 +82,7 @@ def test_fifty_whole_drives_show_how_an_action_turns_though_its_straights_vary(b
 def test_straights_that_depend_on_both_turns_are_learned_with_them() -> None:
     rows, _ = whole_drives(200, seed=4, noise=0.1)
     starts = rows[rows["t"] == 0.0]
-    table, parts = features_of(starts, ROBOT, CANDIDATES, None), parts_of_drives(rows, starts)
+    table, parts = features_of(starts, ROBOT, CANDIDATES, None), parts_of_drives(starts)
     parts[:, 1] += 4.0 * ((table["angle_to_dest"] > 1.5) & (table["angle_at_dest"] > 1.5))
     _, errors = duration_tree(table, parts.sum(axis=1), parts)
     assert np.abs(errors).mean() < 0.6
@@ -81,7 +90,7 @@ def test_straights_that_depend_on_both_turns_are_learned_with_them() -> None:
 
 def test_accidental_drives_backward_are_not_where_an_action_begins_to_drive_backward() -> None:
     rows, _ = whole_drives(60, seed=3, noise=0.1)
-    rows.loc[rows["episode"] < 2, "v"] *= -1.0
+    rows.loc[rows["episode"] < 2, ["v", "driven"]] *= -1.0
     driving = train("drive_to", rows, ROBOT).driving
     assert driving is not None
     assert driving.backward_above == np.pi
