@@ -41,10 +41,7 @@ def run_chain(
     time_limit: float = TIME_LIMIT,
     executor: ChainExecutor | None = None,
 ) -> ChainRun:
-    """Execute `chain` from `start` in a new simulation, for at most `time_limit` s.
-
-    `executor` executes the chain; by default it is a new one.
-    """
+    """Execute `chain` in a new simulation, for at most `time_limit` s, by default with a new executor."""
     rolling = Rolling(library.robot)
     if executor is None:
         executor = ChainExecutor(library, chain, time_limit=time_limit, rolling=rolling)
