@@ -21,25 +21,14 @@ from ator_ros.world.state import World
 class ChainRun:
     """The result of one execution of a chain.
 
-    Attributes
-    ----------
-    duration : float
-        In s; the time limit if the chain failed.
-    success : bool
-        Whether every action succeeded and the last TOP's post-condition holds in the simulator.
-    reason : str
-        How it ended, in a sentence.
-    actions : tuple of float
-        Durations in s of the actions that ended.
-    error : float
-        Final distance in m from the last goal, of the axle or the hold; NaN if the last TOP does not place
-        the robot.
+    `error` is the final distance in m from the last goal, of the axle or the hold; NaN if the last TOP does
+    not place the robot.
     """
 
-    duration: float
-    success: bool
-    reason: str
-    actions: tuple[float, ...]
+    duration: float  # s; the time limit if the chain failed
+    success: bool  # every action succeeded, and the last TOP's post-condition holds in the simulator
+    reason: str  # how it ended, in a sentence
+    actions: tuple[float, ...]  # durations in s of the actions that ended
     error: float
 
 
@@ -52,10 +41,7 @@ def run_chain(
     time_limit: float = TIME_LIMIT,
     executor: ChainExecutor | None = None,
 ) -> ChainRun:
-    """Execute `chain` from `start` in a new simulation, for at most `time_limit` s.
-
-    `executor` executes the chain; by default it is a new one.
-    """
+    """Execute `chain` in a new simulation, for at most `time_limit` s, by default with a new executor."""
     rolling = Rolling(library.robot)
     if executor is None:
         executor = ChainExecutor(library, chain, time_limit=time_limit, rolling=rolling)

@@ -12,6 +12,7 @@ import dataclasses
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -36,62 +37,43 @@ Record = dict[str, Any]
 
 @dataclass(frozen=True)
 class Settings:
-    """Everything that the result of an evaluation depends on.
+    """Everything that the result of an evaluation depends on."""
 
-    Attributes
-    ----------
-    seed : int
-        Seed of the situations.
-    chain : str
-        Name of one of the domain's chains.
-    policies : tuple of str
-        Names of `POLICIES`.
-    oracle : int
-        Number of evenly spaced headings of the first subgoal that the oracle executes, starting with the
-        naive one; 0: no oracle.
-    oracle_margin : float or None
-        Headings that are predicted to take this much longer than the best (s) are not executed; None: all.
-    oracle_speeds : tuple of float
-        Arrival speeds in m/s that the oracle of heading and speed executes for each heading.
-    source : ToolsetSource
-        Source of robot, actions and models.
-    joint_oracle : bool
-        Whether the oracle searches all open headings jointly, by executing legs, for chains in which the
-        robot stands between two actions.
-    """
-
-    seed: int
-    chain: str
-    policies: tuple[str, ...] = USUAL
+    seed: int  # of the situations
+    chain: str  # name of one of the domain's chains
+    policies: tuple[str, ...] = USUAL  # names of `POLICIES`
     oracle: int = 0
+    """Number of evenly spaced headings of the first subgoal that the oracle executes, starting with the naive
+    one; 0: no oracle."""
     oracle_margin: float | None = None
+    """Headings that are predicted to take this much longer than the best (s) are not executed; None: all."""
     oracle_speeds: tuple[float, ...] = ()
+    """Arrival speeds in m/s that the oracle of heading and speed executes for each heading."""
     source: ToolsetSource = field(default_factory=ToolsetSource)
     joint_oracle: bool = False
+    """Whether the oracle searches all open headings jointly, by executing legs, for chains in which the robot
+    stands between two actions."""
 
 
 class Executions:
     """Executes chains from one start; equal chains are executed once, and `runs` has the results."""
 
     def __init__(self, tools: Toolset, library: TopLibrary, trial: Trial) -> None:
-        self._robot, self._library, self._trial = tools.robot, library, trial
-        self._time_limit = tools.domain.time_limit
+        self._run = partial(run_chain, tools.robot, library, time_limit=tools.domain.time_limit)
+        self._start = trial.world
         self.runs: dict[tuple[Goal, ...], ChainRun] = {}
 
     def __call__(self, chain: TopChain) -> ChainRun:
         """Return the run of `chain`, which may differ only in its goals from those before."""
         goals = tuple(call.goal for call in chain.calls)
         if goals not in self.runs:
-            self.runs[goals] = self._run(self._trial.world, chain)
+            self.runs[goals] = self._run(self._start, chain)
         return self.runs[goals]
 
     def leg(self, start: World, chain: TopChain) -> float:
         """Return the duration in s of a chain from another start; infinite if it fails."""
         run = self._run(start, chain)
         return run.duration if run.success else math.inf
-
-    def _run(self, start: World, chain: TopChain) -> ChainRun:
-        return run_chain(self._robot, self._library, start, chain, time_limit=self._time_limit)
 
 
 def evaluate_trial(task: tuple[Settings, int]) -> Record:
@@ -235,21 +217,11 @@ def best_headings(
     count: int,
     margin: float | None,
 ) -> tuple[TopChain, int]:
-    """Return the chain that is fastest by executed legs, and the number of legs executed.
+    """Return the chain that is fastest by executed legs, and the number of legs that `drive` executed.
 
-    Parameters
-    ----------
-    tools : Toolset
-        Learned models, which exclude slow headings.
-    chosen : sequence of TopChain
-        Choices of policies, whose headings are tried too.
-    drive : callable
-        Executes a leg.
-    count : int
-        Number of evenly spaced headings at each open step.
-    margin : float or None
-        Headings are left out if all chains through them are predicted to take this much longer than the best
-        (s); None: all are tried.
+    At each open step `count` evenly spaced headings are tried, and those of `chosen`, the policies' choices.
+    Headings are left out if the models predict that all chains through them take `margin` s longer than the
+    best; None: all are tried.
     """
     calls, names = trial.chain.calls, [("yaw",)] * len(trial.chain)
     model = ChainModel(

@@ -47,27 +47,13 @@ class Toolset:
 
 @dataclass(frozen=True, kw_only=True)
 class ToolsetSource:
-    """Source of robot, actions and models.
+    """Source of robot, actions and models."""
 
-    Attributes
-    ----------
-    domain : str
-        Name of the domain.
-    robot : str
-        File of the robot's description; empty: the shipped one.
-    map : str
-        File of the building's map; empty: the domain's, if it has one.
-    action_set : str
-        Name of one of its action sets.
-    models : str
-        Folder of the models, with the layout of the shipped models/; empty: the shipped folder.
-    """
-
-    domain: str = DEFAULT
-    robot: str = ""
-    map: str = ""
-    action_set: str = DEFAULT_SET
-    models: str = ""
+    domain: str = DEFAULT  # name or file
+    robot: str = ""  # file of the robot's description; empty: the shipped one
+    map: str = ""  # file of the building's map; empty: the domain's, if it has one
+    action_set: str = DEFAULT_SET  # name of one of the domain's action sets
+    models: str = ""  # folder with the layout of the shipped models/; empty: the shipped folder
 
     def in_domain(self) -> Domain:
         """Return the domain, on the map."""

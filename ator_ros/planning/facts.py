@@ -107,20 +107,12 @@ def _satisfied(term: Statement, values: Mapping[str, Value], binding: Binding, *
 class Fact:
     """A clause of a condition for a goal.
 
-    Attributes
-    ----------
-    binding : tuple
-        The goal variables that the clause names, as pairs of name and symbol.
-    region : str
-        Name of the region of places at which it holds; empty if it concerns no place to choose.
-    surely : bool
-        Whether it must hold within all tolerances of a TOP, as the goal of a plan; otherwise it must hold
-        for projected values.
+    It must hold for projected values or, if `surely`, within all tolerances of a TOP, as the goal of a plan.
     """
 
     clause: Statement | Relation
-    binding: tuple[tuple[str, Symbol], ...] = ()
-    region: str = ""
+    binding: tuple[tuple[str, Symbol], ...] = ()  # names and symbols of the goal variables in the clause
+    region: str = ""  # name of the region of places at which it holds; empty if no place is chosen for it
     surely: bool = False
 
     @property

@@ -34,19 +34,11 @@ _MOVING = ("robot.", "hold.")  # variables that are no destination, as they chan
 
 @dataclass(frozen=True, slots=True)
 class PlannedStep:
-    """A TOP with a goal.
-
-    Attributes
-    ----------
-    binding : tuple
-        Goal variables as pairs of name and symbol; missing ones are chosen later.
-    region : tuple of Fact
-        Facts that a later TOP needs at the place that is chosen; empty if no place is chosen.
-    """
+    """A TOP with a goal."""
 
     top: Top
-    binding: tuple[tuple[str, Symbol], ...] = ()
-    region: tuple[Fact, ...] = ()
+    binding: tuple[tuple[str, Symbol], ...] = ()  # names and symbols; missing variables are chosen later
+    region: tuple[Fact, ...] = ()  # that a later TOP needs at the chosen place; empty if none is chosen
 
     def needs(self) -> list[Fact]:
         """Return its preconditions."""
@@ -147,18 +139,10 @@ class Operator:
 
 @dataclass(frozen=True, slots=True)
 class PlanningProblem:
-    """A STRIPS problem: operators, and the numbers of the facts that hold initially and of the goal.
+    """A STRIPS problem: operators, and the numbers of the facts that hold initially and of the goal."""
 
-    Attributes
-    ----------
-    facts : tuple of Fact
-        By number; facts with higher numbers say that a region contains an object from the start.
-    steps : tuple
-        The step of each operator; None if it leaves an object in its region.
-    """
-
-    facts: tuple[Fact, ...]
-    steps: tuple[PlannedStep | None, ...]
+    facts: tuple[Fact, ...]  # by number; higher numbers: a region contains an object from the start
+    steps: tuple[PlannedStep | None, ...]  # of each operator; None if it leaves an object in its region
     operators: tuple[Operator, ...]
     initial: frozenset[int]
     goal: frozenset[int]

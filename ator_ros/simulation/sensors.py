@@ -30,23 +30,15 @@ class ObjectErrors:
 class SensorConfig:
     """Errors of all sensors; by default none.
 
-    Attributes
-    ----------
-    drift : float
-        Standard deviation in m of the odometry's position after 1 m of driving; grows with the square root.
-    heading_drift : float
-        Standard deviation in rad of the odometry's heading after 1 m of driving; grows likewise.
-    latency : float
-        Time in s from a state to its messages, which have the time of the state, rounded up to a tick;
-        `ObjectErrors.delay` is added to it. The first state, also after a reset, arrives at once.
-    objects : mapping of str to ObjectErrors
-        Errors of objects by name; others are observed exactly.
+    Drifts are standard deviations of the odometry after 1 m of driving, and grow with the square root of the
+    distance. `latency` is the time from a state to its messages, which have the time of the state, rounded up
+    to a tick; `ObjectErrors.delay` is added to it. The first state, also after a reset, arrives at once.
     """
 
-    drift: float = 0.0
-    heading_drift: float = 0.0
-    latency: float = 0.0
-    objects: Mapping[str, ObjectErrors] = field(default_factory=dict, hash=False)
+    drift: float = 0.0  # m, of the position
+    heading_drift: float = 0.0  # rad
+    latency: float = 0.0  # s
+    objects: Mapping[str, ObjectErrors] = field(default_factory=dict, hash=False)  # others have no errors
 
     @property
     def exact(self) -> bool:

@@ -179,7 +179,6 @@ def _demo(options: argparse.Namespace, domain: Domain, _: str) -> None:
 
 
 def _execute(backend: Backend, trial: Trial, action_set: str) -> DemoSituation:
-    """Execute the chain of a situation naive and refined."""
     draft = Draft(trial.world, trial.chain, action_set)
     answer, runs = backend.refine(draft), []
     for label, chain in (("naive", answer.naive), ("refined", trial.chain)):

@@ -36,7 +36,6 @@ def _statements(words: Sequence[str], domain: Domain, robot: Robot) -> list[Goal
 
 
 def _situation(options: argparse.Namespace, domain: Domain) -> World:
-    """Return the world that a command line describes."""
     objects: dict[str, ObjectState] = {}
     for name, *position in options.object:
         if name in objects:

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import math
 from collections.abc import Callable, Mapping
 
 from ator_ros.domains.domain import Domain
-from ator_ros.evaluation.trials import open_speeds, random_trial
+from ator_ros.evaluation.trials import open_speeds, possible_chain, random_trial
 from ator_ros.geometry import Pose
 from ator_ros.refinement.refiner import MOST_ALTERNATIVES
 from ator_ros.tops.chain import TopCall, TopChain
-from ator_ros.tops.library import LeftOutError, TopLibrary
+from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.objects import followed
 from ator_ros.world.state import ObjectState, RobotState, World
 
@@ -125,8 +124,6 @@ def situation_draft(domain: Domain, library: TopLibrary, chain: str, *, seed: in
 
 def first_draft(domain: Domain, library: TopLibrary) -> tuple[str, Draft]:
     """Return the name of the first chain whose steps all have actions, and its first situation."""
-    *others, last = domain.chains
-    for name in others:
-        with contextlib.suppress(LeftOutError):
-            return name, situation_draft(domain, library, name, seed=0, index=0)
-    return last, situation_draft(domain, library, last, seed=0, index=0)
+    actions = list(domain.actions(library.action_set))
+    name = possible_chain(domain, library, None, actions) or next(iter(domain.chains))
+    return name, situation_draft(domain, library, name, seed=0, index=0)
