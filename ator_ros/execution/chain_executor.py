@@ -293,7 +293,7 @@ class StepRun:
         self._library, self._chain, self._index, self._time_limit = library, chain, index, time_limit
         self.action: Action | None = None
         self._start: World | None = None
-        self._speeds: list[tuple[float, float]] = []  # times (s) and speeds (m/s) while the action runs
+        self._speeds: list[tuple[float, float]] = []  # times (s) and speeds (m/s) since the start
         self._settling = math.inf  # time in s since which the step waits for the action's effect
 
     @property
@@ -314,6 +314,7 @@ class StepRun:
         except ActionError as error:
             return str(error)
         self.action, self._start, self.stage = action, world, Stage.ACTING
+        self._speeds = [(world.time, world.robot.v)]
         return None
 
     def step(self, world: World) -> Step:
@@ -325,6 +326,8 @@ class StepRun:
         return step
 
     def _next(self, world: World) -> Step:
+        if self.begun:
+            self._speeds.append((world.time, world.robot.v))
         if self.stage is Stage.STANDING:
             if not world.robot.is_standing:
                 return Step(STOP, Status.RUNNING, STOPPING)
@@ -334,7 +337,6 @@ class StepRun:
             return Step(STOP, Status.FAILED, fault)
         if self.action is None:  # SETTLING
             return self._confirmed(world, Step(STOP, Status.SUCCEEDED, f"{self.call.top.name} has settled"))
-        self._speeds.append((world.time, world.robot.v))
         return self._confirmed(world, self.action.step(world))
 
     def _confirmed(self, world: World, step: Step) -> Step:

@@ -82,9 +82,10 @@ def episode_of(message: Any, domain: Vocabulary, robot: Robot) -> Episode:
     given = {item.name: item.value for item in call.values}
     values = {name: given[name] for name in domain.goal_variables if name in given}
     point = Point.AXLE if top is None else top.point
-    # Zero, or no such field as in version 0.1: unknown
-    numbers = (getattr(message, name, 0.0) for name in DriveParts._fields)
-    parts = DriveParts(*(each if 0.0 < abs(each) <= LARGEST else math.nan for each in numbers))
+    # Unknown parts are 0, NaN or missing in the message.
+    first, last, driven = (getattr(message, name, 0.0) for name in DriveParts._fields)
+    first, last = (each if 0.0 < each <= message.actual.duration else math.nan for each in (first, last))
+    parts = DriveParts(first, last, driven if 0.0 < abs(driven) <= LARGEST else math.nan)
     episode = Episode(
         situation=Situation(message.action, state, objects, Goal(pose, speed, point, values)),
         samples=np.array([sample_of(World(0.0, state, objects), 0.0, objects)]),

@@ -56,9 +56,9 @@ _AFTER = {
     "duration": "s, of the whole episode",
     "success": "the action ended well, and the post-condition of its TOP holds",
     "reason": "how the episode ended",
-    "first_turn": "s until the robot had driven 5 cm; NaN if unknown",
-    "last_turn": "s from 5 cm before its end; NaN if unknown",
-    "driven": "m, by odometry, negative backward; NaN if unknown",
+    "first_turn": "s until the robot had driven 5 cm; NaN if it drove less than 10 cm, or unknown",
+    "last_turn": "s from 5 cm before the end of the drive until the action ended; NaN likewise",
+    "driven": "m forward less m backward, by odometry; NaN if unknown",
     "position_error": "m, at the end",
     "heading_error": "rad, at the end; NaN where the heading does not matter",
 }
@@ -134,7 +134,8 @@ def checked_rows(source: Path | str, frame: pd.DataFrame, action_set: object) ->
     """
     objects, declared = objects_of_columns(frame.columns), goal_variables_of_columns(frame.columns)
     wanted = columns(objects, declared)
-    frame = frame.assign(**{name: np.nan for name in DriveParts._fields if name not in frame})
+    has_parts = {*DriveParts._fields} <= {*frame.columns}
+    frame = frame if has_parts else frame.assign(**DriveParts()._asdict())
     if missing := [name for name in wanted if name not in frame.columns]:
         raise ExperienceError(
             f"{source}: expected the columns {', '.join(wanted)}; missing: {', '.join(missing)}"
@@ -153,7 +154,12 @@ def checked_rows(source: Path | str, frame: pd.DataFrame, action_set: object) ->
         name: frame[name].astype(object) if name in _TEXTS else _numbers(source, frame[name])
         for name in wanted
     }
-    return pd.DataFrame(checked).astype(_TYPES)
+    rows = pd.DataFrame(checked).astype(_TYPES)
+    if not has_parts:
+        for _, drive in rows.groupby(["action", "episode"], sort=False):
+            parts = parts_of_drive(drive["t"].to_numpy(), drive["v"].to_numpy(), drive["duration"].iloc[0])
+            rows.loc[drive.index, list(DriveParts._fields)] = list(parts)
+    return rows
 
 
 def _numbers(source: Path | str, column: pd.Series) -> FloatArray:
@@ -207,7 +213,9 @@ def episode_frame(number: int, episode: Episode, objects: tuple[str, ...]) -> pd
     frame = pd.DataFrame(episode.samples, columns=[*STATE_COLUMNS, *object_columns(episode.objects)])
     goal = episode.situation.goal
     times, speeds = (frame[name].to_numpy() for name in ("t", "v"))
-    parts = episode.parts or parts_of_drive(times, speeds, episode.duration)
+    parts = episode.parts
+    if parts is None:
+        parts = parts_of_drive(times, speeds, episode.duration)
     others = {
         **dict.fromkeys(object_columns(name for name in objects if name not in episode.objects), np.nan),
         "action": episode.situation.action,
@@ -235,7 +243,7 @@ def join(frames: Iterable[pd.DataFrame]) -> pd.DataFrame:
     if not parts:
         return pd.DataFrame({name: pd.Series(dtype=float) for name in columns(())})
     joined = pd.concat(parts, ignore_index=True)
-    return joined[list(columns_among(joined.columns))].astype(_TYPES)
+    return joined.reindex(columns=list(columns_among(joined.columns))).astype(_TYPES)
 
 
 def library_versions() -> dict[str, str]:

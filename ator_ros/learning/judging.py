@@ -17,7 +17,7 @@ from ator_ros.geometry import FloatArray
 from ator_ros.performance.driving import DrivingStyle
 from ator_ros.performance.features import Feature
 from ator_ros.performance.model import MEASURES
-from ator_ros.performance.observation import parts_of_drives
+from ator_ros.performance.observation import part_times
 from ator_ros.performance.training import OUTCOMES, SMALL_LEAF, duration_tree, features_of, small_tree
 from ator_ros.performance.tree.nodes import IntArray, ModelTree
 from ator_ros.robot.description import Robot
@@ -38,7 +38,7 @@ Learn = Callable[[IntArray], ModelTree | None]
 class TrainingData:
     """Records of one of `MEASURES`, oldest first: features, values (n,) of the measure, and `NUMBER` (n,).
 
-    `parts` are those of drives for durations without a map, see `parts_of_drives`; else None.
+    `parts` are those of drives for durations without a map, see `part_times`; else None.
     """
 
     measure: str
@@ -76,7 +76,7 @@ def training_data(
             usable &= rows["success"].to_numpy(dtype=bool)
         part, numbers = table[usable].reset_index(drop=True), rows[NUMBER].to_numpy()
         by_parts = measure == "duration" and robot.grid is None
-        parts = parts_of_drives(rows[usable]) if by_parts else None
+        parts = part_times(rows[usable]) if by_parts else None
         found[measure] = TrainingData(measure, part, values[usable], numbers[usable], parts)
     return found
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import shutil
 import warnings
 from collections.abc import Mapping, Sequence
@@ -27,6 +28,7 @@ from ator_ros.learning.sets import (
     seal,
     sets_in,
 )
+from ator_ros.performance.driving import plain_driving
 from ator_ros.performance.error_process import fit_error_process
 from ator_ros.performance.features import PATHS, Feature, declared_by, names_of
 from ator_ros.performance.model import MEASURES, UNOBSERVED, PerformanceModel
@@ -37,11 +39,12 @@ from ator_ros.performance.model_file import (
     models_folder,
     save_model,
 )
-from ator_ros.performance.observation import observed_driving
+from ator_ros.performance.observation import backward_above
 from ator_ros.performance.training import duration_features, error_features, observed_arrival, routed
 from ator_ros.robot.description import Robot
 
 _LEAST_RECORDS = 12  # to estimate the mean of a measure
+_LEAST_BACKWARD_KNOWN = 100  # for the angle above which an action drives backward, which is then kept
 _FORMER = 3  # earlier sets whose models are candidates
 
 Verdicts = dict[str, RoundVerdict]
@@ -63,10 +66,12 @@ def _improved(
     # `seen` by measure, `former` with models instead of trees.
     rows = _usable(rows, features)
     rows = rows[routed(rows, robot, features)]
+    driving = plain_driving(robot) if set(features) & set(PATHS) else None
     if current is not None:
         driving = current.driving
-    else:
-        driving = observed_driving(rows, robot) if set(features) & set(PATHS) else None
+    if driving is not None and driving.backward_above == math.pi and len(rows) >= _LEAST_BACKWARD_KNOWN:
+        above = backward_above(rows[rows["success"]], robot)  # no present tree depends on it
+        driving = dataclasses.replace(driving, backward_above=above)
     present = [current] if current is not None else []
     former = {name: model for name, model in former.items() if model.driving == driving}
     of_durations = duration_features(features, rows[rows["success"]], driving)

@@ -10,7 +10,7 @@ import numpy as np
 from ator_ros.geometry import FloatArray
 
 _TURNS_WITHIN = 0.05  # m driven from the start, or left to the end, of a drive: there the robot turns
-_LONGEST_GAP = 0.5  # s at the end of a drive without odometry
+_LONGEST_GAP = 0.5  # s without odometry
 
 
 class DriveParts(NamedTuple):
@@ -18,16 +18,16 @@ class DriveParts(NamedTuple):
 
     first_turn: float = math.nan  # s; until the robot has driven 5 cm
     last_turn: float = math.nan  # s; from 5 cm before its end
-    driven: float = math.nan  # m; negative if the robot drove backward
+    driven: float = math.nan  # m; how far forward less how far backward
 
 
 def parts_of_drive(times: FloatArray, speeds: FloatArray, duration: float) -> DriveParts:
     """Return the parts of a drive of `duration` s, during which speeds (n,) in m/s were observed.
 
-    `times` (n,) are in s since its start. Turns are unknown of drives shorter than 10 cm. All parts are
-    unknown if odometry misses the end.
+    `times` (n,) are in s since its start. Turns are unknown of drives shorter than 10 cm, and all parts if
+    odometry has a gap.
     """
-    if times[-1] < duration - _LONGEST_GAP:
+    if np.diff(times, append=duration).max() > _LONGEST_GAP:
         return DriveParts()
     # Integrated speeds: localization may move the position of a robot that stands.
     steps = speeds[:-1] * np.diff(times)

@@ -281,7 +281,7 @@ def _fastest(
         index -= len(shapes) if index >= len(shapes) else 0  # a remainder takes longer
         shape, entry, exit_ = shapes[index], entries[index], exits[index]
         straight = entry["time"] + exit_["time"]
-        if straight > best:
+        if straight >= best:
             continue
         one = Turn(entry["row"], entry["speed"], shape["first_change"], shape["first_rate"])
         two = Turn(exit_["row"], exit_["speed"], shape["last_change"], shape["last_rate"])

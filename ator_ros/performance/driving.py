@@ -42,7 +42,7 @@ class DrivingStyle:
         Distance in m that a straight drive keeps from the object held at the goal.
     backward_above : float
         Angle in rad to the destination above which it drives backward; pi if it never does, if no angle
-        separates such drives from the others, or if odometry is missing.
+        separates such drives from the others, or if the distances driven are unknown.
     drives, approaches : tuple
         Groups of shapes of paths, the fastest of which counts: to a pose, and to a pose at which the robot
         holds an object. Without approaches, the drives hold for both.

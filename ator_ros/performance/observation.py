@@ -37,6 +37,7 @@ _LEAST_SHARE = 0.05  # of the base's limit; smaller quantiles are noise, not lim
 _BACKWARD = (-0.1, 0.01)  # m/s, and the share of rows that are faster backward in an action that drives so
 _MOST_WRONG = 0.02  # share of the drives on the wrong side of the angle above which they are backward
 _TURNING = 0.1  # share of the greatest turn rate above which the robot turns
+_LEAST_DRIVEN = 0.1  # m forward less m backward of a drive in one direction
 _SPEEDS: FloatArray = np.array([0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.65, 0.8, 1.0])
 _CHANGES: FloatArray = np.array([-1.0, -0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75, 1.0])
 """Speeds, and changes of speed, for which turn rates are kept; shares of the limits."""
@@ -60,9 +61,9 @@ def observed_driving(rows: pd.DataFrame, robot: Robot) -> DrivingStyle:
     starts = rows[(rows["t"] == 0.0) & rows["success"]]
     if starts.empty:
         return plain_driving(robot)
-    backward_above = _backward_above(starts, robot)
+    above = backward_above(starts, robot)
     if not (rows["t"] > 0.0).any():  # records hold only the starts of episodes
-        return dataclasses.replace(plain_driving(robot), backward_above=backward_above)
+        return dataclasses.replace(plain_driving(robot), backward_above=above)
     limits = _observed_limits(rows, robot)
     holding = starts["hold"] > 0.5
     if np.mean(rows["v"] < _BACKWARD[0]) <= _BACKWARD[1]:
@@ -82,14 +83,14 @@ def observed_driving(rows: pd.DataFrame, robot: Robot) -> DrivingStyle:
     free = starts if holding.all() else starts[~holding]
     ends = _geometry(free, robot).ends
     drives = chosen_shapes(free_shapes(limits), Rules(rates_of(limits)), ends, hold=0.0)
-    driving = DrivingStyle(limits, drives, backward_above=backward_above)
+    driving = DrivingStyle(limits, drives, backward_above=above)
     return _best_approach(driving, starts[holding], robot) if holding.any() else driving
 
 
-def _backward_above(starts: pd.DataFrame, robot: Robot) -> float:
+def backward_above(starts: pd.DataFrame, robot: Robot) -> float:
     """Return the `angle_to_dest` in rad above which drives are backward; pi if none separates them."""
     driven, geometry = starts["driven"].to_numpy(dtype=float), _geometry(starts, robot)
-    used = np.isfinite(driven) & (geometry.dist > NEAR_GOAL)
+    used = (np.abs(driven) > _LEAST_DRIVEN) & (geometry.dist > NEAR_GOAL)
     angles, backward = geometry.rows[ANGLE_TO][used], driven[used] < 0.0
     order = np.argsort(angles)
     angles, backward = angles[order], backward[order]
@@ -101,7 +102,7 @@ def _backward_above(starts: pd.DataFrame, robot: Robot) -> float:
     return float(angles[border - 1 : border + 1].mean())
 
 
-def parts_of_drives(starts: pd.DataFrame) -> FloatArray:
+def part_times(starts: pd.DataFrame) -> FloatArray:
     """Return the times in s of first turn, straight and last turn of drives, shape (n, 3); NaN if unknown.
 
     `starts` are the first rows of n episodes of an experience table.

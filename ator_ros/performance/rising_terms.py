@@ -66,7 +66,7 @@ def sum_of(base: tuple[Hinge, ...], table: pd.DataFrame) -> FloatArray:
 def rising_terms(table: pd.DataFrame, parts: FloatArray) -> tuple[Hinge, ...]:
     """Return the terms that fit the durations of drives best, without the constant.
 
-    `parts` are the times in s of the parts of each drive, shape (n, 3), see `parts_of_drives`, or its whole
+    `parts` are the times in s of the parts of each drive, shape (n, 3), see `part_times`, or its whole
     duration, shape (n, 1). The terms of each part are found alone: fifty drives then show beyond which
     angle an action turns on the spot, whatever else makes durations vary. `table` has the features
     `rising_in`.

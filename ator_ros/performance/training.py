@@ -30,7 +30,7 @@ from ator_ros.performance.features import (
     names_of,
 )
 from ator_ros.performance.model import UNOBSERVED, Arrival, AtGoal, PerformanceModel, narrowed
-from ator_ros.performance.observation import NEAR_GOAL, observed_driving, parts_of_drives
+from ator_ros.performance.observation import NEAR_GOAL, observed_driving, part_times
 from ator_ros.performance.rising_terms import RISING, rising_in, rising_terms, sum_of
 from ator_ros.performance.tree.model_tree import ModelTreeRegressor
 from ator_ros.performance.tree.nodes import Hinge, ModelTree
@@ -107,7 +107,7 @@ def train(
     durations = good_starts["duration"].to_numpy(dtype=float)
     of_durations = duration_features(features, good_starts, driving)
     good = table(good_starts, features=of_durations)
-    parts = parts_of_drives(good_starts) if robot.grid is None else None
+    parts = part_times(good_starts) if robot.grid is None else None
     duration, errors = duration_tree(good, durations, parts)
     success = _success_tree(starts["success"].to_numpy(dtype=float), table(starts, features=features))
     trees = {"duration": duration, "success": success}
@@ -196,7 +196,7 @@ def duration_tree(
     - the difference to the time of the path: linear models of whole durations would fall below it where
       there is hardly room, and a search selects such predictions.
 
-    `parts` are those of the drives, shape (n, 3), NaN where unknown; see `parts_of_drives`.
+    `parts` are those of the drives, shape (n, 3), NaN where unknown; see `part_times`.
     """
     if _PATH not in table:
         tree, errors = _best_learning(table, durations, _whole, extrapolation=1.0)
@@ -217,14 +217,16 @@ def _on_sum(
     basic = table[[*rising, "route_time" if _LENGTH in rising else _PATH]]
     learn = partial(_best_learning, basic, durations, leaf=_SMALL_LEAF, folds=_FOLDS)
     drives = _far_from_goal(table)
-    if parts is None or (drives & np.isfinite(parts).all(axis=1)).sum() < LEAST_EPISODES:
+    known = np.isfinite(parts).all(axis=1) if parts is not None else np.full(len(table), False)
+    if (drives & known).sum() < LEAST_EPISODES:
         return learn(partial(_less_terms, parts=None))
     # The terms of the turns have all thresholds, unless parts depend on more than their own turn.
     base_of = partial(_less_terms, parts=pd.DataFrame(parts, table.index))
     alone = learn(base_of, tree_features=basic.columns[:1])
     whole = _on_sum(table.drop(columns=list(names_of(OF_STRAIGHT)), errors="ignore"), durations, None)
     mean, mean_whole = (np.abs(errors[drives]).mean() for _, errors in (alone, whole))
-    return alone if mean < _CLEARLY_WORSE * mean_whole else whole
+    mostly_known = 2 * (drives & known).sum() >= drives.sum()
+    return alone if mean < (_CLEARLY_WORSE if mostly_known else 1.0) * mean_whole else whole
 
 
 def _stands(table: pd.DataFrame) -> bool:

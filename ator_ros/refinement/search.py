@@ -160,7 +160,7 @@ def search(
             for window, curve, rows, has_turn in zip(windows, path.curves, best, moves, strict=True)
         ]
         # Steps between subgoals that keep their candidates are not evaluated again.
-        sides = zip(path.costs, [[0], *best], best, [False, *moves], moves, strict=False)
+        sides = zip(path.costs, [[0], *best[:-1]], best, [False, *moves[:-1]], moves, strict=True)
         known = [None if any(new) else costs[np.ix_(before, after)] for costs, before, after, *new in sides]
         path = least_path(step_cost, candidates, centers, deadline, known)
         for window, start, end in zip(windows, centers, path.values, strict=True):
@@ -332,7 +332,7 @@ def _grid(domains: tuple[Range, ...], count: int) -> tuple[FloatArray, FloatArra
         low, high = domains[number].low, domains[number].high
         lines[number] = np.linspace(low, high, steps, endpoint=not domains[number].periodic)
     axes = np.meshgrid(*(lines[number] for number in range(len(domains))), indexing="ij")
-    # The last variable, a speed, varies slowest: its changes cost time in the search for paths.
+    # The last variable, usually a speed, varies slowest: its changes cost time in the search for paths.
     grid = np.stack([axis.ravel("F") for axis in axes], axis=1) if domains else np.zeros((1, 0))
     grid.setflags(write=False)
     return grid, np.array([lines[number][1] - lines[number][0] for number in range(len(domains))])

@@ -20,6 +20,7 @@ from ator_ros.experience.collect import collect
 from ator_ros.experience.episode import run_episode
 from ator_ros.experience.table import Experience, ExperienceError, join, read_experience, write_experience
 from ator_ros.geometry import Pose
+from ator_ros.motion.drive_parts import DriveParts
 from ator_ros.robot.description import Robot, load_robot
 from ator_ros.simulation.simulation import Simulation
 from ator_ros.world.state import ObjectState, RobotState, World
@@ -127,6 +128,19 @@ def test_table_is_unchanged_by_a_file(frame: pd.DataFrame, tmp_path: Path) -> No
     assert experience.metadata["seed"] == 5
     assert [path.name for path in file.parent.iterdir()] == ["experience.parquet"]
     assert len(pd.read_parquet(file)) == len(frame)
+
+
+def test_tables_of_earlier_versions_get_the_parts_of_their_drives(
+    frame: pd.DataFrame, tmp_path: Path
+) -> None:
+    file, parts = tmp_path / "experience.parquet", list(DriveParts._fields)
+    write_experience(file, Experience(frame.drop(columns=parts), {}))
+    read = read_experience(file).frame
+    assert read[parts].notna().any().all()
+    pd.testing.assert_frame_equal(read[parts], frame[parts])
+    # A collection that such a version began can be resumed.
+    joined = join([frame.drop(columns=parts), frame])
+    assert joined["driven"].notna().sum() == frame["driven"].notna().sum()
 
 
 def test_foreign_and_newer_files_are_rejected(frame: pd.DataFrame, tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from ator_ros.experience.records import episode_of
 from ator_ros.experience.table import episode_frame
 from ator_ros.geometry import Pose
 from ator_ros.motion.drive_parts import DriveParts
-from ator_ros.performance.observation import parts_of_drives
+from ator_ros.performance.observation import part_times
 from ator_ros.world.messages import MessageError
 
 TYPES = own_types()
@@ -48,7 +48,7 @@ def test_a_record_becomes_an_episode() -> None:
 )
 def test_a_record_may_lack_the_parts_of_the_drive(fields: dict[str, float]) -> None:
     episode = episode_of(record(**fields), SOCCER, ROBOT)
-    assert np.isnan(parts_of_drives(episode_frame(0, episode, ("ball",)))).any()
+    assert np.isnan(part_times(episode_frame(0, episode, ("ball",)))).any()
 
 
 @pytest.mark.parametrize(

@@ -23,6 +23,8 @@ def test_a_turn_a_straight_and_a_turn(speed: float) -> None:
 
 def test_parts_are_unknown_of_short_drives_and_without_the_end() -> None:
     assert all(map(math.isnan, parts_of_drive(TIMES, np.full(len(TIMES), 0.5), 9.0)))
+    gap = (TIMES < 2.0) | (TIMES > 3.0)
+    assert all(map(math.isnan, parts_of_drive(TIMES[gap], np.full(gap.sum(), 0.5), 8.0)))
     first, last, driven = parts_of_drive(TIMES, np.full(len(TIMES), 0.01), 8.0)
     assert math.isnan(first)
     assert math.isnan(last)

@@ -12,7 +12,7 @@ from ator_ros.evaluation.trials import random_trial
 from ator_ros.motion.drive_parts import DriveParts
 from ator_ros.performance.features import CANDIDATES
 from ator_ros.performance.model import Arrival, PerformanceModel
-from ator_ros.performance.observation import parts_of_drives
+from ator_ros.performance.observation import part_times
 from ator_ros.performance.training import direct_of, duration_tree, features_of, train
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.tops.chain import TopChain
@@ -82,7 +82,7 @@ def test_fifty_whole_drives_show_how_an_action_turns_though_its_straights_vary(b
 def test_straights_that_depend_on_both_turns_are_learned_with_them() -> None:
     rows, _ = whole_drives(200, seed=4, noise=0.1)
     starts = rows[rows["t"] == 0.0]
-    table, parts = features_of(starts, ROBOT, CANDIDATES, None), parts_of_drives(starts)
+    table, parts = features_of(starts, ROBOT, CANDIDATES, None), part_times(starts)
     parts[:, 1] += 4.0 * ((table["angle_to_dest"] > 1.5) & (table["angle_at_dest"] > 1.5))
     _, errors = duration_tree(table, parts.sum(axis=1), parts)
     assert np.abs(errors).mean() < 0.6
