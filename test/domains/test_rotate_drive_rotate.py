@@ -58,10 +58,12 @@ def test_phases_are_turn_follow_turn(start: Pose, first: Phase, backward: bool) 
         assert max(turns[:half]) > 1.3 * max(turns[half:])
 
 
-def test_the_learned_rules_split_where_the_behavior_changes(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_learned_rules_show_where_the_behavior_changes(capsys: pytest.CaptureFixture[str]) -> None:
     assert train.main(["--domain", "tour", "--rules", "drive_to"]) == 0
-    splits = [float(split) for split in re.findall(r"angle_to_dest <= ([\d.]+)", capsys.readouterr().out)]
-    assert all(min(abs(split - threshold) for split in splits) < 2.0 for threshold in (40.0, 120.0))
+    backward, rule, *_ = capsys.readouterr().out.splitlines()
+    (above,) = re.findall(r"straights are backward if angle_to_dest > ([\d.]+)", backward)
+    assert float(above) == pytest.approx(120.0, abs=2.0)
+    assert "*max(0, angle_to_straight - 40°)" in rule
 
 
 def test_the_simulated_action_waits_for_the_robot_to_stop_and_succeeds() -> None:

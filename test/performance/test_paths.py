@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from ator_ros.motion.drive_parts import DriveParts
 from ator_ros.performance.direct import DIRECT_VARIABLES
 from ator_ros.performance.driving import DrivingStyle, plain_driving
 from ator_ros.performance.features import GENERAL, PATHS, feature_table
@@ -59,7 +60,7 @@ def episodes() -> pd.DataFrame:
             row |= {"w": turning, "t": round(time, 1), "episode": number, "action": "drive"}
             left = times[-1] - time
             row |= {"time_to_go": left, "duration": times[-1], "success": True}
-            rows.append(row | {"position_error": 0.0, "heading_error": 0.0})
+            rows.append(row | {"position_error": 0.0, "heading_error": 0.0} | DriveParts()._asdict())
     return pd.DataFrame(rows)
 
 
