@@ -173,6 +173,9 @@ class PerformanceModel:
             if name not in self.trees:
                 continue
             tree = self.trees[name]
+            if name != "duration" and tree.constant is not None:
+                fields[name] = np.full(len(geometry.dist), tree.constant)
+                continue
             fields[name], leaf = tree.evaluate(self._rows(geometry, tree.names))
             if name == "duration":  # it is within the bounds of its leaf
                 fields["spread"] = tree.spread.take(leaf)

@@ -6,6 +6,7 @@ import itertools
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -89,6 +90,12 @@ class ModelTree:
         used[self.feature[~self.is_leaf]] = True
         used |= np.isin(self.names, [hinge.feature for hinge in self.base])
         return tuple(name for name, is_used in zip(self.names, used, strict=True) if is_used)
+
+    @cached_property
+    def constant(self) -> float | None:
+        """The value that is predicted everywhere, if it is the same."""
+        varies = len(self.feature) > 1 or self.coefficients.any() or bool(self.base)
+        return None if varies else float(np.clip(self.intercept[0], self.lower[0], self.upper[0]))
 
     def apply(self, X: FloatArray) -> IntArray:
         """Return the number of the leaf of each row of finite features `X` (n, n_features), shape (n,)."""
