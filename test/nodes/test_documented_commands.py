@@ -124,7 +124,14 @@ def test_two_robots_drive_at_the_same_time(shell: Shell) -> None:
         for node, words in (("executor", "ready for chains"), ("refinement", "refining chains")):
             started.append(shell.start(printed(f"ros2 run ator_ros {node} --ros-args -r __ns:=/{name}")))
             wait_for(words, started[-1])
-    goals = [shell.start(printed(f"ros2 action send_goal /{name}")) for name in ("ann", "bob")]
+    ann = printed("ros2 action send_goal /ann")
+    bob = (
+        ann.replace("/ann", "/bob").partition(" {top:")[0]
+        + """
+      {top: goToPose, goal: {pose: {position: {x: -0.5, y: 1.8}, orientation: {w: 1.0}}}, open: [yaw]},
+      {top: goToPose, goal: {pose: {position: {x: 1.5, y: 1.2}, orientation: {w: 1.0}}}}]}}\""""
+    )
+    goals = [shell.start(goal) for goal in (ann, bob)]
     results = [yaml.safe_load(wait_for("result:", goal).partition("result:")[2]) for goal in goals]
     assert all(result["outcome"]["reason"].startswith("arrived") for result in results), results
     records = [result["record"] for result in results]
