@@ -60,10 +60,10 @@ def executed(node: Node, goal: ExecuteChain.Goal) -> ExecuteChain.Result:
 
 def report(record: ChainPerformance, *, refined: bool) -> str:
     """Return the duration of the executed chain, and goal and duration of each step."""
-    kind = "refined" if refined else "naive"
-    first = f"executed the {kind} chain in {record.actual.duration:.2f} s: {record.outcome.reason}"
     if not record.actions:
         return f"not executed: {record.outcome.reason}"
+    kind = "refined" if refined else "naive"
+    first = f"executed the {kind} chain in {record.actual.duration:.2f} s: {record.outcome.reason}"
     steps = []
     for action in record.actions:
         pose = action.call.goal.pose

@@ -81,7 +81,7 @@ class ActionRecord:
     reason: str  # a sentence on the ending
     position_error: float  # m; distance from the goal at the end
     heading_error: float  # rad
-    parts: DriveParts
+    parts: DriveParts  # by odometry
     lost: str | None = None  # the object whose loss made the action fail
 
     @property

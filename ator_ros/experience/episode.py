@@ -45,7 +45,7 @@ class Episode:
     objects : tuple of str
         The objects in `samples`.
     parts : DriveParts or None
-        By odometry; None: by the samples.
+        By odometry; None: computed from `samples`.
     """
 
     situation: Situation

@@ -56,9 +56,9 @@ _AFTER = {
     "duration": "s, of the whole episode",
     "success": "the action ended well, and the post-condition of its TOP holds",
     "reason": "how the episode ended",
-    "first_turn": "s until the robot had driven 5 cm; NaN if it drove less than 10 cm, or unknown",
-    "last_turn": "s from 5 cm before the end of the drive until the action ended; NaN likewise",
-    "driven": "m forward less m backward, by odometry; NaN if unknown",
+    "first_turn": "s until the robot had driven 5 cm; NaN if unknown, as in drives below 10 cm",
+    "last_turn": "s from when 5 cm of the drive were left until the action ended; NaN if unknown",
+    "driven": "m, forward minus backward, by odometry; NaN if unknown",
     "position_error": "m, at the end",
     "heading_error": "rad, at the end; NaN where the heading does not matter",
 }
@@ -155,10 +155,14 @@ def checked_rows(source: Path | str, frame: pd.DataFrame, action_set: object) ->
         for name in wanted
     }
     rows = pd.DataFrame(checked).astype(_TYPES)
-    if not has_parts:
-        for _, drive in rows.groupby(["action", "episode"], sort=False):
-            parts = parts_of_drive(drive["t"].to_numpy(), drive["v"].to_numpy(), drive["duration"].iloc[0])
-            rows.loc[drive.index, list(DriveParts._fields)] = list(parts)
+    if not has_parts:  # as in tables of version 0.1
+        parts = {
+            key: parts_of_drive(drive["t"].to_numpy(), drive["v"].to_numpy(), drive["duration"].iloc[0])
+            for key, drive in rows.groupby(["action", "episode"])
+        }
+        rows[list(DriveParts._fields)] = [
+            parts[key] for key in zip(rows["action"], rows["episode"], strict=True)
+        ]
     return rows
 
 
@@ -212,10 +216,9 @@ def episode_frame(number: int, episode: Episode, objects: tuple[str, ...]) -> pd
     """
     frame = pd.DataFrame(episode.samples, columns=[*STATE_COLUMNS, *object_columns(episode.objects)])
     goal = episode.situation.goal
-    times, speeds = (frame[name].to_numpy() for name in ("t", "v"))
     parts = episode.parts
     if parts is None:
-        parts = parts_of_drive(times, speeds, episode.duration)
+        parts = parts_of_drive(frame["t"].to_numpy(), frame["v"].to_numpy(), episode.duration)
     others = {
         **dict.fromkeys(object_columns(name for name in objects if name not in episode.objects), np.nan),
         "action": episode.situation.action,

@@ -38,7 +38,7 @@ Learn = Callable[[IntArray], ModelTree | None]
 class TrainingData:
     """Records of one of `MEASURES`, oldest first: features, values (n,) of the measure, and `NUMBER` (n,).
 
-    `parts` are those of drives for durations without a map, see `part_times`; else None.
+    `parts`: see `part_times`; None with a map, and for other measures than the duration.
     """
 
     measure: str

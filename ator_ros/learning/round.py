@@ -44,7 +44,7 @@ from ator_ros.performance.training import duration_features, error_features, obs
 from ator_ros.robot.description import Robot
 
 _LEAST_RECORDS = 12  # to estimate the mean of a measure
-_LEAST_BACKWARD_KNOWN = 100  # for the angle above which an action drives backward, which is then kept
+_RECORDS_FOR_ANGLE = 100  # to learn, once, above which angle an action drives backward
 _FORMER = 3  # earlier sets whose models are candidates
 
 Verdicts = dict[str, RoundVerdict]
@@ -66,12 +66,13 @@ def _improved(
     # `seen` by measure, `former` with models instead of trees.
     rows = _usable(rows, features)
     rows = rows[routed(rows, robot, features)]
-    driving = plain_driving(robot) if set(features) & set(PATHS) else None
     if current is not None:
         driving = current.driving
-    if driving is not None and driving.backward_above == math.pi and len(rows) >= _LEAST_BACKWARD_KNOWN:
-        above = backward_above(rows[rows["success"]], robot)  # no present tree depends on it
-        driving = dataclasses.replace(driving, backward_above=above)
+    else:
+        driving = plain_driving(robot) if set(features) & set(PATHS) else None
+    if driving is not None and driving.backward_above == math.pi and len(rows) >= _RECORDS_FOR_ANGLE:
+        # Present trees have no features of the straight, which depend on this angle.
+        driving = dataclasses.replace(driving, backward_above=backward_above(rows[rows["success"]], robot))
     present = [current] if current is not None else []
     former = {name: model for name, model in former.items() if model.driving == driving}
     of_durations = duration_features(features, rows[rows["success"]], driving)

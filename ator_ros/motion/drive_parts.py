@@ -9,23 +9,23 @@ import numpy as np
 
 from ator_ros.geometry import FloatArray
 
-_TURNS_WITHIN = 0.05  # m driven from the start, or left to the end, of a drive: there the robot turns
-_LONGEST_GAP = 0.5  # s without odometry
+_TURN_DISTANCE = 0.05  # m; within this of the start or end of a drive, the robot turns
+_LONGEST_GAP = 0.5  # s between odometry messages
 
 
 class DriveParts(NamedTuple):
     """The parts of a drive; NaN where unknown. The rest of its duration is the straight."""
 
     first_turn: float = math.nan  # s; until the robot has driven 5 cm
-    last_turn: float = math.nan  # s; from 5 cm before its end
+    last_turn: float = math.nan  # s; from when 5 cm of the drive are left
     driven: float = math.nan  # m; how far forward less how far backward
 
 
 def parts_of_drive(times: FloatArray, speeds: FloatArray, duration: float) -> DriveParts:
     """Return the parts of a drive of `duration` s, during which speeds (n,) in m/s were observed.
 
-    `times` (n,) are in s since its start. Turns are unknown of drives shorter than 10 cm, and all parts if
-    odometry has a gap.
+    `times` (n,) are in s since its start. All parts are NaN if odometry has a gap, and turns if the drive is
+    shorter than 10 cm.
     """
     if np.diff(times, append=duration).max() > _LONGEST_GAP:
         return DriveParts()
@@ -33,7 +33,7 @@ def parts_of_drive(times: FloatArray, speeds: FloatArray, duration: float) -> Dr
     steps = speeds[:-1] * np.diff(times)
     driven = np.append(0.0, np.cumsum(steps))
     left = driven[-1] - driven
-    begun, ends = times[np.abs(driven) > _TURNS_WITHIN], times[np.abs(left) > _TURNS_WITHIN]
+    begun, ends = times[np.abs(driven) > _TURN_DISTANCE], times[np.abs(left) > _TURN_DISTANCE]
     if not len(begun) or not len(ends) or begun[0] > ends[-1]:
         return DriveParts(driven=float(driven[-1]))
     return DriveParts(float(begun[0]), duration - float(ends[-1]), float(driven[-1]))

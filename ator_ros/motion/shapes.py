@@ -209,9 +209,8 @@ def fastest_paths(ends: FloatArray, shapes: ShapeSet, hold: float) -> FloatArray
     entries, exits = np.empty(len(rows), dtype=_END), np.empty(len(rows), dtype=_END)
     gaps, zeros = np.empty(WIDTH, dtype=np.float32), np.zeros(WIDTH, dtype=np.float32)
     firsts, first_entries, first_exits = rows[:count], entries[:count], exits[:count]
-    written_for = np.full(
-        (2, count), np.nan
-    )  # speeds at both ends for which the others of each group are written
+    # Speeds at both ends for which the others of each group are written
+    written_for = np.full((2, count), np.nan)
     likely = 0  # the last fastest group is tried first: its time prunes most others
     for at in range(ends.shape[1]):
         x, y, turn, speed, arrival = ends[0, at], ends[1, at], ends[2, at], ends[3, at], ends[4, at]

@@ -200,10 +200,11 @@ class PerformanceModel:
 
     def rules(self, measure: str = "duration") -> str:
         """Return the rules of one measure as text in the paper's form, one a line."""
-        above, first = self.driving.backward_above if self.driving is not None else math.pi, ""
-        if {*names_of(OF_STRAIGHT)} & {*self.trees[measure].names}:
-            first = f"straights are backward if angle_to_dest > {math.degrees(above):.3g}°\n"
-        return first + self._writer(measure).rules()
+        rules = self._writer(measure).rules()
+        if self.driving is None or not {*names_of(OF_STRAIGHT)} & {*self.trees[measure].names}:
+            return rules
+        above = math.degrees(self.driving.backward_above)
+        return f"straights are backward if angle_to_dest > {above:.3g}°\n{rules}"
 
     def explain(self, direct: Direct) -> str:
         """Return the rule that predicts the duration in one situation, and what each of its terms adds."""

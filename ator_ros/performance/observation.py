@@ -37,7 +37,7 @@ _LEAST_SHARE = 0.05  # of the base's limit; smaller quantiles are noise, not lim
 _BACKWARD = (-0.1, 0.01)  # m/s, and the share of rows that are faster backward in an action that drives so
 _MOST_WRONG = 0.02  # share of the drives on the wrong side of the angle above which they are backward
 _TURNING = 0.1  # share of the greatest turn rate above which the robot turns
-_LEAST_DRIVEN = 0.1  # m forward less m backward of a drive in one direction
+_LEAST_DRIVEN = 0.1  # m, forward minus backward; below this the direction of a drive is unknown
 _SPEEDS: FloatArray = np.array([0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.65, 0.8, 1.0])
 _CHANGES: FloatArray = np.array([-1.0, -0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75, 1.0])
 """Speeds, and changes of speed, for which turn rates are kept; shares of the limits."""
@@ -94,7 +94,7 @@ def backward_above(starts: pd.DataFrame, robot: Robot) -> float:
     angles, backward = geometry.rows[ANGLE_TO][used], driven[used] < 0.0
     order = np.argsort(angles)
     angles, backward = angles[order], backward[order]
-    # How many drives are on the wrong side of a border before each angle, and of one after the last.
+    # Drives on the wrong side of each border: one border before each angle, one after all.
     wrong = np.append(0, np.cumsum(1 - 2 * ~backward)) + np.count_nonzero(~backward)
     border = int(np.argmin(wrong))
     if not _FEWEST <= border <= len(angles) - _FEWEST or wrong[border] > _MOST_WRONG * len(angles):

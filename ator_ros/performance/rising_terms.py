@@ -20,8 +20,8 @@ from ator_ros.performance.tree.linear_models import corrected_error
 from ator_ros.performance.tree.nodes import Hinge
 
 _ANGLES: FloatArray = np.radians([0.0, 10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 75.0, 90.0, 120.0, 150.0])
-_FINE_ANGLES: FloatArray = np.radians([*range(0, 60, 5), 60.0, 67.5, 75.0, 90.0, 105.0, 120.0, 135.0, 150.0])
-"""Where whole durations may bend with an angle, and where the time of a turn, which varies less, may."""
+_TURN_ANGLES: FloatArray = np.radians([*range(0, 60, 5), 60.0, 67.5, 75.0, 90.0, 105.0, 120.0, 135.0, 150.0])
+"""Angles at which whole durations may bend, and finer ones for times of turns, which vary less."""
 RISING: dict[str, FloatArray] = {"dist": np.zeros(1), "angle_to_dest": _ANGLES, "angle_at_dest": _ANGLES}
 """Features that durations rise with, and where each may bend, in m and rad. Thresholds are mostly small.
 
@@ -44,7 +44,7 @@ _ON_MAP: dict[str, FloatArray] = {
 _TERM_COST = 0.75  # of a segment in the corrected error; more makes shorter rules, which refine less well
 _CLIPPED_AT, _ROUNDS = 3.0, 3
 """Standard deviations at which residuals are clipped, in rounds: now and then a drive takes much longer."""
-_SAMPLING = 0.1  # s between the rows of drives; residuals are not clipped below
+_SAMPLING = 0.1  # s between the rows of drives; smaller residuals are never clipped
 _ROUNDING = 1e-9  # slopes that are rounded zeros
 
 
@@ -74,11 +74,11 @@ def rising_terms(table: pd.DataFrame, parts: FloatArray) -> tuple[Hinge, ...]:
     rising = rising_in(table.columns)
     *_, first, last = rising
     features_of_parts = (
-        ({first: _FINE_ANGLES}, rising, {last: _FINE_ANGLES}) if parts.shape[1] > 1 else (rising,)
+        ({first: _TURN_ANGLES}, rising, {last: _TURN_ANGLES}) if parts.shape[1] > 1 else (rising,)
     )
     slopes: Counter[_Bend] = Counter()
     for features, times in zip(features_of_parts, parts.T, strict=True):
-        slopes.update(_fitted(table, features, times))  # adds
+        slopes.update(_fitted(table, features, times))  # Counter.update adds
     order = list(rising)
     bends = sorted(slopes, key=lambda bend: (order.index(bend[0]), bend[1]))
     return tuple(Hinge(*bend, slopes[bend]) for bend in bends if abs(slopes[bend]) > _ROUNDING)
@@ -102,7 +102,7 @@ def _fitted(table: pd.DataFrame, rising: dict[str, FloatArray], durations: Float
         most = max(_CLIPPED_AT * robust_spread(error), _SAMPLING)
         target = fitted + np.clip(error, -most, most)
         target -= target.mean()
-    # The triangular factor has the errors of all fits in a few rows; its last column is the target.
+    # Fits to the rows of the triangular factor have the same squared errors; its last column is the target.
     factor: FloatArray = np.asarray(np.linalg.qr(np.column_stack([centered, target]), mode="r"))
     begins = [(name, float(bend)) for name, bends in rising.items() for bend in bends]
     groups = [[[at] for at, (other, _) in enumerate(begins) if other == name] for name in rising]
@@ -134,7 +134,7 @@ def _merged(groups: _Groups) -> list[_Groups]:
 
 
 def _fit(groups: _Groups, factor: FloatArray, count: int) -> tuple[tuple[float, float], FloatArray]:
-    """Return corrected and plain error, for comparison, and the slopes; the first error may be infinite."""
+    """Return corrected error (may be infinite) and plain error, to sort by, and the slopes."""
     table = np.column_stack([factor[:, run].sum(axis=1) for runs in groups for run in runs])
     slopes, residual = nnls(table, factor[:, -1])
     terms = np.array([1.0 + _TERM_COST * len(slopes)])

@@ -53,7 +53,8 @@ predictions that are too low."""
 _FASTER_SHARE, _FASTER_BY = 0.05, 0.25
 """An action does not follow its path if this share of its drives is faster than their paths by that share of
 the median duration."""
-_CLEARLY_WORSE = 4.0 / 3.0  # ratio of mean errors above which parts of drives are learned together after all
+_MOST_BY_PARTS = 4.0 / 3.0
+"""Mean error by parts, as a multiple of that by whole durations, above which the latter are learned."""
 OUTCOMES = {"success": "success", "accuracy": "position_error", "heading": "heading_error"}
 """The column of an experience table for each measure except the duration."""
 LEAST_EPISODES = 20  # that must have succeeded
@@ -189,12 +190,12 @@ def duration_tree(
 
     The tree predicts, in the first of these cases that holds:
 
-    - the whole duration, without path times among the features;
+    - the whole duration, if path times are not among the features;
     - the difference to a sum of rising terms, if the robot stands at both ends: the sum has no jumps at
       thresholds that a search could exploit, except where the robot begins to drive backward;
     - the whole duration, if the action does not follow its path to the end, such as a shot;
     - the difference to the time of the path: linear models of whole durations would fall below it where
-      there is hardly room, and a search selects such predictions.
+      the robot can hardly brake or turn in time, and a search selects such predictions.
 
     `parts` are those of the drives, shape (n, 3), NaN where unknown; see `part_times`.
     """
@@ -205,7 +206,7 @@ def duration_tree(
     else:
         late = durations - table[_PATH].to_numpy()
         faster = np.quantile(late, _FASTER_SHARE, method="lower") < -_FASTER_BY * np.median(durations)
-        tree, errors = _best_learning(table, durations, _whole if faster else _less_path)
+        tree, errors = _best_learning(table, durations, _whole if faster else _minus_path)
     return narrowed(tree), errors
 
 
@@ -219,14 +220,14 @@ def _on_sum(
     drives = _far_from_goal(table)
     known = np.isfinite(parts).all(axis=1) if parts is not None else np.full(len(table), False)
     if (drives & known).sum() < LEAST_EPISODES:
-        return learn(partial(_less_terms, parts=None))
-    # The terms of the turns have all thresholds, unless parts depend on more than their own turn.
-    base_of = partial(_less_terms, parts=pd.DataFrame(parts, table.index))
-    alone = learn(base_of, tree_features=basic.columns[:1])
-    whole = _on_sum(table.drop(columns=list(names_of(OF_STRAIGHT)), errors="ignore"), durations, None)
-    mean, mean_whole = (np.abs(errors[drives]).mean() for _, errors in (alone, whole))
+        return learn(partial(_minus_terms, parts=None))
+    # By parts, the terms have the thresholds of the turns: the tree splits by distance only.
+    terms_by_parts = partial(_minus_terms, parts=pd.DataFrame(parts, table.index))
+    by_parts = learn(terms_by_parts, tree_features=basic.columns[:1])
+    by_whole = _on_sum(table.drop(columns=list(names_of(OF_STRAIGHT)), errors="ignore"), durations, None)
+    error, error_by_whole = (np.abs(errors[drives]).mean() for _, errors in (by_parts, by_whole))
     mostly_known = 2 * (drives & known).sum() >= drives.sum()
-    return alone if mean < (_CLEARLY_WORSE if mostly_known else 1.0) * mean_whole else whole
+    return by_parts if error < (_MOST_BY_PARTS if mostly_known else 1.0) * error_by_whole else by_whole
 
 
 def _stands(table: pd.DataFrame) -> bool:
@@ -254,14 +255,14 @@ def _whole(_: pd.DataFrame, durations: FloatArray) -> tuple[tuple[Hinge, ...], F
     return (), durations
 
 
-def _less_path(table: pd.DataFrame, durations: FloatArray) -> tuple[tuple[Hinge, ...], FloatArray]:
+def _minus_path(table: pd.DataFrame, durations: FloatArray) -> tuple[tuple[Hinge, ...], FloatArray]:
     late = durations - table[_PATH].to_numpy()
     usual = float(np.median(late))
     spread = float(np.median(np.abs(late - usual)))
     return (Hinge(_PATH, 0.0, 1.0),), np.maximum(late, usual - _CLIPPED_AT * spread)
 
 
-def _less_terms(
+def _minus_terms(
     table: pd.DataFrame, durations: FloatArray, *, parts: pd.DataFrame | None
 ) -> tuple[tuple[Hinge, ...], FloatArray]:
     times = durations[:, None] if parts is None else parts.loc[table.index].to_numpy()

@@ -152,16 +152,14 @@ def search(
         if not path.complete or deadline():
             return dataclasses.replace(path, curves=curves, complete=False)
         centers, cost = path.values, path.cost
-        known_best = zip(windows, path.rows, path.curves, strict=True)
-        best = [window.best(row, curve) for window, row, curve in known_best]
-        moves = [window.has_turn(number) for window in windows]
-        candidates = [
-            window.around(curve.values[rows], number) if has_turn else curve.values[rows]
-            for window, curve, rows, has_turn in zip(windows, path.curves, best, moves, strict=True)
-        ]
-        # Steps between subgoals that keep their candidates are not evaluated again.
-        sides = zip(path.costs, [[0], *best[:-1]], best, [False, *moves[:-1]], moves, strict=True)
-        known = [None if any(new) else costs[np.ix_(before, after)] for costs, before, after, *new in sides]
+        candidates = []
+        known: list[FloatArray | None] = []  # costs of steps between subgoals that get no new candidates
+        before, keeps_before = [0], True
+        for window, row, curve, costs in zip(windows, path.rows, path.curves, path.costs, strict=True):
+            best, keeps = window.best(row, curve), not window.has_new(number)
+            known.append(costs[np.ix_(before, best)] if keeps and keeps_before else None)
+            candidates.append(curve.values[best] if keeps else window.around(curve.values[best], number))
+            before, keeps_before = best, keeps
         path = least_path(step_cost, candidates, centers, deadline, known)
         for window, start, end in zip(windows, centers, path.values, strict=True):
             window.shrink(start, end, number)
@@ -258,7 +256,7 @@ class _Windows:
         self.first, self._radius = self._first(count)
 
     def around(self, best: FloatArray, number: int) -> FloatArray:
-        """Return the `best` candidates (n, k) and those of their windows, for a round with a turn."""
+        """Return the `best` candidates (n, k) and new ones in their windows."""
         free = best.shape[1]
         each = _of(_IN_WINDOW, free)
         offsets = 2.0 * spread_points(free, self._used, each * len(best)) - 1.0
@@ -277,10 +275,10 @@ class _Windows:
 
     def shrink(self, start: FloatArray, end: FloatArray, number: int) -> None:
         """Shrink the windows after a round in which the best candidate moved from `start` to `end`, (k,)."""
-        if self.has_turn(number):
+        if self.has_new(number):
             self._radius = np.maximum(_SHRINKS * self._radius, _REACH * self._apart(start, end))
 
-    def has_turn(self, number: int) -> bool:
+    def has_new(self, number: int) -> bool:
         """Return whether the subgoal has new candidates in a round."""
         return bool(self._domains) and (not self._beside or (self._index + number) % 2 == 0)
 
@@ -332,7 +330,7 @@ def _grid(domains: tuple[Range, ...], count: int) -> tuple[FloatArray, FloatArra
         low, high = domains[number].low, domains[number].high
         lines[number] = np.linspace(low, high, steps, endpoint=not domains[number].periodic)
     axes = np.meshgrid(*(lines[number] for number in range(len(domains))), indexing="ij")
-    # The last variable, usually a speed, varies slowest: its changes cost time in the search for paths.
+    # The last variable, usually a speed, varies slowest: path times take longer where speeds change.
     grid = np.stack([axis.ravel("F") for axis in axes], axis=1) if domains else np.zeros((1, 0))
     grid.setflags(write=False)
     return grid, np.array([lines[number][1] - lines[number][0] for number in range(len(domains))])

@@ -176,11 +176,13 @@ def _run(options: argparse.Namespace, domain: Domain, command: str) -> None:
     stay_on_this_machine(os.environ)
     rclpy.init()
     try:
-        domain = planned_by(options.planner, options.frame, domain)
-    except ValueError as error:  # a RemoteError, or rclpy's of a name
-        raise FileError(f"--planner: {error}") from error
-    _train(options, domain, command)
-    rclpy.try_shutdown()
+        try:
+            domain = planned_by(options.planner, options.frame, domain)
+        except ValueError as error:  # a RemoteError, or rclpy's of a name
+            raise FileError(f"--planner: {error}") from error
+        _train(options, domain, command)
+    finally:
+        rclpy.try_shutdown()
 
 
 def _train(options: argparse.Namespace, domain: Domain, command: str) -> None:
