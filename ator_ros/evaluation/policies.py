@@ -119,6 +119,7 @@ POLICIES: Mapping[str, Policy] = MappingProxyType(
         "face_goal": face_goal,
         "analytic": partial(refined, learned=False),
         "analytic_speed": partial(refined, learned=False, opened=open_speeds),
+        "analytic_place": partial(refined, learned=False, opened=open_places),
         "refined": refined,
         "gated": partial(refined, gated=True),
         "refined_speed": partial(refined, opened=open_speeds),
@@ -127,5 +128,5 @@ POLICIES: Mapping[str, Policy] = MappingProxyType(
     }
 )
 """By name; a new policy is a new row. The oracle is no policy, as it executes chains."""
-USUAL = tuple(name for name in POLICIES if name not in ("fixed", "arrive", "refined_place"))
+USUAL = tuple(name for name in POLICIES if name not in ("fixed", "arrive") and not name.endswith("_place"))
 """The default policies: a place is free in few chains, and few chains have waypoints only."""

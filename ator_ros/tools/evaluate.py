@@ -89,7 +89,7 @@ def arguments() -> argparse.ArgumentParser:
         nargs="+",
         choices=tuple(POLICIES),
         metavar="NAME",
-        help="default: all but fixed, arrive and refined_place",
+        help="default: all but fixed, arrive, analytic_place and refined_place",
     )
     add_models(parser)
     add_parallel_options(parser)

@@ -1,11 +1,12 @@
 """The rules of a model tree agree with its predictions."""
 
+import dataclasses
 import math
 
 import numpy as np
 import pytest
 
-from ator_ros.performance.tree.nodes import ModelTree, RuleWriter, leaves
+from ator_ros.performance.tree.nodes import Hinge, ModelTree, RuleWriter, leaves
 
 
 def small_tree() -> ModelTree:
@@ -43,6 +44,15 @@ def test_the_whole_tree_is_one_line_per_leaf_with_redundant_bounds_joined():
     assert lines[2].startswith("if (1.86m < dist <= 2.3m) & (angle_to_dest > 49.7°) then time = 1*dist + 3")
     assert lines[3].startswith("if (dist > 2.3m) then time = 1*dist + 4")
     assert len(lines) == 4
+
+
+def test_a_base_with_bends_is_printed_once():
+    base = (Hinge("dist", 0.0, 2.0), Hinge("angle_to_dest", math.radians(45.0), 1.0))
+    first, *rules = RuleWriter(dataclasses.replace(small_tree(), base=base), WRITER.units).rules().splitlines()
+    assert first == "base = 2*dist + 0.0175*max(0, angle_to_dest - 45°)  [s]"
+    assert rules[1].endswith(
+        "then time = base + 1.26*dist + 0.018*angle_to_dest - 0.5*v - 0.42  [s]  (± 0.05 s, 25 samples)"
+    )
 
 
 def test_an_explanation_adds_up_and_states_the_bounds():

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -169,17 +168,28 @@ class RuleWriter:
     target: str = "time"
     target_unit: str = "s"
 
-    def rule(self, leaf: int, bounds: Bounds) -> str:
-        """Return ``if (1.86m < dist <= 2.3m) & (angle_to_dest <= 49.7°) then time = 1.26*dist + … [s]``."""
+    def rule(self, leaf: int, bounds: Bounds, *, shared: str = "") -> str:
+        """Return ``if (1.86m < dist <= 2.3m) & (angle_to_dest <= 49.7°) then time = 1.26*dist + … [s]``.
+
+        The terms of the base are printed as `shared`, if it is given.
+        """
         tree = self.tree
         conditions = " & ".join(self._condition(name, *pair) for name, pair in bounds.items())
         start = f"if {conditions} then " if conditions else ""
         certainty = f"(± {tree.spread[leaf]:.3g} {self.target_unit}, {tree.samples[leaf]:g} samples)"
-        return f"{start}{self.target} = {self._formula(leaf)}  [{self.target_unit}]  {certainty}"
+        terms = self._terms(leaf, () if shared else tree.base)
+        formula = self._formula(terms, float(tree.intercept[leaf]), shared)
+        return f"{start}{self.target} = {formula}  [{self.target_unit}]  {certainty}"
 
     def rules(self) -> str:
-        """Return all rules of the tree, one a line; exactly one holds in any situation."""
-        return "\n".join(itertools.starmap(self.rule, leaves(self.tree)))
+        """Return all rules of the tree, one a line; exactly one holds in any situation.
+
+        A base with bends is printed once, in a line before them.
+        """
+        base, unit = self.tree.base, self.target_unit
+        shared = "base" if self.tree.n_leaves > 1 and any(hinge.above for hinge in base) else ""
+        first = [f"{shared} = {self._formula(base, 0.0)}  [{unit}]"] if shared else []
+        return "\n".join(first + [self.rule(*leaf, shared=shared) for leaf in leaves(self.tree)])
 
     def explanation(self, situation: FloatArray) -> str:
         """Return the rule that holds in one situation (n_features,), and the values of its terms."""
@@ -191,7 +201,7 @@ class RuleWriter:
             f"here {self.target} = {predicted:.3f} ± {spread:.3f} {self.target_unit}:",
             f"  {intercept:+9.3f}  constant",
         ]
-        parts = [(hinge, hinge.of(values[hinge.feature])) for hinge in self._terms(leaf)]
+        parts = [(hinge, hinge.of(values[hinge.feature])) for hinge in self._terms(leaf, tree.base)]
         for hinge, part in sorted(parts, key=lambda item: -abs(item[1])):
             name = hinge.feature
             which = f"{self._term(hinge)}, " if hinge.above else ""
@@ -210,13 +220,13 @@ class RuleWriter:
             return f"({name} > {self._value(name, lower)})"
         return f"({self._value(name, lower)} < {name} <= {self._value(name, upper)})"
 
-    def _terms(self, leaf: int) -> list[Hinge]:
-        """Return the terms of a rule, including those of the base."""
+    def _terms(self, leaf: int, base: Sequence[Hinge]) -> list[Hinge]:
+        """Return the terms of a leaf's linear model and of a base."""
         tree = self.tree
         slopes = dict(zip(tree.names, tree.coefficients[leaf].tolist(), strict=True))
-        for hinge in tree.base:
+        for hinge in base:
             slopes[hinge.feature] += hinge.slope * (hinge.above == 0.0)
-        bent = [hinge for hinge in tree.base if hinge.above]
+        bent = [hinge for hinge in base if hinge.above]
         terms = []
         for name, slope in slopes.items():
             terms += [Hinge(name, 0.0, slope)] if slope else []
@@ -227,13 +237,10 @@ class RuleWriter:
         name = hinge.feature
         return f"max(0, {name} - {self._value(name, hinge.above)})" if hinge.above else name
 
-    def _formula(self, leaf: int) -> str:
-        terms = [
-            (each.slope / self._scale(each.feature), f"*{self._term(each)}") for each in self._terms(leaf)
-        ]
-        terms.append((float(self.tree.intercept[leaf]), ""))
-        text = ""
-        for number, name in terms:
+    def _formula(self, terms: Sequence[Hinge], constant: float, text: str = "") -> str:
+        parts = [(each.slope / self._scale(each.feature), f"*{self._term(each)}") for each in terms]
+        parts += [(constant, "")] if constant or not parts else []
+        for number, name in parts:
             sign = ("-" if number < 0 else "") if not text else (" - " if number < 0 else " + ")
             text += f"{sign}{abs(number):.3g}{name}"
         return text

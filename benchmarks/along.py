@@ -1,0 +1,59 @@
+"""Measure what refining again along the way gains if the ball rolls at the start.
+
+scripts/run python benchmarks/along.py --situations 200
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ator_ros.evaluation.chain_run import ChainRun, run_chain
+from ator_ros.evaluation.toolset import ToolsetSource, tools_of
+from ator_ros.evaluation.trials import random_trial
+from ator_ros.experience.parallel import progress, run_tasks, workers
+
+TEST = Path(__file__).parents[1] / "test"
+
+
+def both(index: int, *, seed: int) -> tuple[ChainRun, ChainRun]:
+    """Execute a chain that is refined once, and one that is refined again along the way."""
+    sys.path.append(str(TEST))
+    from refined_along import refining_along
+
+    tools, library = tools_of(ToolsetSource())
+    trial = random_trial(tools.domain, "rolling", library, seed=seed, index=index)
+    chain, refined_along = refining_along(tools, library, trial)
+    executor: Any = refined_along  # has the methods of a ChainExecutor that run_chain calls
+    execute = partial(run_chain, tools.robot, library, trial.world, time_limit=tools.domain.time_limit)
+    return execute(chain), execute(chain, executor=executor)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line; return the exit code."""
+    parser = argparse.ArgumentParser(prog="along", description=__doc__)
+    parser.add_argument("--situations", type=int, default=200)
+    parser.add_argument("--seed", type=int, default=2063)
+    options = parser.parse_args(argv)
+    tasks = range(options.situations)
+    with workers(-1):
+        found = run_tasks(partial(both, seed=options.seed), tasks)
+        runs = list(progress(found, done=0, total=len(tasks), unit="situation"))
+    once, along = np.array([[run.duration for run in pair] for pair in runs]).T
+    failed = [sum(not run.success for run in way) for way in zip(*runs, strict=True)]
+    drawn = np.random.default_rng(0).choice(once - along, (2000, len(once))).mean(axis=1)
+    low, high = np.percentile(drawn, [2.5, 97.5])
+    print(f"refined once: {once.mean():.2f} s, {failed[0]} failed")
+    print(f"along the way: {along.mean():.2f} s, {failed[1]} failed")
+    print(f"gained along the way: {(once - along).mean():.2f} s ({low:.2f} to {high:.2f})")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
