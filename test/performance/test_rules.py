@@ -48,7 +48,8 @@ def test_the_whole_tree_is_one_line_per_leaf_with_redundant_bounds_joined():
 
 def test_a_base_with_bends_is_printed_once():
     base = (Hinge("dist", 0.0, 2.0), Hinge("angle_to_dest", math.radians(45.0), 1.0))
-    first, *rules = RuleWriter(dataclasses.replace(small_tree(), base=base), WRITER.units).rules().splitlines()
+    tree = dataclasses.replace(small_tree(), base=base)
+    first, *rules = RuleWriter(tree, WRITER.units).rules().splitlines()
     assert first == "base = 2*dist + 0.0175*max(0, angle_to_dest - 45°)  [s]"
     assert rules[1].endswith(
         "then time = base + 1.26*dist + 0.018*angle_to_dest - 0.5*v - 0.42  [s]  (± 0.05 s, 25 samples)"
