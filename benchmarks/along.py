@@ -1,4 +1,4 @@
-"""Measure what refining again along the way gains if the ball rolls at the start.
+"""Measure the gain of refining a chain again while it is executed, with a ball that rolls at the start.
 
 scripts/run python benchmarks/along.py --situations 200
 """
@@ -24,7 +24,8 @@ TEST = Path(__file__).parents[1] / "test"
 
 def both(index: int, *, seed: int) -> tuple[ChainRun, ChainRun]:
     """Execute a chain that is refined once, and one that is refined again along the way."""
-    sys.path.append(str(TEST))
+    if str(TEST) not in sys.path:  # in each worker process
+        sys.path.append(str(TEST))
     from refined_along import refining_along
 
     tools, library = tools_of(ToolsetSource())
@@ -37,8 +38,8 @@ def both(index: int, *, seed: int) -> tuple[ChainRun, ChainRun]:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
-    parser = argparse.ArgumentParser(prog="along", description=__doc__)
-    parser.add_argument("--situations", type=int, default=200)
+    parser = argparse.ArgumentParser(prog="along", description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--situations", type=int, default=200, metavar="N", help="default: %(default)s")
     parser.add_argument("--seed", type=int, default=2063)
     options = parser.parse_args(argv)
     tasks = range(options.situations)
@@ -46,7 +47,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         found = run_tasks(partial(both, seed=options.seed), tasks)
         runs = list(progress(found, done=0, total=len(tasks), unit="situation"))
     once, along = np.array([[run.duration for run in pair] for pair in runs]).T
-    failed = [sum(not run.success for run in way) for way in zip(*runs, strict=True)]
+    failed = [sum(not run.success for run in column) for column in zip(*runs, strict=True)]
     drawn = np.random.default_rng(0).choice(once - along, (2000, len(once))).mean(axis=1)
     low, high = np.percentile(drawn, [2.5, 97.5])
     print(f"refined once: {once.mean():.2f} s, {failed[0]} failed")

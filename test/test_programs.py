@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from documentation import ROOT
 
-from benchmarks import speed
+from benchmarks import along, speed
 from examples.who_goes_to_the_ball import who_goes
 from scripts import figures
 
@@ -25,6 +25,23 @@ def test_each_part_of_the_speed_is_measured(part: str, capsys: pytest.CaptureFix
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) >= 2
     assert all(line.startswith((part, "longest tick")) for line in lines)
+
+
+def test_refining_along_the_way_is_measured(capsys: pytest.CaptureFixture[str]) -> None:
+    assert along.main(["--situations", "2"]) == 0
+    once, along_the_way, gained = capsys.readouterr().out.splitlines()
+    assert once.endswith(" s, 0 failed")
+    assert along_the_way.endswith(" s, 0 failed")
+    assert gained.startswith("gained along the way: ")
+
+
+@pytest.mark.parametrize(("evaluation", "code"), [("evaluation", 0), ("evaluation_shoot", 2)])
+def test_chains_are_compared_with_time_optimal_ones(evaluation: str, code: int) -> None:
+    pytest.importorskip("casadi")
+    command = [sys.executable, ROOT / "benchmarks" / "time_optimal.py", ROOT / "docs" / evaluation]
+    done = subprocess.run([*command, "--situations", "1"], capture_output=True, text=True)
+    assert done.returncode == code
+    assert ("refined_speed: " in done.stdout) is (code == 0)
 
 
 def printed_by(example: str, *words: str) -> list[str]:

@@ -199,7 +199,7 @@ class PerformanceModel:
             fields["duration"][near], fields["spread"][near] = known.duration, known.spread
 
     def rules(self, measure: str = "duration") -> str:
-        """Return the rules of one measure as text in the paper's form, one a line."""
+        """Return the rules of one measure as text in the paper's form, one a line, after what they share."""
         rules = self._writer(measure).rules()
         if self.driving is None or not {*names_of(OF_STRAIGHT)} & {*self.trees[measure].names}:
             return rules

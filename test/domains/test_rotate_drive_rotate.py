@@ -60,10 +60,10 @@ def test_phases_are_turn_follow_turn(start: Pose, first: Phase, backward: bool) 
 
 def test_the_learned_rules_show_where_the_behavior_changes(capsys: pytest.CaptureFixture[str]) -> None:
     assert train.main(["--domain", "tour", "--rules", "drive_to"]) == 0
-    backward, base, *_ = capsys.readouterr().out.splitlines()
+    backward, shared, *_ = capsys.readouterr().out.splitlines()
     (above,) = re.findall(r"straights are backward if angle_to_dest > ([\d.]+)", backward)
     assert float(above) == pytest.approx(120.0, abs=2.0)
-    assert "*max(0, angle_to_straight - 40°)" in base
+    assert "*max(0, angle_to_straight - 40°)" in shared
 
 
 def test_the_simulated_action_waits_for_the_robot_to_stop_and_succeeds() -> None:

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -46,14 +47,31 @@ def test_the_whole_tree_is_one_line_per_leaf_with_redundant_bounds_joined():
     assert len(lines) == 4
 
 
-def test_a_base_with_bends_is_printed_once():
-    base = (Hinge("dist", 0.0, 2.0), Hinge("angle_to_dest", math.radians(45.0), 1.0))
-    tree = dataclasses.replace(small_tree(), base=base)
-    first, *rules = RuleWriter(tree, WRITER.units).rules().splitlines()
-    assert first == "base = 2*dist + 0.0175*max(0, angle_to_dest - 45°)  [s]"
-    assert rules[1].endswith(
-        "then time = base + 1.26*dist + 0.018*angle_to_dest - 0.5*v - 0.42  [s]  (± 0.05 s, 25 samples)"
-    )
+BENT = (Hinge("dist", 0.0, 2.0), Hinge("angle_to_dest", math.radians(45.0), 1.0))
+
+
+def written(**changes: Any) -> list[str]:
+    return RuleWriter(dataclasses.replace(small_tree(), **changes), WRITER.units).rules().splitlines()
+
+
+def test_a_base_with_bends_is_printed_once() -> None:
+    first, *rules = written(base=BENT)
+    assert first == "shared = 2*dist + 0.0175*max(0, angle_to_dest - 45°)  [s]"
+    assert rules[0].startswith("if (dist <= 1.86m) then time = shared + 1  [s]")
+    assert "then time = shared + 1.26*dist + 0.018*angle_to_dest - 0.5*v - 0.42  [s]" in rules[1]
+    assert len(rules) == 4
+
+
+def test_a_leaf_that_adds_nothing_to_the_base_is_the_base() -> None:
+    tree = small_tree()
+    _, first, *_ = written(base=BENT, intercept=tree.intercept * (np.arange(len(tree.intercept)) != 2))
+    assert first.startswith("if (dist <= 1.86m) then time = shared  [s]")
+
+
+def test_a_straight_base_is_part_of_each_rule() -> None:
+    rules = written(base=BENT[:1])
+    assert rules[0].startswith("if (dist <= 1.86m) then time = 2*dist + 1  [s]")
+    assert len(rules) == 4
 
 
 def test_an_explanation_adds_up_and_states_the_bounds():

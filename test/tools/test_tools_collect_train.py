@@ -88,7 +88,7 @@ def test_collect_continues_after_a_signal_with_the_same_table(
     tmp_path: Path, number: signal.Signals, capsys: pytest.CaptureFixture[str]
 ) -> None:
     whole, file = tmp_path / "whole.parquet", tmp_path / "killed.parquet"
-    words = ["--actions", "goToPose", "dribbleBall", "--episodes", "3", "--seed", "9", "--out"]
+    words = ["--actions", "goToPose", "dribbleBall", "--episodes", "4", "--seed", "9", "--out"]
     with subprocess.Popen(
         [sys.executable, "-c", WATCHED, *words, str(file), "--jobs", "2"],
         start_new_session=True, stdout=subprocess.PIPE, text=True,
@@ -102,7 +102,7 @@ def test_collect_continues_after_a_signal_with_the_same_table(
     lines = kept.read_bytes()
     kept.write_bytes(lines + lines[-200:-1])  # as if it was killed while writing
     assert collect.main([*words, str(file), "--jobs", "1"]) == 0
-    assert re.search("collect: [45] episodes of an earlier call are reused", capsys.readouterr().err)
+    assert re.search("collect: [4-7] episodes of an earlier call are reused", capsys.readouterr().err)
     assert list(tmp_path.iterdir()) == [file]
     assert collect.main([*words, str(whole), "--jobs", "1"]) == 0
     one, two = map(read_experience, (whole, file))

@@ -171,7 +171,7 @@ class RuleWriter:
     def rule(self, leaf: int, bounds: Bounds, *, shared: str = "") -> str:
         """Return ``if (1.86m < dist <= 2.3m) & (angle_to_dest <= 49.7°) then time = 1.26*dist + … [s]``.
 
-        The terms of the base are printed as `shared`, if it is given.
+        `shared` is a name to print instead of the terms of the base.
         """
         tree = self.tree
         conditions = " & ".join(self._condition(name, *pair) for name, pair in bounds.items())
@@ -184,15 +184,15 @@ class RuleWriter:
     def rules(self) -> str:
         """Return all rules of the tree, one a line; exactly one holds in any situation.
 
-        A base with bends is printed once, in a line before them.
+        If a tree with several leaves has a base with bends, the base is printed once, in a line before them.
         """
         base, unit = self.tree.base, self.target_unit
-        shared = "base" if self.tree.n_leaves > 1 and any(hinge.above for hinge in base) else ""
+        shared = "shared" if self.tree.n_leaves > 1 and any(hinge.above for hinge in base) else ""
         first = [f"{shared} = {self._formula(base, 0.0)}  [{unit}]"] if shared else []
         return "\n".join(first + [self.rule(*leaf, shared=shared) for leaf in leaves(self.tree)])
 
     def explanation(self, situation: FloatArray) -> str:
-        """Return the rule that holds in one situation (n_features,), and the values of its terms."""
+        """Return the rule in one situation (n_features,), terms of the base included, and their values."""
         tree, values = self.tree, dict(zip(self.tree.names, situation.tolist(), strict=True))
         predicted, leaf = float(tree.predict(situation[None, :])[0]), int(tree.apply(situation[None, :])[0])
         intercept, spread = float(tree.intercept[leaf]), float(tree.spread[leaf])
@@ -239,7 +239,7 @@ class RuleWriter:
 
     def _formula(self, terms: Sequence[Hinge], constant: float, text: str = "") -> str:
         parts = [(each.slope / self._scale(each.feature), f"*{self._term(each)}") for each in terms]
-        parts += [(constant, "")] if constant or not parts else []
+        parts += [(constant, "")] if constant or not (parts or text) else []
         for number, name in parts:
             sign = ("-" if number < 0 else "") if not text else (" - " if number < 0 else " + ")
             text += f"{sign}{abs(number):.3g}{name}"
