@@ -78,12 +78,12 @@ class NodeProcesses:
 
     def check(self) -> None:
         """Raise NodesError with the last output of a node that has ended."""
-        for name, process in self._processes.items():
-            if process.poll() is not None:
+        with uninterrupted():  # a KeyboardInterrupt inside `poll` may leave a lock on which `wait` blocks
+            codes = {name: process.poll() for name, process in self._processes.items()}
+        for name, code in codes.items():
+            if code is not None:
                 lines = self._log(name).read_text(encoding="utf-8", errors="replace").strip().splitlines()
-                raise NodesError(
-                    f"the node {name} ended with exit code {process.returncode}: {' | '.join(lines[-5:])}"
-                )
+                raise NodesError(f"the node {name} ended with exit code {code}: {' | '.join(lines[-5:])}")
 
     def _log(self, name: str) -> Path:
         return Path(self._logs.name, f"{name.replace('/', '_')[:100]}.log")

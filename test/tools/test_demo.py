@@ -1,6 +1,8 @@
 """The demo's table and picture, its situations, and its processes, without ROS."""
 
 import math
+import signal
+import subprocess
 import time
 from pathlib import Path
 
@@ -64,6 +66,23 @@ def test_a_node_that_exits_is_reported_with_its_last_output(tmp_path: Path) -> N
         nodes.start_server(DeclaredServer(command=("sh", "-c", "echo no field here; exit 3")))
         with pytest.raises(NodesError, match="ended with exit code 3: no field here"):
             check_forever(nodes)
+
+
+def test_a_signal_during_a_check_is_delayed_until_its_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    poll, ended = subprocess.Popen.poll, []
+
+    def poll_with_signal(process: subprocess.Popen[bytes]) -> int | None:
+        signal.raise_signal(signal.SIGINT)
+        ended.append(poll(process))
+        return ended[-1]
+
+    with NodeProcesses(1) as nodes:
+        nodes.start_server(DeclaredServer(command=("sleep", "60")))
+        with monkeypatch.context() as patched:
+            patched.setattr(subprocess.Popen, "poll", poll_with_signal)
+            with pytest.raises(KeyboardInterrupt):
+                nodes.check()
+    assert ended == [None]
 
 
 def check_forever(nodes: NodeProcesses) -> None:
