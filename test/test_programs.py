@@ -27,6 +27,7 @@ def test_each_part_of_the_speed_is_measured(part: str, capsys: pytest.CaptureFix
     assert all(line.startswith((part, "longest tick")) for line in lines)
 
 
+@pytest.mark.long
 def test_refining_along_the_way_is_measured(capsys: pytest.CaptureFixture[str]) -> None:
     assert along.main(["--situations", "2"]) == 0
     once, along_the_way, gained = capsys.readouterr().out.splitlines()
@@ -35,6 +36,7 @@ def test_refining_along_the_way_is_measured(capsys: pytest.CaptureFixture[str]) 
     assert gained.startswith("gained along the way: ")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("evaluation", "code"), [("evaluation", 0), ("evaluation_shoot", 2)])
 def test_chains_are_compared_with_time_optimal_ones(evaluation: str, code: int) -> None:
     pytest.importorskip("casadi")
