@@ -18,6 +18,7 @@ from ator_ros.evaluation.chain_run import ChainRun, run_chain
 from ator_ros.evaluation.toolset import ToolsetSource, tools_of
 from ator_ros.evaluation.trials import random_trial
 from ator_ros.experience.parallel import progress, run_tasks, workers
+from ator_ros.performance.accuracy import mean_ci95
 
 TEST = Path(__file__).parents[1] / "test"
 
@@ -40,7 +41,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
     parser = argparse.ArgumentParser(prog="along", description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--situations", type=int, default=200, metavar="N", help="default: %(default)s")
-    parser.add_argument("--seed", type=int, default=2063)
+    parser.add_argument("--seed", type=int, default=2063, help="default: %(default)s")
     options = parser.parse_args(argv)
     tasks = range(options.situations)
     with workers(-1):
@@ -48,8 +49,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         runs = list(progress(found, done=0, total=len(tasks), unit="situation"))
     once, along = np.array([[run.duration for run in pair] for pair in runs]).T
     failed = [sum(not run.success for run in column) for column in zip(*runs, strict=True)]
-    drawn = np.random.default_rng(0).choice(once - along, (2000, len(once))).mean(axis=1)
-    low, high = np.percentile(drawn, [2.5, 97.5])
+    low, high = mean_ci95(once - along)
     print(f"refined once: {once.mean():.2f} s, {failed[0]} failed")
     print(f"along the way: {along.mean():.2f} s, {failed[1]} failed")
     print(f"gained along the way: {(once - along).mean():.2f} s ({low:.2f} to {high:.2f})")
