@@ -1,6 +1,8 @@
 """Measure the gain of refining a chain again while it is executed, with a ball that rolls at the start.
 
 scripts/run python benchmarks/along.py --situations 200
+
+`test/refined_along.py` executes the chain as the executor node does, without ROS.
 """
 
 from __future__ import annotations
