@@ -152,7 +152,6 @@ def _read(value: Any, kind: Any, path: str) -> Any:
 
 @functools.cache
 def _hints(schema: Any) -> dict[str, Any]:
-    """Return the annotation of each field of a schema."""
     hints = get_type_hints(schema, include_extras=True)
     return {item.name: hints[item.name] for item in fields(schema)}
 

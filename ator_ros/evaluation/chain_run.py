@@ -61,10 +61,7 @@ def run_chain(
         finally:  # also after an error, the action must be ended
             executor.interrupt(simulation.world(), Ending.CANCELED, message)
         judgment = judge(simulation, last.top, last.goal, status, message)
-    return ChainRun(
-        end_time if judgment.success else time_limit,
-        judgment.success,
-        judgment.reason,
-        tuple(record.duration for record in records),
-        judgment.error if last.top.arrives else math.nan,
-    )
+    duration = end_time if judgment.success else time_limit
+    actions = tuple(record.duration for record in records)
+    error = judgment.error if last.top.arrives else math.nan
+    return ChainRun(duration, judgment.success, judgment.reason, actions, error)

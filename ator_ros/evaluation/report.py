@@ -151,7 +151,6 @@ def prediction_table(summary: Mapping[str, Any]) -> pd.DataFrame:
 
 
 def _rows(summary: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
-    """Return the rows of the policies in a summary."""
     return {name: row for name, row in summary.items() if isinstance(row, Mapping)}
 
 

@@ -89,12 +89,8 @@ def _portable(settings: Settings) -> Settings:
 
 def write_result(folder: Path, settings: Settings, records: Sequence[Record], command: str) -> dict[str, Any]:
     """Write `evaluation.json`, with all runs by columns in one line; return its contents."""
-    summary: dict[str, Any] = {
-        "situations": len(records),
-        "seed": settings.seed,
-        "command": command,
-        **summarize(records),
-    }
+    summary: dict[str, Any] = {"situations": len(records), "seed": settings.seed, "command": command}
+    summary |= summarize(records)
     for name in settings.policies:
         if "predicted" in records[0]["policies"][name]:
             summary[name]["prediction"] = prediction_errors(records, name)

@@ -32,13 +32,8 @@ class Toolset:
 
     def refiner(self, *, gated: bool = False) -> Refiner:
         """Return a refiner with these models, with the gate if `gated`."""
-        return Refiner(
-            self.robot,
-            self.models,
-            Gate() if gated else NO_GATE,
-            ranges=self.domain.ranges,
-            failure_cost=self.domain.time_limit,
-        )
+        gate, ranges, cost = Gate() if gated else NO_GATE, self.domain.ranges, self.domain.time_limit
+        return Refiner(self.robot, self.models, gate, ranges=ranges, failure_cost=cost)
 
     def predict(self, world: World, chain: TopChain) -> ChainPrediction:
         """Return the prediction of a chain with its own values."""

@@ -129,10 +129,10 @@ def yaw_of(q: Any) -> float:
     return math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
 
 
-def serve(make: Callable[[], Node], args: list[str] | None = None) -> None:
+def serve(make: Callable[[], Node]) -> None:
     """Run a server until Ctrl-C or SIGTERM."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    rclpy.init(args=args)
+    rclpy.init()
     node = make()
     try:
         rclpy.spin(node)
@@ -143,10 +143,6 @@ def serve(make: Callable[[], Node], args: list[str] | None = None) -> None:
         rclpy.try_shutdown()
 
 
-def main(args: list[str] | None = None) -> None:
+def main() -> None:
     """Run the server with its law until Ctrl-C or SIGTERM."""
-    serve(DriveToServer, args)
-
-
-if __name__ == "__main__":
-    main()
+    serve(DriveToServer)

@@ -47,10 +47,6 @@ class PursuitServer(DriveToServer):
         return super()._consider(request)
 
 
-def main(args: list[str] | None = None) -> None:
+def main() -> None:
     """Run the server until Ctrl-C or SIGTERM."""
-    serve(PursuitServer, args)
-
-
-if __name__ == "__main__":
-    main()
+    serve(PursuitServer)

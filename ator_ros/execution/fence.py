@@ -67,8 +67,7 @@ class Fence:
         """Return the fence with edges x_min, y_min, x_max, y_max in m; ValueError if they are not valid."""
         if len(edges) != 4 or not all(map(math.isfinite, edges)):
             raise ValueError(f"expected four finite numbers in m, got {list(edges)}")
-        x_min, y_min, x_max, y_max = edges
-        fence = cls(x_min, y_min, x_max, y_max)
+        fence = cls(*edges)
         if not (fence.x_min < fence.x_max and fence.y_min < fence.y_max):
             raise ValueError(f"expected least x, least y, greatest x, greatest y in m, got {list(edges)}")
         return fence
@@ -150,7 +149,6 @@ class Fence:
         return any(inner.outside(*place[:2]) > _ROUNDING for place in (pose, stopped))
 
     def __str__(self) -> str:
-        """Return the edges in words."""
         return (
             f"fence (x from {self.x_min:.10g} to {self.x_max:.10g} m, "
             f"y from {self.y_min:.10g} to {self.y_max:.10g} m)"

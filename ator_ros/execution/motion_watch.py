@@ -30,9 +30,7 @@ _STEP = 0.025  # s; step of the prediction
 _CONSTANT = 0.25  # s of motion that are compared, besides the lag of the motors
 _FEWEST = 4  # least number of messages in that time, and to determine the share
 _VARIES = 0.5  # greatest variation as a multiple of the tolerance
-_NEAR_LIMIT = (
-    0.75  # share of the described limit above which the base may have reached a lower limit of its own
-)
+_NEAR_LIMIT = 0.75  # share of the described limit above which the base may be at a lower one of its own
 _CONSTANT_PERSISTS = 0.06  # s after which the fault is reported, in two messages at least
 _ROUNDING = 1e-6
 
@@ -450,9 +448,8 @@ class MotionWatch:
             thresholds = (self._driving, self._turning)[axis]
             reported = (robot.v, robot.w)[axis]
             seconds = min(max(thresholds.moved / max(abs(reported), _ROUNDING), _PERSISTS), 0.35)
-            since = [
-                index for index, (then, _) in enumerate(self._states) if then <= time - seconds + _ROUNDING
-            ]
+            latest = time - seconds + _ROUNDING
+            since = [index for index, (then, _) in enumerate(self._states) if then <= latest]
             if abs(reported) < thresholds.tolerance or not since:
                 continue
             states = [state for _, state in self._states][since[-1] :]

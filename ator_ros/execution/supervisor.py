@@ -301,9 +301,8 @@ class Supervisor:
                 name, top = missing_in(self.executor.chain.calls, self.start) or ("", "")
                 self.end(Ending.INPUT_LOST, f"{name} is missing: {top} needs it, {expected}, got none")
         if self.question is not None and now - self.question.asked > self._deadlines.refinement:
-            self.unrefined(
-                f"no answer within {self._deadlines.refinement:g} s; is a refinement node running?"
-            )
+            within = f"{self._deadlines.refinement:g} s"
+            self.unrefined(f"no answer within {within}; is a refinement node running?")
         limit = self.slowdown * self._deadlines.odom
         if self.phase is Phase.WAITING:
             limit = max(limit, _FIRST_GAP)

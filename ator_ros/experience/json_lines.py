@@ -65,7 +65,6 @@ class PartialResults:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self.path))
 
     def __enter__(self) -> Self:
-        """Return this object, whose file is closed when the block ends."""
         return self
 
     def __exit__(self, *_: object) -> None:

@@ -109,14 +109,10 @@ class _Sqlite:
     """A .db3 file, with the definitions that are in it since ROS 2 Iron."""
 
     def __init__(self, path: Path, stack: contextlib.ExitStack) -> None:
-        self._data = stack.enter_context(
-            contextlib.closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True))
-        )
-        texts = self._data.execute(
-            "SELECT topic_type, encoded_message_definition FROM message_definitions "
-            "WHERE encoding = 'ros2msg'"
-        )
-        self._definitions = dict(texts.fetchall())
+        database = sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)
+        self._data = stack.enter_context(contextlib.closing(database))
+        texts = "SELECT topic_type, encoded_message_definition FROM message_definitions WHERE encoding = ?"
+        self._definitions = dict(self._data.execute(texts, ("ros2msg",)).fetchall())
         rows = self._data.execute("SELECT name, type FROM topics").fetchall()
         self.topics = {(name, kind) for name, kind in rows if kind in self._definitions}
         self.begin = self._data.execute("SELECT min(timestamp) FROM messages").fetchone()[0] or 0
@@ -130,10 +126,8 @@ class _Sqlite:
         for number, (topic, kind) in enumerate(topics, 1):
             schema = Schema(number, self._definitions[kind].encode(), "ros2msg", kind)
             decoders[topic, kind] = DecoderFactory().decoder_for("cdr", schema)
-        rows = self._data.execute(
-            "SELECT name, type, data FROM messages JOIN topics ON topic_id = topics.id ORDER BY timestamp"
-        )
-        for name, kind, data in rows:
+        query = "SELECT name, type, data FROM messages JOIN topics ON topic_id = topics.id ORDER BY timestamp"
+        for name, kind, data in self._data.execute(query):
             if (decode := decoders.get((name, kind))) is not None:
                 yield (name, kind), decode(data)
 
@@ -206,14 +200,10 @@ def _read(
     sources, servers = [domain.source(name) for name in domain.objects], status_topics(domain)
     roles = [ODOM, CMD_VEL, RECORDS, *((PLAN, GOAL_POSE) if servers else ())]
     wanted = [_Wanted(role, names.get(role, role), _TYPES[role]) for role in roles]
-    packages = {"Odometry": "nav_msgs"}
-    wanted += [
-        _Wanted(
-            item.name, item.topic_or_frame, {f"{packages.get(item.type, 'geometry_msgs')}/msg/{item.type}"}
-        )
-        for item in sources
-        if item.type != "tf"
-    ]
+    for item in sources:
+        package = "nav_msgs" if item.type == "Odometry" else "geometry_msgs"
+        if item.type != "tf":
+            wanted.append(_Wanted(item.name, item.topic_or_frame, {f"{package}/msg/{item.type}"}))
     wanted += [_Wanted(name, name, {"action_msgs/msg/GoalStatusArray"}) for name in servers]
     if servers or any(item.type == "tf" for item in sources):
         wanted += [_Wanted(role, f"/{role}", {"tf2_msgs/msg/TFMessage"}) for role in TF]

@@ -160,9 +160,8 @@ def checked_rows(source: Path | str, frame: pd.DataFrame, action_set: object) ->
             key: parts_of_drive(drive["t"].to_numpy(), drive["v"].to_numpy(), drive["duration"].iloc[0])
             for key, drive in rows.groupby(["action", "episode"])
         }
-        rows[list(DriveParts._fields)] = [
-            parts[key] for key in zip(rows["action"], rows["episode"], strict=True)
-        ]
+        drives = zip(rows["action"], rows["episode"], strict=True)
+        rows[list(DriveParts._fields)] = [parts[drive] for drive in drives]
     return rows
 
 
@@ -170,9 +169,8 @@ def _numbers(source: Path | str, column: pd.Series) -> FloatArray:
     """Return the numbers of a column of any numeric type, checked."""
     name = str(column.name)
     low, high = _LEAST.get(name, 0.0 if name.endswith("_error") else -LARGEST), _GREATEST.get(name, LARGEST)
-    expected = (
-        f"{source}: {name}: expected {'whole ' if name in _TYPES else ''}numbers from {low:g} to {high:g}"
-    )
+    kind = "whole numbers" if name in _TYPES else "numbers"
+    expected = f"{source}: {name}: expected {kind} from {low:g} to {high:g}"
     if not pd.api.types.is_numeric_dtype(column):
         raise ExperienceError(f"{expected}, got the type {column.dtype}")
     values: FloatArray = column.to_numpy(dtype=float, na_value=np.nan)

@@ -108,15 +108,9 @@ def _improved(
         names = error_features(chosen["duration"], known)
         tested = data["duration"].table[names].to_numpy()[found.tested]
         errors = fit_error_process(names, tested, found.errors)
+    arrival = observed_arrival(rows[rows["success"]], robot)
     return verdicts, PerformanceModel(
-        action,
-        robot,
-        chosen,
-        known,
-        driving=driving,
-        at_goal=at_goal,
-        errors=errors,
-        arrival=observed_arrival(rows[rows["success"]], robot),
+        action, robot, chosen, known, driving=driving, at_goal=at_goal, errors=errors, arrival=arrival
     )
 
 

@@ -52,9 +52,8 @@ def digest_of(folder: Path, files: Iterable[Path] | None = None) -> str:
 def digest_of_start(models: Path, action_sets: Iterable[str]) -> str:
     """Return the digest of the models of the start; empty if one cannot be read."""
     try:
-        return digest_of(
-            models, [file for name in action_sets for file in models_folder(models, name).glob("*.json")]
-        )
+        files = [file for name in action_sets for file in models_folder(models, name).glob("*.json")]
+        return digest_of(models, files)
     except OSError:
         return ""
 

@@ -212,12 +212,11 @@ class GoalRun:
             waits = supervisor.phase in (Phase.WAITING, Phase.REFINING)
             predicted = performance_of()
             actual = performance_of({} if waits else {"duration": supervisor.executor.elapsed})
+        chain = supervisor.executor.chain
         return ChainPerformance(
             header=situation_of(world, frame=frame).header,
             chain_id=self._id,
-            chain=messages.chain_of(
-                supervisor.executor.chain, action_set=self._library.action_set, frame=frame
-            ),
+            chain=messages.chain_of(chain, action_set=self._library.action_set, frame=frame),
             start=situation_of(supervisor.start or world, frame=frame),
             refined=supervisor.refining.refined,
             refinement=supervisor.refining.reason,
@@ -246,16 +245,9 @@ def _id_of(handle: ServerGoalHandle) -> str:
 def unstarted(handle: ServerGoalHandle, ending: Ending, reason: str, *, frame: str) -> Any:
     """Return the result of a goal that cannot be used, or that ended before it started."""
     outcome = Outcome(code=ending.value, reason=reason)
-    record = ChainPerformance(
-        chain_id=_id_of(handle),
-        chain=handle.request.chain,
-        refinement="not requested",
-        gain=gain_of(),
-        predicted=performance_of(),
-        actual=_actual(0.0, ending),
-        outcome=outcome,
-    )
-    record.header.frame_id = frame
+    record = ChainPerformance(chain_id=_id_of(handle), chain=handle.request.chain, outcome=outcome)
+    record.refinement, record.header.frame_id = "not requested", frame
+    record.gain, record.predicted, record.actual = gain_of(), performance_of(), _actual(0.0, ending)
     return ExecuteChain.Result(outcome=outcome, record=record)
 
 

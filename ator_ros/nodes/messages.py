@@ -43,9 +43,7 @@ from ator_ros.world.grid_map import GridMap, map_of_grid
 from ator_ros.world.messages import FARTHEST, MessageError, pose_from
 from ator_ros.world.state import Command, ObjectState, RobotState, World
 
-_FASTEST_GOAL = (
-    3.0  # greatest speed of a goal over the robot's limit, which may be an estimate; km/h have 3.6
-)
+_FASTEST_GOAL = 3.0  # times the robot's limit, which may be an estimate; a speed in km/h would be 3.6 times
 
 
 def stamp_of(seconds: float) -> Time:
@@ -315,17 +313,10 @@ def _alternative(judged: Judged, sent: msg.TopChain, *, action_set: str, frame: 
 
 def refused(reason: str, chain: msg.TopChain) -> RefineSubgoal.Response:
     """Write the answer to a request that cannot be evaluated, with its `chain`."""
-    nothing = performance_of()
-    return RefineSubgoal.Response(
-        reason=reason,
-        chain=chain,
-        original=chain,
-        before=nothing,
-        after=nothing,
-        gain=gain_of(),
-        cost_before=math.nan,
-        cost_after=math.nan,
-    )
+    response = RefineSubgoal.Response(reason=reason, chain=chain, original=chain, gain=gain_of())
+    response.before = response.after = performance_of()
+    response.cost_before = response.cost_after = math.nan
+    return response
 
 
 def chain_performance_of(prediction: ChainPrediction | None) -> msg.Performance:
@@ -371,9 +362,5 @@ def _free_variables(refinement: Refinement) -> list[msg.FreeVariable]:
 
 
 def _curve(curve: SubgoalCurve) -> msg.SearchCurve:
-    return msg.SearchCurve(
-        subgoal=curve.subgoal,
-        variables=list(curve.names),
-        values=np.ravel(curve.values).tolist(),
-        totals=np.ravel(curve.totals).tolist(),
-    )
+    values, totals = np.ravel(curve.values).tolist(), np.ravel(curve.totals).tolist()
+    return msg.SearchCurve(subgoal=curve.subgoal, variables=list(curve.names), values=values, totals=totals)

@@ -54,7 +54,6 @@ class PlannerClient:
         self._was_called = False
 
     def __str__(self) -> str:
-        """Return the name of the action."""
         return self._name
 
     def __call__(self, start: tuple[float, float], goal: tuple[float, float]) -> FloatArray | None:

@@ -277,9 +277,8 @@ def world_of(settings: Mapping[str, Any]) -> SimulatedWorld:
         expected = "expected different names of letters, digits and _"
         raise SetupError(f"parameter robots: {expected}, got {quoted(list(names))}")
     scene = robot.scene
-    objects = {
-        name: ObjectErrors(**{kind: settings[f"{name}_{kind}"] for kind in _ERRORS}) for name in scene.objects
-    }
+    errors = {name: {kind: settings[f"{name}_{kind}"] for kind in _ERRORS} for name in scene.objects}
+    objects = {name: ObjectErrors(**values) for name, values in errors.items()}
     config = SensorConfig(settings["drift"], settings["heading_drift"], settings["latency"], objects)
     starts = _starts(settings["robot_start"], len(names), scene.area)
     robots = [
@@ -320,9 +319,8 @@ class RobotTopics:
         self._robot, self._scene = robot, description.scene
         self.frame, self.robot_frame = map(self.resolved, (settings["frame"], settings["robot_frame"]))
         self._odom = node.create_publisher(Odometry, self.resolved("odom"), NEWEST)
-        self._objects = {
-            name: node.create_publisher(Odometry, self.resolved(name), NEWEST) for name in self._scene.objects
-        }
+        topics = {name: self.resolved(name) for name in self._scene.objects}
+        self._objects = {name: node.create_publisher(Odometry, at, NEWEST) for name, at in topics.items()}
         self._joints = node.create_publisher(JointState, self.resolved("joint_states"), RESULTS)
         self._tf = node.create_publisher(TFMessage, "tf", RESULTS)
         if robot.name:

@@ -202,21 +202,15 @@ def arguments() -> argparse.ArgumentParser:
     add_factor(parser, 0.0)
     add_models(parser)
     parser.add_argument(
-        "--out",
-        type=destination,
-        default=Path("build/demo.png"),
-        metavar="FILE.png",
+        "--out", type=destination, default=Path("build/demo.png"), metavar="FILE.png",
         help="default: %(default)s",
-    )
+    )  # fmt: skip
     return parser
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
     return run_tool(
-        arguments(),
-        _demo,
-        argv,
-        interrupted="the finished situations are shown",
+        arguments(), _demo, argv, interrupted="the finished situations are shown",
         chain=lambda domain: reversed(list(domain.chains)),
-    )
+    )  # fmt: skip

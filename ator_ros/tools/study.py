@@ -49,9 +49,8 @@ def study(options: argparse.Namespace, domain: Domain, command: str) -> None:
         raise EvaluationError("; ".join(dict.fromkeys(left_out.values())) or f"{domain.name}: no actions")
     for name, reason in left_out.items():
         print(f"study: skipped {name}: {reason}", file=sys.stderr)
-    identity = {
-        name: getattr(options, name) for name in ("episodes", "situations", "seed", "chain", "oracle")
-    }
+    named = ("episodes", "situations", "seed", "chain", "oracle")
+    identity = {name: getattr(options, name) for name in named}
     identity |= {"robot": robot.description_digest(), "domain": source.domain, "action_set": action_set}
     tables = [out / "experience.parquet", out / "fresh.parquet"]
     with PartialResults(out / "study.jsonl", identity, "a study with the same options") as partial:
@@ -88,9 +87,8 @@ def study(options: argparse.Namespace, domain: Domain, command: str) -> None:
         variables = open_variables(tools, trials)
         for each in variables:
             print(f"study: step {each['step']} ({each['top']}), {each['name']}: {each['explanation']}")
-    ends = join(
-        read_experience(table).frame.drop_duplicates(["action", "episode"], keep="last") for table in tables
-    )
+    frames = (read_experience(table).frame for table in tables)
+    ends = join(frame.drop_duplicates(["action", "episode"], keep="last") for frame in frames)
     result = {
         "command": command,
         "robot": robot.name,

@@ -111,15 +111,12 @@ class Backend:
         self._connect()
 
     def _connect(self) -> None:
-        node, name = self.node, f"{self.node.get_namespace().rstrip('/')}/refinement"
-        self._status = node.create_subscription(
-            ChainPerformance, "chain_under_way", self._take_status, LATCHED
-        )
+        node, status = self.node, self._take_status
+        take_diagnostics = partial(self._take_diagnostics, f"{node.get_namespace().rstrip('/')}/refinement")
+        self._status = node.create_subscription(ChainPerformance, "chain_under_way", status, LATCHED)
         node.create_subscription(ChainPerformance, "performance/chain", self._take_record, LATCHED_BY_MANY)
         node.create_subscription(Path, "planned_path", self._take_path, LATCHED)
-        node.create_subscription(
-            DiagnosticArray, "/diagnostics", partial(self._take_diagnostics, name), RESULTS
-        )
+        node.create_subscription(DiagnosticArray, "/diagnostics", take_diagnostics, RESULTS)
         self._place_robot = node.create_client(PlaceRobot, "place_robot", qos_profile=SERVICES)
         self._place_objects = {
             name: node.create_client(PlaceObject, f"place_{name}", qos_profile=SERVICES)
@@ -268,28 +265,18 @@ class Backend:
 
         Values of open variables are placeholders unless `as_given`.
         """
-        answer = self._call(
-            self._refine,
-            RefineSubgoal.Request(
-                situation=situation_of(draft.world, frame=self._frame),
-                want_curve=True,
-                as_given=as_given,
-                **self._fields_of(draft),
-            ),
-        )
+        request = RefineSubgoal.Request(want_curve=True, as_given=as_given, **self._fields_of(draft))
+        request.situation = situation_of(draft.world, frame=self._frame)
+        answer = self._call(self._refine, request)
         if not answer.accepted:
             raise NodesError(answer.reason)
         library = self.libraries[draft.action_set]
-        return Answer(
-            chain_from(answer.original, library, frame=self._frame, where="original"),
-            chain_from(answer.chain, library, frame=self._frame),
-            answer.refined,
-            answer.reason,
-            tuple(action.duration for action in answer.before_actions),
-            tuple(action.duration for action in answer.after_actions),
-            tuple(map(_curve_from, answer.curves)),
-            answer.chosen,
-        )
+        naive = chain_from(answer.original, library, frame=self._frame, where="original")
+        chain = chain_from(answer.chain, library, frame=self._frame)
+        before = tuple(action.duration for action in answer.before_actions)
+        after = tuple(action.duration for action in answer.after_actions)
+        curves = tuple(map(_curve_from, answer.curves))
+        return Answer(naive, chain, answer.refined, answer.reason, before, after, curves, answer.chosen)
 
     def _fields_of(self, draft: Draft) -> dict[str, Any]:
         """Return chain, alternatives and weights of a draft as fields of requests and goals."""
@@ -418,7 +405,6 @@ class Backend:
             self._active.problem = "lost: the executor does not answer"
 
     def _run_of(self, chain_id: str) -> Run | None:
-        """Return the active run or one of our runs by its chain."""
         return next((run for run in (self._active, *self._own_runs) if run.chain_id == chain_id), None)
 
     def _take_status(self, message: ChainPerformance) -> None:

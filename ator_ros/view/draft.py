@@ -53,9 +53,8 @@ class Draft:
             pose = call.goal.pose._replace(x=x, y=y)
             return dataclasses.replace(call, goal=dataclasses.replace(call.goal, pose=pose))
 
-        return dataclasses.replace(
-            self._with_calls(moved), world=self.world.with_object(name, ObjectState(x, y))
-        )
+        world = self.world.with_object(name, ObjectState(x, y))
+        return dataclasses.replace(self._with_calls(moved), world=world)
 
     def at(self, world: World) -> Draft:
         """Return the draft with robot and objects where they are in `world`, at rest."""

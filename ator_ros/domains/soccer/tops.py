@@ -15,18 +15,12 @@ from ator_ros.tops.objects import held_within
 _NET = 0.1  # m by which a ball may lie deeper than the goal, as the net yields
 _USUAL_FIELD = Field(8.0, 5.0, goal_width=2.0, goal_depth=0.6)
 
-GO_TO_POSE = Top(
-    "goToPose",
-    "goToPose",
-    Condition(),
-    Condition(
-        (
-            Term("robot.x", "goal.x", 0.06),
-            Term("robot.y", "goal.y", 0.06),
-            Term("robot.yaw", "goal.yaw", 0.12),
-        )
-    ),
+_AT_GOAL = (
+    Term("robot.x", "goal.x", 0.06),
+    Term("robot.y", "goal.y", 0.06),
+    Term("robot.yaw", "goal.yaw", 0.12),
 )
+GO_TO_POSE = Top("goToPose", "goToPose", Condition(), Condition(_AT_GOAL))
 
 
 def go_to_ball(held: float = 0.1) -> Top:
@@ -34,31 +28,19 @@ def go_to_ball(held: float = 0.1) -> Top:
 
     The ball is held up to `held` m from the hold, along x and y.
     """
-    return Top(
-        "goToBall",
-        "goToPose",
-        Condition((Term("ball.x", "goal.x", 0.1), Term("ball.y", "goal.y", 0.1))),
-        _holding(held),
-        Point.HOLD,
-    )
+    at_ball = Condition((Term("ball.x", "goal.x", 0.1), Term("ball.y", "goal.y", 0.1)))
+    return Top("goToBall", "goToPose", at_ball, _holding(held), Point.HOLD)
 
 
 def dribble_ball(held: float = 0.1, lost: float = 0.12) -> Top:
     """Return dribbleBall; `held` as for `go_to_ball`, and `lost` likewise at the start."""
-    return Top(
-        "dribbleBall",
-        "dribbleBall",
-        _holding(lost),
-        Condition(
-            (
-                Term("hold.x", "goal.x", 0.06),
-                Term("hold.y", "goal.y", 0.06),
-                Term("ball.x", "hold.x", held),
-                Term("ball.y", "hold.y", held),
-            )
-        ),
-        Point.HOLD,
+    at_goal = (
+        Term("hold.x", "goal.x", 0.06),
+        Term("hold.y", "goal.y", 0.06),
+        Term("ball.x", "hold.x", held),
+        Term("ball.y", "hold.y", held),
     )
+    return Top("dribbleBall", "dribbleBall", _holding(lost), Condition(at_goal), Point.HOLD)
 
 
 def shoot(field: Field = _USUAL_FIELD, lost: float = 0.12) -> Top:
