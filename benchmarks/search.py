@@ -85,7 +85,7 @@ class Reference:
             lines = [fine_line(domain, degrees) for domain in axes]
             grid = np.array(list(itertools.product(*lines)), dtype=float)
             grids.append(np.vstack([given, grid]) if lines else grid)
-        return self._with(least_path(self._model.step_cost, grids, self._model.given).values)
+        return self._with(least_path(self._model.step_costs, grids).values)
 
     def optimized(self, seed: int) -> TopChain:
         """Return the chain that differential evolution finds (Storn and Price 1997, SciPy)."""

@@ -26,7 +26,7 @@ from ator_ros.geometry import FloatArray, Pose, wrap_angle
 from ator_ros.performance.direct import YAW, X, Y
 from ator_ros.refinement.chain_prediction import ChainModel
 from ator_ros.refinement.objective import Objective
-from ator_ros.refinement.search import least_path
+from ator_ros.refinement.search import Pairs, least_path
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import RobotState, World
@@ -228,20 +228,25 @@ def best_headings(
         trial.world, trial.chain, tools.robot, models=tools.models, names=names, objective=Objective()
     )
     offered = [headings[:, None] for headings in candidates(trial, chosen, count)]
-    predicted = least_path(model.step_cost, offered, ())
+    predicted = least_path(model.step_costs, offered)
     bound = math.inf if margin is None else predicted.cost + margin + _ROUNDING
     promising = [curve.values[curve.totals <= bound] for curve in predicted.curves]
     executed = 0
 
-    def duration(index: int, before: FloatArray, after: FloatArray) -> FloatArray:
+    def durations(steps: Sequence[Pairs]) -> list[FloatArray]:
         nonlocal executed
-        starts = model.rows[index].table(before, after).table[[X, Y, YAW]].T.tolist()
-        executed += len(starts)
-        worlds = [World(0.0, RobotState(Pose(*start)), trial.world.objects) for start in starts]
-        headings = np.broadcast_to(after[:, 0], len(starts)).tolist()
-        legs = [with_headings(TopChain((calls[index],)), {0: yaw}) for yaw in headings]
-        return np.array([drive(world, leg) for world, leg in zip(worlds, legs, strict=True)])
+        found = []
+        for index, before, after in steps:
+            starts = model.rows[index].pairs(before, after)[[X, Y, YAW]].transpose(1, 2, 0)
+            executed += starts[..., 0].size
+            legs = [with_headings(TopChain((calls[index],)), {0: yaw}) for yaw in after[:, 0].tolist()]
+            worlds = [
+                [World(0.0, RobotState(Pose(*each)), trial.world.objects) for each in row]
+                for row in starts.tolist()
+            ]
+            found.append(np.array([list(map(drive, row, legs)) for row in worlds]))
+        return found
 
-    values = least_path(duration, promising, ()).values
+    values = least_path(durations, promising).values
     opened = {i: float(yaw[0]) for i, yaw in enumerate(values) if "yaw" in calls[i].open}
     return with_headings(trial.chain, opened), executed

@@ -7,8 +7,9 @@ situations and adds up their costs.
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -21,6 +22,7 @@ from ator_ros.motion.routes import arrival_heading, routes_of
 from ator_ros.performance.direct import DIRECT_VARIABLES, SPEEDG, XG, YAW, YAWG, YG, DirectTable, V, X, Y
 from ator_ros.performance.model import Arrival
 from ator_ros.refinement.objective import Objective
+from ator_ros.refinement.search import Pairs
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain, projected
 from ator_ros.world.state import World
@@ -28,6 +30,8 @@ from ator_ros.world.state import World
 REPORTED = ("duration", "spread", "success", "accuracy")
 """Fields predicted for every action regardless of the objective."""
 
+_START = np.zeros((1, 0))  # the candidates at which the first step starts
+_PLACE = frozenset("xy")
 _START_ROWS = {"x": X, "y": Y, "yaw": YAW, "speed": V}
 _GOAL_ROWS = {"x": XG, "y": YG, "yaw": YAWG, "speed": SPEEDG}
 """Rows of the goal variables in the table of the step after their goal, and of the step that leads to it."""
@@ -97,11 +101,11 @@ class StepRows:
         bearing: float = 0.0,
     ) -> None:
         declared = sorted(goal.values)
-        self._names = (*DIRECT_VARIABLES, *map(direct_name, declared))
+        self.names = (*DIRECT_VARIABLES, *map(direct_name, declared))
         values = goal.speed, goal.point is Point.HOLD, *(goal.values[name] for name in declared)
         self._fixed = np.array([*start, *goal.pose, *values], dtype=float)
         self._of_goal = [
-            (_GOAL_ROWS[name] if name in _GOAL_ROWS else self._names.index(direct_name(name)), column)
+            (_GOAL_ROWS[name] if name in _GOAL_ROWS else self.names.index(direct_name(name)), column)
             for column, name in enumerate(names)
         ]
         self._of_start = [
@@ -113,22 +117,36 @@ class StepRows:
 
     def table(self, before: FloatArray, after: FloatArray) -> DirectTable:
         """Return the table for candidates, shapes (n or 1, k), of the subgoals before and after the step."""
-        count = max(len(before) if self._of_start else 1, len(after) if self._of_goal else 1)
-        table = self._fixed[:, None].repeat(count, axis=1)
-        for row, column in self._of_goal:
-            table[row] = after[:, column]
-        for row, column in self._of_start:
-            table[row] = before[:, column]
-        if self._held is not None and self._of_start:
-            yaw, moved = table[YAW], {row for row, _ in self._of_start}
-            for row, given, part in ((X, self._held.x, np.cos(yaw)), (Y, self._held.y, np.sin(yaw))):
-                table[row] = (table[row] if row in moved else given) - self._hold * part
+        return DirectTable(self.names, self._written((max(len(before), len(after)),), before, after))
+
+    def pairs(self, before: FloatArray, after: FloatArray) -> FloatArray:
+        """Return the rows of the table for all pairs of n candidates before and m after the step.
+
+        Their shape is (names, n, m); candidates that change nothing count as one.
+        """
+        shape = len(before) if self._of_start else 1, len(after) if self._of_goal else 1
+        return self._written(shape, before[: shape[0], None], after[: shape[1]])
+
+    def _written(self, shape: tuple[int, ...], before: FloatArray, after: FloatArray) -> FloatArray:
+        """Return the rows of the table, shape (names, *shape), for candidates of this shape or fewer."""
+        start: dict[int, Any] = {row: before[..., column] for row, column in self._of_start}
+        if self._held is not None and start:
+            yaw = start.get(YAW, self._fixed[YAW])
+            start[X] = start.get(X, self._held.x) - self._hold * np.cos(yaw)
+            start[Y] = start.get(Y, self._held.y) - self._hold * np.sin(yaw)
         if self._arrival is not None:
-            table[X] -= self._arrival.dist * math.cos(self._bearing)
-            table[Y] -= self._arrival.dist * math.sin(self._bearing)
-            turn = wrap_angles(table[YAW] - self._bearing)
-            table[YAW] -= np.clip(turn, -self._arrival.angle, self._arrival.angle)
-        return DirectTable(self._names, table)
+            x, y, yaw = (start.get(row, self._fixed[row]) for row in (X, Y, YAW))
+            turn = wrap_angles(yaw - self._bearing).clip(-self._arrival.angle, self._arrival.angle)
+            start[X] = x - self._arrival.dist * math.cos(self._bearing)
+            start[Y] = y - self._arrival.dist * math.sin(self._bearing)
+            start[YAW] = yaw - turn
+        table = np.empty((len(self._fixed), *shape))
+        table.T[:] = self._fixed
+        for row, values in start.items():
+            table[row] = values
+        for row, column in self._of_goal:
+            table[row] = after[..., column]
+        return table
 
 
 def step_rows(
@@ -231,7 +249,7 @@ class ChainModel:
         self._robot, self._routes = robot, routes_of(robot)
         self.rows = step_rows(world, chain, robot, self.names, models)
         self._actions = [call.top.action for call in chain.calls]
-        self._models = [models.get(action) for action in self._actions]
+        self._models = {action: models.get(action) for action in self._actions}
         self.objective = objective
         self.given = [
             np.array([goal_values(call.goal)[name] for name in names], dtype=float)
@@ -239,17 +257,27 @@ class ChainModel:
         ]
 
     def step_cost(self, index: int, before: FloatArray, after: FloatArray) -> FloatArray:
-        """Return the cost of one action, shape (n,), see `ator_ros.refinement.search.StepCost`."""
-        model = self._models[index]
-        if model is None:
-            return np.zeros(1)
-        direct = self.rows[index].table(before, after)
-        with np.errstate(all="ignore"):
-            cost = self._cost(model.predict(direct, self.objective.needs, None))
-        if self._routes is not None and {"x", "y"} & set(self.names[index]):  # free places are searched
-            has_room = self._routes.clearance(direct["xg"], direct["yg"]) >= self._robot.reach
-            cost = np.where(has_room, cost, np.inf)
-        return cost
+        """Return the cost of one action, shape (n,), from the subgoals before and after it, (n or 1, k)."""
+        return self._costs([index], [self.rows[index].table(before, after).table])[0]
+
+    def step_costs(self, steps: Sequence[Pairs]) -> list[FloatArray]:
+        """Return the costs of actions, see `ator_ros.refinement.search.StepCosts`."""
+        tables = [self.rows[index].pairs(before, after) for index, before, after in steps]
+        return self._costs([index for index, _, _ in steps], tables)
+
+    def _costs(self, steps: Sequence[int], tables: Sequence[FloatArray]) -> list[FloatArray]:
+        """Return the costs of actions, shapes (...), in the situations of tables, shapes (names, ...)."""
+        costs = [np.zeros(table.shape[1:]) for table in tables]  # an action without a model costs nothing
+        for places, prediction in self._predictions(steps, tables, self.objective.needs):
+            cost, first = self._cost(prediction), 0
+            for place in places:
+                last = first + costs[place].size
+                costs[place] = cost[first:last].reshape(costs[place].shape)
+                first = last
+                if self._routes is not None and _PLACE & set(self.names[steps[place]]):
+                    clearance = self._routes.clearance(*tables[place][[XG, YG]])
+                    costs[place] = np.where(clearance >= self._robot.reach, costs[place], np.inf)
+        return costs
 
     def predict(self) -> ChainPrediction:
         """Return the prediction for the chain's own values; its cost is infinite if that of a step is NaN."""
@@ -263,44 +291,61 @@ class ChainModel:
         It is the error of the models, from their errors on episodes that they were not learned from; the
         difference between single runs is `ChainPrediction.spread`.
         """
-        (first, second), uncertainty = self._predicted((before, after), (1.0, -1.0))
+        signs = [1.0] * len(before) + [-1.0] * len(after)
+        (first, second), uncertainty = self._predicted((before, after), signs)
         return first, second, uncertainty
 
     def _predicted(
-        self, chains: Sequence[Sequence[FloatArray]], signs: tuple[float, ...] | None
+        self, chains: Sequence[Sequence[FloatArray]], signs: Sequence[float] | None
     ) -> tuple[list[ChainPrediction], float]:
-        """Return the predictions, and the uncertainty in s of the sum of their durations with these signs."""
+        """Return the predictions, and the uncertainty in s of the sum of all durations with these signs."""
         error = variance = 0.0
-        actions: list[list[dict[str, float]]] = [[{} for _ in self._actions] for _ in chains]
-        costs = np.zeros((len(chains), len(self._actions)))
-        fields = tuple(dict.fromkeys(REPORTED + self.objective.needs))
+        steps = [*range(len(self._actions))] * len(chains)
         tables = []
         for chain in chains:
-            values = [np.zeros((1, 0)), *(each[None, :] for each in chain)]
-            tables.append([rows.table(values[step], values[step + 1]) for step, rows in enumerate(self.rows)])
-        for action in dict.fromkeys(self._actions):
-            steps = [step for step, name in enumerate(self._actions) if name == action]
-            model = self._models[steps[0]]
-            if model is None:
-                continue
-            # One prediction for all steps of a model takes hardly longer than for one step.
-            places = [(number, step) for number in range(len(chains)) for step in steps]
-            table = np.hstack([tables[number][step].table for number, step in places])
-            direct = DirectTable(tables[0][steps[0]].names, table)
-            with np.errstate(all="ignore"):
-                signed = None if signs is None else np.array([signs[number] for number, _ in places])
-                prediction = model.predict(direct, fields, signed)
+            values = [_START, *(each[None, :] for each in chain)]
+            pairs = zip(self.rows, itertools.pairwise(values), strict=True)
+            tables += [rows.table(before, after).table for rows, (before, after) in pairs]
+        actions: list[dict[str, float]] = [{} for _ in steps]
+        costs = np.zeros(len(steps))
+        fields = tuple(dict.fromkeys(REPORTED + self.objective.needs))
+        for places, prediction in self._predictions(steps, tables, fields, signs):
             if signs is not None:
                 error, variance = error + prediction.error_of_sum[0], variance + prediction.error_of_sum[1]
             columns = {name: getattr(prediction, name, None) for name in fields}
             known = {name: each.tolist() for name, each in columns.items() if each is not None}
-            cost = self._cost(prediction)
-            for row, (number, step) in enumerate(places):
-                actions[number][step] = {name: each[row] for name, each in known.items()}
-                costs[number, step] = cost[row]
-        sums = zip(actions, costs.sum(axis=1), strict=True)
-        predictions = [ChainPrediction(tuple(each), float(cost)) for each, cost in sums]
+            costs[places] = self._cost(prediction)
+            for row, place in enumerate(places):
+                actions[place] = {name: each[row] for name, each in known.items()}
+        count = len(self._actions)
+        predictions = [
+            ChainPrediction(tuple(actions[number * count : (number + 1) * count]), float(cost))
+            for number, cost in enumerate(costs.reshape(len(chains), count).sum(axis=1))
+        ]
         return predictions, math.sqrt(error**2 + variance)
+
+    def _predictions(
+        self,
+        steps: Sequence[int],
+        tables: Sequence[FloatArray],
+        fields: tuple[str, ...],
+        signs: Sequence[float] | None = None,
+    ) -> Iterator[tuple[list[int], Any]]:
+        """Yield places in `steps` whose actions have the same model, and its prediction for their tables.
+
+        One prediction for all steps of a model takes hardly longer than one for a step.
+        """
+        for action in dict.fromkeys(self._actions[step] for step in steps):
+            model = self._models[action]
+            if model is None:
+                continue
+            places = [place for place, step in enumerate(steps) if self._actions[step] == action]
+            parts = [tables[place].reshape(len(tables[place]), -1) for place in places]
+            direct = DirectTable(self.rows[steps[places[0]]].names, np.concatenate(parts, axis=1))
+            signed = None if signs is None else np.array([signs[place] for place in places])
+            with np.errstate(all="ignore"):
+                prediction = model.predict(direct, fields, signed)
+            yield places, prediction
 
     def _cost(self, prediction: Any) -> FloatArray:
         return np.asarray(np.fmin(self.objective.cost(prediction), np.inf))  # NaN becomes infinite

@@ -23,7 +23,15 @@ from ator_ros.refinement.free_variables import (
 )
 from ator_ros.refinement.gate import NO_GATE, Gate
 from ator_ros.refinement.objective import Objective, expected_time
-from ator_ros.refinement.search import Deadline, NoCandidateError, Optimum, no_deadline, search, unsearched
+from ator_ros.refinement.search import (
+    Deadline,
+    NoCandidateError,
+    Optimum,
+    Pairs,
+    no_deadline,
+    search,
+    unsearched,
+)
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.ranges import USUAL_RANGES, Ranges
@@ -181,7 +189,7 @@ class Refiner:
                 for index in range(len(chain.calls))
             ]
             optimum = search(
-                model.step_cost, axes, model.given, allowed=regions.allowing(), deadline=deadline
+                model.step_costs, axes, model.given, allowed=regions.allowing(), deadline=deadline
             )
             compared = model.compare(model.given, optimum.values)
         if not math.isfinite(optimum.cost):
@@ -226,10 +234,10 @@ class Refiner:
             part, objective = TopChain(chain.calls[: index + 1]), Objective()
             names = names_of(part, alone)
             model = ChainModel(world, part, self.robot, models=self.models, names=names, objective=objective)
-            cost = functools.partial(_cost_of_step, model, index)
+            costs = functools.partial(_costs_of_step, model, index)
             allowed = regions.of_subgoal(chain, index, names[index])
             try:
-                optimum = search(cost, [[v.domain for v in alone]], allowed=allowed, deadline=deadline)
+                optimum = search(costs, [[v.domain for v in alone]], allowed=allowed, deadline=deadline)
             except NoCandidateError:  # the region is tiny: the given value is the only candidate
                 continue
             if not math.isfinite(optimum.cost):
@@ -340,8 +348,8 @@ def replaced(chain: TopChain, index: int, values: Mapping[str, float]) -> TopCha
     return chain.with_goal(index, with_values(chain.calls[index].goal, values))
 
 
-def _cost_of_step(model: ChainModel, index: int, _: int, before: FloatArray, after: FloatArray) -> FloatArray:
-    return model.step_cost(index, before, after)
+def _costs_of_step(model: ChainModel, index: int, steps: Sequence[Pairs]) -> list[FloatArray]:
+    return model.step_costs([(index, before, after) for _, before, after in steps])
 
 
 def _described(chain: TopChain, not_free: Sequence[NotFree]) -> str:

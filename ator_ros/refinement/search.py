@@ -23,11 +23,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ator_ros.compiled import compiled
 from ator_ros.geometry import BoolArray, FloatArray
 from ator_ros.tops.ranges import Range
 
-StepCost = Callable[[int, FloatArray, FloatArray], FloatArray]
-"""Returns the cost of step i, shape (n,), from the subgoals before and after it, shapes (n or 1, k)."""
+Pairs = tuple[int, FloatArray, FloatArray]
+"""Index of a step, and candidates of the subgoals before (n, k) and after it (m, k), which form all pairs."""
+StepCosts = Callable[[Sequence[Pairs]], Sequence[FloatArray]]
+"""Returns the costs of steps, shapes (n, m)."""
 Allowed = Callable[[int, FloatArray], BoolArray]
 """Returns which candidates (n, k) of a subgoal its region allows, shape (n,)."""
 Deadline = Callable[[], bool]
@@ -43,13 +46,13 @@ _IN_WINDOW = (0, 6, 10, 15, 20)  # candidates of a window, besides its center
 _ROUNDS = 4  # most rounds for each free variable of a subgoal: more variables need more moves
 _ON_GRID = 2  # free variables up to which the first candidates form a grid, which has the ends of ranges
 _LEAST_STEPS = 3  # of a grid in each direction
-_BEST = 2  # candidates that have windows: the valley of the best first candidate may not be the deepest
 _APART = 0.5  # least distance between them, in half widths of a window
 _GAIN = 1e-3  # least gain of a round that counts, as a share of the mean cost of a step: 5 ms of 5 s
 _SHRINKS = 0.5  # least factor by which a window shrinks in a round
 _REACH = 2.0  # least half width of a window in multiples of the last move: windows follow a bent valley
 _TRIES = 40  # points tested for each candidate in a region, of _POINTS
 _POINTS = 1 << 13
+_START = np.zeros((1, 0))  # what step 0 starts from
 
 
 class NoCandidateError(ValueError):
@@ -105,7 +108,7 @@ class Optimum:
 
 
 def search(
-    step_cost: StepCost,
+    step_costs: StepCosts,
     axes: Sequence[Sequence[Range]],
     given: Sequence[FloatArray] | None = None,
     *,
@@ -118,7 +121,7 @@ def search(
 
     Parameters
     ----------
-    step_cost : callable
+    step_costs : callable
         Step 0 starts from an array (1, 0).
     axes : sequence, one item per subgoal
         Domains of the subgoal's free variables; empty where none is free.
@@ -142,7 +145,7 @@ def search(
         candidates = [np.vstack((values, others)) if len(values) else others for values, others in pairs]
     elif not all(map(len, candidates)):
         raise NoCandidateError("expected candidates of every subgoal, got none")
-    path = least_path(step_cost, candidates, given or (), deadline)
+    path = least_path(step_costs, candidates, deadline if given is not None else no_deadline)
     curves = path.curves
     turns = 2 if any(map(all, itertools.pairwise(free))) else 1
     without_gain = 0
@@ -152,15 +155,13 @@ def search(
         if not path.complete or deadline():
             return dataclasses.replace(path, curves=curves, complete=False)
         centers, cost = path.values, path.cost
-        candidates = []
-        known: list[FloatArray | None] = []  # costs of steps between subgoals that get no new candidates
-        before, keeps_before = [0], True
+        candidates, known, before = [], [], [0]
         for window, row, curve, costs in zip(windows, path.rows, path.curves, path.costs, strict=True):
-            best, keeps = window.best(row, curve), not window.has_new(number)
-            known.append(costs[np.ix_(before, best)] if keeps and keeps_before else None)
-            candidates.append(curve.values[best] if keeps else window.around(curve.values[best], number))
-            before, keeps_before = best, keeps
-        path = least_path(step_cost, candidates, centers, deadline, known)
+            best = window.best(row, curve)
+            known.append(costs.take(before, axis=0).take(best, axis=1))
+            candidates.append(window.around(curve.values.take(best, axis=0), number))
+            before = best
+        path = least_path(step_costs, candidates, deadline, known)
         for window, start, end in zip(windows, centers, path.values, strict=True):
             window.shrink(start, end, number)
         without_gain = 0 if cost - path.cost > _GAIN * abs(cost) / len(axes) else without_gain + 1
@@ -177,63 +178,71 @@ def unsearched(given: Sequence[FloatArray], cost: float) -> Optimum:
 
 
 def least_path(
-    step_cost: StepCost,
+    step_costs: StepCosts,
     candidates: Sequence[FloatArray],
-    given: Sequence[FloatArray],
     deadline: Deadline = no_deadline,
-    known: Sequence[FloatArray | None] = (),
+    known: Sequence[FloatArray] = (),
 ) -> Optimum:
-    """Find the best candidate of each subgoal; after the deadline, later subgoals keep the `given` value.
+    """Find the best candidate of each subgoal; after the deadline, later subgoals keep the first one.
 
-    `known` are the costs (n, m) of each step, None where they must be evaluated; by default all must be.
+    `known` are the costs of each step with the first candidates of both subgoals, one of which has no others;
+    by default none is known.
     """
-    searched: list[FloatArray] = []
-    costs: list[FloatArray] = []
-    forward: list[FloatArray] = []
+    known = known or [np.zeros((n, 0)) for n in (1, *map(len, candidates[:-1]))]
+    costs = _completed(step_costs, candidates, known, deadline)
+    in_time = len(costs)
+    if in_time < len(candidates):
+        candidates = [*candidates[:in_time], *(each[:1] for each in candidates[in_time:])]
+        kept = [known[in_time][:, :1], *(each[:1, :1] for each in known[in_time + 1 :])]
+        costs = _completed(step_costs, candidates, [*costs, *kept], no_deadline)
+    forward = [costs[0][0]]
     origins = []
-    before, complete = np.zeros((1, 0)), True
-    for index, offered in enumerate(candidates):
-        after = offered if complete else given[index][None, :]
-        cost = known[index] if known and complete else None
-        if cost is None:
-            limit = deadline if complete and given else no_deadline
-            cost = _pairwise(step_cost, index, before, after, limit)
-        if len(cost) < len(before):
-            complete, after = False, given[index][None, :]
-            cost = _pairwise(step_cost, index, before, after, no_deadline)
-        sums = forward[-1][:, None] + cost if forward else cost
-        origins.append(np.argmin(sums, axis=0))
-        forward.append(sums[origins[-1], np.arange(sums.shape[1])])
-        costs.append(cost)
-        searched.append(after)
-        before = after
-    backward = [np.zeros(len(before))]
+    for cost in costs[1:]:
+        sums = forward[-1][:, None] + cost
+        origins.append(sums.argmin(axis=0))
+        forward.append(sums.min(axis=0))
+    backward = [np.zeros(len(candidates[-1]))]
     for cost in reversed(costs[1:]):
-        backward.insert(0, np.min(cost + backward[0][None, :], axis=1))
-    row = int(np.argmin(forward[-1]))
+        backward.append((cost + backward[-1]).min(axis=1))
+    row = int(forward[-1].argmin())
     total, path = float(forward[-1][row]), [row]
-    for origin in reversed(origins[1:]):
-        path.insert(0, int(origin[path[0]]))
-    values = [c[i] for c, i in zip(searched, path, strict=True)]
-    curves = [SearchCurve(c, f + b) for c, f, b in zip(searched, forward, backward, strict=True)]
-    return Optimum(values, total, curves, path, costs, complete)
+    for origin in reversed(origins):
+        path.append(int(origin[path[-1]]))
+    path.reverse()
+    values = [c[i] for c, i in zip(candidates, path, strict=True)]
+    curves = [SearchCurve(c, f + b) for c, f, b in zip(candidates, forward, reversed(backward), strict=True)]
+    return Optimum(values, total, curves, path, costs, in_time == len(candidates))
 
 
-def _pairwise(
-    step_cost: StepCost, index: int, before: FloatArray, after: FloatArray, deadline: Deadline
-) -> FloatArray:
-    """Return the cost (n, m) of a step for n candidates before and m after it; fewer rows if time is up."""
-    m = len(after)
-    size = max(1, BLOCK // m)
-    blocks = []
-    for first in range(0, len(before), size):
+def _completed(
+    step_costs: StepCosts, candidates: Sequence[FloatArray], known: Sequence[FloatArray], deadline: Deadline
+) -> list[FloatArray]:
+    """Return `known` with the costs of all candidates, shapes (n, m); of fewer steps if time is up."""
+    costs: list[FloatArray] = []
+    blocks: list[list[tuple[Pairs, FloatArray]]] = []  # candidates, and where their costs belong
+    room = 0  # pairs for which the last block has room
+    sides = zip((_START, *candidates[:-1]), candidates, strict=True)
+    for index, (before, after) in enumerate(sides):
+        if known[index].shape == (len(before), len(after)):
+            costs.append(known[index])
+            continue
+        cost = np.empty((len(before), len(after)))
+        costs.append(cost)
+        size = max(1, BLOCK // len(after))
+        for start in range(0, len(before), size):
+            some = slice(start, start + size)
+            pairs = cost[some].size
+            room -= pairs
+            if room < 0:
+                blocks.append([])
+                room = BLOCK - pairs
+            blocks[-1].append(((index, before[some], after), cost[some]))
+    for block in blocks:
         if deadline():
-            break
-        some, n = before[first : first + size], len(before[first : first + size])
-        pairs = (some.repeat(m, axis=0), np.tile(after, (n, 1))) if n > 1 and m > 1 else (some, after)
-        costs = step_cost(index, *pairs)
-        blocks.append(np.full((n, m), costs[0]) if len(costs) == 1 else costs.reshape(n, m))
-    return blocks[0] if len(blocks) == 1 else np.concatenate([*blocks, np.zeros((0, m))])
+            return costs[: block[0][0][0]]
+        for (_, part), cost in zip(block, step_costs([pairs for pairs, _ in block]), strict=True):
+            part[:] = cost
+    return costs
 
 
 # Candidates
@@ -250,49 +259,42 @@ class _Windows:
         self, index: int, domains: Sequence[Range], allowed: Allowed | None, *, beside: bool
     ) -> None:
         self._index, self._domains, self._allowed, self._beside = index, domains, allowed, beside
+        self._low, self._high = np.array([(each.low, each.high) for each in domains]).reshape(-1, 2).T
         self._period = np.array([_period(domain) for domain in domains])
         self._used = 0  # points of the sequence
         count = _of(_FIRST_BESIDE if beside else _FIRST_ALONE, len(domains))
         self.first, self._radius = self._first(count)
 
     def around(self, best: FloatArray, number: int) -> FloatArray:
-        """Return the `best` candidates (n, k) and new ones in their windows."""
+        """Return the `best` candidates (n, k), and new ones in their windows if the round has any."""
+        if not self._has_new(number):
+            return best
         free = best.shape[1]
         each = _of(_IN_WINDOW, free)
-        offsets = 2.0 * spread_points(free, self._used, each * len(best)) - 1.0
+        offsets = _offsets(free, self._used, each * len(best), number % free)
         self._used += len(offsets)
-        if free > 1:
-            # Every second candidate differs in one variable only: a variable that is aligned exactly, or at
-            # the end of its range, remains so while another one changes.
-            rows = np.arange(0, len(offsets), 2)
-            moved = (rows // 2 + number) % free
-            kept = offsets[rows, moved]
-            offsets[rows] = 0.0
-            offsets[rows, moved] = kept
         points = best.repeat(each, axis=0)[: len(offsets)] + self._radius * offsets
-        into_domains(points, self._domains)
-        return np.concatenate((best, self._within(points)))
+        turned = (points - self._low) % self._period + self._low
+        cut = np.minimum(np.maximum(points, self._low), self._high)
+        return np.concatenate((best, self._within(np.where(self._period < np.inf, turned, cut))))
 
     def shrink(self, start: FloatArray, end: FloatArray, number: int) -> None:
         """Shrink the windows after a round in which the best candidate moved from `start` to `end`, (k,)."""
-        if self.has_new(number):
-            self._radius = np.maximum(_SHRINKS * self._radius, _REACH * self._apart(start, end))
-
-    def has_new(self, number: int) -> bool:
-        """Return whether the subgoal has new candidates in a round."""
-        return bool(self._domains) and (not self._beside or (self._index + number) % 2 == 0)
+        if self._has_new(number):
+            distance = np.abs(end - start) % self._period  # given values may be turns away
+            moved = np.minimum(distance, self._period - distance)
+            self._radius = np.maximum(_SHRINKS * self._radius, _REACH * moved)
 
     def best(self, row: int, curve: SearchCurve) -> list[int]:
-        """Return `row`, and rows of the best candidates that are no neighbors of each other."""
-        best, left = [row], curve.totals.copy()
-        while self._domains and len(best) < _BEST:
-            neighbors = self._apart(curve.values, curve.values[best[-1]]) < _APART * self._radius
-            left[neighbors.all(axis=1)] = np.inf
-            row = int(np.argmin(left))
-            if not np.isfinite(left[row]):
-                break
-            best.append(row)
-        return best
+        """Return `row`, and the row of the best candidate that is no neighbor of it."""
+        if not self._domains:
+            return [row]
+        second = _best_apart(curve.values, curve.totals, row, _APART * self._radius, self._period)
+        return [row, second] if second >= 0 else [row]
+
+    def _has_new(self, number: int) -> bool:
+        """Return whether the subgoal has new candidates in a round."""
+        return bool(self._domains) and (not self._beside or (self._index + number) % 2 == 0)
 
     def _first(self, count: int) -> tuple[FloatArray, FloatArray]:
         """Return `count` first candidates (n, k), fewer in a small region, and windows' half widths (k,)."""
@@ -301,15 +303,10 @@ class _Windows:
             grid, steps = _grid(tuple(self._domains), count)
             if self._allowed is None or self._allowed(self._index, grid).all():
                 return grid, steps
-        low, high = np.array([(domain.low, domain.high) for domain in self._domains]).T
+        width = self._high - self._low
         tries = count if self._allowed is None else count * _TRIES
-        points = self._within(low + (high - low) * spread_points(free, 0, tries))[:count]
-        return points, 0.5 * (high - low) * max(len(points), 1) ** (-1.0 / free)
-
-    def _apart(self, start: FloatArray, end: FloatArray) -> FloatArray:
-        """Return the distance between candidates in each variable, shapes (..., k)."""
-        distance = np.abs(end - start) % self._period  # given values may be turns away
-        return np.asarray(np.minimum(distance, self._period - distance))
+        points = self._within(self._low + width * spread_points(free, 0, tries))[:count]
+        return points, 0.5 * width * max(len(points), 1) ** (-1.0 / free)
 
     def _within(self, points: FloatArray) -> FloatArray:
         return points if self._allowed is None else points[self._allowed(self._index, points)]
@@ -341,14 +338,20 @@ def _of(table: Sequence[int], free: int) -> int:
     return table[min(free, len(table) - 1)]
 
 
-def into_domains(points: FloatArray, domains: Sequence[Range]) -> None:
-    """Bring values (n, k) into their domains: angles by whole turns, others to the bound."""
-    for column, domain in enumerate(domains):
-        values, period = points[:, column], _period(domain)
-        if np.isfinite(period):
-            points[:, column] = (values - domain.low) % period + domain.low
-        else:
-            points[:, column] = np.clip(values, domain.low, domain.high)
+@compiled
+def _best_apart(
+    values: FloatArray, totals: FloatArray, row: int, reach: FloatArray, period: FloatArray
+) -> int:
+    """Return the row of the best candidate (n, k) beyond `reach` (k,) of candidate `row`; -1 if none is."""
+    found, least = -1, np.inf
+    for number in range(len(values)):
+        if totals[number] < least:
+            for column in range(len(reach)):
+                distance = abs(values[number, column] - values[row, column]) % period[column]
+                if min(distance, period[column] - distance) >= reach[column]:
+                    found, least = number, totals[number]
+                    break
+    return found
 
 
 def _period(domain: Range) -> float:
@@ -363,6 +366,24 @@ def spread_points(dimensions: int, first: int, count: int) -> FloatArray:
     It adds powers of the inverse of the generalized golden ratio (M. Roberts, 2018).
     """
     return _sequence(dimensions)[first : first + count]
+
+
+@lru_cache(maxsize=256)
+def _offsets(free: int, first: int, count: int, moved: int) -> FloatArray:
+    """Return `count` offsets of candidates from the centers of their windows, shape (n, k), in half widths.
+
+    Every second one differs in one variable only: a variable that is aligned exactly, or at the end of its
+    range, remains so while another one changes. The first of these differs in variable `moved`.
+    """
+    offsets = 2.0 * spread_points(free, first, count) - 1.0
+    if free > 1:
+        rows = np.arange(0, len(offsets), 2)
+        columns = (rows // 2 + moved) % free
+        kept = offsets[rows, columns]
+        offsets[rows] = 0.0
+        offsets[rows, columns] = kept
+    offsets.setflags(write=False)
+    return offsets
 
 
 @lru_cache(maxsize=8)
