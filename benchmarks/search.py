@@ -103,7 +103,7 @@ class Reference:
         subgoals = self._split(points)
         cost, before = np.zeros(points.shape[1]), np.zeros((1, 0))
         for step, after in enumerate(subgoals):
-            cost = cost + self._model.step_cost(step, before, after)
+            cost = cost + self._model.step_costs([(step, before, after)])[0]
             before = after
         cost[~self._inside(subgoals, points.shape[1])] = OUTSIDE
         return np.fmin(cost, OUTSIDE)

@@ -104,7 +104,7 @@ def pair_by_pair(cost: StepCost) -> StepCosts:
         found = []
         for index, before, after in steps:
             n, m = len(before), len(after)
-            pairs = np.repeat(before, m, axis=0), np.tile(after, (n, 1))
+            pairs = np.repeat(before[:, 0], m, axis=0), np.tile(after, (n, 1))
             found.append(np.broadcast_to(cost(index, *pairs), n * m).reshape(n, m))
         return found
 

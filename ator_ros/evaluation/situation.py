@@ -237,14 +237,15 @@ def best_headings(
         nonlocal executed
         found = []
         for index, before, after in steps:
-            starts = model.rows[index].pairs(before, after)[[X, Y, YAW]].transpose(1, 2, 0)
-            executed += starts[..., 0].size
-            legs = [with_headings(TopChain((calls[index],)), {0: yaw}) for yaw in after[:, 0].tolist()]
-            worlds = [
-                [World(0.0, RobotState(Pose(*each)), trial.world.objects) for each in row]
-                for row in starts.tolist()
-            ]
-            found.append(np.array([list(map(drive, row, legs)) for row in worlds]))
+            starts, leg = model.rows[index].values(before, after)[[X, Y, YAW]], TopChain((calls[index],))
+            headings = np.broadcast_to(after[:, 0], starts[0].shape)
+            pairs = zip(starts.reshape(3, -1).T.tolist(), headings.ravel().tolist(), strict=True)
+            worlds = (
+                (World(0.0, RobotState(Pose(*start)), trial.world.objects), yaw) for start, yaw in pairs
+            )
+            times = [drive(world, with_headings(leg, {0: yaw})) for world, yaw in worlds]
+            executed += len(times)
+            found.append(np.reshape(times, headings.shape))
         return found
 
     values = least_path(durations, promising).values

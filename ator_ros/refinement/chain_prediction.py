@@ -22,7 +22,7 @@ from ator_ros.motion.routes import arrival_heading, routes_of
 from ator_ros.performance.direct import DIRECT_VARIABLES, SPEEDG, XG, YAW, YAWG, YG, DirectTable, V, X, Y
 from ator_ros.performance.model import Arrival
 from ator_ros.refinement.objective import Objective
-from ator_ros.refinement.search import Pairs
+from ator_ros.refinement.search import Pairs, StepCosts
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain, projected
 from ator_ros.world.state import World
@@ -30,8 +30,6 @@ from ator_ros.world.state import World
 REPORTED = ("duration", "spread", "success", "accuracy")
 """Fields predicted for every action regardless of the objective."""
 
-_START = np.zeros((1, 0))  # the candidates at which the first step starts
-_PLACE = frozenset("xy")
 _START_ROWS = {"x": X, "y": Y, "yaw": YAW, "speed": V}
 _GOAL_ROWS = {"x": XG, "y": YG, "yaw": YAWG, "speed": SPEEDG}
 """Rows of the goal variables in the table of the step after their goal, and of the step that leads to it."""
@@ -116,36 +114,31 @@ class StepRows:
         self._arrival, self._bearing = arrival, bearing
 
     def table(self, before: FloatArray, after: FloatArray) -> DirectTable:
-        """Return the table for candidates, shapes (n or 1, k), of the subgoals before and after the step."""
-        return DirectTable(self.names, self._written((max(len(before), len(after)),), before, after))
+        """Return the table for candidates of the subgoals before and after the step, see `values`."""
+        return DirectTable(self.names, self.values(before, after).reshape(len(self.names), -1))
 
-    def pairs(self, before: FloatArray, after: FloatArray) -> FloatArray:
-        """Return the rows of the table for all pairs of n candidates before and m after the step.
+    def values(self, before: FloatArray, after: FloatArray) -> FloatArray:
+        """Return the direct variables for candidates of the subgoals before and after the step.
 
-        Their shape is (names, n, m); candidates that change nothing count as one.
+        The shape is (names, ...), for candidates (..., k) that are broadcast together; candidates that change
+        no direct variable count as one.
         """
-        shape = len(before) if self._of_start else 1, len(after) if self._of_goal else 1
-        return self._written(shape, before[: shape[0], None], after[: shape[1]])
-
-    def _written(self, shape: tuple[int, ...], before: FloatArray, after: FloatArray) -> FloatArray:
-        """Return the rows of the table, shape (names, *shape), for candidates of this shape or fewer."""
-        start: dict[int, Any] = {row: before[..., column] for row, column in self._of_start}
-        if self._held is not None and start:
-            yaw = start.get(YAW, self._fixed[YAW])
-            start[X] = start.get(X, self._held.x) - self._hold * np.cos(yaw)
-            start[Y] = start.get(Y, self._held.y) - self._hold * np.sin(yaw)
+        columns: dict[int, Any] = {row: before[..., column] for row, column in self._of_start}
+        if self._held is not None and columns:
+            yaw = columns.get(YAW, self._fixed[YAW])
+            columns[X] = columns.get(X, self._held.x) - self._hold * np.cos(yaw)
+            columns[Y] = columns.get(Y, self._held.y) - self._hold * np.sin(yaw)
         if self._arrival is not None:
-            x, y, yaw = (start.get(row, self._fixed[row]) for row in (X, Y, YAW))
+            x, y, yaw = (columns.get(row, self._fixed[row]) for row in (X, Y, YAW))
             turn = wrap_angles(yaw - self._bearing).clip(-self._arrival.angle, self._arrival.angle)
-            start[X] = x - self._arrival.dist * math.cos(self._bearing)
-            start[Y] = y - self._arrival.dist * math.sin(self._bearing)
-            start[YAW] = yaw - turn
-        table = np.empty((len(self._fixed), *shape))
+            columns[X] = x - self._arrival.dist * math.cos(self._bearing)
+            columns[Y] = y - self._arrival.dist * math.sin(self._bearing)
+            columns[YAW] = yaw - turn
+        columns |= {row: after[..., column] for row, column in self._of_goal}
+        table = np.empty((len(self._fixed), *np.broadcast(*columns.values()).shape))
         table.T[:] = self._fixed
-        for row, values in start.items():
+        for row, values in columns.items():
             table[row] = values
-        for row, column in self._of_goal:
-            table[row] = after[..., column]
         return table
 
 
@@ -256,28 +249,24 @@ class ChainModel:
             for call, names in zip(chain.calls, self.names, strict=True)
         ]
 
-    def step_cost(self, index: int, before: FloatArray, after: FloatArray) -> FloatArray:
-        """Return the cost of one action, shape (n,), from the subgoals before and after it, (n or 1, k)."""
-        return self._costs([index], [self.rows[index].table(before, after).table])[0]
-
     def step_costs(self, steps: Sequence[Pairs]) -> list[FloatArray]:
         """Return the costs of actions, see `ator_ros.refinement.search.StepCosts`."""
-        tables = [self.rows[index].pairs(before, after) for index, before, after in steps]
-        return self._costs([index for index, _, _ in steps], tables)
-
-    def _costs(self, steps: Sequence[int], tables: Sequence[FloatArray]) -> list[FloatArray]:
-        """Return the costs of actions, shapes (...), in the situations of tables, shapes (names, ...)."""
+        numbers = [index for index, _, _ in steps]
+        tables = [self.rows[index].values(before, after) for index, before, after in steps]
         costs = [np.zeros(table.shape[1:]) for table in tables]  # an action without a model costs nothing
-        for places, prediction in self._predictions(steps, tables, self.objective.needs):
-            cost, first = self._cost(prediction), 0
+        for places, prediction in self._predictions(numbers, tables, self.objective.needs, None):
+            cost = self._cost(prediction)
             for place in places:
-                last = first + costs[place].size
-                costs[place] = cost[first:last].reshape(costs[place].shape)
-                first = last
-                if self._routes is not None and _PLACE & set(self.names[steps[place]]):
+                shape, size = costs[place].shape, costs[place].size
+                costs[place], cost = cost[:size].reshape(shape), cost[size:]
+                if self._routes is not None and {"x", "y"} & set(self.names[numbers[place]]):
                     clearance = self._routes.clearance(*tables[place][[XG, YG]])
                     costs[place] = np.where(clearance >= self._robot.reach, costs[place], np.inf)
         return costs
+
+    def costs_of_step(self, index: int) -> StepCosts:
+        """Return a function for the costs of one action alone, whatever the number of the step."""
+        return lambda steps: self.step_costs([(index, before, after) for _, before, after in steps])
 
     def predict(self) -> ChainPrediction:
         """Return the prediction for the chain's own values; its cost is infinite if that of a step is NaN."""
@@ -291,21 +280,19 @@ class ChainModel:
         It is the error of the models, from their errors on episodes that they were not learned from; the
         difference between single runs is `ChainPrediction.spread`.
         """
-        signs = [1.0] * len(before) + [-1.0] * len(after)
+        signs = np.repeat((1.0, -1.0), len(self._actions))
         (first, second), uncertainty = self._predicted((before, after), signs)
         return first, second, uncertainty
 
     def _predicted(
-        self, chains: Sequence[Sequence[FloatArray]], signs: Sequence[float] | None
+        self, chains: Sequence[Sequence[FloatArray]], signs: FloatArray | None
     ) -> tuple[list[ChainPrediction], float]:
         """Return the predictions, and the uncertainty in s of the sum of all durations with these signs."""
         error = variance = 0.0
-        steps = [*range(len(self._actions))] * len(chains)
-        tables = []
-        for chain in chains:
-            values = [_START, *(each[None, :] for each in chain)]
-            pairs = zip(self.rows, itertools.pairwise(values), strict=True)
-            tables += [rows.table(before, after).table for rows, (before, after) in pairs]
+        count = len(self._actions)
+        steps = [*range(count)] * len(chains)
+        pairs = [pair for chain in chains for pair in itertools.pairwise((np.zeros(0), *chain))]
+        tables = [self.rows[step].values(*pair) for step, pair in zip(steps, pairs, strict=True)]
         actions: list[dict[str, float]] = [{} for _ in steps]
         costs = np.zeros(len(steps))
         fields = tuple(dict.fromkeys(REPORTED + self.objective.needs))
@@ -317,11 +304,9 @@ class ChainModel:
             costs[places] = self._cost(prediction)
             for row, place in enumerate(places):
                 actions[place] = {name: each[row] for name, each in known.items()}
-        count = len(self._actions)
-        predictions = [
-            ChainPrediction(tuple(actions[number * count : (number + 1) * count]), float(cost))
-            for number, cost in enumerate(costs.reshape(len(chains), count).sum(axis=1))
-        ]
+        sums = costs.reshape(-1, count).sum(axis=1).tolist()
+        parts = [tuple(actions[first : first + count]) for first in range(0, len(steps), count)]
+        predictions = [ChainPrediction(*each) for each in zip(parts, sums, strict=True)]
         return predictions, math.sqrt(error**2 + variance)
 
     def _predictions(
@@ -329,22 +314,19 @@ class ChainModel:
         steps: Sequence[int],
         tables: Sequence[FloatArray],
         fields: tuple[str, ...],
-        signs: Sequence[float] | None = None,
+        signs: FloatArray | None,
     ) -> Iterator[tuple[list[int], Any]]:
-        """Yield places in `steps` whose actions have the same model, and its prediction for their tables.
-
-        One prediction for all steps of a model takes hardly longer than one for a step.
-        """
+        """Yield places in `steps` whose actions have the same model, and its prediction for their tables."""
         for action in dict.fromkeys(self._actions[step] for step in steps):
             model = self._models[action]
             if model is None:
                 continue
+            # One prediction for all steps of a model takes hardly longer than for one step.
             places = [place for place, step in enumerate(steps) if self._actions[step] == action]
             parts = [tables[place].reshape(len(tables[place]), -1) for place in places]
             direct = DirectTable(self.rows[steps[places[0]]].names, np.concatenate(parts, axis=1))
-            signed = None if signs is None else np.array([signs[place] for place in places])
             with np.errstate(all="ignore"):
-                prediction = model.predict(direct, fields, signed)
+                prediction = model.predict(direct, fields, None if signs is None else signs[places])
             yield places, prediction
 
     def _cost(self, prediction: Any) -> FloatArray:

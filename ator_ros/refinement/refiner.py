@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -23,15 +22,7 @@ from ator_ros.refinement.free_variables import (
 )
 from ator_ros.refinement.gate import NO_GATE, Gate
 from ator_ros.refinement.objective import Objective, expected_time
-from ator_ros.refinement.search import (
-    Deadline,
-    NoCandidateError,
-    Optimum,
-    Pairs,
-    no_deadline,
-    search,
-    unsearched,
-)
+from ator_ros.refinement.search import Deadline, NoCandidateError, Optimum, no_deadline, search, unsearched
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.ranges import USUAL_RANGES, Ranges
@@ -234,10 +225,10 @@ class Refiner:
             part, objective = TopChain(chain.calls[: index + 1]), Objective()
             names = names_of(part, alone)
             model = ChainModel(world, part, self.robot, models=self.models, names=names, objective=objective)
-            costs = functools.partial(_costs_of_step, model, index)
+            costs, domains = model.costs_of_step(index), [[variable.domain for variable in alone]]
             allowed = regions.of_subgoal(chain, index, names[index])
             try:
-                optimum = search(costs, [[v.domain for v in alone]], allowed=allowed, deadline=deadline)
+                optimum = search(costs, domains, allowed=allowed, deadline=deadline)
             except NoCandidateError:  # the region is tiny: the given value is the only candidate
                 continue
             if not math.isfinite(optimum.cost):
@@ -346,10 +337,6 @@ class Refiner:
 def replaced(chain: TopChain, index: int, values: Mapping[str, float]) -> TopChain:
     """Return the chain with some goal variables of a subgoal replaced."""
     return chain.with_goal(index, with_values(chain.calls[index].goal, values))
-
-
-def _costs_of_step(model: ChainModel, index: int, steps: Sequence[Pairs]) -> list[FloatArray]:
-    return model.step_costs([(index, before, after) for _, before, after in steps])
 
 
 def _described(chain: TopChain, not_free: Sequence[NotFree]) -> str:

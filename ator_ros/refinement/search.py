@@ -28,9 +28,11 @@ from ator_ros.geometry import BoolArray, FloatArray
 from ator_ros.tops.ranges import Range
 
 Pairs = tuple[int, FloatArray, FloatArray]
-"""Index of a step, and candidates of the subgoals before (n, k) and after it (m, k), which form all pairs."""
+"""Index of a step, and candidates of the subgoals before and after it, shapes (n, 1, k) and (m, k)."""
 StepCosts = Callable[[Sequence[Pairs]], Sequence[FloatArray]]
-"""Returns the costs of steps, shapes (n, m)."""
+"""Returns the costs of steps for all pairs of candidates, shapes (n, m)."""
+Costs = Sequence[FloatArray | None]
+"""Costs of each step for all pairs of candidates, shapes (n, m); None where they are not known."""
 Allowed = Callable[[int, FloatArray], BoolArray]
 """Returns which candidates (n, k) of a subgoal its region allows, shape (n,)."""
 Deadline = Callable[[], bool]
@@ -52,7 +54,6 @@ _SHRINKS = 0.5  # least factor by which a window shrinks in a round
 _REACH = 2.0  # least half width of a window in multiples of the last move: windows follow a bent valley
 _TRIES = 40  # points tested for each candidate in a region, of _POINTS
 _POINTS = 1 << 13
-_START = np.zeros((1, 0))  # what step 0 starts from
 
 
 class NoCandidateError(ValueError):
@@ -122,7 +123,7 @@ def search(
     Parameters
     ----------
     step_costs : callable
-        Step 0 starts from an array (1, 0).
+        Step 0 starts from an array (1, 1, 0).
     axes : sequence, one item per subgoal
         Domains of the subgoal's free variables; empty where none is free.
     given : sequence, one item per subgoal, optional
@@ -155,12 +156,15 @@ def search(
         if not path.complete or deadline():
             return dataclasses.replace(path, curves=curves, complete=False)
         centers, cost = path.values, path.cost
-        candidates, known, before = [], [], [0]
+        candidates = []
+        known: list[FloatArray | None] = []  # costs of steps between subgoals that get no new candidates
+        before, keeps_before = [0], True
         for window, row, curve, costs in zip(windows, path.rows, path.curves, path.costs, strict=True):
-            best = window.best(row, curve)
-            known.append(costs.take(before, axis=0).take(best, axis=1))
-            candidates.append(window.around(curve.values.take(best, axis=0), number))
-            before = best
+            best, keeps = window.best(row, curve), not window.has_new(number)
+            known.append(costs.take(before, axis=0).take(best, axis=1) if keeps and keeps_before else None)
+            around = curve.values.take(best, axis=0)
+            candidates.append(around if keeps else window.around(around, number))
+            before, keeps_before = best, keeps
         path = least_path(step_costs, candidates, deadline, known)
         for window, start, end in zip(windows, centers, path.values, strict=True):
             window.shrink(start, end, number)
@@ -181,20 +185,17 @@ def least_path(
     step_costs: StepCosts,
     candidates: Sequence[FloatArray],
     deadline: Deadline = no_deadline,
-    known: Sequence[FloatArray] = (),
+    known: Costs = (),
 ) -> Optimum:
     """Find the best candidate of each subgoal; after the deadline, later subgoals keep the first one.
 
-    `known` are the costs of each step with the first candidates of both subgoals, one of which has no others;
-    by default none is known.
+    Costs that are not `known` are evaluated; by default none is known.
     """
-    known = known or [np.zeros((n, 0)) for n in (1, *map(len, candidates[:-1]))]
-    costs = _completed(step_costs, candidates, known, deadline)
-    in_time = len(costs)
-    if in_time < len(candidates):
-        candidates = [*candidates[:in_time], *(each[:1] for each in candidates[in_time:])]
-        kept = [known[in_time][:, :1], *(each[:1, :1] for each in known[in_time + 1 :])]
-        costs = _completed(step_costs, candidates, [*costs, *kept], no_deadline)
+    costs = _evaluated(step_costs, candidates, known or [None] * len(candidates), deadline)
+    late = len(candidates) - len(costs)
+    if late:
+        candidates = [*candidates[:-late], *(each[:1] for each in candidates[-late:])]
+        costs = _evaluated(step_costs, candidates, [*costs, *[None] * late], no_deadline)
     forward = [costs[0][0]]
     origins = []
     for cost in costs[1:]:
@@ -211,35 +212,32 @@ def least_path(
     path.reverse()
     values = [c[i] for c, i in zip(candidates, path, strict=True)]
     curves = [SearchCurve(c, f + b) for c, f, b in zip(candidates, forward, reversed(backward), strict=True)]
-    return Optimum(values, total, curves, path, costs, in_time == len(candidates))
+    return Optimum(values, total, curves, path, costs, complete=not late)
 
 
-def _completed(
-    step_costs: StepCosts, candidates: Sequence[FloatArray], known: Sequence[FloatArray], deadline: Deadline
+def _evaluated(
+    step_costs: StepCosts, candidates: Sequence[FloatArray], known: Costs, deadline: Deadline
 ) -> list[FloatArray]:
-    """Return `known` with the costs of all candidates, shapes (n, m); of fewer steps if time is up."""
+    """Return the costs (n, m) of each step, evaluated if they are not known; of fewer if time is up."""
     costs: list[FloatArray] = []
     blocks: list[list[tuple[Pairs, FloatArray]]] = []  # candidates, and where their costs belong
     room = 0  # pairs for which the last block has room
-    sides = zip((_START, *candidates[:-1]), candidates, strict=True)
-    for index, (before, after) in enumerate(sides):
-        if known[index].shape == (len(before), len(after)):
-            costs.append(known[index])
-            continue
-        cost = np.empty((len(before), len(after)))
-        costs.append(cost)
+    for index, (after, cost) in enumerate(zip(candidates, known, strict=True)):
+        before = candidates[index - 1] if index else np.zeros((1, 0))
+        costs.append(np.empty((len(before), len(after))) if cost is None else cost)
         size = max(1, BLOCK // len(after))
-        for start in range(0, len(before), size):
-            some = slice(start, start + size)
-            pairs = cost[some].size
-            room -= pairs
+        for first in range(0, len(before) if cost is None else 0, size):
+            some = slice(first, first + size)
+            part = costs[index][some]
+            room -= part.size
             if room < 0:
                 blocks.append([])
-                room = BLOCK - pairs
-            blocks[-1].append(((index, before[some], after), cost[some]))
+                room = BLOCK - part.size
+            blocks[-1].append(((index, before[some, None], after), part))
     for block in blocks:
         if deadline():
-            return costs[: block[0][0][0]]
+            (index, *_), _ = block[0]
+            return costs[:index]
         for (_, part), cost in zip(block, step_costs([pairs for pairs, _ in block]), strict=True):
             part[:] = cost
     return costs
@@ -266,13 +264,19 @@ class _Windows:
         self.first, self._radius = self._first(count)
 
     def around(self, best: FloatArray, number: int) -> FloatArray:
-        """Return the `best` candidates (n, k), and new ones in their windows if the round has any."""
-        if not self._has_new(number):
-            return best
+        """Return the `best` candidates (n, k), and new ones in their windows."""
         free = best.shape[1]
         each = _of(_IN_WINDOW, free)
-        offsets = _offsets(free, self._used, each * len(best), number % free)
+        offsets = 2.0 * spread_points(free, self._used, each * len(best)) - 1.0
         self._used += len(offsets)
+        if free > 1:
+            # Every second candidate differs in one variable only: a variable that is aligned exactly, or at
+            # the end of its range, remains so while another one changes.
+            rows = np.arange(0, len(offsets), 2)
+            moved = (rows // 2 + number) % free
+            kept = offsets[rows, moved]
+            offsets[rows] = 0.0
+            offsets[rows, moved] = kept
         points = best.repeat(each, axis=0)[: len(offsets)] + self._radius * offsets
         turned = (points - self._low) % self._period + self._low
         cut = np.minimum(np.maximum(points, self._low), self._high)
@@ -280,10 +284,14 @@ class _Windows:
 
     def shrink(self, start: FloatArray, end: FloatArray, number: int) -> None:
         """Shrink the windows after a round in which the best candidate moved from `start` to `end`, (k,)."""
-        if self._has_new(number):
+        if self.has_new(number):
             distance = np.abs(end - start) % self._period  # given values may be turns away
             moved = np.minimum(distance, self._period - distance)
             self._radius = np.maximum(_SHRINKS * self._radius, _REACH * moved)
+
+    def has_new(self, number: int) -> bool:
+        """Return whether the subgoal has new candidates in a round."""
+        return bool(self._domains) and (not self._beside or (self._index + number) % 2 == 0)
 
     def best(self, row: int, curve: SearchCurve) -> list[int]:
         """Return `row`, and the row of the best candidate that is no neighbor of it."""
@@ -292,17 +300,13 @@ class _Windows:
         second = _best_apart(curve.values, curve.totals, row, _APART * self._radius, self._period)
         return [row, second] if second >= 0 else [row]
 
-    def _has_new(self, number: int) -> bool:
-        """Return whether the subgoal has new candidates in a round."""
-        return bool(self._domains) and (not self._beside or (self._index + number) % 2 == 0)
-
     def _first(self, count: int) -> tuple[FloatArray, FloatArray]:
         """Return `count` first candidates (n, k), fewer in a small region, and windows' half widths (k,)."""
         free = len(self._domains)
         if free <= _ON_GRID:
             grid, steps = _grid(tuple(self._domains), count)
             if self._allowed is None or self._allowed(self._index, grid).all():
-                return grid, steps
+                return grid.copy(), steps
         width = self._high - self._low
         tries = count if self._allowed is None else count * _TRIES
         points = self._within(self._low + width * spread_points(free, 0, tries))[:count]
@@ -314,10 +318,7 @@ class _Windows:
 
 @lru_cache(maxsize=32)
 def _grid(domains: tuple[Range, ...], count: int) -> tuple[FloatArray, FloatArray]:
-    """Return about `count` candidates, shape (n, k), that form a grid, and its steps, shape (k,).
-
-    The cached arrays are read-only.
-    """
+    """Return about `count` candidates, shape (n, k), that form a grid, and its steps, shape (k,)."""
     lines: dict[int, FloatArray] = {}
     for number in sorted(range(len(domains)), key=lambda each: domains[each].steps):  # the coarsest first
         others = [each for each in range(len(domains)) if each not in lines]
@@ -329,7 +330,6 @@ def _grid(domains: tuple[Range, ...], count: int) -> tuple[FloatArray, FloatArra
     axes = np.meshgrid(*(lines[number] for number in range(len(domains))), indexing="ij")
     # The last variable, usually a speed, varies slowest: path times take longer where speeds change.
     grid = np.stack([axis.ravel("F") for axis in axes], axis=1) if domains else np.zeros((1, 0))
-    grid.setflags(write=False)
     return grid, np.array([lines[number][1] - lines[number][0] for number in range(len(domains))])
 
 
@@ -366,24 +366,6 @@ def spread_points(dimensions: int, first: int, count: int) -> FloatArray:
     It adds powers of the inverse of the generalized golden ratio (M. Roberts, 2018).
     """
     return _sequence(dimensions)[first : first + count]
-
-
-@lru_cache(maxsize=256)
-def _offsets(free: int, first: int, count: int, moved: int) -> FloatArray:
-    """Return `count` offsets of candidates from the centers of their windows, shape (n, k), in half widths.
-
-    Every second one differs in one variable only: a variable that is aligned exactly, or at the end of its
-    range, remains so while another one changes. The first of these differs in variable `moved`.
-    """
-    offsets = 2.0 * spread_points(free, first, count) - 1.0
-    if free > 1:
-        rows = np.arange(0, len(offsets), 2)
-        columns = (rows // 2 + moved) % free
-        kept = offsets[rows, columns]
-        offsets[rows] = 0.0
-        offsets[rows, columns] = kept
-    offsets.setflags(write=False)
-    return offsets
 
 
 @lru_cache(maxsize=8)
