@@ -113,15 +113,10 @@ class StepRows:
         self._hold = hold
         self._arrival, self._bearing = arrival, bearing
 
-    def table(self, before: FloatArray, after: FloatArray) -> DirectTable:
-        """Return the table for candidates of the subgoals before and after the step, see `values`."""
-        return DirectTable(self.names, self.values(before, after).reshape(len(self.names), -1))
-
     def values(self, before: FloatArray, after: FloatArray) -> FloatArray:
-        """Return the direct variables for candidates of the subgoals before and after the step.
+        """Return the direct variables, shape (names, ...), for candidates (..., k), broadcast together.
 
-        The shape is (names, ...), for candidates (..., k) that are broadcast together; candidates that change
-        no direct variable count as one.
+        They are of the subgoals before and after the step; those that change no variable count as one.
         """
         columns: dict[int, Any] = {row: before[..., column] for row, column in self._of_start}
         if self._held is not None and columns:
@@ -176,9 +171,8 @@ def chain_situations(
     world: World, chain: TopChain, robot: Robot, models: Mapping[str, PredictsPerformance]
 ) -> list[DirectTable]:
     """Return the direct variables of each action of `chain` with its own values."""
-    as_given = np.zeros((1, 0))
     rows = step_rows(world, chain, robot, [()] * len(chain.calls), models)
-    return [step.table(as_given, as_given) for step in rows]
+    return [DirectTable(step.names, step.values(np.zeros(0), np.zeros(0))[:, None]) for step in rows]
 
 
 # The prediction

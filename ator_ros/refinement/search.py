@@ -48,7 +48,8 @@ _IN_WINDOW = (0, 6, 10, 15, 20)  # candidates of a window, besides its center
 _ROUNDS = 4  # most rounds for each free variable of a subgoal: more variables need more moves
 _ON_GRID = 2  # free variables up to which the first candidates form a grid, which has the ends of ranges
 _LEAST_STEPS = 3  # of a grid in each direction
-_APART = 0.5  # least distance between them, in half widths of a window
+_APART = 0.5  # least distance in half widths between both candidates that have windows: the valley of the
+# best first candidate may not be the deepest
 _GAIN = 1e-3  # least gain of a round that counts, as a share of the mean cost of a step: 5 ms of 5 s
 _SHRINKS = 0.5  # least factor by which a window shrinks in a round
 _REACH = 2.0  # least half width of a window in multiples of the last move: windows follow a bent valley
@@ -135,10 +136,9 @@ def search(
         values, all first candidates are evaluated nevertheless.
     """
     free = [0, *map(len, axes), 0]
-    beside = [bool(free[index] or free[index + 2]) for index in range(len(axes))]
     windows = [
-        _Windows(index, domains, allowed, beside=has_free_neighbor)
-        for index, (domains, has_free_neighbor) in enumerate(zip(axes, beside, strict=True))
+        _Windows(index, domains, allowed, beside=bool(free[index] or free[index + 2]))
+        for index, domains in enumerate(axes)
     ]
     candidates = [window.first for window in windows]
     if given is not None:
@@ -257,30 +257,20 @@ class _Windows:
         self, index: int, domains: Sequence[Range], allowed: Allowed | None, *, beside: bool
     ) -> None:
         self._index, self._domains, self._allowed, self._beside = index, domains, allowed, beside
-        self._low, self._high = np.array([(each.low, each.high) for each in domains]).reshape(-1, 2).T
-        self._period = np.array([_period(domain) for domain in domains])
+        low, high, periodic = np.array([(d.low, d.high, d.periodic) for d in domains]).reshape(-1, 3).T
+        self._period = np.where((periodic > 0.0) & (high > low), high - low, np.inf)
+        self._bounds = np.stack((low, high, self._period))
         self._used = 0  # points of the sequence
         count = _of(_FIRST_BESIDE if beside else _FIRST_ALONE, len(domains))
         self.first, self._radius = self._first(count)
 
     def around(self, best: FloatArray, number: int) -> FloatArray:
         """Return the `best` candidates (n, k), and new ones in their windows."""
-        free = best.shape[1]
-        each = _of(_IN_WINDOW, free)
-        offsets = 2.0 * spread_points(free, self._used, each * len(best)) - 1.0
-        self._used += len(offsets)
-        if free > 1:
-            # Every second candidate differs in one variable only: a variable that is aligned exactly, or at
-            # the end of its range, remains so while another one changes.
-            rows = np.arange(0, len(offsets), 2)
-            moved = (rows // 2 + number) % free
-            kept = offsets[rows, moved]
-            offsets[rows] = 0.0
-            offsets[rows, moved] = kept
-        points = best.repeat(each, axis=0)[: len(offsets)] + self._radius * offsets
-        turned = (points - self._low) % self._period + self._low
-        cut = np.minimum(np.maximum(points, self._low), self._high)
-        return np.concatenate((best, self._within(np.where(self._period < np.inf, turned, cut))))
+        each = _of(_IN_WINDOW, len(self._domains))
+        points = spread_points(len(self._domains), self._used, each * len(best))
+        self._used += len(points)
+        points = _in_windows(points, best, each, self._radius, self._bounds, number)
+        return np.concatenate((best, self._within(points)))
 
     def shrink(self, start: FloatArray, end: FloatArray, number: int) -> None:
         """Shrink the windows after a round in which the best candidate moved from `start` to `end`, (k,)."""
@@ -307,10 +297,10 @@ class _Windows:
             grid, steps = _grid(tuple(self._domains), count)
             if self._allowed is None or self._allowed(self._index, grid).all():
                 return grid.copy(), steps
-        width = self._high - self._low
+        low, high, _ = self._bounds
         tries = count if self._allowed is None else count * _TRIES
-        points = self._within(self._low + width * spread_points(free, 0, tries))[:count]
-        return points, 0.5 * width * max(len(points), 1) ** (-1.0 / free)
+        points = self._within(low + (high - low) * spread_points(free, 0, tries))[:count]
+        return points, 0.5 * (high - low) * max(len(points), 1) ** (-1.0 / free)
 
     def _within(self, points: FloatArray) -> FloatArray:
         return points if self._allowed is None else points[self._allowed(self._index, points)]
@@ -339,6 +329,24 @@ def _of(table: Sequence[int], free: int) -> int:
 
 
 @compiled
+def _in_windows(
+    points: FloatArray, centers: FloatArray, each: int, radius: FloatArray, bounds: FloatArray, number: int
+) -> FloatArray:
+    """Return points (n, k) of the unit cube moved to windows, `each` of them to that about one center."""
+    moved = np.empty(points.shape)
+    for row, column in np.ndindex(points.shape):
+        # Every second candidate differs in one variable only: a variable that is aligned exactly, or at the
+        # end of its range, remains so while another one changes.
+        differs = row % 2 == 1 or column == (row // 2 + number) % len(radius)
+        offset = 2.0 * points[row, column] - 1.0 if differs else 0.0
+        value = centers[row // each, column] + radius[column] * offset
+        low, high, period = bounds[0, column], bounds[1, column], bounds[2, column]
+        turned = (value - low) % period + low
+        moved[row, column] = turned if period < np.inf else min(max(value, low), high)
+    return moved
+
+
+@compiled
 def _best_apart(
     values: FloatArray, totals: FloatArray, row: int, reach: FloatArray, period: FloatArray
 ) -> int:
@@ -352,12 +360,6 @@ def _best_apart(
                     found, least = number, totals[number]
                     break
     return found
-
-
-def _period(domain: Range) -> float:
-    """Return the period of a domain; infinite if it has none, or only one value."""
-    width = domain.high - domain.low
-    return width if domain.periodic and width > 0.0 else np.inf
 
 
 def spread_points(dimensions: int, first: int, count: int) -> FloatArray:
