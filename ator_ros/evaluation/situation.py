@@ -237,15 +237,13 @@ def best_headings(
         nonlocal executed
         found = []
         for index, before, after in steps:
-            starts, leg = model.rows[index].values(before, after)[[X, Y, YAW]], TopChain((calls[index],))
+            starts = model.rows[index].values(before, after)[[X, Y, YAW]]
             headings = np.broadcast_to(after[:, 0], starts[0].shape)
-            pairs = zip(starts.reshape(3, -1).T.tolist(), headings.ravel().tolist(), strict=True)
-            worlds = (
-                (World(0.0, RobotState(Pose(*start)), trial.world.objects), yaw) for start, yaw in pairs
-            )
-            times = [drive(world, with_headings(leg, {0: yaw})) for world, yaw in worlds]
-            executed += len(times)
-            found.append(np.reshape(times, headings.shape))
+            poses = [Pose(*start) for start in starts.reshape(3, -1).T.tolist()]
+            worlds = [World(0.0, RobotState(pose), trial.world.objects) for pose in poses]
+            legs = [with_headings(TopChain((calls[index],)), {0: yaw}) for yaw in headings.ravel().tolist()]
+            executed += len(legs)
+            found.append(np.reshape(list(map(drive, worlds, legs)), headings.shape))
         return found
 
     values = least_path(durations, promising).values

@@ -245,17 +245,16 @@ class ChainModel:
 
     def step_costs(self, steps: Sequence[Pairs]) -> list[FloatArray]:
         """Return the costs of actions, see `ator_ros.refinement.search.StepCosts`."""
-        numbers = [index for index, _, _ in steps]
-        tables = [self.rows[index].values(before, after) for index, before, after in steps]
-        costs = [np.zeros(table.shape[1:]) for table in tables]  # an action without a model costs nothing
-        for places, prediction in self._predictions(numbers, tables, self.objective.needs, None):
+        tables = [(index, self.rows[index].values(before, after)) for index, before, after in steps]
+        costs = [np.zeros(table.shape[1:]) for _, table in tables]  # an action without a model costs nothing
+        for places, prediction in self._predictions(tables, self.objective.needs, None):
             cost = self._cost(prediction)
             for place in places:
-                shape, size = costs[place].shape, costs[place].size
-                costs[place], cost = cost[:size].reshape(shape), cost[size:]
-                if self._routes is not None and {"x", "y"} & set(self.names[numbers[place]]):
-                    clearance = self._routes.clearance(*tables[place][[XG, YG]])
-                    costs[place] = np.where(clearance >= self._robot.reach, costs[place], np.inf)
+                (index, table), size = tables[place], costs[place].size
+                costs[place], cost = cost[:size].reshape(table.shape[1:]), cost[size:]
+                if self._routes is not None and {"x", "y"} & set(self.names[index]):
+                    has_room = self._routes.clearance(table[XG], table[YG]) >= self._robot.reach
+                    costs[place] = np.where(has_room, costs[place], np.inf)
         return costs
 
     def costs_of_step(self, index: int) -> StepCosts:
@@ -284,13 +283,12 @@ class ChainModel:
         """Return the predictions, and the uncertainty in s of the sum of all durations with these signs."""
         error = variance = 0.0
         count = len(self._actions)
-        steps = [*range(count)] * len(chains)
         pairs = [pair for chain in chains for pair in itertools.pairwise((np.zeros(0), *chain))]
-        tables = [self.rows[step].values(*pair) for step, pair in zip(steps, pairs, strict=True)]
-        actions: list[dict[str, float]] = [{} for _ in steps]
-        costs = np.zeros(len(steps))
+        tables = [(at % count, self.rows[at % count].values(*pair)) for at, pair in enumerate(pairs)]
+        actions: list[dict[str, float]] = [{} for _ in tables]
+        costs = np.zeros(len(tables))
         fields = tuple(dict.fromkeys(REPORTED + self.objective.needs))
-        for places, prediction in self._predictions(steps, tables, fields, signs):
+        for places, prediction in self._predictions(tables, fields, signs):
             if signs is not None:
                 error, variance = error + prediction.error_of_sum[0], variance + prediction.error_of_sum[1]
             columns = {name: getattr(prediction, name, None) for name in fields}
@@ -299,26 +297,27 @@ class ChainModel:
             for row, place in enumerate(places):
                 actions[place] = {name: each[row] for name, each in known.items()}
         sums = costs.reshape(-1, count).sum(axis=1).tolist()
-        parts = [tuple(actions[first : first + count]) for first in range(0, len(steps), count)]
+        parts = [tuple(actions[first : first + count]) for first in range(0, len(tables), count)]
         predictions = [ChainPrediction(*each) for each in zip(parts, sums, strict=True)]
         return predictions, math.sqrt(error**2 + variance)
 
     def _predictions(
-        self,
-        steps: Sequence[int],
-        tables: Sequence[FloatArray],
-        fields: tuple[str, ...],
-        signs: FloatArray | None,
+        self, tables: Sequence[tuple[int, FloatArray]], fields: tuple[str, ...], signs: FloatArray | None
     ) -> Iterator[tuple[list[int], Any]]:
-        """Yield places in `steps` whose actions have the same model, and its prediction for their tables."""
-        for action in dict.fromkeys(self._actions[step] for step in steps):
+        """Yield the numbers of all tables of an action, and its prediction for them, for each action.
+
+        The tables have their step, and the shape (names, ...).
+        """
+        actions = [self._actions[step] for step, _ in tables]
+        for action in dict.fromkeys(actions):
             model = self._models[action]
             if model is None:
                 continue
             # One prediction for all steps of a model takes hardly longer than for one step.
-            places = [place for place, step in enumerate(steps) if self._actions[step] == action]
-            parts = [tables[place].reshape(len(tables[place]), -1) for place in places]
-            direct = DirectTable(self.rows[steps[places[0]]].names, np.concatenate(parts, axis=1))
+            places = [place for place, other in enumerate(actions) if other == action]
+            names = self.rows[tables[places[0]][0]].names
+            parts = [tables[place][1].reshape(len(names), -1) for place in places]
+            direct = DirectTable(names, np.concatenate(parts, axis=1))
             with np.errstate(all="ignore"):
                 prediction = model.predict(direct, fields, None if signs is None else signs[places])
             yield places, prediction

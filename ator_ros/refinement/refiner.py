@@ -175,10 +175,7 @@ class Refiner:
             compared = model.compare(model.given, model.given)
             optimum = unsearched(model.given, compared[0].cost)
         else:
-            axes = [
-                [variable.domain for variable in analysis.free if variable.subgoal == index]
-                for index in range(len(chain.calls))
-            ]
+            axes = [[v.domain for v in analysis.free if v.subgoal == index] for index in range(len(names))]
             optimum = search(
                 model.step_costs, axes, model.given, allowed=regions.allowing(), deadline=deadline
             )

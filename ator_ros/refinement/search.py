@@ -48,8 +48,7 @@ _IN_WINDOW = (0, 6, 10, 15, 20)  # candidates of a window, besides its center
 _ROUNDS = 4  # most rounds for each free variable of a subgoal: more variables need more moves
 _ON_GRID = 2  # free variables up to which the first candidates form a grid, which has the ends of ranges
 _LEAST_STEPS = 3  # of a grid in each direction
-_APART = 0.5  # least distance in half widths between both candidates that have windows: the valley of the
-# best first candidate may not be the deepest
+_APART = 0.5  # least distance between the two candidates that have windows, in half widths
 _GAIN = 1e-3  # least gain of a round that counts, as a share of the mean cost of a step: 5 ms of 5 s
 _SHRINKS = 0.5  # least factor by which a window shrinks in a round
 _REACH = 2.0  # least half width of a window in multiples of the last move: windows follow a bent valley
@@ -204,14 +203,13 @@ def least_path(
         forward.append(sums.min(axis=0))
     backward = [np.zeros(len(candidates[-1]))]
     for cost in reversed(costs[1:]):
-        backward.append((cost + backward[-1]).min(axis=1))
+        backward.insert(0, (cost + backward[0]).min(axis=1))
     row = int(forward[-1].argmin())
     total, path = float(forward[-1][row]), [row]
     for origin in reversed(origins):
-        path.append(int(origin[path[-1]]))
-    path.reverse()
+        path.insert(0, int(origin[path[0]]))
     values = [c[i] for c, i in zip(candidates, path, strict=True)]
-    curves = [SearchCurve(c, f + b) for c, f, b in zip(candidates, forward, reversed(backward), strict=True)]
+    curves = [SearchCurve(c, f + b) for c, f, b in zip(candidates, forward, backward, strict=True)]
     return Optimum(values, total, curves, path, costs, complete=not late)
 
 
@@ -220,7 +218,8 @@ def _evaluated(
 ) -> list[FloatArray]:
     """Return the costs (n, m) of each step, evaluated if they are not known; of fewer if time is up."""
     costs: list[FloatArray] = []
-    blocks: list[list[tuple[Pairs, FloatArray]]] = []  # candidates, and where their costs belong
+    blocks: list[list[Pairs]] = []
+    parts: list[FloatArray] = []  # of `costs`, in the order of the blocks
     room = 0  # pairs for which the last block has room
     for index, (after, cost) in enumerate(zip(candidates, known, strict=True)):
         before = candidates[index - 1] if index else np.zeros((1, 0))
@@ -228,18 +227,18 @@ def _evaluated(
         size = max(1, BLOCK // len(after))
         for first in range(0, len(before) if cost is None else 0, size):
             some = slice(first, first + size)
-            part = costs[index][some]
-            room -= part.size
+            parts.append(costs[index][some])
+            room -= parts[-1].size
             if room < 0:
                 blocks.append([])
-                room = BLOCK - part.size
-            blocks[-1].append(((index, before[some, None], after), part))
+                room = BLOCK - parts[-1].size
+            blocks[-1].append((index, before[some, None], after))
+    unwritten = iter(parts)
     for block in blocks:
         if deadline():
-            (index, *_), _ = block[0]
-            return costs[:index]
-        for (_, part), cost in zip(block, step_costs([pairs for pairs, _ in block]), strict=True):
-            part[:] = cost
+            return costs[: block[0][0]]
+        for cost in step_costs(block):
+            next(unwritten)[:] = cost
     return costs
 
 
@@ -284,9 +283,7 @@ class _Windows:
         return bool(self._domains) and (not self._beside or (self._index + number) % 2 == 0)
 
     def best(self, row: int, curve: SearchCurve) -> list[int]:
-        """Return `row`, and the row of the best candidate that is no neighbor of it."""
-        if not self._domains:
-            return [row]
+        """Return `row`, and the best row that is no neighbor of it: its valley may be deeper."""
         second = _best_apart(curve.values, curve.totals, row, _APART * self._radius, self._period)
         return [row, second] if second >= 0 else [row]
 
