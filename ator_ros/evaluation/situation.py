@@ -26,7 +26,7 @@ from ator_ros.geometry import FloatArray, Pose, wrap_angle
 from ator_ros.performance.direct import YAW, X, Y
 from ator_ros.refinement.chain_prediction import ChainModel
 from ator_ros.refinement.objective import Objective
-from ator_ros.refinement.search import Pairs, least_path
+from ator_ros.refinement.search import least_path
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import RobotState, World
@@ -233,19 +233,16 @@ def best_headings(
     promising = [curve.values[curve.totals <= bound] for curve in predicted.curves]
     executed = 0
 
-    def durations(steps: Sequence[Pairs]) -> list[FloatArray]:
+    def duration(index: int, before: FloatArray, after: FloatArray) -> FloatArray:
         nonlocal executed
-        found = []
-        for index, before, after in steps:
-            starts = model.rows[index].values(before, after)[[X, Y, YAW]]
-            headings = np.broadcast_to(after[:, 0], starts[0].shape)
-            poses = [Pose(*start) for start in starts.reshape(3, -1).T.tolist()]
-            worlds = [World(0.0, RobotState(pose), trial.world.objects) for pose in poses]
-            legs = [with_headings(TopChain((calls[index],)), {0: yaw}) for yaw in headings.ravel().tolist()]
-            executed += len(legs)
-            found.append(np.reshape(list(map(drive, worlds, legs)), headings.shape))
-        return found
+        starts = model.rows[index].values(before, after)[[X, Y, YAW]]
+        headings = np.broadcast_to(after[:, 0], starts[0].shape)
+        poses = [Pose(*start) for start in starts.reshape(3, -1).T.tolist()]
+        worlds = [World(0.0, RobotState(pose), trial.world.objects) for pose in poses]
+        legs = [with_headings(TopChain((calls[index],)), {0: yaw}) for yaw in headings.ravel().tolist()]
+        executed += len(legs)
+        return np.reshape([drive(*pair) for pair in zip(worlds, legs, strict=True)], headings.shape)
 
-    values = least_path(durations, promising).values
+    values = least_path(lambda steps: [duration(*pairs) for pairs in steps], promising).values
     opened = {i: float(yaw[0]) for i, yaw in enumerate(values) if "yaw" in calls[i].open}
     return with_headings(trial.chain, opened), executed

@@ -273,7 +273,7 @@ class ChainModel:
         It is the error of the models, from their errors on episodes that they were not learned from; the
         difference between single runs is `ChainPrediction.spread`.
         """
-        signs = np.repeat((1.0, -1.0), len(self._actions))
+        signs = np.repeat((1.0, -1.0), len(before))
         (first, second), uncertainty = self._predicted((before, after), signs)
         return first, second, uncertainty
 
@@ -304,10 +304,7 @@ class ChainModel:
     def _predictions(
         self, tables: Sequence[tuple[int, FloatArray]], fields: tuple[str, ...], signs: FloatArray | None
     ) -> Iterator[tuple[list[int], Any]]:
-        """Yield the numbers of all tables of an action, and its prediction for them, for each action.
-
-        The tables have their step, and the shape (names, ...).
-        """
+        """Yield for each action the places of its tables, which follow their steps, and their prediction."""
         actions = [self._actions[step] for step, _ in tables]
         for action in dict.fromkeys(actions):
             model = self._models[action]

@@ -219,7 +219,7 @@ def _evaluated(
     """Return the costs (n, m) of each step, evaluated if they are not known; of fewer if time is up."""
     costs: list[FloatArray] = []
     blocks: list[list[Pairs]] = []
-    parts: list[FloatArray] = []  # of `costs`, in the order of the blocks
+    parts: list[FloatArray] = []  # of `costs`, for the pairs in the blocks
     room = 0  # pairs for which the last block has room
     for index, (after, cost) in enumerate(zip(candidates, known, strict=True)):
         before = candidates[index - 1] if index else np.zeros((1, 0))
@@ -233,12 +233,11 @@ def _evaluated(
                 blocks.append([])
                 room = BLOCK - parts[-1].size
             blocks[-1].append((index, before[some, None], after))
-    unwritten = iter(parts)
     for block in blocks:
         if deadline():
             return costs[: block[0][0]]
         for cost in step_costs(block):
-            next(unwritten)[:] = cost
+            parts.pop(0)[:] = cost
     return costs
 
 
@@ -248,25 +247,24 @@ def _evaluated(
 class _Windows:
     """The candidates of one subgoal: the first ones (n, k), and windows that shrink around the best.
 
-    `domains` are those of its k free variables, `allowed` limits the candidates to its region, and `beside`
+    `ranges` are those of its k free variables, `allowed` limits the candidates to its region, and `beside`
     is whether a neighboring subgoal has free variables.
     """
 
-    def __init__(
-        self, index: int, domains: Sequence[Range], allowed: Allowed | None, *, beside: bool
-    ) -> None:
-        self._index, self._domains, self._allowed, self._beside = index, domains, allowed, beside
-        low, high, periodic = np.array([(d.low, d.high, d.periodic) for d in domains]).reshape(-1, 3).T
+    def __init__(self, index: int, ranges: Sequence[Range], allowed: Allowed | None, *, beside: bool) -> None:
+        self._index, self._ranges, self._allowed, self._beside = index, ranges, allowed, beside
+        rows = [(each.low, each.high, each.periodic) for each in ranges]
+        low, high, periodic = np.array(rows).reshape(-1, 3).T
         self._period = np.where((periodic > 0.0) & (high > low), high - low, np.inf)
         self._bounds = np.stack((low, high, self._period))
         self._used = 0  # points of the sequence
-        count = _of(_FIRST_BESIDE if beside else _FIRST_ALONE, len(domains))
+        count = _of(_FIRST_BESIDE if beside else _FIRST_ALONE, len(ranges))
         self.first, self._radius = self._first(count)
 
     def around(self, best: FloatArray, number: int) -> FloatArray:
         """Return the `best` candidates (n, k), and new ones in their windows."""
-        each = _of(_IN_WINDOW, len(self._domains))
-        points = spread_points(len(self._domains), self._used, each * len(best))
+        each = _of(_IN_WINDOW, len(self._ranges))
+        points = spread_points(len(self._ranges), self._used, each * len(best))
         self._used += len(points)
         points = _in_windows(points, best, each, self._radius, self._bounds, number)
         return np.concatenate((best, self._within(points)))
@@ -280,7 +278,7 @@ class _Windows:
 
     def has_new(self, number: int) -> bool:
         """Return whether the subgoal has new candidates in a round."""
-        return bool(self._domains) and (not self._beside or (self._index + number) % 2 == 0)
+        return bool(self._ranges) and (not self._beside or (self._index + number) % 2 == 0)
 
     def best(self, row: int, curve: SearchCurve) -> list[int]:
         """Return `row`, and the best row that is no neighbor of it: its valley may be deeper."""
@@ -289,9 +287,9 @@ class _Windows:
 
     def _first(self, count: int) -> tuple[FloatArray, FloatArray]:
         """Return `count` first candidates (n, k), fewer in a small region, and windows' half widths (k,)."""
-        free = len(self._domains)
+        free = len(self._ranges)
         if free <= _ON_GRID:
-            grid, steps = _grid(tuple(self._domains), count)
+            grid, steps = _grid(tuple(self._ranges), count)
             if self._allowed is None or self._allowed(self._index, grid).all():
                 return grid.copy(), steps
         low, high, _ = self._bounds
