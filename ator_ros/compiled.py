@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numba
-from numba.extending import register_jitable
+import numpy as np
+from numba.extending import overload, register_jitable
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -63,3 +64,24 @@ def elementwise(function: Function) -> Function:
     """
     result: Function = register_jitable(error_model="numpy")(function)
     return result
+
+
+def least(one: Any, other: Any) -> Any:
+    """Return the lesser of two numbers; of arrays, elementwise."""
+    return np.minimum(one, other)
+
+
+def greatest(one: Any, other: Any) -> Any:
+    """Return the greater of two numbers; of arrays, elementwise."""
+    return np.maximum(one, other)
+
+
+def where(condition: Any, one: Any, other: Any) -> Any:
+    """Return `one` where the condition holds, else `other`."""
+    return np.where(condition, one, other)
+
+
+# Unlike numpy's functions, these forms allow compiled loops to be vectorized.
+overload(least)(lambda one, other: lambda one, other: min(one, other))  # noqa: ARG005
+overload(greatest)(lambda one, other: lambda one, other: max(one, other))  # noqa: ARG005
+overload(where)(lambda condition, one, other: lambda condition, one, other: one if condition else other)  # noqa: ARG005

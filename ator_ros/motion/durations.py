@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
 
-from ator_ros.compiled import elementwise
+from ator_ros.compiled import elementwise, greatest, least, where
 from ator_ros.geometry import FloatArray
 from ator_ros.robot.description import Limits
 
@@ -44,8 +44,8 @@ def turn_parts(angle: Real, rate: Any, aw: float) -> tuple[Real, Real]:
     """
     size: Any = np.abs(angle)
     ramped = rate * rate * (1.0 / aw)
-    gaining = np.sqrt(np.minimum(size, ramped) * (1.0 / aw))
-    return gaining, np.maximum(size - ramped, 0.0) / rate
+    gaining = np.sqrt(least(size, ramped) * (1.0 / aw))
+    return gaining, greatest(size - ramped, 0.0) / rate
 
 
 @elementwise
@@ -62,10 +62,8 @@ def change_time(before: Real, after: Any, rates: Bounds) -> Real:
     per_a, per_brake = 1.0 / rates.a, 1.0 / rates.brake
     gain = np.abs(after) - np.abs(before)
     # If the sign of the speed changes, the base brakes and accelerates at the lower of both rates.
-    reverses = (before * after < 0.0) * np.abs(after - before)
-    result: Real = np.maximum(
-        np.maximum(gain * per_a, gain * -per_brake), reverses * np.maximum(per_a, per_brake)
-    )
+    reverses = where(before * after < 0.0, np.abs(after - before), 0.0)
+    result: Real = greatest(greatest(gain * per_a, gain * -per_brake), reverses * max(per_a, per_brake))
     return result
 
 
@@ -85,8 +83,8 @@ def direction(distance: Real, before: Any, after: Any, rates: Bounds) -> Real:
     surplus = distance - change_distance(before, after, rates)
     # A drive that is backward from start to end counts as one in that direction. A drive exactly as long as
     # its change of speed needs must not count as too short.
-    least = 1e-9 * (2.0 * (np.maximum(before, after) < 0.0) - 1.0)
-    result: Real = 2.0 * (surplus >= least) - 1.0
+    enough = where(greatest(before, after) < 0.0, 1e-9, -1e-9)
+    result: Real = where(surplus >= enough, 1.0, -1.0)
     return result
 
 
@@ -113,13 +111,21 @@ def forward_parts(distance: Real, before: Any, after: Any, rates: Bounds) -> tup
     If the speed is negative at an end, it changes there at the lower of both accelerations, as it is both
     lost and gained in the other direction.
     """
-    up = rates.a + (before < 0.0) * (np.minimum(rates.a, rates.brake) - rates.a)
-    down = rates.brake + (after < 0.0) * (np.minimum(rates.a, rates.brake) - rates.brake)
+    a, brake, slow = rates.a, rates.brake, min(rates.a, rates.brake)
+    reverse1, reverse2 = before < 0.0, after < 0.0
+    up, down = where(reverse1, slow, a), where(reverse2, slow, brake)
+    # Choosing reciprocals is faster than dividing.
+    per_up, per_down = where(reverse1, 1.0 / slow, 1.0 / a), where(reverse2, 1.0 / slow, 1.0 / brake)
+    per_both = where(
+        reverse1,
+        where(reverse2, 1.0 / (slow + slow), 1.0 / (slow + brake)),
+        where(reverse2, 1.0 / (a + slow), 1.0 / (a + brake)),
+    )
     square1, square2 = before * before, after * after
-    square = (down * square1 + up * square2 + (2.0 * up * down) * distance) * (1.0 / (up + down))
-    most = np.maximum(np.maximum(before, after), 0.0)
-    square = np.minimum(np.maximum(square, most * most), rates.v * rates.v)
+    square = (down * square1 + up * square2 + (2.0 * up * down) * distance) * per_both
+    most = greatest(greatest(before, after), 0.0)
+    square = least(greatest(square, most * most), rates.v * rates.v)
     peak = np.sqrt(square)
-    cruise = distance - (square - square1) * (0.5 / up) - (square - square2) * (0.5 / down)
-    steady = np.maximum(cruise, 0.0) * (1.0 / rates.v)
-    return (peak - before) * (1.0 / up), steady, (peak - after) * (1.0 / down), peak
+    cruise = distance - (square - square1) * (0.5 * per_up) - (square - square2) * (0.5 * per_down)
+    steady = greatest(cruise, 0.0) * (1.0 / rates.v)
+    return (peak - before) * per_up, steady, (peak - after) * per_down, peak

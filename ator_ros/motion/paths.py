@@ -38,10 +38,10 @@ _GRID: FloatArray = _GRID_STEP * (np.arange(_POINTS, dtype=float) - _POINTS // 2
 class Turn(NamedTuple):
     """A turn next to the drive of a path, as seen from its end of the path."""
 
-    row: int  # in the table of turns
     speed: float  # m/s; at its beginning
     change: float  # m/s^2; of the speed
-    rate: float  # rad/s; greatest turn rate
+    time: float  # s
+    along: float  # m; displacement along the drive, as in a `TurnTable`
 
 
 class Offset(NamedTuple):
@@ -78,27 +78,16 @@ def lowest(bits: int) -> int:
 
 @inlined
 def drive_between(
-    first: float,
-    last: float,
-    cos: float,
-    sin: float,
-    offset: Offset,
-    one: Turn,
-    two: Turn,
-    along1: FloatArray,
-    along2: FloatArray,
-    rates: Rates,
+    one: Turn, two: Turn, cos: float, sin: float, offset: Offset, rates: Rates
 ) -> tuple[float, float, float]:
-    """Return the length (m; negative: backward) of the drive between two turns (rad), and both speeds (m/s).
+    """Return the length (m; negative: backward) of the drive between two turns, and both speeds (m/s).
 
     `cos` and `sin` are those of its heading.
     """
-    time1, time2 = turn_time(abs(first), one.rate, rates.aw), turn_time(abs(last), two.rate, rates.aw)
-    lane = cos * offset.x + sin * offset.y - offset.before - one.speed * time1 - two.speed * time2
-    # The last turn is driven from the goal.
-    length = lane - look_up(along1, one.row, first) - look_up(along2, two.row, -last)
-    before = min(max(one.speed + one.change * time1, -rates.v), rates.v)
-    after = min(max(two.speed + two.change * time2, -rates.v), rates.v)
+    lane = cos * offset.x + sin * offset.y - offset.before - one.speed * one.time - two.speed * two.time
+    length = lane - one.along - two.along
+    before = min(max(one.speed + one.change * one.time, -rates.v), rates.v)
+    after = min(max(two.speed + two.change * two.time, -rates.v), rates.v)
     return length, before, after
 
 
@@ -187,11 +176,11 @@ def _search(end: Pose, entries: Ends, exits: Ends, rates: Rates, forward: bool, 
         total = turn + around * math.tau
         _write_parts(far, exits, total, 0.0, 0.0)
         for entry in range(len(times1)):
-            one = Turn(entry, sides1[entry, 2], sides1[entry, 3], sides1[entry, 4])
+            speed1, change1, rate1 = sides1[entry, 2], sides1[entry, 3], sides1[entry, 4]
             for exit_ in range(len(times2)):
-                two = Turn(exit_, sides2[exit_, 2], sides2[exit_, 3], sides2[exit_, 4])
+                speed2, change2, rate2 = sides2[exit_, 2], sides2[exit_, 3], sides2[exit_, 4]
                 straight = times1[entry] + times2[exit_]
-                if straight + turn_time(abs(total), max(one.rate, two.rate), rates.aw) > longest:
+                if straight + turn_time(abs(total), max(rate1, rate2), rates.aw) > longest:
                     continue
                 back = sides2[exit_, 0]
                 offset = Offset(x - sides1[entry, 0] - back * cos, y - back * sin, 0.0)
@@ -204,7 +193,7 @@ def _search(end: Pose, entries: Ends, exits: Ends, rates: Rates, forward: bool, 
                     # A secant step from there, whose cosine and sine are the first terms of series.
                     c, s = math.cos(first), math.sin(first)
                     now = c * offset.y - s * offset.x
-                    now -= look_up(across1, one.row, first) + look_up(across2, two.row, first - total)
+                    now -= look_up(across1, entry, first) + look_up(across2, exit_, first - total)
                     if now != gap:
                         change = now * (first - low) / (gap - now)
                         change = min(max(change, low - first), low + _GRID_STEP - first)
@@ -212,12 +201,12 @@ def _search(end: Pose, entries: Ends, exits: Ends, rates: Rates, forward: bool, 
                         cosine, sine = 1.0 - 0.5 * square, change * (1.0 - square * (1.0 / 6.0))
                         first, c, s = first + change, c * cosine - s * sine, s * cosine + c * sine
                     last = total - first
-                    drive, before, after = drive_between(
-                        first, last, c, s, offset, one, two, along1, along2, rates
-                    )
-                    time = straight + drive_time(drive, before, after, rates)
-                    time += turn_time(abs(first), one.rate, rates.aw)
-                    time += turn_time(abs(last), two.rate, rates.aw)
+                    turn1 = turn_time(abs(first), rate1, rates.aw)
+                    turn2 = turn_time(abs(last), rate2, rates.aw)
+                    one = Turn(speed1, change1, turn1, look_up(along1, entry, first))
+                    two = Turn(speed2, change2, turn2, look_up(along2, exit_, -last))  # as seen from the goal
+                    drive, before, after = drive_between(one, two, c, s, offset, rates)
+                    time = straight + drive_time(drive, before, after, rates) + turn1 + turn2
                     if time > longest or (forward and drive < change_distance(before, after, rates)):
                         continue
                     if count == len(found):

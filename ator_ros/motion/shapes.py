@@ -14,7 +14,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,27 +45,13 @@ class TurnTables(NamedTuple):
     """Turns for each profile (change of speed, greatest turn rate) and each speed up to the limit.
 
     `fractions`, shape (rows, FINE, columns), is `turns.across`, rearranged so that turns one step apart are
-    contiguous; see `_window_of`.
+    contiguous.
     """
 
     turns: TurnTable  # a row for each profile and speed
     fractions: RealArray
     lowest: float  # m/s; first speed, 0 where the robot never drives backward
     speeds: int  # number of speeds
-
-
-@compiled
-def _row_of(tables: TurnTables, first: int, speed: float) -> int:
-    """Return the row of the turn that starts at `speed` (m/s); `first` is the row of the lowest speed."""
-    row = int((speed - tables.lowest) * (1.0 / SPEED_STEP) + 0.5)
-    return first + min(max(row, 0), tables.speeds - 1)
-
-
-@compiled
-def _window_of(moved: float) -> tuple[int, int]:
-    """Return the indices in a row of `fractions` of the first turn plus `moved` (rad, within 540 degrees)."""
-    place = int(2 * HALF * FINE + 0.5 + moved * (FINE / STEP))
-    return place % FINE, place // FINE
 
 
 @lru_cache(maxsize=6)
@@ -149,44 +135,42 @@ def shape_set(groups: Sequence[Sequence[Shape]], rules: Rules) -> ShapeSet:
     return ShapeSet(rules, np.array(rows, dtype=_SHAPE), np.cumsum(sizes, dtype=np.intp), tables, missed)
 
 
-_END = np.dtype([("speed", float), ("length", float), ("time", float), ("row", np.intp)])
-"""An end of a path: speed (m/s) at the turn, length (m) and time (s) of the straight part, row of turn."""
+# A block of pairs of ends is searched shape by shape. One array holds all numbers of its pairs, column by
+# column, another one those of roots: the compiler vectorizes loops over columns at distances that it knows.
+
+_PAIRS = 64  # of a block; what is known of them fits into the fastest cache
+_SLOTS = 3 * _PAIRS  # a slot: one of three whole changes of heading of a pair
+_ROOTS = WIDTH // 2 * _SLOTS + 8  # columns a multiple of 4 KB apart would compete for places in the cache
+_AROUND = (0.0, -1.0, 1.0)  # turns more: the whole change of heading may be in either direction, or further
+
+# Columns of pairs. The fastest path so far: its time, angles turned, group; the pair's number in the block,
+_TIME, _TURNED, _GROUP, _NUMBER = (column * _PAIRS for column in range(4))
+# destination, also of the object there, direction of the goal, speeds at both ends,
+_X, _Y, _OBJECT_X, _OBJECT_Y, _GOAL_COS, _GOAL_SIN, _START, _ARRIVAL = (n * _PAIRS for n in range(4, 12))
+# for each slot its whole change of heading, the least time of such a turn, and the place of its far turns;
+_TOTAL, _LEAST, _WINDOW = (column * _PAIRS for column in (12, 15, 18))
+_GIVEN = 21  # columns so far; the others are written for each shape:
+# length before the first turn, speeds and rows of both turns, time of straight parts, offset between turns.
+_LEAD, _SPEED1, _ROW1, _SPEED2, _ROW2, _STRAIGHT, _OFFSET_X, _OFFSET_Y = (n * _PAIRS for n in range(21, 29))
+# Columns of roots: pair, first turn, its part beyond a step and cosine and sine of that step, last turn,
+_PAIR, _FIRST, _BEYOND, _COS_STEP, _SIN_STEP, _LAST = (column * _ROOTS for column in range(6))
+# displacements looked up, speeds at the turns, time of straight parts, the time of the path,
+_ALONG1, _ACROSS1, _ALONG2, _BEFORE, _AFTER, _PARTS, _PATH = (column * _ROOTS for column in range(6, 13))
+# the offset between the turns, and the object as seen from the first one
+_X_BETWEEN, _Y_BETWEEN, _AHEAD, _ASIDE = (column * _ROOTS for column in range(13, 17))
+_PAIR_COLUMNS, _ROOT_COLUMNS = 29, 17
 
 
-@compiled
-def _set_speed(entries: Rows, speed: float, shapes: Rows, tables: TurnTables, rules: Rules) -> None:
-    """Write the start of all shapes for a speed (m/s); times are infinite if that is too low."""
-    rates = rules.rates
-    for index in range(len(shapes)):
-        shape, entry = shapes[index], entries[index]
-        reached = speed if math.isnan(shape["entry"]) else shape["entry"]
-        entry["speed"], entry["length"] = reached, change_distance(speed, reached, rates)
-        entry["time"] = np.inf if speed < shape["least_start"] else change_time(speed, reached, rates)
-        entry["row"] = _row_of(tables, shape["first_row"], reached)
+class _Space(NamedTuple):
+    """Memory for the search of a block."""
+
+    roots: FloatArray
+    gaps: RealArray  # shape (_SLOTS * WIDTH,)
+    marks: NDArray[np.intp]  # shape (_SLOTS,); roots of each slot, see `crossings`
+    places: NDArray[np.intp]  # number of the pair, and _PAIRS more for each further change of heading
+    nothing: RealArray  # offsets of the last turn where there is none
 
 
-@compiled
-def _set_arrival(exits: Rows, arrival: float, shapes: Rows, tables: TurnTables, rules: Rules) -> None:
-    """Write the end of all shapes for a speed (m/s) at the destination, as `_set_speed` does."""
-    rates, square = rules.rates, arrival * arrival
-    for index in range(len(shapes)):
-        shape, exit_ = shapes[index], exits[index]
-        share, speed, run = shape["share"], arrival, 0.0  # where the run begins
-        if not math.isnan(share) and math.isnan(rules.run):
-            speed = share * rates.v
-            change = speed * speed - square
-            run = max(change * (0.5 / rates.brake), change * (-0.5 / rates.a))
-        elif not math.isnan(share):
-            greatest = min(math.sqrt(square + 2.0 * rates.brake * rules.run), rates.v)
-            least = math.sqrt(max(square - 2.0 * rates.a * rules.run, 0.0))
-            speed, run = least + share * (greatest - least), rules.run
-        exit_["speed"], exit_["length"] = speed, run
-        gaining, steady, losing, _ = forward_parts(run, speed, arrival, rates)
-        exit_["time"] = np.inf if arrival < shape["least_arrival"] else gaining + losing + steady
-        exit_["row"] = _row_of(tables, shape["last_row"], speed)
-
-
-@compiled
 def fastest_paths(ends: FloatArray, shapes: ShapeSet, hold: float) -> FloatArray:
     """Return the fastest path of these shapes for each of n pairs of ends.
 
@@ -203,41 +187,218 @@ def fastest_paths(ends: FloatArray, shapes: ShapeSet, hold: float) -> FloatArray
     ndarray, shape (2, n)
         Their times in s, and the sums of the angles of both turns in rad.
     """
-    rules, rows, others, tables, missed = shapes
+    (rates, *settings), rows, others, (turns, *rest), missed = shapes
+    # Passing named tuples would take longer than the search for a pair.
+    return _fastest_paths(
+        ends, hold, tuple(rates), tuple(settings), rows, others, tuple(turns), tuple(rest), missed
+    )
+
+
+@compiled
+def _fastest_paths(
+    ends: FloatArray,
+    hold: float,
+    rates: Any,
+    settings: Any,
+    rows: Rows,
+    others: NDArray[np.intp],
+    turns: Any,
+    rest: Any,
+    missed: tuple[float, float],
+) -> FloatArray:
+    rules, tables = Rules(Rates(*rates), *settings), TurnTables(TurnTable(*turns), *rest)
     result = np.empty((2, ends.shape[1]))
-    count = len(others) - 1
-    entries, exits = np.empty(len(rows), dtype=_END), np.empty(len(rows), dtype=_END)
-    gaps, zeros = np.empty(WIDTH, dtype=np.float32), np.zeros(WIDTH, dtype=np.float32)
-    firsts, first_entries, first_exits = rows[:count], entries[:count], exits[:count]
-    # Speeds at both ends for which the others of each group are written
-    written_for = np.full((2, count), np.nan)
-    likely = 0  # the last fastest group is tried first: its time prunes most others
-    for at in range(ends.shape[1]):
-        x, y, turn, speed, arrival = ends[0, at], ends[1, at], ends[2, at], ends[3, at], ends[4, at]
-        if at == 0 or speed != ends[3, at - 1]:
-            _set_speed(first_entries, speed, firsts, tables, rules)
-        if at == 0 or arrival != ends[4, at - 1]:
-            _set_arrival(first_exits, arrival, firsts, tables, rules)
-        time, turned, likely = _fastest(
-            x, y, turn, hold, np.inf, likely, first_entries, first_exits, gaps, zeros, firsts, tables, rules
-        )
-        if others[likely] < others[likely + 1]:
-            begin, end = others[likely], others[likely + 1]
-            group, other_entries, other_exits = rows[begin:end], entries[begin:end], exits[begin:end]
-            if speed != written_for[0, likely]:
-                _set_speed(other_entries, speed, group, tables, rules)
-            if arrival != written_for[1, likely]:
-                _set_arrival(other_exits, arrival, group, tables, rules)
-            written_for[0, likely], written_for[1, likely] = speed, arrival
-            faster, angles, _ = _fastest(
-                x, y, turn, hold, time, 0, other_entries, other_exits, gaps, zeros, group, tables, rules
-            )
-            if faster < time:
-                time, turned = faster, angles
-        if time == np.inf:
-            time, turned = missed
-        result[0, at], result[1, at] = time, turned
+    pairs, members = np.empty(_PAIR_COLUMNS * _PAIRS), np.empty(_PAIR_COLUMNS * _PAIRS)
+    space = _Space(
+        np.empty(_ROOT_COLUMNS * _ROOTS),
+        np.empty(_SLOTS * WIDTH, dtype=np.float32),
+        np.empty(_SLOTS, dtype=np.intp),
+        np.empty(_SLOTS, dtype=np.intp),
+        np.zeros(WIDTH, dtype=np.float32),
+    )
+    groups = len(others) - 1
+    for begin in range(0, ends.shape[1], _PAIRS):
+        count = min(_PAIRS, ends.shape[1] - begin)
+        _write_pairs(pairs, ends[:, begin : begin + count], hold, rules)
+        for group in range(groups):
+            _try(rows[group], group, pairs, count, hold, space, tables, rules)
+        for group in range(groups):
+            if others[group] == others[group + 1]:
+                continue
+            size = _write_members(members, pairs, count, group)
+            for other in range(others[group], others[group + 1] if size else 0):
+                _try(rows[other], group, members, size, hold, space, tables, rules)
+            for at in range(size):
+                number = int(members[_NUMBER + at])
+                pairs[_TIME + number], pairs[_TURNED + number] = members[_TIME + at], members[_TURNED + at]
+        for at in range(count):
+            reached = pairs[_TIME + at] < np.inf
+            found = (pairs[_TIME + at], pairs[_TURNED + at]) if reached else missed
+            result[0, begin + at], result[1, begin + at] = found
     return result
+
+
+@inlined
+def _write_pairs(pairs: FloatArray, ends: FloatArray, hold: float, rules: Rules) -> None:
+    """Write the columns of pairs that hold for all shapes."""
+    for at in range(ends.shape[1]):
+        x, y, turn = ends[0, at], ends[1, at], ends[2, at]
+        cos, sin = math.cos(turn), math.sin(turn)
+        pairs[_TIME + at], pairs[_GROUP + at], pairs[_NUMBER + at] = np.inf, -1.0, at
+        pairs[_X + at], pairs[_Y + at] = x, y
+        pairs[_OBJECT_X + at], pairs[_OBJECT_Y + at] = x + hold * cos, y + hold * sin
+        pairs[_GOAL_COS + at], pairs[_GOAL_SIN + at] = cos, sin
+        pairs[_START + at], pairs[_ARRIVAL + at] = ends[3, at], ends[4, at]
+        whole = 0.0 if rules.free_heading else turn
+        for around in range(3):
+            place, total = around * _PAIRS + at, whole + math.copysign(math.tau, whole) * _AROUND[around]
+            pairs[_TOTAL + place] = total
+            pairs[_LEAST + place] = turn_time(abs(total), rules.rates.w, rules.rates.aw)
+            pairs[_WINDOW + place] = int(2 * HALF * FINE + 0.5 - total * (FINE / STEP))
+
+
+@inlined
+def _write_members(members: FloatArray, pairs: FloatArray, count: int, group: int) -> int:
+    """Copy the pairs whose fastest path so far is of a group; return how many they are."""
+    size = 0
+    for at in range(count):
+        if pairs[_GROUP + at] == group:
+            for column in range(_GIVEN):
+                members[column * _PAIRS + size] = pairs[column * _PAIRS + at]
+            size += 1
+    return size
+
+
+@compiled
+def _try(
+    shape: np.void,
+    group: int,
+    pairs: FloatArray,
+    count: int,
+    hold: float,
+    space: _Space,
+    tables: TurnTables,
+    rules: Rules,
+) -> None:
+    """Try a shape for all pairs; where it is the fastest so far, write its path and the group."""
+    _write_ends(pairs, count, shape, tables, rules)
+    slots = _write_gaps(space, pairs, count, shape, tables, rules)
+    roots, found = space.roots, _write_roots(space, slots, pairs, tables, rules)
+    _write_times(roots, found, shape, hold, rules)
+    for root in range(found):
+        at = int(roots[_PAIR + root])
+        if roots[_PATH + root] < pairs[_TIME + at]:
+            pairs[_TIME + at], pairs[_GROUP + at] = roots[_PATH + root], group
+            pairs[_TURNED + at] = abs(roots[_FIRST + root]) + abs(roots[_LAST + root])
+
+
+@inlined
+def _write_ends(pairs: FloatArray, count: int, shape: np.void, tables: TurnTables, rules: Rules) -> None:
+    """Write how the paths begin before the first turn and end after the last one."""
+    rates, run = rules.rates, rules.run
+    leads, runs = not math.isnan(shape["entry"]), not math.isnan(shape["share"])
+    x, y = (_OBJECT_X, _OBJECT_Y) if rules.free_heading else (_X, _Y)
+    for at in range(count):
+        start, arrival = pairs[_START + at], pairs[_ARRIVAL + at]
+        speed1 = shape["entry"] if leads else start
+        lead_time = change_time(start, speed1, rates)
+        lead = 0.5 * (start + speed1) * lead_time
+        # Where the run begins
+        speed2, length, square = arrival, 0.0, arrival * arrival
+        if runs and math.isnan(run):
+            speed2 = shape["share"] * rates.v
+            change = speed2 * speed2 - square
+            length = max(change * (0.5 / rates.brake), change * (-0.5 / rates.a))
+        elif runs:
+            fastest = min(math.sqrt(square + 2.0 * rates.brake * run), rates.v)
+            slowest = math.sqrt(max(square - 2.0 * rates.a * run, 0.0))
+            speed2, length = slowest + shape["share"] * (fastest - slowest), run
+        gaining, steady, losing, _ = forward_parts(length, speed2, arrival, rates)
+        excluded = start < shape["least_start"] or arrival < shape["least_arrival"]
+        pairs[_STRAIGHT + at] = np.inf if excluded else lead_time + (gaining + losing + steady)
+        pairs[_LEAD + at], pairs[_SPEED1 + at], pairs[_SPEED2 + at] = lead, speed1, speed2
+        pairs[_ROW1 + at] = _row_of(tables, shape["first_row"], speed1)
+        pairs[_ROW2 + at] = _row_of(tables, shape["last_row"], speed2)
+        pairs[_OFFSET_X + at] = pairs[x + at] - lead - length * pairs[_GOAL_COS + at]
+        pairs[_OFFSET_Y + at] = pairs[y + at] - length * pairs[_GOAL_SIN + at]
+
+
+@inlined
+def _row_of(tables: TurnTables, first: int, speed: float) -> float:
+    """Return the row of the turn that starts at `speed` (m/s); `first` is the row of the lowest speed."""
+    row: float = np.floor((speed - tables.lowest) * (1.0 / SPEED_STEP) + 0.5)
+    return first + min(max(row, 0.0), tables.speeds - 1.0)
+
+
+@inlined
+def _write_gaps(
+    space: _Space, pairs: FloatArray, count: int, shape: np.void, tables: TurnTables, rules: Rules
+) -> int:
+    """Write the lateral errors for each first turn in slots that may have the fastest path; count them."""
+    # Local names avoid reference counting at each access.
+    slots, direction, fractions = 0, shape["direction"], tables.fractions
+    all_gaps, marks, places, nothing = space.gaps, space.marks, space.places, space.nothing
+    for at in range(count):
+        straight, best = pairs[_STRAIGHT + at], pairs[_TIME + at]
+        if straight >= best:
+            continue
+        x, y = np.float32(pairs[_OFFSET_X + at]), np.float32(pairs[_OFFSET_Y + at])
+        near = fractions[int(pairs[_ROW1 + at]), 0, 2 * HALF : 2 * HALF + WIDTH]
+        for around in range(1 if rules.free_heading else 3 if rules.forward else 2):
+            place = around * _PAIRS + at
+            if straight + pairs[_LEAST + place] > best:
+                continue
+            if rules.free_heading:
+                far = nothing
+            else:
+                window = int(pairs[_WINDOW + place])
+                column = window // FINE
+                far = fractions[int(pairs[_ROW2 + at]), window % FINE, column : column + WIDTH]
+            gaps, above = all_gaps[slots * WIDTH : (slots + 1) * WIDTH], np.uint32(0)
+            for step in range(WIDTH):
+                gap = direction * (y * _COS32[step] - x * _SIN32[step] - near[step] - far[step])
+                gaps[step] = gap
+                above = np.uint32(above | sign_bit(gap, step))
+            marks[slots], places[slots] = crossings(int(above), 2 * HALF, False), place
+            slots += 1
+    return slots
+
+
+@inlined
+def _write_roots(space: _Space, slots: int, pairs: FloatArray, tables: TurnTables, rules: Rules) -> int:
+    """Write the paths of all roots in the slots, without their times; return how many they are."""
+    roots, all_gaps, marks, places, _ = space
+    (along, across), found = tables.turns, 0
+    for slot in range(slots):
+        left = marks[slot]
+        if left == 0:
+            continue
+        total, at = pairs[_TOTAL + places[slot]], places[slot] % _PAIRS
+        gaps = all_gaps[slot * WIDTH : (slot + 1) * WIDTH]
+        row1, row2 = int(pairs[_ROW1 + at]), int(pairs[_ROW2 + at])
+        speed1, speed2, straight = pairs[_SPEED1 + at], pairs[_SPEED2 + at], pairs[_STRAIGHT + at]
+        x, y = pairs[_OFFSET_X + at], pairs[_OFFSET_Y + at]
+        ahead, aside = pairs[_OBJECT_X + at] - pairs[_LEAD + at], pairs[_OBJECT_Y + at]
+        while left:
+            step = lowest(left)
+            left &= left - 1
+            beyond = np.float64(_STEP * (gaps[step] / (gaps[step] - gaps[step + 1])))
+            first = _TURNS[step] + beyond
+            last = 0.0 if rules.free_heading else total - first
+            if not (abs(last) < WIDEST and abs(first) + abs(last) < _MOST_TURNED):
+                continue
+            roots[_PAIR + found], roots[_FIRST + found], roots[_LAST + found] = at, first, last
+            roots[_BEYOND + found] = beyond
+            roots[_COS_STEP + found], roots[_SIN_STEP + found] = _COS[step], _SIN[step]
+            roots[_ALONG1 + found] = look_up(along, row1, first)
+            roots[_ALONG2 + found] = look_up(along, row2, -last)  # driven from the goal
+            roots[_BEFORE + found], roots[_AFTER + found], roots[_PARTS + found] = speed1, speed2, straight
+            roots[_X_BETWEEN + found], roots[_Y_BETWEEN + found] = x, y
+            if rules.passing > 0.0:
+                roots[_ACROSS1 + found] = look_up(across, row1, first)
+                roots[_AHEAD + found], roots[_ASIDE + found] = ahead, aside
+            found += 1
+    return found
 
 
 _DETOUR, _SHORTFALL = 7.2, 2.0
@@ -248,133 +409,40 @@ _MOST_TURNED = math.radians(450.0)  # sum of both turns
 
 
 @inlined
-def _fastest(
-    x: float,
-    y: float,
-    turn: float,
-    hold: float,
-    most: float,
-    likely: int,
-    entries: Rows,
-    exits: Rows,
-    gaps: RealArray,
-    zeros: RealArray,
-    shapes: Rows,
-    tables: TurnTables,
-    rules: Rules,
-) -> tuple[float, float, int]:
-    """Return time (s), turned angle (rad) and shape of the fastest path; infinite unless below `most`."""
-    cos, sin = math.cos(turn), math.sin(turn)
-    object_x, object_y = x + hold * cos, y + hold * sin
-    # The whole change of heading may be in either direction, or a full turn more.
-    whole = 0.0 if rules.free_heading else turn
-    circle = math.copysign(math.tau, whole)
-    totals = (whole, whole - circle, whole + circle)
-    w, aw = rules.rates.w, rules.rates.aw
-    least = (turn_time(abs(whole), w, aw), turn_time(abs(totals[1]), w, aw), turn_time(abs(totals[2]), w, aw))
-    windows = (_window_of(-totals[0]), _window_of(-totals[1]), _window_of(-totals[2]))
-    best, result, turned, fastest = most, np.inf, 0.0, likely
-    turns, fractions = tables.turns, tables.fractions
-    for number in range(len(shapes)):
-        index = likely + number
-        index -= len(shapes) if index >= len(shapes) else 0  # a remainder takes longer
-        shape, entry, exit_ = shapes[index], entries[index], exits[index]
-        straight = entry["time"] + exit_["time"]
-        if straight >= best:
-            continue
-        one = Turn(entry["row"], entry["speed"], shape["first_change"], shape["first_rate"])
-        two = Turn(exit_["row"], exit_["speed"], shape["last_change"], shape["last_rate"])
-        ahead, aside = object_x - entry["length"], object_y
-        if rules.free_heading:
-            offset = Offset(ahead, aside, hold)
-        else:
-            back = exit_["length"]
-            offset = Offset(x - entry["length"] - back * cos, y - back * sin, 0.0)
-        for around in range(1 if rules.free_heading else 3 if rules.forward else 2):
-            if straight + least[around] > best:
-                continue
-            total = totals[around]
-            if rules.free_heading:
-                far = zeros
-            else:
-                fraction, column = windows[around]
-                far = fractions[two.row, fraction, column : column + WIDTH]
-            # Lateral errors at the last turn of drives after each first turn, in the shape's direction;
-            # `far` holds the lateral offsets of the last turns.
-            near, direction = fractions[one.row, 0, 2 * HALF : 2 * HALF + WIDTH], shape["direction"]
-            along_x, along_y, above = np.float32(offset.x), np.float32(offset.y), np.uint32(0)
-            for step in range(WIDTH):
-                gap = direction * (along_y * _COS32[step] - along_x * _SIN32[step] - near[step] - far[step])
-                gaps[step] = gap
-                above |= sign_bit(gap, step)
-            roots = crossings(int(above), 2 * HALF, False)
-            while roots:
-                step = lowest(roots)
-                roots &= roots - 1
-                beyond = np.float64(_STEP * (gaps[step] / (gaps[step] - gaps[step + 1])))
-                first = _TURNS[step] + beyond
-                last = 0.0 if rules.free_heading else total - first
-                angles = abs(first) + abs(last)
-                if abs(last) < WIDEST and angles < _MOST_TURNED:
-                    time = _time(
-                        step, beyond, last, straight, best, offset, ahead, aside, one, two, turns, rules
-                    )
-                    if time < best:
-                        best, result, turned, fastest = time, time, angles, index
-    return result, turned, fastest
+def _write_times(roots: FloatArray, count: int, shape: np.void, hold: float, rules: Rules) -> None:
+    """Write the times in s of paths; they are infinite where a path is not allowed."""
+    rates, free = rules.rates, rules.free_heading
+    for root in range(count):
+        cos, sin = _cos_sin(roots[_COS_STEP + root], roots[_SIN_STEP + root], roots[_BEYOND + root])
+        time1 = turn_time(abs(roots[_FIRST + root]), shape["first_rate"], rates.aw)
+        time2 = turn_time(abs(roots[_LAST + root]), shape["last_rate"], rates.aw)
+        one = Turn(roots[_BEFORE + root], shape["first_change"], time1, roots[_ALONG1 + root])
+        two = Turn(roots[_AFTER + root], shape["last_change"], time2, roots[_ALONG2 + root])
+        between = Offset(roots[_X_BETWEEN + root], roots[_Y_BETWEEN + root], hold if free else 0.0)
+        length, before, after = drive_between(one, two, cos, sin, between, rates)
+        time, allowed = time1 + time2 + roots[_PARTS + root], True
+        if rules.forward:
+            least = change_distance(before, after, rates)
+            allowed = length >= (least + _SPARE if free else 0.0)
+            time += _SHORTFALL / rates.v * max(least - length, 0.0)
+            length = max(length, least)
+        time += drive_time(length, before, after, rates)
+        if rules.passing > 0.0:
+            ahead, aside = roots[_AHEAD + root], roots[_ASIDE + root]
+            to_object = cos * ahead + sin * aside - one.along - one.speed * time1
+            beside = cos * aside - sin * ahead - roots[_ACROSS1 + root]
+            passes = min(length, 0.0) < to_object < max(length, 0.0)
+            time += _DETOUR / rates.v * max(rules.passing - abs(beside), 0.0) if passes else 0.0
+        roots[_PATH + root] = time if allowed else np.inf
 
 
 @inlined
-def _cos_sin(step: int, beyond: float) -> tuple[float, float]:
-    """Return cosine and sine of `_TURNS[step] + beyond`, for 0 to `STEP` rad beyond, to 1e-12, by series."""
+def _cos_sin(cos: float, sin: float, beyond: float) -> tuple[float, float]:
+    """Return cosine and sine of an angle, given those for 0 to `STEP` rad less, to 1e-12, by series."""
     x = beyond * beyond
-    cos = 1.0 - x * (1 / 2 - x * (1 / 24 - x * (1 / 720 - x * (1 / 40320 - x * (1 / 3628800)))))
-    sin = beyond * (1.0 - x * (1 / 6 - x * (1 / 120 - x * (1 / 5040 - x * (1 / 362880)))))
-    return _COS[step] * cos - _SIN[step] * sin, _SIN[step] * cos + _COS[step] * sin
-
-
-@inlined
-def _time(
-    step: int,
-    beyond: float,
-    last: float,
-    straight: float,
-    best: float,
-    offset: Offset,
-    ahead: float,
-    aside: float,
-    one: Turn,
-    two: Turn,
-    turns: TurnTable,
-    rules: Rules,
-) -> float:
-    """Return the time in s of a path; infinite if it is not allowed or exceeds `best`.
-
-    The first turn is `_TURNS[step] + beyond`. The object at the goal lies `ahead` and `aside` (m) of where
-    that turn begins.
-    """
-    (along, across), rates, first = turns, rules.rates, _TURNS[step] + beyond
-    result = turn_time(abs(first), one.rate, rates.aw) + turn_time(abs(last), two.rate, rates.aw) + straight
-    if result > best:
-        return np.inf
-    cos, sin = _cos_sin(step, beyond)
-    length, before, after = drive_between(first, last, cos, sin, offset, one, two, along, along, rates)
-    if result + abs(length) * (1.0 / rates.v) > best:
-        return np.inf
-    if rules.forward:
-        least = change_distance(before, after, rates)
-        if length < (least + _SPARE if rules.free_heading else 0.0):
-            return np.inf
-        result += _SHORTFALL / rates.v * max(least - length, 0.0)
-        length = max(length, least)
-    result += drive_time(length, before, after, rates)
-    if rules.passing > 0.0:
-        to_object = cos * ahead + sin * aside - look_up(along, one.row, first)
-        to_object -= one.speed * turn_time(abs(first), one.rate, rates.aw)
-        if min(length, 0.0) < to_object < max(length, 0.0):
-            beside = cos * aside - sin * ahead - look_up(across, one.row, first)
-            result += _DETOUR / rates.v * max(rules.passing - abs(beside), 0.0)
-    return float(result)
+    near_cos = 1.0 - x * (1 / 2 - x * (1 / 24 - x * (1 / 720 - x * (1 / 40320 - x * (1 / 3628800)))))
+    near_sin = beyond * (1.0 - x * (1 / 6 - x * (1 / 120 - x * (1 / 5040 - x * (1 / 362880)))))
+    return cos * near_cos - sin * near_sin, sin * near_cos + cos * near_sin
 
 
 _GROUPS, _OTHERS = 16, 24
