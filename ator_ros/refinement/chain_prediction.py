@@ -125,10 +125,9 @@ class StepRows:
             columns[Y] = columns.get(Y, self._held.y) - self._hold * np.sin(yaw)
         if self._arrival is not None:
             x, y, yaw = (columns.get(row, self._fixed[row]) for row in (X, Y, YAW))
-            turn = wrap_angles(yaw - self._bearing).clip(-self._arrival.angle, self._arrival.angle)
-            columns[X] = x - self._arrival.dist * math.cos(self._bearing)
-            columns[Y] = y - self._arrival.dist * math.sin(self._bearing)
-            columns[YAW] = yaw - turn
+            dist, angle = self._arrival.dist, self._arrival.angle
+            columns[X], columns[Y] = x - dist * math.cos(self._bearing), y - dist * math.sin(self._bearing)
+            columns[YAW] = yaw - wrap_angles(yaw - self._bearing).clip(-angle, angle)
         columns |= {row: after[..., column] for row, column in self._of_goal}
         table = np.empty((len(self._fixed), *np.broadcast(*columns.values()).shape))
         table.T[:] = self._fixed
@@ -273,8 +272,7 @@ class ChainModel:
         It is the error of the models, from their errors on episodes that they were not learned from; the
         difference between single runs is `ChainPrediction.spread`.
         """
-        signs = np.repeat((1.0, -1.0), len(before))
-        (first, second), uncertainty = self._predicted((before, after), signs)
+        (first, second), uncertainty = self._predicted((before, after), np.repeat((1.0, -1.0), len(before)))
         return first, second, uncertainty
 
     def _predicted(

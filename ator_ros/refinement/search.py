@@ -31,8 +31,6 @@ Pairs = tuple[int, FloatArray, FloatArray]
 """Index of a step, and candidates of the subgoals before and after it, shapes (n, 1, k) and (m, k)."""
 StepCosts = Callable[[Sequence[Pairs]], Sequence[FloatArray]]
 """Returns the costs of steps for all pairs of candidates, shapes (n, m)."""
-Costs = Sequence[FloatArray | None]
-"""Costs of each step for all pairs of candidates, shapes (n, m); None where they are not known."""
 Allowed = Callable[[int, FloatArray], BoolArray]
 """Returns which candidates (n, k) of a subgoal its region allows, shape (n,)."""
 Deadline = Callable[[], bool]
@@ -184,11 +182,11 @@ def least_path(
     step_costs: StepCosts,
     candidates: Sequence[FloatArray],
     deadline: Deadline = no_deadline,
-    known: Costs = (),
+    known: Sequence[FloatArray | None] = (),
 ) -> Optimum:
     """Find the best candidate of each subgoal; after the deadline, later subgoals keep the first one.
 
-    Costs that are not `known` are evaluated; by default none is known.
+    `known` are the costs (n, m) of each step, None where they must be evaluated; by default all must be.
     """
     costs = _evaluated(step_costs, candidates, known or [None] * len(candidates), deadline)
     late = len(candidates) - len(costs)
@@ -214,20 +212,20 @@ def least_path(
 
 
 def _evaluated(
-    step_costs: StepCosts, candidates: Sequence[FloatArray], known: Costs, deadline: Deadline
+    evaluate: StepCosts, offered: Sequence[FloatArray], known: Sequence[FloatArray | None], deadline: Deadline
 ) -> list[FloatArray]:
     """Return the costs (n, m) of each step, evaluated if they are not known; of fewer if time is up."""
-    costs: list[FloatArray] = []
+    found: list[FloatArray] = []
     blocks: list[list[Pairs]] = []
-    parts: list[FloatArray] = []  # of `costs`, for the pairs in the blocks
+    parts: list[FloatArray] = []  # of `found`, for the pairs in the blocks
     room = 0  # pairs for which the last block has room
-    for index, (after, cost) in enumerate(zip(candidates, known, strict=True)):
-        before = candidates[index - 1] if index else np.zeros((1, 0))
-        costs.append(np.empty((len(before), len(after))) if cost is None else cost)
+    for index, (after, cost) in enumerate(zip(offered, known, strict=True)):
+        before = offered[index - 1] if index else np.zeros((1, 0))
+        found.append(np.empty((len(before), len(after))) if cost is None else cost)
         size = max(1, BLOCK // len(after))
         for first in range(0, len(before) if cost is None else 0, size):
             some = slice(first, first + size)
-            parts.append(costs[index][some])
+            parts.append(found[index][some])
             room -= parts[-1].size
             if room < 0:
                 blocks.append([])
@@ -235,10 +233,10 @@ def _evaluated(
             blocks[-1].append((index, before[some, None], after))
     for block in blocks:
         if deadline():
-            return costs[: block[0][0]]
-        for cost in step_costs(block):
+            return found[: block[0][0]]
+        for cost in evaluate(block):
             parts.pop(0)[:] = cost
-    return costs
+    return found
 
 
 # Candidates
