@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
 
 from ator_ros.compiled import compiled
-from ator_ros.geometry import BoolArray, FloatArray
+from ator_ros.geometry import FloatArray
 from ator_ros.motion.durations import turn_time
 from ator_ros.motion.shapes import fastest_paths
 from ator_ros.performance.direct import HOLD, SPEEDG, XG, YAW, YAWG, YG, Direct, V, W, X, Y, direct_table
@@ -28,7 +28,9 @@ AT_BY_TURN, ANGLE_BETWEEN, SPEED, W_BY_TURN, ARRIVAL, HOLDS = range(11, len(BASI
 TO_X, TO_Y, TO_DEST, AT_DEST, RESTS, OPENING = range(len(BASICS), len(BASICS) + 6)
 """Rows after them: the destination (m), the signed angles to and at it (rad), whether the robot stands at
 both ends (1 or 0), and four of the end of the opening: x, y (m), heading (rad), and its time (s)."""
-ROWS = OPENING + 4
+ENDS = OPENING + 4  # five rows: both ends of the path after the opening, see `fastest_paths`
+PATH_TIME, PATH_TURN = ENDS + 5, ENDS + 6  # s, rad; `Geometry.path` writes them
+ROWS = PATH_TURN + 1
 _REST_V, _REST_W = AT_REST.v, AT_REST.w
 
 
@@ -50,7 +52,7 @@ _NEAR_PULL = 20.0  # weight of the goal's heading in the bearing of a goal withi
 
 @compiled
 def _write_rows(direct: FloatArray, hold: float, aw: float, rows: FloatArray) -> None:
-    """Write all rows; `hold` in m.
+    """Write all rows but those of the path; `hold` in m.
 
     In the opening the robot loses its rotation at up to `aw` (rad/s^2), while its speed stays the same.
     """
@@ -80,21 +82,17 @@ def _write_rows(direct: FloatArray, hold: float, aw: float, rows: FloatArray) ->
         half = 0.5 * rotation * time
         mean = yaw + (2.0 / 3.0) * half
         distance = speed * time
-        rows[OPENING, at] = from_x + distance * math.cos(mean)
-        rows[OPENING + 1, at] = from_y + distance * math.sin(mean)
-        rows[OPENING + 2, at], rows[OPENING + 3, at] = yaw + half, time
-
-
-@compiled
-def _write_relative_ends(direct: FloatArray, rows: FloatArray, ends: FloatArray) -> None:
-    """Write the destinations relative to the openings, shape (5, n), see `fastest_paths`."""
-    for at in range(direct.shape[1]):
-        heading = rows[OPENING + 2, at]
-        cos, sin = math.cos(heading), math.sin(heading)
-        dx, dy = rows[TO_X, at] - rows[OPENING, at], rows[TO_Y, at] - rows[OPENING + 1, at]
-        ends[0, at], ends[1, at] = cos * dx + sin * dy, cos * dy - sin * dx
-        ends[2, at] = wrapped(direct[YAWG, at] - heading)
-        ends[3, at], ends[4, at] = direct[V, at], direct[SPEEDG, at]
+        from_x, from_y, yaw = (
+            from_x + distance * math.cos(mean),
+            from_y + distance * math.sin(mean),
+            yaw + half,
+        )
+        rows[OPENING, at], rows[OPENING + 1, at] = from_x, from_y
+        rows[OPENING + 2, at], rows[OPENING + 3, at] = yaw, time
+        dx, dy, cos, sin = x - from_x, y - from_y, math.cos(yaw), math.sin(yaw)
+        rows[ENDS, at], rows[ENDS + 1, at] = cos * dx + sin * dy, cos * dy - sin * dx
+        rows[ENDS + 2, at] = wrapped(heading - yaw)
+        rows[ENDS + 3, at], rows[ENDS + 4, at] = speed, arrival
 
 
 ALIGNED = 0.1
@@ -102,18 +100,18 @@ ALIGNED = 0.1
 
 
 @compiled
-def _complete_paths(rows: FloatArray, w: float, aw: float, paths: FloatArray) -> None:
-    """Add the openings to the paths after them, shape (2, n): time (s) and angle turned (rad).
+def _write_paths(rows: FloatArray, paths: FloatArray, w: float, aw: float) -> None:
+    """Write the paths with their openings; `paths`, shape (2, n), are those after the openings.
 
     A robot at rest within `NEAR` of its goal turns on the spot, with an object in front up to `ALIGNED` only,
     at rates up to `w` (rad/s) and `aw` (rad/s^2).
     """
     for at in range(rows.shape[1]):
-        paths[0, at] += rows[OPENING + 3, at]
+        rows[PATH_TIME, at], rows[PATH_TURN, at] = paths[0, at] + rows[OPENING + 3, at], paths[1, at]
         angle = rows[ANGLE_BETWEEN, at]
         free = rows[HOLDS, at] < 0.5 or angle <= ALIGNED
         if free and rows[RESTS, at] > 0.5 and rows[DIST, at] < NEAR:
-            paths[0, at], paths[1, at] = turn_time(angle, w, aw), angle
+            rows[PATH_TIME, at], rows[PATH_TURN, at] = turn_time(angle, w, aw), angle
 
 
 Derived = TypeVar("Derived")
@@ -157,10 +155,11 @@ class Geometry:
         _write_rows(self._table, self.robot.hold, self.robot.limits.aw, rows)
         return rows
 
-    @property
-    def at_rest(self) -> BoolArray:
-        """Whether the robot stands at the start and at the goal."""
-        return np.asarray(self.rows[RESTS] > 0.5)
+    def taken(self, numbers: Sequence[int]) -> FloatArray:
+        """Return these of the rows, those of the path included, shape (len(numbers), n)."""
+        if max(numbers) >= PATH_TIME:
+            _ = self.path
+        return self.rows.take(numbers, axis=0)
 
     @property
     def dist(self) -> FloatArray:
@@ -177,25 +176,23 @@ class Geometry:
         """Signed angle in rad from the destination's bearing to the heading there."""
         return np.asarray(self.rows[AT_DEST])
 
-    @cached_property
+    @property
     def ends(self) -> FloatArray:
         """Both ends of the path after the opening, see `ator_ros.motion.shapes.fastest_paths`."""
-        ends = np.empty((5, self._table.shape[1]))
-        _write_relative_ends(self._table, self.rows, ends)
-        return ends
+        return self.rows[ENDS:PATH_TIME]
 
     @cached_property
     def path(self) -> FloatArray:
         """Times (s) of, and angles (rad) turned on, the fastest paths as the action drives, shape (2, n)."""
         driving = self._driving or plain_driving(self.robot)
-        holding = self.direct["hold"] > 0.5
-        hold = self.robot.hold if holding.any() else 0.0
-        shapes = driving.approach_paths if holding.any() else driving.drive_paths
+        holding = self.rows[HOLDS] > 0.5
+        held = np.count_nonzero(holding)
+        hold, shapes = (self.robot.hold, driving.approach_paths) if held else (0.0, driving.drive_paths)
         paths = fastest_paths(self.ends, shapes, hold=hold)
-        if driving.approaches and holding.any() and not holding.all():
+        if driving.approaches and 0 < held < len(holding):
             paths = np.where(holding, paths, fastest_paths(self.ends, driving.drive_paths, hold=hold))
-        _complete_paths(self.rows, driving.limits.w, driving.limits.aw, paths)
-        return paths
+        _write_paths(self.rows, paths, driving.limits.w, driving.limits.aw)
+        return self.rows[PATH_TIME:]
 
 
 def from_hold(geometry: Geometry) -> tuple[FloatArray, FloatArray]:

@@ -24,6 +24,8 @@ from ator_ros.performance.derived import (
     FROM_Y,
     FROM_YAW,
     GOAL_YAW,
+    PATH_TIME,
+    PATH_TURN,
     SPEED,
     TO_X,
     TO_Y,
@@ -44,12 +46,15 @@ class Feature:
         The direct variables that it is computed from (paper, section 4.2).
     compute : callable
         Returns its values, shape (n,), in SI units.
+    row : int or None
+        Its number among `Geometry.rows`; None: it is none of them.
     """
 
     name: str
     unit: str
     derives: frozenset[str]
     compute: Callable[[Geometry], FloatArray]
+    row: int | None = None
 
 
 def variables(words: str) -> frozenset[str]:
@@ -60,7 +65,7 @@ def variables(words: str) -> frozenset[str]:
 def _basic(name: str, unit: str, derives: str) -> Feature:
     """Return the feature that is one of the rows of `BASICS`."""
     row = BASICS.index(name)
-    return Feature(name, unit, variables(derives), lambda g: g.rows[row])
+    return Feature(name, unit, variables(derives), lambda g: g.rows[row], row)
 
 
 _PLACES = "x y xg yg yawg hold"
@@ -91,8 +96,8 @@ SIGNED = (
 
 _MOTION = variables(f"{_POSES} speedg v w")
 PATHS = (
-    Feature("path_time", "s", _MOTION, lambda g: g.path[0]),
-    Feature("path_turn", "rad", _MOTION, lambda g: g.path[1]),
+    Feature("path_time", "s", _MOTION, lambda g: g.path[0], PATH_TIME),
+    Feature("path_turn", "rad", _MOTION, lambda g: g.path[1], PATH_TURN),
 )
 """Time of and angle turned on the fastest path that the action was observed to drive; see `Geometry.path`."""
 

@@ -11,8 +11,9 @@ from typing import Annotated, Any
 
 import numpy as np
 
+from ator_ros.compiled import compiled
 from ator_ros.geometry import FloatArray
-from ator_ros.performance.derived import ANGLE_BETWEEN, Geometry
+from ator_ros.performance.derived import ANGLE_BETWEEN, DIST, RESTS, Geometry
 from ator_ros.performance.direct import Direct
 from ator_ros.performance.driving import DrivingStyle
 from ator_ros.performance.error_process import ErrorProcess
@@ -193,10 +194,8 @@ class PerformanceModel:
         known = self.at_goal
         if known is None:
             return
-        near = (geometry.dist <= known.dist) & (geometry.rows[ANGLE_BETWEEN] <= known.angle)
-        if near.any():
-            near &= geometry.at_rest
-            fields["duration"][near], fields["spread"][near] = known.duration, known.spread
+        place, result = (known.dist, known.angle), (known.duration, known.spread)
+        _write_at_goal(geometry.rows, place, result, fields["duration"], fields["spread"])
 
     def rules(self, measure: str = "duration") -> str:
         """Return the rules of one measure as text in the paper's form, one a line, after what they share."""
@@ -215,7 +214,11 @@ class PerformanceModel:
         return Geometry(direct, self.robot, self.driving, self.declared_variables)
 
     def _rows(self, geometry: Geometry, names: Iterable[str]) -> FloatArray:
-        columns = [geometry.once(self.features[name].compute) for name in names]
+        features = [self.features[name] for name in names]
+        numbers = [feature.row for feature in features if feature.row is not None]
+        if len(numbers) == len(features):
+            return geometry.taken(numbers)  # much faster
+        columns = [geometry.once(feature.compute) for feature in features]
         return np.concatenate(columns).reshape(len(columns), -1)  # much faster than np.stack
 
     def _writer(self, measure: str) -> RuleWriter:
@@ -223,6 +226,20 @@ class PerformanceModel:
         units = {name: self.features[name].unit for name in tree.names}
         target = "time" if measure == "duration" else measure
         return RuleWriter(tree, units, target=target, target_unit=MEASURES[measure])
+
+
+@compiled
+def _write_at_goal(
+    rows: FloatArray,
+    place: tuple[float, float],
+    result: tuple[float, float],
+    durations: FloatArray,
+    spreads: FloatArray,
+) -> None:
+    """Write a duration and a spread for robots at rest within a distance (m) and angle (rad) of the goal."""
+    for at in range(rows.shape[1]):
+        if rows[RESTS, at] > 0.5 and rows[DIST, at] <= place[0] and rows[ANGLE_BETWEEN, at] <= place[1]:
+            durations[at], spreads[at] = result
 
 
 def narrowed(tree: ModelTree) -> ModelTree:

@@ -14,7 +14,7 @@ import pandas as pd
 from ator_ros.actions.goal_variables import direct_name
 from ator_ros.experience.table import ExperienceError, goal_variables_of_columns
 from ator_ros.geometry import BoolArray, FloatArray, wrap_angles
-from ator_ros.performance.derived import ANGLE_BETWEEN, Geometry
+from ator_ros.performance.derived import ANGLE_BETWEEN, RESTS, Geometry
 from ator_ros.performance.direct import DIRECT_VARIABLES
 from ator_ros.performance.driving import DrivingStyle
 from ator_ros.performance.error_process import fit_error_process
@@ -334,10 +334,10 @@ def _observed_at_goal(starts: pd.DataFrame, robot: Robot) -> AtGoal | None:
     # The bounds are the widest within which durations hardly differ; if they differ next to the goal, None.
     geometry = Geometry(direct_of(starts), robot)
     durations = starts["duration"].to_numpy(dtype=float)
-    angle = geometry.rows[ANGLE_BETWEEN]
+    angle, at_rest = geometry.rows[ANGLE_BETWEEN], geometry.rows[RESTS] > 0.5
     found = UNOBSERVED
     for dist, most in ((found.dist, found.angle), *_AT_GOAL):
-        within = durations[geometry.at_rest & (geometry.dist <= dist) & (angle <= most)]
+        within = durations[at_rest & (geometry.dist <= dist) & (angle <= most)]
         if len(within) < _LEAST_AT_GOAL:
             continue
         if np.ptp(within) > _ALIKE:

@@ -108,13 +108,16 @@ class ModelTree:
         """Return the results of `predict` and `apply` for the transpose of `X`, shape (n_features, n)."""
         if rows.ndim != 2 or len(rows) != len(self.names):
             raise ValueError(f"expected features of shape (n, {len(self.names)}), got {rows.T.shape}")
-        value, leaf = np.empty(rows.shape[1]), np.empty(rows.shape[1], dtype=np.intp)
         splits = self.feature, self.threshold, self.children
         models = self.intercept, self.coefficients, self.lower, self.upper
-        _evaluate(rows, splits, models, value, leaf)
-        for hinge in self.base:
-            value += hinge.of(rows[self.names.index(hinge.feature)])
-        return value, leaf
+        return _evaluate(rows, splits, models, self._bends)
+
+    @cached_property
+    def _bends(self) -> tuple[IntArray, FloatArray, FloatArray]:
+        """Column, beginning and slope of each term of the base."""
+        columns = np.array([self.names.index(hinge.feature) for hinge in self.base], dtype=np.intp)
+        above, slopes = ([getattr(hinge, name) for hinge in self.base] for name in ("above", "slope"))
+        return columns, np.array(above, dtype=float), np.array(slopes, dtype=float)
 
 
 @compiled
@@ -122,10 +125,11 @@ def _evaluate(
     rows: FloatArray,
     splits: tuple[IntArray, FloatArray, IntArray],
     models: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
-    value: FloatArray,
-    leaf: IntArray,
-) -> None:
+    bends: tuple[IntArray, FloatArray, FloatArray],
+) -> tuple[FloatArray, IntArray]:
     (feature, threshold, children), (intercept, coefficients, lower, upper) = splits, models
+    (columns, above, slope) = bends
+    value, leaf = np.empty(rows.shape[1]), np.empty(rows.shape[1], dtype=np.intp)
     for at in range(rows.shape[1]):
         node = 0
         while children[node, 0] != node:
@@ -133,8 +137,12 @@ def _evaluate(
         result = intercept[node]
         for column in range(len(rows)):
             result += rows[column, at] * coefficients[node, column]
-        value[at] = np.minimum(np.maximum(result, lower[node]), upper[node])
-        leaf[at] = node
+        result = np.minimum(np.maximum(result, lower[node]), upper[node])
+        for term in range(len(columns)):
+            x = rows[columns[term], at]
+            result += slope[term] * (x if above[term] == 0.0 else np.maximum(x - above[term], 0.0))
+        value[at], leaf[at] = result, node
+    return value, leaf
 
 
 Bounds = Mapping[str, tuple[float, float]]
