@@ -85,7 +85,7 @@ class Reference:
             lines = [fine_line(domain, degrees) for domain in axes]
             grid = np.array(list(itertools.product(*lines)), dtype=float)
             grids.append(np.vstack([given, grid]) if lines else grid)
-        return self._with(least_path(self._model.step_cost, grids, self._model.given).values)
+        return self._with(least_path(self._model.step_costs, grids).values)
 
     def optimized(self, seed: int) -> TopChain:
         """Return the chain that differential evolution finds (Storn and Price 1997, SciPy)."""
@@ -103,7 +103,7 @@ class Reference:
         subgoals = self._split(points)
         cost, before = np.zeros(points.shape[1]), np.zeros((1, 0))
         for step, after in enumerate(subgoals):
-            cost = cost + self._model.step_cost(step, before, after)
+            cost = cost + self._model.step_costs([(step, before, after)])[0]
             before = after
         cost[~self._inside(subgoals, points.shape[1])] = OUTSIDE
         return np.fmin(cost, OUTSIDE)

@@ -136,8 +136,8 @@ def curves(
     free = analyze(chain, models, robot).free
     model = ChainModel(world, chain, robot, models=models, names=names_of(chain, free), objective=Objective())
     headings, nothing = np.linspace(-math.pi, math.pi, CANDIDATES, endpoint=False), np.zeros((1, 0))
-    first = model.step_cost(0, nothing, headings[:, None])
-    return headings, [first, model.step_cost(1, headings[:, None], nothing)]
+    steps = (0, nothing, headings[:, None]), (1, headings[:, None], nothing)
+    return headings, model.step_costs(steps)
 
 
 def figure6(robot: Robot, models: Mapping[str, Any], library: TopLibrary) -> Any:

@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from types import SimpleNamespace
 from typing import Any
 
@@ -11,9 +11,9 @@ import numpy as np
 from ator_ros.actions.base import Goal
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import BALL
-from ator_ros.geometry import Pose, wrap_angles
+from ator_ros.geometry import FloatArray, Pose, wrap_angles
 from ator_ros.performance.model import Arrival
-from ator_ros.refinement.search import Deadline
+from ator_ros.refinement.search import Deadline, Pairs, StepCosts
 from ator_ros.robot.description import load_robot
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.world.state import ObjectState, RobotState, World
@@ -91,6 +91,24 @@ def three_steps(opened: frozenset[str] = ANGLE) -> TopChain:
             call("shoot", 4.0, 0.0, 0.0),
         )
     )
+
+
+StepCost = Callable[[int, FloatArray, FloatArray], FloatArray]
+"""Returns the cost of step i, shape (n,), from the subgoals before and after it, shapes (n or 1, k)."""
+
+
+def pair_by_pair(cost: StepCost) -> StepCosts:
+    """Return a function for `search` from a cost of single steps."""
+
+    def costs(steps: Sequence[Pairs]) -> list[FloatArray]:
+        found = []
+        for index, before, after in steps:
+            n, m = len(before), len(after)
+            pairs = np.repeat(before[:, 0], m, axis=0), np.tile(after, (n, 1))
+            found.append(np.broadcast_to(cost(index, *pairs), n * m).reshape(n, m))
+        return found
+
+    return costs
 
 
 def after(checks: int) -> Deadline:

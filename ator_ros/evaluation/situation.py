@@ -228,20 +228,21 @@ def best_headings(
         trial.world, trial.chain, tools.robot, models=tools.models, names=names, objective=Objective()
     )
     offered = [headings[:, None] for headings in candidates(trial, chosen, count)]
-    predicted = least_path(model.step_cost, offered, ())
+    predicted = least_path(model.step_costs, offered)
     bound = math.inf if margin is None else predicted.cost + margin + _ROUNDING
     promising = [curve.values[curve.totals <= bound] for curve in predicted.curves]
     executed = 0
 
     def duration(index: int, before: FloatArray, after: FloatArray) -> FloatArray:
         nonlocal executed
-        starts = model.rows[index].table(before, after).table[[X, Y, YAW]].T.tolist()
-        executed += len(starts)
-        worlds = [World(0.0, RobotState(Pose(*start)), trial.world.objects) for start in starts]
-        headings = np.broadcast_to(after[:, 0], len(starts)).tolist()
-        legs = [with_headings(TopChain((calls[index],)), {0: yaw}) for yaw in headings]
-        return np.array([drive(world, leg) for world, leg in zip(worlds, legs, strict=True)])
+        starts = model.rows[index].values(before, after)[[X, Y, YAW]]
+        headings = np.broadcast_to(after[:, 0], starts[0].shape)
+        poses = [Pose(*start) for start in starts.reshape(3, -1).T.tolist()]
+        worlds = [World(0.0, RobotState(pose), trial.world.objects) for pose in poses]
+        legs = [with_headings(TopChain((calls[index],)), {0: yaw}) for yaw in headings.ravel().tolist()]
+        executed += len(legs)
+        return np.reshape([drive(*pair) for pair in zip(worlds, legs, strict=True)], headings.shape)
 
-    values = least_path(duration, promising, ()).values
+    values = least_path(lambda steps: [duration(*pairs) for pairs in steps], promising).values
     opened = {i: float(yaw[0]) for i, yaw in enumerate(values) if "yaw" in calls[i].open}
     return with_headings(trial.chain, opened), executed

@@ -7,8 +7,9 @@ situations and adds up their costs.
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -21,6 +22,7 @@ from ator_ros.motion.routes import arrival_heading, routes_of
 from ator_ros.performance.direct import DIRECT_VARIABLES, SPEEDG, XG, YAW, YAWG, YG, DirectTable, V, X, Y
 from ator_ros.performance.model import Arrival
 from ator_ros.refinement.objective import Objective
+from ator_ros.refinement.search import Pairs, StepCosts
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain, projected
 from ator_ros.world.state import World
@@ -97,11 +99,11 @@ class StepRows:
         bearing: float = 0.0,
     ) -> None:
         declared = sorted(goal.values)
-        self._names = (*DIRECT_VARIABLES, *map(direct_name, declared))
+        self.names = (*DIRECT_VARIABLES, *map(direct_name, declared))
         values = goal.speed, goal.point is Point.HOLD, *(goal.values[name] for name in declared)
         self._fixed = np.array([*start, *goal.pose, *values], dtype=float)
         self._of_goal = [
-            (_GOAL_ROWS[name] if name in _GOAL_ROWS else self._names.index(direct_name(name)), column)
+            (_GOAL_ROWS[name] if name in _GOAL_ROWS else self.names.index(direct_name(name)), column)
             for column, name in enumerate(names)
         ]
         self._of_start = [
@@ -111,24 +113,27 @@ class StepRows:
         self._hold = hold
         self._arrival, self._bearing = arrival, bearing
 
-    def table(self, before: FloatArray, after: FloatArray) -> DirectTable:
-        """Return the table for candidates, shapes (n or 1, k), of the subgoals before and after the step."""
-        count = max(len(before) if self._of_start else 1, len(after) if self._of_goal else 1)
-        table = self._fixed[:, None].repeat(count, axis=1)
-        for row, column in self._of_goal:
-            table[row] = after[:, column]
-        for row, column in self._of_start:
-            table[row] = before[:, column]
-        if self._held is not None and self._of_start:
-            yaw, moved = table[YAW], {row for row, _ in self._of_start}
-            for row, given, part in ((X, self._held.x, np.cos(yaw)), (Y, self._held.y, np.sin(yaw))):
-                table[row] = (table[row] if row in moved else given) - self._hold * part
+    def values(self, before: FloatArray, after: FloatArray) -> FloatArray:
+        """Return the direct variables, shape (names, ...), for candidates (..., k), broadcast together.
+
+        They are of the subgoals before and after the step; those that change no variable count as one.
+        """
+        columns: dict[int, Any] = {row: before[..., column] for row, column in self._of_start}
+        if self._held is not None and columns:
+            yaw = columns.get(YAW, self._fixed[YAW])
+            columns[X] = columns.get(X, self._held.x) - self._hold * np.cos(yaw)
+            columns[Y] = columns.get(Y, self._held.y) - self._hold * np.sin(yaw)
         if self._arrival is not None:
-            table[X] -= self._arrival.dist * math.cos(self._bearing)
-            table[Y] -= self._arrival.dist * math.sin(self._bearing)
-            turn = wrap_angles(table[YAW] - self._bearing)
-            table[YAW] -= np.clip(turn, -self._arrival.angle, self._arrival.angle)
-        return DirectTable(self._names, table)
+            x, y, yaw = (columns.get(row, self._fixed[row]) for row in (X, Y, YAW))
+            dist, angle = self._arrival.dist, self._arrival.angle
+            columns[X], columns[Y] = x - dist * math.cos(self._bearing), y - dist * math.sin(self._bearing)
+            columns[YAW] = yaw - wrap_angles(yaw - self._bearing).clip(-angle, angle)
+        columns |= {row: after[..., column] for row, column in self._of_goal}
+        table = np.empty((len(self._fixed), *np.broadcast(*columns.values()).shape))
+        table.T[:] = self._fixed
+        for row, values in columns.items():
+            table[row] = values
+        return table
 
 
 def step_rows(
@@ -165,9 +170,8 @@ def chain_situations(
     world: World, chain: TopChain, robot: Robot, models: Mapping[str, PredictsPerformance]
 ) -> list[DirectTable]:
     """Return the direct variables of each action of `chain` with its own values."""
-    as_given = np.zeros((1, 0))
     rows = step_rows(world, chain, robot, [()] * len(chain.calls), models)
-    return [step.table(as_given, as_given) for step in rows]
+    return [DirectTable(step.names, step.values(np.zeros(0), np.zeros(0))[:, None]) for step in rows]
 
 
 # The prediction
@@ -231,25 +235,30 @@ class ChainModel:
         self._robot, self._routes = robot, routes_of(robot)
         self.rows = step_rows(world, chain, robot, self.names, models)
         self._actions = [call.top.action for call in chain.calls]
-        self._models = [models.get(action) for action in self._actions]
+        self._models = {action: models.get(action) for action in self._actions}
         self.objective = objective
         self.given = [
             np.array([goal_values(call.goal)[name] for name in names], dtype=float)
             for call, names in zip(chain.calls, self.names, strict=True)
         ]
 
-    def step_cost(self, index: int, before: FloatArray, after: FloatArray) -> FloatArray:
-        """Return the cost of one action, shape (n,), see `ator_ros.refinement.search.StepCost`."""
-        model = self._models[index]
-        if model is None:
-            return np.zeros(1)
-        direct = self.rows[index].table(before, after)
-        with np.errstate(all="ignore"):
-            cost = self._cost(model.predict(direct, self.objective.needs, None))
-        if self._routes is not None and {"x", "y"} & set(self.names[index]):  # free places are searched
-            has_room = self._routes.clearance(direct["xg"], direct["yg"]) >= self._robot.reach
-            cost = np.where(has_room, cost, np.inf)
-        return cost
+    def step_costs(self, steps: Sequence[Pairs]) -> list[FloatArray]:
+        """Return the costs of actions, see `ator_ros.refinement.search.StepCosts`."""
+        tables = [(index, self.rows[index].values(before, after)) for index, before, after in steps]
+        costs = [np.zeros(table.shape[1:]) for _, table in tables]  # an action without a model costs nothing
+        for places, prediction in self._predictions(tables, self.objective.needs, None):
+            cost = self._cost(prediction)
+            for place in places:
+                (index, table), size = tables[place], costs[place].size
+                costs[place], cost = cost[:size].reshape(table.shape[1:]), cost[size:]
+                if self._routes is not None and {"x", "y"} & set(self.names[index]):
+                    has_room = self._routes.clearance(table[XG], table[YG]) >= self._robot.reach
+                    costs[place] = np.where(has_room, costs[place], np.inf)
+        return costs
+
+    def costs_of_step(self, index: int) -> StepCosts:
+        """Return a function for the costs of one action alone, whatever the number of the step."""
+        return lambda steps: self.step_costs([(index, before, after) for _, before, after in steps])
 
     def predict(self) -> ChainPrediction:
         """Return the prediction for the chain's own values; its cost is infinite if that of a step is NaN."""
@@ -263,44 +272,50 @@ class ChainModel:
         It is the error of the models, from their errors on episodes that they were not learned from; the
         difference between single runs is `ChainPrediction.spread`.
         """
-        (first, second), uncertainty = self._predicted((before, after), (1.0, -1.0))
+        (first, second), uncertainty = self._predicted((before, after), np.repeat((1.0, -1.0), len(before)))
         return first, second, uncertainty
 
     def _predicted(
-        self, chains: Sequence[Sequence[FloatArray]], signs: tuple[float, ...] | None
+        self, chains: Sequence[Sequence[FloatArray]], signs: FloatArray | None
     ) -> tuple[list[ChainPrediction], float]:
-        """Return the predictions, and the uncertainty in s of the sum of their durations with these signs."""
+        """Return the predictions, and the uncertainty in s of the sum of all durations with these signs."""
         error = variance = 0.0
-        actions: list[list[dict[str, float]]] = [[{} for _ in self._actions] for _ in chains]
-        costs = np.zeros((len(chains), len(self._actions)))
+        count = len(self._actions)
+        pairs = [pair for chain in chains for pair in itertools.pairwise((np.zeros(0), *chain))]
+        tables = [(at % count, self.rows[at % count].values(*pair)) for at, pair in enumerate(pairs)]
+        actions: list[dict[str, float]] = [{} for _ in tables]
+        costs = np.zeros(len(tables))
         fields = tuple(dict.fromkeys(REPORTED + self.objective.needs))
-        tables = []
-        for chain in chains:
-            values = [np.zeros((1, 0)), *(each[None, :] for each in chain)]
-            tables.append([rows.table(values[step], values[step + 1]) for step, rows in enumerate(self.rows)])
-        for action in dict.fromkeys(self._actions):
-            steps = [step for step, name in enumerate(self._actions) if name == action]
-            model = self._models[steps[0]]
-            if model is None:
-                continue
-            # One prediction for all steps of a model takes hardly longer than for one step.
-            places = [(number, step) for number in range(len(chains)) for step in steps]
-            table = np.hstack([tables[number][step].table for number, step in places])
-            direct = DirectTable(tables[0][steps[0]].names, table)
-            with np.errstate(all="ignore"):
-                signed = None if signs is None else np.array([signs[number] for number, _ in places])
-                prediction = model.predict(direct, fields, signed)
+        for places, prediction in self._predictions(tables, fields, signs):
             if signs is not None:
                 error, variance = error + prediction.error_of_sum[0], variance + prediction.error_of_sum[1]
             columns = {name: getattr(prediction, name, None) for name in fields}
             known = {name: each.tolist() for name, each in columns.items() if each is not None}
-            cost = self._cost(prediction)
-            for row, (number, step) in enumerate(places):
-                actions[number][step] = {name: each[row] for name, each in known.items()}
-                costs[number, step] = cost[row]
-        sums = zip(actions, costs.sum(axis=1), strict=True)
-        predictions = [ChainPrediction(tuple(each), float(cost)) for each, cost in sums]
+            costs[places] = self._cost(prediction)
+            for row, place in enumerate(places):
+                actions[place] = {name: each[row] for name, each in known.items()}
+        sums = costs.reshape(-1, count).sum(axis=1).tolist()
+        parts = [tuple(actions[first : first + count]) for first in range(0, len(tables), count)]
+        predictions = [ChainPrediction(*each) for each in zip(parts, sums, strict=True)]
         return predictions, math.sqrt(error**2 + variance)
+
+    def _predictions(
+        self, tables: Sequence[tuple[int, FloatArray]], fields: tuple[str, ...], signs: FloatArray | None
+    ) -> Iterator[tuple[list[int], Any]]:
+        """Yield for each action the places of its tables, which follow their steps, and their prediction."""
+        actions = [self._actions[step] for step, _ in tables]
+        for action in dict.fromkeys(actions):
+            model = self._models[action]
+            if model is None:
+                continue
+            # One prediction for all steps of a model takes hardly longer than for one step.
+            places = [place for place, other in enumerate(actions) if other == action]
+            names = self.rows[tables[places[0]][0]].names
+            parts = [tables[place][1].reshape(len(names), -1) for place in places]
+            direct = DirectTable(names, np.concatenate(parts, axis=1))
+            with np.errstate(all="ignore"):
+                prediction = model.predict(direct, fields, None if signs is None else signs[places])
+            yield places, prediction
 
     def _cost(self, prediction: Any) -> FloatArray:
         return np.asarray(np.fmin(self.objective.cost(prediction), np.inf))  # NaN becomes infinite

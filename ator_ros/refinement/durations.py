@@ -70,8 +70,7 @@ def predict_durations(
 
 def _situations(starts: FloatArray, call: TopCall, robot: Robot) -> DirectTable:
     """Return the direct variables of a step for starts x, y, yaw, v, w, shape (n, 5)."""
-    given = np.zeros((1, 0))
-    one = StepRows(starts[0].tolist(), call.goal, (), None, (), robot.hold).table(given, given)
-    table = one.table.repeat(len(starts), axis=1)
+    rows = StepRows(starts[0].tolist(), call.goal, (), None, (), robot.hold)
+    table = rows.values(np.zeros(0), np.zeros(0))[:, None].repeat(len(starts), axis=1)
     table[: starts.shape[1]] = starts.T
-    return DirectTable(one.names, table)
+    return DirectTable(rows.names, table)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -176,12 +175,9 @@ class Refiner:
             compared = model.compare(model.given, model.given)
             optimum = unsearched(model.given, compared[0].cost)
         else:
-            axes = [
-                [variable.domain for variable in analysis.free if variable.subgoal == index]
-                for index in range(len(chain.calls))
-            ]
+            axes = [[v.domain for v in analysis.free if v.subgoal == index] for index in range(len(names))]
             optimum = search(
-                model.step_cost, axes, model.given, allowed=regions.allowing(), deadline=deadline
+                model.step_costs, axes, model.given, allowed=regions.allowing(), deadline=deadline
             )
             compared = model.compare(model.given, optimum.values)
         if not math.isfinite(optimum.cost):
@@ -226,10 +222,10 @@ class Refiner:
             part, objective = TopChain(chain.calls[: index + 1]), Objective()
             names = names_of(part, alone)
             model = ChainModel(world, part, self.robot, models=self.models, names=names, objective=objective)
-            cost = functools.partial(_cost_of_step, model, index)
+            costs, domains = model.costs_of_step(index), [[variable.domain for variable in alone]]
             allowed = regions.of_subgoal(chain, index, names[index])
             try:
-                optimum = search(cost, [[v.domain for v in alone]], allowed=allowed, deadline=deadline)
+                optimum = search(costs, domains, allowed=allowed, deadline=deadline)
             except NoCandidateError:  # the region is tiny: the given value is the only candidate
                 continue
             if not math.isfinite(optimum.cost):
@@ -338,10 +334,6 @@ class Refiner:
 def replaced(chain: TopChain, index: int, values: Mapping[str, float]) -> TopChain:
     """Return the chain with some goal variables of a subgoal replaced."""
     return chain.with_goal(index, with_values(chain.calls[index].goal, values))
-
-
-def _cost_of_step(model: ChainModel, index: int, _: int, before: FloatArray, after: FloatArray) -> FloatArray:
-    return model.step_cost(index, before, after)
 
 
 def _described(chain: TopChain, not_free: Sequence[NotFree]) -> str:

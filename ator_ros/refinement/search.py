@@ -23,11 +23,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ator_ros.compiled import compiled
 from ator_ros.geometry import BoolArray, FloatArray
 from ator_ros.tops.ranges import Range
 
-StepCost = Callable[[int, FloatArray, FloatArray], FloatArray]
-"""Returns the cost of step i, shape (n,), from the subgoals before and after it, shapes (n or 1, k)."""
+Pairs = tuple[int, FloatArray, FloatArray]
+"""Index of a step, and candidates of the subgoals before and after it, shapes (n, 1, k) and (m, k)."""
+StepCosts = Callable[[Sequence[Pairs]], Sequence[FloatArray]]
+"""Returns the costs of steps for all pairs of candidates, shapes (n, m)."""
 Allowed = Callable[[int, FloatArray], BoolArray]
 """Returns which candidates (n, k) of a subgoal its region allows, shape (n,)."""
 Deadline = Callable[[], bool]
@@ -43,8 +46,7 @@ _IN_WINDOW = (0, 6, 10, 15, 20)  # candidates of a window, besides its center
 _ROUNDS = 4  # most rounds for each free variable of a subgoal: more variables need more moves
 _ON_GRID = 2  # free variables up to which the first candidates form a grid, which has the ends of ranges
 _LEAST_STEPS = 3  # of a grid in each direction
-_BEST = 2  # candidates that have windows: the valley of the best first candidate may not be the deepest
-_APART = 0.5  # least distance between them, in half widths of a window
+_APART = 0.5  # least distance between the two candidates that have windows, in half widths
 _GAIN = 1e-3  # least gain of a round that counts, as a share of the mean cost of a step: 5 ms of 5 s
 _SHRINKS = 0.5  # least factor by which a window shrinks in a round
 _REACH = 2.0  # least half width of a window in multiples of the last move: windows follow a bent valley
@@ -105,7 +107,7 @@ class Optimum:
 
 
 def search(
-    step_cost: StepCost,
+    step_costs: StepCosts,
     axes: Sequence[Sequence[Range]],
     given: Sequence[FloatArray] | None = None,
     *,
@@ -118,8 +120,8 @@ def search(
 
     Parameters
     ----------
-    step_cost : callable
-        Step 0 starts from an array (1, 0).
+    step_costs : callable
+        Step 0 starts from an array (1, 1, 0).
     axes : sequence, one item per subgoal
         Domains of the subgoal's free variables; empty where none is free.
     given : sequence, one item per subgoal, optional
@@ -131,10 +133,9 @@ def search(
         values, all first candidates are evaluated nevertheless.
     """
     free = [0, *map(len, axes), 0]
-    beside = [bool(free[index] or free[index + 2]) for index in range(len(axes))]
     windows = [
-        _Windows(index, domains, allowed, beside=has_free_neighbor)
-        for index, (domains, has_free_neighbor) in enumerate(zip(axes, beside, strict=True))
+        _Windows(index, domains, allowed, beside=bool(free[index] or free[index + 2]))
+        for index, domains in enumerate(axes)
     ]
     candidates = [window.first for window in windows]
     if given is not None:
@@ -142,7 +143,7 @@ def search(
         candidates = [np.vstack((values, others)) if len(values) else others for values, others in pairs]
     elif not all(map(len, candidates)):
         raise NoCandidateError("expected candidates of every subgoal, got none")
-    path = least_path(step_cost, candidates, given or (), deadline)
+    path = least_path(step_costs, candidates, deadline if given is not None else no_deadline)
     curves = path.curves
     turns = 2 if any(map(all, itertools.pairwise(free))) else 1
     without_gain = 0
@@ -157,10 +158,11 @@ def search(
         before, keeps_before = [0], True
         for window, row, curve, costs in zip(windows, path.rows, path.curves, path.costs, strict=True):
             best, keeps = window.best(row, curve), not window.has_new(number)
-            known.append(costs[np.ix_(before, best)] if keeps and keeps_before else None)
-            candidates.append(curve.values[best] if keeps else window.around(curve.values[best], number))
+            known.append(costs.take(before, axis=0).take(best, axis=1) if keeps and keeps_before else None)
+            around = curve.values.take(best, axis=0)
+            candidates.append(around if keeps else window.around(around, number))
             before, keeps_before = best, keeps
-        path = least_path(step_cost, candidates, centers, deadline, known)
+        path = least_path(step_costs, candidates, deadline, known)
         for window, start, end in zip(windows, centers, path.values, strict=True):
             window.shrink(start, end, number)
         without_gain = 0 if cost - path.cost > _GAIN * abs(cost) / len(axes) else without_gain + 1
@@ -177,63 +179,64 @@ def unsearched(given: Sequence[FloatArray], cost: float) -> Optimum:
 
 
 def least_path(
-    step_cost: StepCost,
+    step_costs: StepCosts,
     candidates: Sequence[FloatArray],
-    given: Sequence[FloatArray],
     deadline: Deadline = no_deadline,
     known: Sequence[FloatArray | None] = (),
 ) -> Optimum:
-    """Find the best candidate of each subgoal; after the deadline, later subgoals keep the `given` value.
+    """Find the best candidate of each subgoal; after the deadline, later subgoals keep the first one.
 
     `known` are the costs (n, m) of each step, None where they must be evaluated; by default all must be.
     """
-    searched: list[FloatArray] = []
-    costs: list[FloatArray] = []
-    forward: list[FloatArray] = []
+    costs = _evaluated(step_costs, candidates, known or [None] * len(candidates), deadline)
+    late = len(candidates) - len(costs)
+    if late:
+        candidates = [*candidates[:-late], *(each[:1] for each in candidates[-late:])]
+        costs = _evaluated(step_costs, candidates, [*costs, *[None] * late], no_deadline)
+    forward = [costs[0][0]]
     origins = []
-    before, complete = np.zeros((1, 0)), True
-    for index, offered in enumerate(candidates):
-        after = offered if complete else given[index][None, :]
-        cost = known[index] if known and complete else None
-        if cost is None:
-            limit = deadline if complete and given else no_deadline
-            cost = _pairwise(step_cost, index, before, after, limit)
-        if len(cost) < len(before):
-            complete, after = False, given[index][None, :]
-            cost = _pairwise(step_cost, index, before, after, no_deadline)
-        sums = forward[-1][:, None] + cost if forward else cost
-        origins.append(np.argmin(sums, axis=0))
-        forward.append(sums[origins[-1], np.arange(sums.shape[1])])
-        costs.append(cost)
-        searched.append(after)
-        before = after
-    backward = [np.zeros(len(before))]
+    for cost in costs[1:]:
+        sums = forward[-1][:, None] + cost
+        origins.append(sums.argmin(axis=0))
+        forward.append(sums.min(axis=0))
+    backward = [np.zeros(len(candidates[-1]))]
     for cost in reversed(costs[1:]):
-        backward.insert(0, np.min(cost + backward[0][None, :], axis=1))
-    row = int(np.argmin(forward[-1]))
+        backward.insert(0, (cost + backward[0]).min(axis=1))
+    row = int(forward[-1].argmin())
     total, path = float(forward[-1][row]), [row]
-    for origin in reversed(origins[1:]):
+    for origin in reversed(origins):
         path.insert(0, int(origin[path[0]]))
-    values = [c[i] for c, i in zip(searched, path, strict=True)]
-    curves = [SearchCurve(c, f + b) for c, f, b in zip(searched, forward, backward, strict=True)]
-    return Optimum(values, total, curves, path, costs, complete)
+    values = [c[i] for c, i in zip(candidates, path, strict=True)]
+    curves = [SearchCurve(c, f + b) for c, f, b in zip(candidates, forward, backward, strict=True)]
+    return Optimum(values, total, curves, path, costs, complete=not late)
 
 
-def _pairwise(
-    step_cost: StepCost, index: int, before: FloatArray, after: FloatArray, deadline: Deadline
-) -> FloatArray:
-    """Return the cost (n, m) of a step for n candidates before and m after it; fewer rows if time is up."""
-    m = len(after)
-    size = max(1, BLOCK // m)
-    blocks = []
-    for first in range(0, len(before), size):
+def _evaluated(
+    evaluate: StepCosts, offered: Sequence[FloatArray], known: Sequence[FloatArray | None], deadline: Deadline
+) -> list[FloatArray]:
+    """Return the costs (n, m) of each step, evaluated if they are not known; of fewer if time is up."""
+    found: list[FloatArray] = []
+    blocks: list[list[Pairs]] = []
+    parts: list[FloatArray] = []  # of `found`, for the pairs in the blocks
+    room = 0  # pairs for which the last block has room
+    for index, (after, cost) in enumerate(zip(offered, known, strict=True)):
+        before = offered[index - 1] if index else np.zeros((1, 0))
+        found.append(np.empty((len(before), len(after))) if cost is None else cost)
+        size = max(1, BLOCK // len(after))
+        for first in range(0, len(before) if cost is None else 0, size):
+            some = slice(first, first + size)
+            parts.append(found[index][some])
+            room -= parts[-1].size
+            if room < 0:
+                blocks.append([])
+                room = BLOCK - parts[-1].size
+            blocks[-1].append((index, before[some, None], after))
+    for block in blocks:
         if deadline():
-            break
-        some, n = before[first : first + size], len(before[first : first + size])
-        pairs = (some.repeat(m, axis=0), np.tile(after, (n, 1))) if n > 1 and m > 1 else (some, after)
-        costs = step_cost(index, *pairs)
-        blocks.append(np.full((n, m), costs[0]) if len(costs) == 1 else costs.reshape(n, m))
-    return blocks[0] if len(blocks) == 1 else np.concatenate([*blocks, np.zeros((0, m))])
+            return found[: block[0][0]]
+        for cost in evaluate(block):
+            parts.pop(0)[:] = cost
+    return found
 
 
 # Candidates
@@ -242,74 +245,55 @@ def _pairwise(
 class _Windows:
     """The candidates of one subgoal: the first ones (n, k), and windows that shrink around the best.
 
-    `domains` are those of its k free variables, `allowed` limits the candidates to its region, and `beside`
+    `ranges` are those of its k free variables, `allowed` limits the candidates to its region, and `beside`
     is whether a neighboring subgoal has free variables.
     """
 
-    def __init__(
-        self, index: int, domains: Sequence[Range], allowed: Allowed | None, *, beside: bool
-    ) -> None:
-        self._index, self._domains, self._allowed, self._beside = index, domains, allowed, beside
-        self._period = np.array([_period(domain) for domain in domains])
+    def __init__(self, index: int, ranges: Sequence[Range], allowed: Allowed | None, *, beside: bool) -> None:
+        self._index, self._ranges, self._allowed, self._beside = index, ranges, allowed, beside
+        rows = [(each.low, each.high, each.periodic) for each in ranges]
+        low, high, periodic = np.array(rows).reshape(-1, 3).T
+        self._period = np.where((periodic > 0.0) & (high > low), high - low, np.inf)
+        self._bounds = np.stack((low, high, self._period))
         self._used = 0  # points of the sequence
-        count = _of(_FIRST_BESIDE if beside else _FIRST_ALONE, len(domains))
+        count = _of(_FIRST_BESIDE if beside else _FIRST_ALONE, len(ranges))
         self.first, self._radius = self._first(count)
 
     def around(self, best: FloatArray, number: int) -> FloatArray:
-        """Return the `best` candidates (n, k) and new ones in their windows."""
-        free = best.shape[1]
-        each = _of(_IN_WINDOW, free)
-        offsets = 2.0 * spread_points(free, self._used, each * len(best)) - 1.0
-        self._used += len(offsets)
-        if free > 1:
-            # Every second candidate differs in one variable only: a variable that is aligned exactly, or at
-            # the end of its range, remains so while another one changes.
-            rows = np.arange(0, len(offsets), 2)
-            moved = (rows // 2 + number) % free
-            kept = offsets[rows, moved]
-            offsets[rows] = 0.0
-            offsets[rows, moved] = kept
-        points = best.repeat(each, axis=0)[: len(offsets)] + self._radius * offsets
-        into_domains(points, self._domains)
+        """Return the `best` candidates (n, k), and new ones in their windows."""
+        each = _of(_IN_WINDOW, len(self._ranges))
+        points = spread_points(len(self._ranges), self._used, each * len(best))
+        self._used += len(points)
+        points = _in_windows(points, best, each, self._radius, self._bounds, number)
         return np.concatenate((best, self._within(points)))
 
     def shrink(self, start: FloatArray, end: FloatArray, number: int) -> None:
         """Shrink the windows after a round in which the best candidate moved from `start` to `end`, (k,)."""
         if self.has_new(number):
-            self._radius = np.maximum(_SHRINKS * self._radius, _REACH * self._apart(start, end))
+            distance = np.abs(end - start) % self._period  # given values may be turns away
+            moved = np.minimum(distance, self._period - distance)
+            self._radius = np.maximum(_SHRINKS * self._radius, _REACH * moved)
 
     def has_new(self, number: int) -> bool:
         """Return whether the subgoal has new candidates in a round."""
-        return bool(self._domains) and (not self._beside or (self._index + number) % 2 == 0)
+        return bool(self._ranges) and (not self._beside or (self._index + number) % 2 == 0)
 
     def best(self, row: int, curve: SearchCurve) -> list[int]:
-        """Return `row`, and rows of the best candidates that are no neighbors of each other."""
-        best, left = [row], curve.totals.copy()
-        while self._domains and len(best) < _BEST:
-            neighbors = self._apart(curve.values, curve.values[best[-1]]) < _APART * self._radius
-            left[neighbors.all(axis=1)] = np.inf
-            row = int(np.argmin(left))
-            if not np.isfinite(left[row]):
-                break
-            best.append(row)
-        return best
+        """Return `row`, and the best row that is no neighbor of it: its valley may be deeper."""
+        second = _best_apart(curve.values, curve.totals, row, _APART * self._radius, self._period)
+        return [row, second] if second >= 0 else [row]
 
     def _first(self, count: int) -> tuple[FloatArray, FloatArray]:
         """Return `count` first candidates (n, k), fewer in a small region, and windows' half widths (k,)."""
-        free = len(self._domains)
+        free = len(self._ranges)
         if free <= _ON_GRID:
-            grid, steps = _grid(tuple(self._domains), count)
+            grid, steps = _grid(tuple(self._ranges), count)
             if self._allowed is None or self._allowed(self._index, grid).all():
-                return grid, steps
-        low, high = np.array([(domain.low, domain.high) for domain in self._domains]).T
+                return grid.copy(), steps
+        low, high, _ = self._bounds
         tries = count if self._allowed is None else count * _TRIES
         points = self._within(low + (high - low) * spread_points(free, 0, tries))[:count]
         return points, 0.5 * (high - low) * max(len(points), 1) ** (-1.0 / free)
-
-    def _apart(self, start: FloatArray, end: FloatArray) -> FloatArray:
-        """Return the distance between candidates in each variable, shapes (..., k)."""
-        distance = np.abs(end - start) % self._period  # given values may be turns away
-        return np.asarray(np.minimum(distance, self._period - distance))
 
     def _within(self, points: FloatArray) -> FloatArray:
         return points if self._allowed is None else points[self._allowed(self._index, points)]
@@ -317,10 +301,7 @@ class _Windows:
 
 @lru_cache(maxsize=32)
 def _grid(domains: tuple[Range, ...], count: int) -> tuple[FloatArray, FloatArray]:
-    """Return about `count` candidates, shape (n, k), that form a grid, and its steps, shape (k,).
-
-    The cached arrays are read-only.
-    """
+    """Return about `count` candidates, shape (n, k), that form a grid, and its steps, shape (k,)."""
     lines: dict[int, FloatArray] = {}
     for number in sorted(range(len(domains)), key=lambda each: domains[each].steps):  # the coarsest first
         others = [each for each in range(len(domains)) if each not in lines]
@@ -332,7 +313,6 @@ def _grid(domains: tuple[Range, ...], count: int) -> tuple[FloatArray, FloatArra
     axes = np.meshgrid(*(lines[number] for number in range(len(domains))), indexing="ij")
     # The last variable, usually a speed, varies slowest: path times take longer where speeds change.
     grid = np.stack([axis.ravel("F") for axis in axes], axis=1) if domains else np.zeros((1, 0))
-    grid.setflags(write=False)
     return grid, np.array([lines[number][1] - lines[number][0] for number in range(len(domains))])
 
 
@@ -341,20 +321,38 @@ def _of(table: Sequence[int], free: int) -> int:
     return table[min(free, len(table) - 1)]
 
 
-def into_domains(points: FloatArray, domains: Sequence[Range]) -> None:
-    """Bring values (n, k) into their domains: angles by whole turns, others to the bound."""
-    for column, domain in enumerate(domains):
-        values, period = points[:, column], _period(domain)
-        if np.isfinite(period):
-            points[:, column] = (values - domain.low) % period + domain.low
-        else:
-            points[:, column] = np.clip(values, domain.low, domain.high)
+@compiled
+def _in_windows(
+    points: FloatArray, centers: FloatArray, each: int, radius: FloatArray, bounds: FloatArray, number: int
+) -> FloatArray:
+    """Return points (n, k) of the unit cube moved to windows, `each` of them to that about one center."""
+    moved = np.empty(points.shape)
+    for row, column in np.ndindex(points.shape):
+        # Every second candidate differs in one variable only: a variable that is aligned exactly, or at the
+        # end of its range, remains so while another one changes.
+        differs = row % 2 == 1 or column == (row // 2 + number) % len(radius)
+        offset = 2.0 * points[row, column] - 1.0 if differs else 0.0
+        value = centers[row // each, column] + radius[column] * offset
+        low, high, period = bounds[0, column], bounds[1, column], bounds[2, column]
+        turned = (value - low) % period + low
+        moved[row, column] = turned if period < np.inf else min(max(value, low), high)
+    return moved
 
 
-def _period(domain: Range) -> float:
-    """Return the period of a domain; infinite if it has none, or only one value."""
-    width = domain.high - domain.low
-    return width if domain.periodic and width > 0.0 else np.inf
+@compiled
+def _best_apart(
+    values: FloatArray, totals: FloatArray, row: int, reach: FloatArray, period: FloatArray
+) -> int:
+    """Return the row of the best candidate (n, k) beyond `reach` (k,) of candidate `row`; -1 if none is."""
+    found, least = -1, np.inf
+    for number in range(len(values)):
+        if totals[number] < least:
+            for column in range(len(reach)):
+                distance = abs(values[number, column] - values[row, column]) % period[column]
+                if min(distance, period[column] - distance) >= reach[column]:
+                    found, least = number, totals[number]
+                    break
+    return found
 
 
 def spread_points(dimensions: int, first: int, count: int) -> FloatArray:

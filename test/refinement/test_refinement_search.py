@@ -5,9 +5,10 @@ import math
 
 import numpy as np
 import pytest
+from refinement_fakes import StepCost, pair_by_pair
 
 from ator_ros.geometry import FloatArray, wrap_angles
-from ator_ros.refinement.search import StepCost, search
+from ator_ros.refinement.search import search
 from ator_ros.tops.ranges import Range
 
 CIRCLE = Range(-math.pi, math.pi, 36, periodic=True)
@@ -54,14 +55,14 @@ def brute_force(cost: StepCost, axes: list[list[Range]], count: int) -> float:
 )
 def test_joint_search_is_as_good_as_brute_force(axes: list[list[Range]], count: int, seed: int) -> None:
     cost = smooth_cost(seed, [len(domains) for domains in axes])
-    optimum = search(cost, axes)
+    optimum = search(pair_by_pair(cost), axes)
     assert optimum.cost <= brute_force(cost, axes, count) + 0.02
 
 
 @pytest.mark.parametrize("axes", [[[CIRCLE], []], [[CIRCLE], [SPEED], [CIRCLE, SPEED]]])
 def test_reported_cost_is_the_cost_of_the_values(axes: list[list[Range]]) -> None:
     cost = smooth_cost(3, [len(domains) for domains in axes])
-    optimum = search(cost, axes)
+    optimum = search(pair_by_pair(cost), axes)
     total, previous = 0.0, np.zeros((1, 0))
     for index, values in enumerate(optimum.values):
         total += float(cost(index, previous, values[None, :])[0])
@@ -72,7 +73,7 @@ def test_reported_cost_is_the_cost_of_the_values(axes: list[list[Range]]) -> Non
 def test_curve_has_the_minimum_cost_through_each_candidate() -> None:
     axes = [[CIRCLE], [CIRCLE], []]
     cost = smooth_cost(1, [1, 1, 0])
-    first, second, _ = search(cost, axes).curves
+    first, second, _ = search(pair_by_pair(cost), axes).curves
     others = second.values
     for value, total in zip(first.values, first.totals, strict=True):
         one = value[None, :]
@@ -84,7 +85,7 @@ def test_given_values_are_never_made_worse() -> None:
     def needle(index: int, previous: FloatArray, values: FloatArray) -> FloatArray:
         return np.where(np.abs(wrap_angles(values[:, 0] - 0.123)) < 1e-9, 0.0, 1.0)
 
-    assert search(needle, [[CIRCLE]], [np.array([0.123])]).cost == 0.0
+    assert search(pair_by_pair(needle), [[CIRCLE]], [np.array([0.123])]).cost == 0.0
 
 
 def test_angles_may_lie_on_either_side_of_the_wrap_around() -> None:
@@ -93,7 +94,7 @@ def test_angles_may_lie_on_either_side_of_the_wrap_around() -> None:
         heading = values[:, 0] if values.shape[1] else 0.0
         return np.atleast_1d(1.0 - np.cos(heading - 3.13) + (speed - 0.77) ** 2)
 
-    optimum = search(cost, [[CIRCLE, SPEED]])
+    optimum = search(pair_by_pair(cost), [[CIRCLE, SPEED]])
     assert abs(float(wrap_angles(optimum.values[0][0] - 3.13))) < 0.05
     assert optimum.values[0][1] == pytest.approx(0.77, abs=0.05)
     assert -math.pi <= optimum.values[0][0] <= math.pi
@@ -126,7 +127,7 @@ def valley(shift: float) -> StepCost:
 
 def test_boxes_follow_a_valley() -> None:
     # The mean is 0.63 if boxes only shrink, 0.82 without wrap-around of angles, 0.79 with equal points.
-    costs = [search(valley(shift), AXES).cost for shift in np.linspace(-3.0, 3.0, 20)]
+    costs = [search(pair_by_pair(valley(shift)), AXES).cost for shift in np.linspace(-3.0, 3.0, 20)]
     assert np.mean(costs) < 0.55
 
 
@@ -134,5 +135,8 @@ def test_boxes_follow_a_valley() -> None:
 def test_given_angles_may_be_whole_turns_away(shift: float) -> None:
     near = [ASIDE[0] + [shift, 0.0], ASIDE[1] + [shift, 0.0, 0.0], ASIDE[2]]
     far = [near[0] + [4.0 * math.pi, 0.0], near[1] - [6.0 * math.pi, 0.0, 0.0], near[2]]
-    found, again = search(valley(shift), AXES, near), search(valley(shift), AXES, far)
+    found, again = (
+        search(pair_by_pair(valley(shift)), AXES, near),
+        search(pair_by_pair(valley(shift)), AXES, far),
+    )
     assert again.cost == pytest.approx(found.cost, abs=1e-6)
