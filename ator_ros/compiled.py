@@ -24,7 +24,8 @@ def _cache_folder() -> str:
     numba itself detects changes in a function's own file only, not in the functions that it calls.
     """
     package = Path(__file__).resolve().parent
-    folders = ("world", "motion", "performance", "domains")  # compiled code, and constants that it uses
+    # Compiled code, and constants that it uses
+    folders = ("world", "motion", "performance", "refinement", "domains")
     digest = hashlib.sha256(Path(__file__).read_bytes())
     for file in sorted(file for name in folders for file in (package / name).rglob("*.py")):
         digest.update(file.read_bytes())
