@@ -254,7 +254,8 @@ def _write_pairs(pairs: FloatArray, ends: FloatArray, hold: float, rules: Rules)
             place, total = around * _PAIRS + at, whole + math.copysign(math.tau, whole) * _AROUND[around]
             pairs[_TOTAL + place] = total
             pairs[_LEAST + place] = turn_time(abs(total), rules.rates.w, rules.rates.aw)
-            pairs[_WINDOW + place] = int(2 * HALF * FINE + 0.5 - total * (FINE / STEP))
+            window = 2 * HALF * FINE + 0.5 - total * (FINE / STEP)
+            pairs[_WINDOW + place] = np.floor(min(max(0.0, window), 4.0 * HALF * FINE))  # 0 if it is NaN
 
 
 @inlined
@@ -327,7 +328,7 @@ def _write_ends(pairs: FloatArray, count: int, shape: np.void, tables: TurnTable
 def _row_of(tables: TurnTables, first: int, speed: float) -> float:
     """Return the row of the turn that starts at `speed` (m/s); `first` is the row of the lowest speed."""
     row: float = np.floor((speed - tables.lowest) * (1.0 / SPEED_STEP) + 0.5)
-    return first + min(max(row, 0.0), tables.speeds - 1.0)
+    return first + min(max(0.0, row), tables.speeds - 1.0)  # 0 if the speed is NaN
 
 
 @inlined
