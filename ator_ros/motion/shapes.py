@@ -118,7 +118,7 @@ class ShapeSet(NamedTuple):
     rows: Rows  # the first shapes of all groups, then the others group by group
     others: NDArray[np.intp]  # shape (groups + 1,); first row of the others of each group, and the end
     tables: TurnTables
-    missed: tuple[float, float]  # time (s) and angle (rad) for ends too near each other for any path
+    missed: tuple[float, float]  # time (s) and angle (rad) of ends between which no first shape leads
 
 
 def shape_set(groups: Sequence[Sequence[Shape]], rules: Rules) -> ShapeSet:
@@ -141,7 +141,7 @@ def shape_set(groups: Sequence[Sequence[Shape]], rules: Rules) -> ShapeSet:
 _PAIRS = 64  # of a block; what is known of them fits into the fastest cache
 _SLOTS = 3 * _PAIRS  # a slot: one of three whole changes of heading of a pair
 _ROOTS = WIDTH // 2 * _SLOTS + 8  # columns a multiple of 4 KB apart would compete for places in the cache
-_AROUND = (0.0, -1.0, 1.0)  # turns more: the whole change of heading may be in either direction, or further
+_AROUND = (0.0, -1.0, 1.0)  # full turns more: a change of heading may be in either direction, or further
 
 # Columns of pairs. The fastest path so far: its time, angles turned, group; the pair's number in the block,
 _TIME, _TURNED, _GROUP, _NUMBER = (column * _PAIRS for column in range(4))
@@ -154,10 +154,10 @@ _GIVEN = 21  # columns so far; the others are written for each shape:
 _LEAD, _SPEED1, _ROW1, _SPEED2, _ROW2, _STRAIGHT, _OFFSET_X, _OFFSET_Y = (n * _PAIRS for n in range(21, 29))
 # Columns of roots: pair, first turn, its part beyond a step and cosine and sine of that step, last turn,
 _PAIR, _FIRST, _BEYOND, _COS_STEP, _SIN_STEP, _LAST = (column * _ROOTS for column in range(6))
-# displacements looked up, speeds at the turns, time of straight parts, the time of the path,
-_ALONG1, _ACROSS1, _ALONG2, _BEFORE, _AFTER, _PARTS, _PATH = (column * _ROOTS for column in range(6, 13))
-# the offset between the turns, and the object as seen from the first one
-_X_BETWEEN, _Y_BETWEEN, _AHEAD, _ASIDE = (column * _ROOTS for column in range(13, 17))
+# displacements by both turns, the object as seen from the first one, the time of the path,
+_ALONG1, _ACROSS1, _ALONG2, _AHEAD, _ASIDE, _ROOT_TIME = (column * _ROOTS for column in range(6, 12))
+# and numbers of the pair, side by side for vectors: speeds, time of straight parts, offset between turns
+_ROOT_SPEED1, _ROOT_SPEED2, _ROOT_STRAIGHT, _ROOT_X, _ROOT_Y = (n * _ROOTS for n in range(12, 17))
 _PAIR_COLUMNS, _ROOT_COLUMNS = 29, 17
 
 
@@ -254,7 +254,8 @@ def _write_pairs(pairs: FloatArray, ends: FloatArray, hold: float, rules: Rules)
             place, total = around * _PAIRS + at, whole + math.copysign(math.tau, whole) * _AROUND[around]
             pairs[_TOTAL + place] = total
             pairs[_LEAST + place] = turn_time(abs(total), rules.rates.w, rules.rates.aw)
-            pairs[_WINDOW + place] = int(2 * HALF * FINE + 0.5 - total * (FINE / STEP))
+            window = 2 * HALF * FINE + 0.5 - total * (FINE / STEP)
+            pairs[_WINDOW + place] = np.floor(min(max(0.0, window), 4.0 * HALF * FINE))  # 0 if it is NaN
 
 
 @inlined
@@ -287,8 +288,8 @@ def _try(
     _write_times(roots, found, shape, hold, rules)
     for root in range(found):
         at = int(roots[_PAIR + root])
-        if roots[_PATH + root] < pairs[_TIME + at]:
-            pairs[_TIME + at], pairs[_GROUP + at] = roots[_PATH + root], group
+        if roots[_ROOT_TIME + root] < pairs[_TIME + at]:
+            pairs[_TIME + at], pairs[_GROUP + at] = roots[_ROOT_TIME + root], group
             pairs[_TURNED + at] = abs(roots[_FIRST + root]) + abs(roots[_LAST + root])
 
 
@@ -327,7 +328,7 @@ def _write_ends(pairs: FloatArray, count: int, shape: np.void, tables: TurnTable
 def _row_of(tables: TurnTables, first: int, speed: float) -> float:
     """Return the row of the turn that starts at `speed` (m/s); `first` is the row of the lowest speed."""
     row: float = np.floor((speed - tables.lowest) * (1.0 / SPEED_STEP) + 0.5)
-    return first + min(max(row, 0.0), tables.speeds - 1.0)
+    return first + min(max(0.0, row), tables.speeds - 1.0)  # 0 if the speed is NaN
 
 
 @inlined
@@ -392,8 +393,9 @@ def _write_roots(space: _Space, slots: int, pairs: FloatArray, tables: TurnTable
             roots[_COS_STEP + found], roots[_SIN_STEP + found] = _COS[step], _SIN[step]
             roots[_ALONG1 + found] = look_up(along, row1, first)
             roots[_ALONG2 + found] = look_up(along, row2, -last)  # driven from the goal
-            roots[_BEFORE + found], roots[_AFTER + found], roots[_PARTS + found] = speed1, speed2, straight
-            roots[_X_BETWEEN + found], roots[_Y_BETWEEN + found] = x, y
+            roots[_ROOT_SPEED1 + found], roots[_ROOT_SPEED2 + found] = speed1, speed2
+            roots[_ROOT_STRAIGHT + found] = straight
+            roots[_ROOT_X + found], roots[_ROOT_Y + found] = x, y
             if rules.passing > 0.0:
                 roots[_ACROSS1 + found] = look_up(across, row1, first)
                 roots[_AHEAD + found], roots[_ASIDE + found] = ahead, aside
@@ -416,11 +418,11 @@ def _write_times(roots: FloatArray, count: int, shape: np.void, hold: float, rul
         cos, sin = _cos_sin(roots[_COS_STEP + root], roots[_SIN_STEP + root], roots[_BEYOND + root])
         time1 = turn_time(abs(roots[_FIRST + root]), shape["first_rate"], rates.aw)
         time2 = turn_time(abs(roots[_LAST + root]), shape["last_rate"], rates.aw)
-        one = Turn(roots[_BEFORE + root], shape["first_change"], time1, roots[_ALONG1 + root])
-        two = Turn(roots[_AFTER + root], shape["last_change"], time2, roots[_ALONG2 + root])
-        between = Offset(roots[_X_BETWEEN + root], roots[_Y_BETWEEN + root], hold if free else 0.0)
+        one = Turn(roots[_ROOT_SPEED1 + root], shape["first_change"], time1, roots[_ALONG1 + root])
+        two = Turn(roots[_ROOT_SPEED2 + root], shape["last_change"], time2, roots[_ALONG2 + root])
+        between = Offset(roots[_ROOT_X + root], roots[_ROOT_Y + root], hold if free else 0.0)
         length, before, after = drive_between(one, two, cos, sin, between, rates)
-        time, allowed = time1 + time2 + roots[_PARTS + root], True
+        time, allowed = time1 + time2 + roots[_ROOT_STRAIGHT + root], True
         if rules.forward:
             least = change_distance(before, after, rates)
             allowed = length >= (least + _SPARE if free else 0.0)
@@ -433,7 +435,7 @@ def _write_times(roots: FloatArray, count: int, shape: np.void, hold: float, rul
             beside = cos * aside - sin * ahead - roots[_ACROSS1 + root]
             passes = min(length, 0.0) < to_object < max(length, 0.0)
             time += _DETOUR / rates.v * max(rules.passing - abs(beside), 0.0) if passes else 0.0
-        roots[_PATH + root] = time if allowed else np.inf
+        roots[_ROOT_TIME + root] = time if allowed else np.inf
 
 
 @inlined

@@ -82,16 +82,13 @@ def _write_rows(direct: FloatArray, hold: float, aw: float, rows: FloatArray) ->
         half = 0.5 * rotation * time
         mean = yaw + (2.0 / 3.0) * half
         distance = speed * time
-        from_x, from_y, yaw = (
-            from_x + distance * math.cos(mean),
-            from_y + distance * math.sin(mean),
-            yaw + half,
-        )
-        rows[OPENING, at], rows[OPENING + 1, at] = from_x, from_y
-        rows[OPENING + 2, at], rows[OPENING + 3, at] = yaw, time
-        dx, dy, cos, sin = x - from_x, y - from_y, math.cos(yaw), math.sin(yaw)
+        opened_x, opened_y = from_x + distance * math.cos(mean), from_y + distance * math.sin(mean)
+        opened_yaw = yaw + half
+        rows[OPENING, at], rows[OPENING + 1, at] = opened_x, opened_y
+        rows[OPENING + 2, at], rows[OPENING + 3, at] = opened_yaw, time
+        dx, dy, cos, sin = x - opened_x, y - opened_y, math.cos(opened_yaw), math.sin(opened_yaw)
         rows[ENDS, at], rows[ENDS + 1, at] = cos * dx + sin * dy, cos * dy - sin * dx
-        rows[ENDS + 2, at] = wrapped(heading - yaw)
+        rows[ENDS + 2, at] = wrapped(heading - opened_yaw)
         rows[ENDS + 3, at], rows[ENDS + 4, at] = speed, arrival
 
 
@@ -150,15 +147,15 @@ class Geometry:
 
     @cached_property
     def rows(self) -> FloatArray:
-        """The quantities of `BASICS` and those after them, shape (ROWS, n)."""
+        """The quantities of `BASICS` and those after them, shape (ROWS, n); `path` writes its own."""
         rows = np.empty((ROWS, self._table.shape[1]))
         _write_rows(self._table, self.robot.hold, self.robot.limits.aw, rows)
         return rows
 
-    def taken(self, numbers: Sequence[int]) -> FloatArray:
-        """Return these of the rows, those of the path included, shape (len(numbers), n)."""
+    def selected(self, numbers: Sequence[int]) -> FloatArray:
+        """Return the rows with these numbers, shape (len(numbers), n)."""
         if max(numbers) >= PATH_TIME:
-            _ = self.path
+            _ = self.path  # writes its rows
         return self.rows.take(numbers, axis=0)
 
     @property

@@ -217,7 +217,7 @@ class PerformanceModel:
         features = [self.features[name] for name in names]
         numbers = [feature.row for feature in features if feature.row is not None]
         if len(numbers) == len(features):
-            return geometry.taken(numbers)  # much faster
+            return geometry.selected(numbers)  # faster than one by one
         columns = [geometry.once(feature.compute) for feature in features]
         return np.concatenate(columns).reshape(len(columns), -1)  # much faster than np.stack
 

@@ -302,7 +302,10 @@ class ChainModel:
     def _predictions(
         self, tables: Sequence[tuple[int, FloatArray]], fields: tuple[str, ...], signs: FloatArray | None
     ) -> Iterator[tuple[list[int], Any]]:
-        """Yield for each action the places of its tables, which follow their steps, and their prediction."""
+        """Yield for each action which of the tables are its own, and the prediction for all of them.
+
+        `tables` are indices of steps and their direct variables.
+        """
         actions = [self._actions[step] for step, _ in tables]
         for action in dict.fromkeys(actions):
             model = self._models[action]

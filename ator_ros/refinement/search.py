@@ -30,14 +30,14 @@ from ator_ros.tops.ranges import Range
 Pairs = tuple[int, FloatArray, FloatArray]
 """Index of a step, and candidates of the subgoals before and after it, shapes (n, 1, k) and (m, k)."""
 StepCosts = Callable[[Sequence[Pairs]], Sequence[FloatArray]]
-"""Returns the costs of steps for all pairs of candidates, shapes (n, m)."""
+"""Returns the costs of steps for all pairs of candidates, shapes that broadcast to (n, m)."""
 Allowed = Callable[[int, FloatArray], BoolArray]
 """Returns which candidates (n, k) of a subgoal its region allows, shape (n,)."""
 Deadline = Callable[[], bool]
 """Returns whether time is up."""
 
 BLOCK = 512
-"""Pairs of candidates evaluated between two checks of the deadline: a millisecond with the shipped models."""
+"""Pairs of candidates evaluated between two checks of the deadline: 1 to 2 ms with the shipped models."""
 
 # By the number of a subgoal's free variables, from 0; the last entry is for all that have more
 _FIRST_ALONE = (1, 40, 108, 256, 400)  # first candidates: 9 degrees of an angle

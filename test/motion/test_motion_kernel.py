@@ -43,3 +43,12 @@ def test_drives_respect_the_accelerations_and_cover_the_distance(a: float, brake
             assert abs(end - start) <= bound * duration + 1e-9
             covered += duration * (start + end) / 2.0
         assert covered == pytest.approx(distance, abs=1e-9)
+
+
+def test_drives_have_the_same_parts_one_by_one_and_as_arrays() -> None:
+    limits = Limits(v=1.2, w=1.5, a=0.9, brake=0.4, aw=1.3)
+    drives = drawn_drives(limits)
+    parts = np.array(durations.drive_parts(*drives.T, limits)).T
+    assert [durations.drive_parts(*drive, limits) for drive in drives.tolist()] == [
+        *map(tuple, parts.tolist())
+    ]

@@ -9,6 +9,7 @@ import pandas as pd
 import pytest
 
 from ator_ros.motion.drive_parts import DriveParts
+from ator_ros.motion.shapes import fastest_paths
 from ator_ros.performance.direct import DIRECT_VARIABLES
 from ator_ros.performance.driving import DrivingStyle, plain_driving
 from ator_ros.performance.features import GENERAL, PATHS, feature_table
@@ -45,6 +46,25 @@ def test_paths_do_not_lead_over_an_object_at_the_goal() -> None:
     times = [feature_table(direct, ROBOT, PATHS, driving)[:, 0] for driving in (through, around)]
     assert (times[1] > times[0] - 1e-9).all()
     assert np.mean(times[1] > times[0] + 0.1) > 0.05
+
+
+@pytest.mark.parametrize("row", range(5))
+def test_a_path_with_an_unknown_end_has_no_effect_on_others(row: int) -> None:
+    shapes = plain_driving(ROBOT).drive_paths
+    ends = np.random.default_rng(4).uniform(-1.0, 1.0, (5, 130))
+    expected = fastest_paths(ends, shapes, hold=0.0)
+    expected[:, 40:100] = np.array(shapes.missed)[:, None]
+    ends[row, 40:100] = math.nan
+    assert (fastest_paths(ends, shapes, hold=0.0) == expected).all()
+
+
+def test_the_path_of_a_pair_of_ends_does_not_depend_on_other_pairs() -> None:
+    shapes = plain_driving(ROBOT).drive_paths
+    ends = np.random.default_rng(5).uniform(-1.0, 1.0, (5, 200)) * [[3.0], [3.0], [math.pi], [0.8], [0.8]]
+    paths = fastest_paths(ends, shapes, hold=0.0)
+    assert (fastest_paths(ends[:, ::-1], shapes, hold=0.0) == paths[:, ::-1]).all()
+    parts = np.split(ends, [0, 1, 64, 129], axis=1)
+    assert (np.hstack([fastest_paths(part, shapes, hold=0.0) for part in parts]) == paths).all()
 
 
 def episodes() -> pd.DataFrame:

@@ -135,8 +135,6 @@ def test_boxes_follow_a_valley() -> None:
 def test_given_angles_may_be_whole_turns_away(shift: float) -> None:
     near = [ASIDE[0] + [shift, 0.0], ASIDE[1] + [shift, 0.0, 0.0], ASIDE[2]]
     far = [near[0] + [4.0 * math.pi, 0.0], near[1] - [6.0 * math.pi, 0.0, 0.0], near[2]]
-    found, again = (
-        search(pair_by_pair(valley(shift)), AXES, near),
-        search(pair_by_pair(valley(shift)), AXES, far),
-    )
+    costs = pair_by_pair(valley(shift))
+    found, again = search(costs, AXES, near), search(costs, AXES, far)
     assert again.cost == pytest.approx(found.cost, abs=1e-6)

@@ -110,11 +110,11 @@ class ModelTree:
             raise ValueError(f"expected features of shape (n, {len(self.names)}), got {rows.T.shape}")
         splits = self.feature, self.threshold, self.children
         models = self.intercept, self.coefficients, self.lower, self.upper
-        return _evaluate(rows, splits, models, self._bends)
+        return _evaluate(rows, splits, models, self._base_terms)
 
     @cached_property
-    def _bends(self) -> tuple[IntArray, FloatArray, FloatArray]:
-        """Column, beginning and slope of each term of the base."""
+    def _base_terms(self) -> tuple[IntArray, FloatArray, FloatArray]:
+        """Column, `above` and slope of each term of the base, arrays of shape (terms,)."""
         columns = np.array([self.names.index(hinge.feature) for hinge in self.base], dtype=np.intp)
         above, slopes = ([getattr(hinge, name) for hinge in self.base] for name in ("above", "slope"))
         return columns, np.array(above, dtype=float), np.array(slopes, dtype=float)
@@ -125,10 +125,10 @@ def _evaluate(
     rows: FloatArray,
     splits: tuple[IntArray, FloatArray, IntArray],
     models: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
-    bends: tuple[IntArray, FloatArray, FloatArray],
+    base: tuple[IntArray, FloatArray, FloatArray],
 ) -> tuple[FloatArray, IntArray]:
     (feature, threshold, children), (intercept, coefficients, lower, upper) = splits, models
-    (columns, above, slope) = bends
+    columns, above, slope = base
     value, leaf = np.empty(rows.shape[1]), np.empty(rows.shape[1], dtype=np.intp)
     for at in range(rows.shape[1]):
         node = 0
