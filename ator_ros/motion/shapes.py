@@ -244,7 +244,7 @@ def _write_pairs(pairs: FloatArray, ends: FloatArray, hold: float, rules: Rules)
     for at in range(ends.shape[1]):
         x, y, turn = ends[0, at], ends[1, at], ends[2, at]
         cos, sin = math.cos(turn), math.sin(turn)
-        pairs[_TIME + at], pairs[_GROUP + at], pairs[_NUMBER + at] = np.inf, -1.0, at
+        pairs[_TIME + at], pairs[_GROUP + at], pairs[_NUMBER + at] = np.inf, 0.0, at
         pairs[_X + at], pairs[_Y + at] = x, y
         pairs[_OBJECT_X + at], pairs[_OBJECT_Y + at] = x + hold * cos, y + hold * sin
         pairs[_GOAL_COS + at], pairs[_GOAL_SIN + at] = cos, sin
@@ -260,7 +260,7 @@ def _write_pairs(pairs: FloatArray, ends: FloatArray, hold: float, rules: Rules)
 
 @inlined
 def _write_members(members: FloatArray, pairs: FloatArray, count: int, group: int) -> int:
-    """Copy the pairs whose fastest path so far is of a group; return how many they are."""
+    """Copy the pairs whose fastest path so far is of a group, of the first if there is none; count them."""
     size = 0
     for at in range(count):
         if pairs[_GROUP + at] == group:
