@@ -245,9 +245,16 @@ def _id_of(handle: ServerGoalHandle) -> str:
 def unstarted(handle: ServerGoalHandle, ending: Ending, reason: str, *, frame: str) -> Any:
     """Return the result of a goal that cannot be used, or that ended before it started."""
     outcome = Outcome(code=ending.value, reason=reason)
-    record = ChainPerformance(chain_id=_id_of(handle), chain=handle.request.chain, outcome=outcome)
-    record.refinement, record.header.frame_id = "not requested", frame
-    record.gain, record.predicted, record.actual = gain_of(), performance_of(), _actual(0.0, ending)
+    record = ChainPerformance(
+        chain_id=_id_of(handle),
+        chain=handle.request.chain,
+        refinement="not requested",
+        gain=gain_of(),
+        predicted=performance_of(),
+        actual=_actual(0.0, ending),
+        outcome=outcome,
+    )
+    record.header.frame_id = frame
     return ExecuteChain.Result(outcome=outcome, record=record)
 
 

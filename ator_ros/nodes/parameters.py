@@ -95,9 +95,11 @@ STATE = Parameter(
     "robot_from", "odom", "where the robot's state comes from: odom, or tf", choices=("odom", "tf")
 )
 STAMPED = Parameter(
-    "stamped_commands", "auto", "whether cmd_vel is a TwistStamped; auto: what the base subscribes to",
+    "stamped_commands",
+    "auto",
+    "whether cmd_vel is a TwistStamped; auto: what the base subscribes to",
     choices=("auto", "true", "false"),
-)  # fmt: skip
+)
 OBJECT = "OBJECT"  # placeholder for the name of an object in ``--help``
 live = partial(Parameter, live=True)
 

@@ -109,9 +109,16 @@ def set_object_dynamics(client: BulletClient, body: int, item: RoundObject) -> N
     rolling = 5.0 / 3.0 * item.radius * item.rolling_deceleration / GRAVITY
     client.changeDynamics(body, -1, mass=item.mass)  # which resets the inertia
     client.changeDynamics(
-        body, -1, localInertiaDiagonal=[inertia] * 3, lateralFriction=1.0, rollingFriction=rolling,
-        spinningFriction=0.001, restitution=item.restitution, linearDamping=0.0, angularDamping=0.0,
-    )  # fmt: skip
+        body,
+        -1,
+        localInertiaDiagonal=[inertia] * 3,
+        lateralFriction=1.0,
+        rollingFriction=rolling,
+        spinningFriction=0.001,
+        restitution=item.restitution,
+        linearDamping=0.0,
+        angularDamping=0.0,
+    )
 
 
 def load_base(client: BulletClient, robot: Robot) -> tuple[int, list[int]]:

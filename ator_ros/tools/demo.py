@@ -211,6 +211,9 @@ def arguments() -> argparse.ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
     return run_tool(
-        arguments(), _demo, argv, interrupted="the finished situations are shown",
+        arguments(),
+        _demo,
+        argv,
+        interrupted="the finished situations are shown",
         chain=lambda domain: reversed(list(domain.chains)),
-    )  # fmt: skip
+    )

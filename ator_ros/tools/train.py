@@ -191,9 +191,15 @@ def _train(options: argparse.Namespace, domain: Domain, command: str) -> None:
         )
     topics = {role: name for role in (ODOM, CMD_VEL) if (name := getattr(options, role)) is not None}
     train(
-        options.experience, folder, command=command, fresh=options.fresh, domain=domain, robot=robot,
-        action_set=options.action_set, topics=topics,
-    )  # fmt: skip
+        options.experience,
+        folder,
+        command=command,
+        fresh=options.fresh,
+        domain=domain,
+        robot=robot,
+        action_set=options.action_set,
+        topics=topics,
+    )
 
 
 def main(argv: Sequence[str] | None = None) -> int:
