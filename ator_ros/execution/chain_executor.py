@@ -371,5 +371,15 @@ class StepRun:
         if self._speeds:
             times, speeds = np.array(self._speeds).T
             parts = parts_of_drive(times - start.time, speeds, world.time - start.time)
-        step, errors = (self._index, self._chain), (pose.distance(goal), abs(pose.relative(goal).yaw))
-        return ActionRecord(*step, start, world, ending, reason, *errors, parts, held if lost else None)
+        return ActionRecord(
+            self._index,
+            self._chain,
+            start,
+            world,
+            ending,
+            reason,
+            pose.distance(goal),
+            abs(pose.relative(goal).yaw),
+            parts,
+            held if lost else None,
+        )

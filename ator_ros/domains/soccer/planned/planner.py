@@ -265,9 +265,15 @@ def fastest(
             "which is too near one of them"
         )
     paths = find_paths(start, goal, entries, exits, limits, forward=forward_only, longest=longest, most=tries)
-    begin, end = from_center(start, robot), from_center(goal, robot)
-    tables, around = (entries.sides, exits.sides), surroundings(robot, limits, obstacles)
-    found, first, last, drive = _first_clear(begin, end, paths, *tables, around, forward_only)
+    found, first, last, drive = _first_clear(
+        from_center(start, robot),
+        from_center(goal, robot),
+        paths,
+        entries.sides,
+        exits.sides,
+        surroundings(robot, limits, obstacles),
+        forward_only,
+    )
     if found < 0:
         raise ActionError(
             f"expected a free path from ({start.x:.2f}, {start.y:.2f}) m "
