@@ -79,7 +79,7 @@ def greatest(one: Any, other: Any) -> Any:
 
 def where(condition: Any, one: Any, other: Any) -> Any:
     """Return `one` where the condition holds, else `other`."""
-    return np.where(condition, one, other)[()]
+    return np.where(condition, one, other)[()]  # a number if all are numbers
 
 
 # Unlike numpy's functions, these forms allow compiled loops to be vectorized.

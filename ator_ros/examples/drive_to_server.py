@@ -129,10 +129,10 @@ def yaw_of(q: Any) -> float:
     return math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
 
 
-def serve(make: Callable[[], Node]) -> None:
+def serve(make: Callable[[], Node], args: list[str] | None = None) -> None:
     """Run a server until Ctrl-C or SIGTERM."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    rclpy.init()
+    rclpy.init(args=args)
     node = make()
     try:
         rclpy.spin(node)
@@ -143,6 +143,10 @@ def serve(make: Callable[[], Node]) -> None:
         rclpy.try_shutdown()
 
 
-def main() -> None:
+def main(args: list[str] | None = None) -> None:
     """Run the server with its law until Ctrl-C or SIGTERM."""
-    serve(DriveToServer)
+    serve(DriveToServer, args)
+
+
+if __name__ == "__main__":
+    main()

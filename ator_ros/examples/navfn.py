@@ -54,6 +54,7 @@ class NavFn:
         _descend(_potential(np.ones((2, 2)), 0, 0), 1 + 1j, 0j)  # loads compiled code
 
     def __str__(self) -> str:
+        """Return the name of the planner."""
         return "NavFn"
 
     def __call__(self, start: tuple[float, float], goal: tuple[float, float]) -> Grid | None:

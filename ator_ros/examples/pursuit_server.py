@@ -47,6 +47,10 @@ class PursuitServer(DriveToServer):
         return super()._consider(request)
 
 
-def main() -> None:
+def main(args: list[str] | None = None) -> None:
     """Run the server until Ctrl-C or SIGTERM."""
-    serve(PursuitServer)
+    serve(PursuitServer, args)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,8 +1,8 @@
 """The fastest of a set of turn-drive-turn paths, for many pairs of ends at once: a feature of the models.
 
 A shape of path is a turn, a straight drive, a turn and a straight run, with given changes of speed. Shapes
-come in groups: the first of each group is tried for all ends, the others of a group where its first one is
-the fastest. `needed_shapes` chooses groups from a fine grid.
+come in groups: the first of each group is tried for all ends, then the others of the group whose first one
+is the fastest (of the first group, where none leads there). `needed_shapes` chooses groups from a fine grid.
 
 The search is compiled, since it dominates refinement. Unlike the search for all paths it interpolates roots
 linearly on a coarse grid, and does not refine them.
@@ -118,7 +118,7 @@ class ShapeSet(NamedTuple):
     rows: Rows  # the first shapes of all groups, then the others group by group
     others: NDArray[np.intp]  # shape (groups + 1,); first row of the others of each group, and the end
     tables: TurnTables
-    missed: tuple[float, float]  # time (s) and angle (rad) of ends between which no first shape leads
+    missed: tuple[float, float]  # time (s) and angle (rad) of ends between which no tried shape leads
 
 
 def shape_set(groups: Sequence[Sequence[Shape]], rules: Rules) -> ShapeSet:

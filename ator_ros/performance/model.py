@@ -180,7 +180,9 @@ class PerformanceModel:
             fields[name], leaf = tree.evaluate(self._rows(geometry, tree.names))
             if name == "duration":  # it is within the bounds of its leaf
                 fields["spread"] = tree.spread.take(leaf)
-                self._set_at_goal(geometry, fields)
+                if (there := self.at_goal) is not None:
+                    place, result = (there.dist, there.angle), (there.duration, there.spread)
+                    _write_at_goal(geometry.rows, place, result, fields["duration"], fields["spread"])
             else:
                 np.clip(fields[name], 0.0, 1.0 if name == "success" else None, out=fields[name])
         error = None
@@ -188,14 +190,6 @@ class PerformanceModel:
             known = self.errors
             error = known.of_sum(self._rows(geometry, known.features).T, signs) if known else (0.0, math.inf)
         return Prediction(**fields, error_of_sum=error)
-
-    def _set_at_goal(self, geometry: Geometry, fields: Mapping[str, FloatArray]) -> None:
-        """Replace the durations and spreads of situations at the goal."""
-        known = self.at_goal
-        if known is None:
-            return
-        place, result = (known.dist, known.angle), (known.duration, known.spread)
-        _write_at_goal(geometry.rows, place, result, fields["duration"], fields["spread"])
 
     def rules(self, measure: str = "duration") -> str:
         """Return the rules of one measure as text in the paper's form, one a line, after what they share."""

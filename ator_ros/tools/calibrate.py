@@ -174,18 +174,23 @@ def arguments() -> argparse.ArgumentParser:
     parser.add_argument("--out", type=destination, required=True, help="description to write")
     parser.add_argument("--name", help="name of the robot (default: that of --robot)")
     parser.add_argument(
-        "--space", type=number(_LEAST, _GREATEST), default=3.0,
+        "--space",
+        type=number(_LEAST, _GREATEST),
+        default=3.0,
         help="free space ahead of the robot in m (default: %(default)s)",
-    )  # fmt: skip
+    )
     for axis, unit in (("v", "m/s"), ("w", "rad/s")):
         parser.add_argument(
-            f"--{axis}", type=number(_LEAST, _GREATEST),
+            f"--{axis}",
+            type=number(_LEAST, _GREATEST),
             help=f"greatest command in {unit} (default: 1.5 times the limit of --robot)",
-        )  # fmt: skip
+        )
     parser.add_argument(
-        "--stamped", choices=("auto", "true", "false"), default="auto",
+        "--stamped",
+        choices=("auto", "true", "false"),
+        default="auto",
         help="whether cmd_vel is a TwistStamped; auto: what the base subscribes to (default: %(default)s)",
-    )  # fmt: skip
+    )
     parser.add_argument(
         "--frame", type=plain_frame, default="odom", help="frame of the odometry (default: %(default)s)"
     )

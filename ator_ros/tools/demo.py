@@ -202,9 +202,12 @@ def arguments() -> argparse.ArgumentParser:
     add_factor(parser, 0.0)
     add_models(parser)
     parser.add_argument(
-        "--out", type=destination, default=Path("build/demo.png"), metavar="FILE.png",
+        "--out",
+        type=destination,
+        default=Path("build/demo.png"),
+        metavar="FILE.png",
         help="default: %(default)s",
-    )  # fmt: skip
+    )
     return parser
 
 

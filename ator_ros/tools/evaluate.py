@@ -61,26 +61,36 @@ def arguments() -> argparse.ArgumentParser:
     )  # fmt: skip
     oracle_grid = parser.add_mutually_exclusive_group()
     oracle_grid.add_argument(
-        "--oracle-jointly", action="store_true",
+        "--oracle-jointly",
+        action="store_true",
         help="combine K headings of every open step, for robots that stop between two actions",
-    )  # fmt: skip
+    )
     oracle_grid.add_argument(
-        "--oracle-speeds", type=number(0.0, 10.0), nargs="+", default=[], metavar="V",
+        "--oracle-speeds",
+        type=number(0.0, 10.0),
+        nargs="+",
+        default=[],
+        metavar="V",
         help="also execute these arrival speeds in m/s at each of the K headings",
-    )  # fmt: skip
+    )
     parser.add_argument(
-        "--oracle-margin", type=number(0.0), metavar="S",
+        "--oracle-margin",
+        type=number(0.0),
+        metavar="S",
         help="skip headings predicted to take S s longer than the best one (default: execute all)",
-    )  # fmt: skip
+    )
     parser.add_argument(
         "--out", type=Path, default=Path("evaluation"), metavar="DIR", help="default: %(default)s"
     )
     add_setting(parser)
     parser.add_argument("--chain", metavar="NAME", help="of the domain (default: its first)")
     parser.add_argument(
-        "--policies", nargs="+", choices=tuple(POLICIES), metavar="NAME",
+        "--policies",
+        nargs="+",
+        choices=tuple(POLICIES),
+        metavar="NAME",
         help="default: all but fixed, arrive, analytic_place and refined_place",
-    )  # fmt: skip
+    )
     add_models(parser)
     add_parallel_options(parser)
     return parser

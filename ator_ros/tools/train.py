@@ -79,8 +79,12 @@ def train(
         }
         if robot.grid is not None:
             training["map"] = str(robot.grid)
-        metadata = {"action_set": action_set, "training": training, "versions": library_versions()}
-        metadata["accuracy"] = measured
+        metadata = {
+            "action_set": action_set,
+            "training": training,
+            "versions": library_versions(),
+            "accuracy": measured,
+        }
         file = folder / model_path(action, action_set)
         save_model(file, dataclasses.replace(model, metadata=metadata))
         leaves, count = model.trees["duration"].n_leaves, len(model.used_features)
@@ -142,14 +146,17 @@ def arguments() -> argparse.ArgumentParser:
     parser.add_argument("--frame", default="map", help="of the map, for the planner (default: %(default)s)")
     parser.add_argument("--models", type=Path, help="folder of the models (default: the shipped models/)")
     parser.add_argument(
-        "--action-set", metavar="NAME",
+        "--action-set",
+        metavar="NAME",
         help="of recorded odometry and commands (tables and records contain theirs)",
-    )  # fmt: skip
+    )
     for role, what in ((ODOM, "odometry"), (CMD_VEL, "velocity commands")):
         parser.add_argument(
-            f"--{role.replace('_', '-')}", type=topic, metavar="TOPIC",
+            f"--{role.replace('_', '-')}",
+            type=topic,
+            metavar="TOPIC",
             help=f"of {what} in recordings (default: {role} in any namespace)",
-        )  # fmt: skip
+        )
     parser.add_argument(
         "--rules", metavar="MODEL", help="only print the rules of a model, named by its action or file"
     )

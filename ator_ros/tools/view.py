@@ -109,9 +109,13 @@ def arguments() -> argparse.ArgumentParser:
     )
     parser.add_argument("--attach", action="store_true", help="use running nodes instead of starting nodes")
     parser.add_argument(
-        "--robots", nargs="+", type=_namespace, default=[], metavar="NAMESPACE",
+        "--robots",
+        nargs="+",
+        type=_namespace,
+        default=[],
+        metavar="NAMESPACE",
         help="with --attach: namespaces of the robots to show; the page selects one",
-    )  # fmt: skip
+    )
     parser.add_argument(
         "--frame", type=plain_frame, help="frame of odometry (default: odom; with --robots NAMESPACE/odom)"
     )
