@@ -26,7 +26,10 @@ PLANNERS = {"navfn": f"{PACKAGE}.domains.stand_ins:navfn"}
 
 
 def data_files() -> list[tuple[str, list[str]]]:
-    """Pair each folder of share/ator_ros with its files; paths are relative, as setuptools wants them."""
+    """Pair each folder of share/ator_ros with its files.
+
+    Paths are relative, as setuptools wants them.
+    """
     pairs = [
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),

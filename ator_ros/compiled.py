@@ -30,7 +30,9 @@ def _cache_folder() -> str:
     for file in sorted(file for name in folders for file in (package / name).rglob("*.py")):
         digest.update(file.read_bytes())
     # Variables such as NUMBA_BOUNDSCHECK change the code.
-    digest.update(repr(sorted(item for item in os.environ.items() if item[0].startswith("NUMBA_"))).encode())
+    digest.update(
+        repr(sorted(item for item in os.environ.items() if item[0].startswith("NUMBA_"))).encode()
+    )
     return str(package / "__pycache__" / f"numba-{digest.hexdigest()[:16]}")
 
 
@@ -60,8 +62,8 @@ def inlined(function: Function) -> Function:
 def elementwise(function: Function) -> Function:
     """Return `function` compiled for compiled callers only; Python calls it with arrays of any shape.
 
-    Compiling each combination of shapes would take seconds, and numpy is as fast with arrays. The results
-    are bitwise equal.
+    Compiling each combination of shapes would take seconds, and numpy is as fast with arrays. The
+    results are bitwise equal.
     """
     result: Function = register_jitable(error_model="numpy")(function)
     return result
@@ -77,12 +79,12 @@ def greatest(one: Any, other: Any) -> Any:
     return np.maximum(one, other)
 
 
-def where(condition: Any, one: Any, other: Any) -> Any:
-    """Return `one` where the condition holds, else `other`."""
-    return np.where(condition, one, other)[()]  # a number if all are numbers
+def where(which: Any, one: Any, other: Any) -> Any:
+    """Return `one` where `which` holds, else `other`."""
+    return np.where(which, one, other)[()]  # a number if all are numbers
 
 
 # Unlike numpy's functions, these forms allow compiled loops to be vectorized.
 overload(least)(lambda one, other: lambda one, other: min(one, other))  # noqa: ARG005
 overload(greatest)(lambda one, other: lambda one, other: max(one, other))  # noqa: ARG005
-overload(where)(lambda condition, one, other: lambda condition, one, other: one if condition else other)  # noqa: ARG005
+overload(where)(lambda which, one, other: lambda which, one, other: one if which else other)  # noqa: ARG005

@@ -1,7 +1,7 @@
 """Files: atomic writing, reading with limits, and `save` and `load` for the formats of this package.
 
-Such a file is a JSON object whose first fields are ``format`` ("ator_ros study") and ``schema_version``; the
-others are the fields of a dataclass, see `ator_ros.schema`.
+Such a file is a JSON object whose first fields are ``format`` ("ator_ros study") and
+``schema_version``; the others are the fields of a dataclass, see `ator_ros.schema`.
 """
 
 from __future__ import annotations
@@ -62,17 +62,22 @@ def write_text(path: Path | str, text: str) -> None:
 def exclusive_folder(folder: Path | str) -> Iterator[None]:
     """Lock `folder` for this process during the block; create it if it is missing.
 
-    Raises OSError if another process holds the lock. A file system without locks gives no protection.
+    Raises OSError if another process holds the lock. A file system without locks gives no
+    protection.
     """
     place = Path(folder)
     try:
         place.mkdir(parents=True, exist_ok=True)
         handle = os.open(place, os.O_RDONLY)
     except OSError as error:
-        raise OSError(f"{place}: expected a folder that can be written: {error.strerror}") from error
+        raise OSError(
+            f"{place}: expected a folder that can be written: {error.strerror}"
+        ) from error
     try:
         if not try_lock(handle):
-            raise OSError(f"{place}: expected a folder that no other process uses, another one writes there")
+            raise OSError(
+                f"{place}: expected a folder that no other process uses, another one writes there"
+            )
         yield
     finally:
         os.close(handle)
@@ -91,7 +96,12 @@ def try_lock(handle: int) -> bool:
 
 def is_name(value: object) -> bool:
     """Return whether `value` is a valid name of an action or an action set, and of their files."""
-    return isinstance(value, str) and len(value) <= _LONGEST_NAME and value.isascii() and value.isidentifier()
+    return (
+        isinstance(value, str)
+        and len(value) <= _LONGEST_NAME
+        and value.isascii()
+        and value.isidentifier()
+    )
 
 
 def portable_command(name: str, words: Sequence[str]) -> str:
@@ -102,7 +112,8 @@ def portable_command(name: str, words: Sequence[str]) -> str:
 def _portable(word: str) -> str:
     option, equals, value = word.rpartition("=") if word.startswith("-") else ("", "", word)
     path = Path(value)
-    is_file = path.is_absolute() and path.parent != Path("/") and path.parent.is_dir()  # else a topic
+    # else a topic
+    is_file = path.is_absolute() and path.parent != Path("/") and path.parent.is_dir()
     return f"{option}{equals}{path.name if is_file else value}"
 
 
@@ -122,7 +133,10 @@ def save(
     *,
     compact: Collection[str] = (),
 ) -> None:
-    """Write a file of this kind atomically, with one line for each field in `compact`; see `unstructured`."""
+    """Write a file of this kind atomically, with one line for each field in `compact`.
+
+    See `unstructured`.
+    """
     fields = content if isinstance(content, Mapping) else unstructured(content)
     lines = []
     for name, value in {**header(kind), **fields}.items():
@@ -161,8 +175,8 @@ def content_with_optional_header(data: object, kind: str) -> object:
 def read_text(path: Path, largest: int) -> str:
     """Read a text file.
 
-    Raises OSError if that fails, and ValueError if it has more than `largest` bytes, is not in UTF-8, or is
-    no ordinary file.
+    Raises OSError if that fails, and ValueError if it has more than `largest` bytes, is not in
+    UTF-8, or is no ordinary file.
     """
     if not path.is_file() and path.exists():  # opening a pipe would block
         raise ValueError("expected an ordinary file, got a folder, a pipe or a device")
@@ -184,10 +198,15 @@ def read_json(path: Path) -> Any:
 
 
 def read_yaml(path: Path, *, largest: int) -> Any:
-    """Read a YAML file of at most `largest` bytes, without aliases and duplicate keys; raises FileError."""
+    """Read a YAML file of at most `largest` bytes, without aliases and duplicate keys.
+
+    Raises FileError.
+    """
     try:
         return yaml.load(read_text(path, largest), Loader=_PlainLoader)  # noqa: S506 (a SafeLoader)
-    except Exception as error:  # PyYAML raises many on malformed dates, tagged values and deep nesting
+    except (
+        Exception
+    ) as error:  # PyYAML raises many on malformed dates, tagged values and deep nesting
         raise FileError(f"{path}: expected a readable YAML file: {_problem_of(error)}") from error
 
 
@@ -205,7 +224,9 @@ class _PlainLoader(yaml.SafeLoader):
         """Reject an alias."""
         if self.check_event(yaml.AliasEvent):
             event = self.get_event()  # type: ignore[no-untyped-call]
-            raise yaml.YAMLError(f"line {event.start_mark.line + 1}: expected no alias, got *{event.anchor}")
+            raise yaml.YAMLError(
+                f"line {event.start_mark.line + 1}: expected no alias, got *{event.anchor}"
+            )
         return super().compose_node(parent, index)
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
@@ -214,6 +235,8 @@ class _PlainLoader(yaml.SafeLoader):
         for key in (key for key, _ in node.value if isinstance(key, yaml.ScalarNode)):
             if (key.tag, key.value) in seen:
                 line = key.start_mark.line + 1
-                raise yaml.YAMLError(f"line {line}: expected each key once, got {printable(key.value)} again")
+                raise yaml.YAMLError(
+                    f"line {line}: expected each key once, got {printable(key.value)} again"
+                )
             seen.add((key.tag, key.value))
         return super().construct_mapping(node, deep)

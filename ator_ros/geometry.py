@@ -36,7 +36,9 @@ class Pose(NamedTuple):
 
     def ahead(self, distance: float) -> Pose:
         """Return this pose moved `distance` m along its heading (negative: backward)."""
-        return Pose(self.x + distance * math.cos(self.yaw), self.y + distance * math.sin(self.yaw), self.yaw)
+        return Pose(
+            self.x + distance * math.cos(self.yaw), self.y + distance * math.sin(self.yaw), self.yaw
+        )
 
     def distance(self, other: Pose) -> float:
         """Return the distance in m between the two positions."""

@@ -10,7 +10,8 @@ def printable(text: object, most: int = 60) -> str:
     """
     whole = text if isinstance(text, str) else str(text)
     shown = "".join(
-        character if character.isprintable() else repr(character)[1:-1] for character in whole[:most]
+        character if character.isprintable() else repr(character)[1:-1]
+        for character in whole[:most]
     )
     if len(whole) > most or len(shown) > most:
         return f"{shown[:most]}… ({len(whole)} characters)"

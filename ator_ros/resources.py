@@ -16,8 +16,8 @@ class ResourceError(FileNotFoundError):
 def share_folder() -> Path:
     """Return the folder of the shipped files; raises ResourceError if the package is not installed.
 
-    In a checkout, also one built with ``colcon build --symlink-install``, it is the checkout, so that edits
-    take effect at once. Otherwise it is the installed ``share/ator_ros``.
+    In a checkout, also one built with ``colcon build --symlink-install``, it is the checkout, so
+    that edits take effect at once. Otherwise it is the installed ``share/ator_ros``.
     """
     checkout = Path(__file__).resolve().parents[1]
     if (checkout / "package.xml").is_file() and (checkout / "config").is_dir():

@@ -1,8 +1,9 @@
 """Schemas of files: dataclasses whose annotations are checked strictly.
 
-Numbers are finite, and nothing is converted (no "3" for 3, no true for 1). A union is the first of its types
-that fits. `Within` and `Must` restrict values further. Fields without a default are required, and unknown
-fields are errors. ``__post_init__`` of a schema raises ValueError for constraints between fields.
+Numbers are finite, and nothing is converted (no "3" for 3, no true for 1). A union is the first of
+its types that fits. `Within` and `Must` restrict values further. Fields without a default are
+required, and unknown fields are errors. ``__post_init__`` of a schema raises ValueError for
+constraints between fields.
 """
 
 from __future__ import annotations
@@ -89,7 +90,9 @@ def unstructured(data: DataclassInstance) -> dict[str, Any]:
     """
     values = ((item, getattr(data, item.name)) for item in fields(data))
     return {
-        item.name: _plain(value) for item, value in values if value is not None or item.default is not None
+        item.name: _plain(value)
+        for item, value in values
+        if value is not None or item.default is not None
     }
 
 
@@ -134,11 +137,15 @@ def _read(value: Any, kind: Any, path: str) -> Any:
     origin, inner = get_origin(kind), get_args(kind)
     if origin is tuple:
         require(isinstance(value, list), path, "a list", value)
-        return tuple(_read(item, inner[0], f"{path}[{number}]") for number, item in enumerate(value))
+        return tuple(
+            _read(item, inner[0], f"{path}[{number}]") for number, item in enumerate(value)
+        )
     if origin in (dict, Mapping):
         require(isinstance(value, Mapping), path, "a table", value)
         places = {key: f"{path}.{key}" for key in value}
-        return {_read(key, inner[0], at): _read(value[key], inner[1], at) for key, at in places.items()}
+        return {
+            _read(key, inner[0], at): _read(value[key], inner[1], at) for key, at in places.items()
+        }
     if origin is Annotated:
         read = _read(value, inner[0], path)
         for limit in inner[1:]:
@@ -146,7 +153,9 @@ def _read(value: Any, kind: Any, path: str) -> Any:
             require(expected is None, path, expected, value)
         return read
     if origin is Literal:
-        return _read(value, Annotated[str, Must(f"one of {', '.join(inner)}", inner.__contains__)], path)
+        return _read(
+            value, Annotated[str, Must(f"one of {', '.join(inner)}", inner.__contains__)], path
+        )
     return _either(value, inner, path) if origin in (Union, UnionType) else value
 
 
@@ -170,7 +179,9 @@ def _table(value: Any, schema: Any, path: str) -> Any:
     if missing or unknown:
         found = [f"missing {', '.join(missing)}"] if missing else []
         found += [f"unknown {', '.join(unknown)}"] if unknown else []
-        raise _error(path, f"expected the fields {names}; {printable(' and '.join(found), _LONGEST)}")
+        raise _error(
+            path, f"expected the fields {names}; {printable(' and '.join(found), _LONGEST)}"
+        )
     try:
         return schema(**read)
     except Exception as error:  # of its __post_init__

@@ -50,7 +50,9 @@ def run_both(task: tuple[str, int], *, action_set: str, seed: int) -> tuple[Epis
     robot, spec = domain.robot(), domain.actions(action_set)[name]
     situation = spec.sample(robot, episode_generator(name, seed, number))
     pose = situation.robot.pose
-    turned = dataclasses.replace(situation.robot, pose=pose._replace(yaw=wrap_angle(pose.yaw + TURN)))
+    turned = dataclasses.replace(
+        situation.robot, pose=pose._replace(yaw=wrap_angle(pose.yaw + TURN))
+    )
     episodes = []
     for drawn in (situation, dataclasses.replace(situation, robot=turned)):
         with Simulation(robot) as simulation:
@@ -70,7 +72,11 @@ def measure(action_set: str, situations: int, seed: int) -> tuple[list[str], str
     for name in names:
         pairs = [pair for (action, _), pair in zip(tasks, found, strict=True) if action == name]
         failures.update(f"{name}: {first.reason}" for first, _ in pairs if not first.success)
-        good = [(first.duration, other.duration) for first, other in pairs if first.success and other.success]
+        good = [
+            (first.duration, other.duration)
+            for first, other in pairs
+            if first.success and other.success
+        ]
         success, measured = np.mean([first.success for first, _ in pairs]), "- | -"
         if good:
             durations, turned = np.array(good).T

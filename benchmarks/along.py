@@ -35,14 +35,18 @@ def both(index: int, *, seed: int) -> tuple[ChainRun, ChainRun]:
     trial = random_trial(tools.domain, "rolling", library, seed=seed, index=index)
     chain, refined_along = refining_along(tools, library, trial)
     executor: Any = refined_along  # has the methods of a ChainExecutor that run_chain calls
-    execute = partial(run_chain, tools.robot, library, trial.world, time_limit=tools.domain.time_limit)
+    execute = partial(
+        run_chain, tools.robot, library, trial.world, time_limit=tools.domain.time_limit
+    )
     return execute(chain), execute(chain, executor=executor)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
     parser = argparse.ArgumentParser(prog="along", description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--situations", type=int, default=200, metavar="N", help="default: %(default)s")
+    parser.add_argument(
+        "--situations", type=int, default=200, metavar="N", help="default: %(default)s"
+    )
     parser.add_argument("--seed", type=int, default=2063, help="default: %(default)s")
     options = parser.parse_args(argv)
     tasks = range(options.situations)

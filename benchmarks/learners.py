@@ -41,7 +41,11 @@ OTHERS: dict[str, Callable[[], Any]] = {
 
 
 def examples(
-    experience: Experience, action: str, features: tuple[Feature, ...], robot: Robot, driving: DrivingStyle
+    experience: Experience,
+    action: str,
+    features: tuple[Feature, ...],
+    robot: Robot,
+    driving: DrivingStyle,
 ) -> tuple[FloatArray, FloatArray]:
     """Return features and durations (s) of an action's episodes that succeeded."""
     frame = experience.of(action)
@@ -55,7 +59,9 @@ def _predicted(tree: ModelTreeRegressor, rows: FloatArray) -> FloatArray:
     return tree.tree_.predict(rows)
 
 
-def measured(learner: Any, predict: Callable[[Any], Any], fit: Callable[[], Any], test: Any, y: Any) -> str:
+def measured(
+    learner: Any, predict: Callable[[Any], Any], fit: Callable[[], Any], test: Any, y: Any
+) -> str:
     """Fit a learner; return its times and errors as cells of a table."""
     began = time.perf_counter()
     fit()
@@ -84,8 +90,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         for features, kind in ((PAPER_11, "of the paper"), (domain.candidates(action), "shipped")):
             X, y = examples(experience, action, features, robot, driving)
             test, test_y = examples(fresh, action, features, robot, driving)
-            print(f"\n{action}, {len(features)} features {kind}, {len(y)} episodes, {len(test_y)} fresh\n")
-            print("| learner | fit (s) | predict 360 (ms) | RMSE (s) | MAE (s) |\n|---|---|---|---|---|")
+            print(
+                f"\n{action}, {len(features)} features {kind}, {len(y)} episodes, {len(test_y)} fresh\n"
+            )
+            print(
+                "| learner | fit (s) | predict 360 (ms) | RMSE (s) | MAE (s) |\n|---|---|---|---|---|"
+            )
             tree = ModelTreeRegressor()
             row = measured(tree, partial(_predicted, tree), partial(tree.fit, X, y), test, test_y)
             print(f"| ator_ros | {row} |")

@@ -2,8 +2,8 @@
 
     scripts/run python benchmarks/nodes.py --out nodes.json
 
-Use an idle machine. The script does not import ator_ros, so that one copy can measure any commit: run it with
-the `scripts/run` of the checkout to measure.
+Use an idle machine. The script does not import ator_ros, so that one copy can measure any commit:
+run it with the `scripts/run` of the checkout to measure.
 """
 
 from __future__ import annotations
@@ -88,7 +88,10 @@ def until(condition: Callable[[], bool], what: str) -> None:
 
 
 def answer_times(number: int, seconds: float, results: Any) -> None:
-    """Send requests one after the other for some seconds; put their times in s and the number of failures."""
+    """Send requests one after the other for some seconds.
+
+    Put their times in s and the number of failures.
+    """
     with spun(f"client{number}") as node:
         client = node.create_client(RefineSubgoal, "refine_subgoal")
         client.wait_for_service(TIMEOUT)
@@ -109,7 +112,8 @@ def requests(clients: int, seconds: float) -> dict[str, float]:
     context = multiprocessing.get_context("spawn")
     results = context.Queue()
     processes = [
-        context.Process(target=answer_times, args=(number, seconds, results)) for number in range(clients)
+        context.Process(target=answer_times, args=(number, seconds, results))
+        for number in range(clients)
     ]
     for process in processes:
         process.start()
@@ -136,7 +140,10 @@ def shares(pids: dict[str, int], work: Callable[[], None]) -> dict[str, float]:
     before, started = {name: processor_time(pid) for name, pid in pids.items()}, time.monotonic()
     work()
     took = time.monotonic() - started
-    return {name: round(100.0 * (processor_time(pid) - before[name]) / took, 2) for name, pid in pids.items()}
+    return {
+        name: round(100.0 * (processor_time(pid) - before[name]) / took, 2)
+        for name, pid in pids.items()
+    }
 
 
 class Driver:
@@ -153,7 +160,9 @@ class Driver:
         for status in message.status:
             if status.name == "/executor":
                 self.diagnosed = True
-                self.ticks = next((each.value for each in status.values if each.key == TICKS), self.ticks)
+                self.ticks = next(
+                    (each.value for each in status.values if each.key == TICKS), self.ticks
+                )
 
     def drive(self, times: int) -> None:
         """Place robot and ball and execute the chain, several times."""
@@ -208,7 +217,9 @@ def measure(seconds: float, chains: int) -> dict[str, Any]:
 def main() -> None:
     """Run the command line."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--seconds", type=float, default=20.0, help="of each measurement (default: 20)")
+    parser.add_argument(
+        "--seconds", type=float, default=20.0, help="of each measurement (default: 20)"
+    )
     parser.add_argument("--chains", type=int, default=10, help="to execute (default: 10)")
     parser.add_argument("--domain", default="88", help="an unused ROS domain (default: 88)")
     parser.add_argument("--out", type=Path, help="JSON file to write")

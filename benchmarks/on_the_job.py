@@ -1,11 +1,12 @@
 """Measure what learning on the job gains, starting without models.
 
-    scripts/run python benchmarks/on_the_job.py --domain pursuit --chains 100 --seed 2041 --work on_the_job
+    scripts/run python benchmarks/on_the_job.py --domain pursuit --chains 100 --seed 2041 --work
+    on_the_job
 
-The chains are those of `evaluate --domain pursuit --seed 2041`. With `--oracle-from`, gains are compared with
-the oracle of such an evaluation. Each chain is executed as the nodes would do it with the current models.
-Before there are models, and for the baseline, headings are the bearings from the preceding stations. The
-learner of the node `learning` runs without ROS, one round at a time.
+The chains are those of `evaluate --domain pursuit --seed 2041`. With `--oracle-from`, gains are
+compared with the oracle of such an evaluation. Each chain is executed as the nodes would do it with
+the current models. Before there are models, and for the baseline, headings are the bearings from
+the preceding stations. The learner of the node `learning` runs without ROS, one round at a time.
 """
 
 from __future__ import annotations
@@ -94,8 +95,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--domain", default="pursuit")
     parser.add_argument("--chains", type=int, default=100)
     parser.add_argument("--seed", type=int, default=2041)
-    parser.add_argument("--work", type=Path, required=True, help="a new folder for records and learned sets")
-    parser.add_argument("--oracle-from", type=Path, help="folder of an evaluation of the same chains")
+    parser.add_argument(
+        "--work", type=Path, required=True, help="a new folder for records and learned sets"
+    )
+    parser.add_argument(
+        "--oracle-from", type=Path, help="folder of an evaluation of the same chains"
+    )
     options = parser.parse_args(argv)
     domain = find_domain(options.domain)
     robot, chain = domain.robot(None), next(iter(domain.chains))
@@ -114,11 +119,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     for index in range(options.chains):
         trial = random_trial(domain, chain, library, seed=options.seed, index=index)
         usual = arrive(Toolset(domain, robot, {}), trial).chain
-        baseline = run_chain(robot, library, trial.world, usual, time_limit=domain.time_limit).duration
+        baseline = run_chain(
+            robot, library, trial.world, usual, time_limit=domain.time_limit
+        ).duration
         found = refine(domain, learner, folder, trial)
         driven = usual if found is None else found.chain
         executor = ChainExecutor(library, driven, time_limit=domain.time_limit)
-        run = run_chain(robot, library, trial.world, driven, time_limit=domain.time_limit, executor=executor)
+        run = run_chain(
+            robot, library, trial.world, driven, time_limit=domain.time_limit, executor=executor
+        )
 
         for record in executor.records:
             learner.take(DEFAULT_SET, episode(record))

@@ -2,8 +2,9 @@
 
     scripts/run python benchmarks/search.py --seed 2051 --situations 125
 
-With up to three free variables the reference is brute force: every combination of a fine grid, 1 degree of
-each heading (2 where three are open) and 0.05 m/s (0.1) of each speed. With more it is a global optimizer.
+With up to three free variables the reference is brute force: every combination of a fine grid, 1
+degree of each heading (2 where three are open) and 0.05 m/s (0.1) of each speed. With more it is a
+global optimizer.
 """
 
 from __future__ import annotations
@@ -33,8 +34,10 @@ from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.ranges import Range
 
 NEAR = 0.005  # relative cost above the reference up to which the search counts as near
-SPEED_STEP = 0.05  # m/s between candidates of a speed, for each degree between candidates of an angle
-POPULATION, GENERATIONS = 32, 400  # of the optimizer: individuals for each variable, and generations
+# m/s between candidates of a speed, for each degree between candidates of an angle
+SPEED_STEP = 0.05
+# of the optimizer: individuals for each variable, and generations
+POPULATION, GENERATIONS = 32, 400
 OUTSIDE = 1000.0  # cost in s of values outside a region
 
 
@@ -155,7 +158,9 @@ def compared(tools: Toolset, library: TopLibrary, case: Case, seed: int, index: 
 def main(argv: Sequence[str] | None = None) -> int:
     """Print for each case the costs above the reference, as predicted and as executed."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("cases", nargs="*", metavar="CASE", help=f"of {', '.join(CASES)} (default: all)")
+    parser.add_argument(
+        "cases", nargs="*", metavar="CASE", help=f"of {', '.join(CASES)} (default: all)"
+    )
     parser.add_argument("--situations", type=int, default=125, metavar="N", help="of each case")
     parser.add_argument("--seed", type=int, default=2051)
     options = parser.parse_args(argv)
@@ -165,7 +170,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     for name in options.cases or CASES:
         case = CASES[name]
-        rows = [compared(tools, library, case, options.seed, index) for index in range(options.situations)]
+        rows = [
+            compared(tools, library, case, options.seed, index)
+            for index in range(options.situations)
+        ]
         cost, taken, least, least_taken = np.array(rows).T
         above, later = cost / least - 1.0, taken - least_taken
         low, high = mean_ci95(later)

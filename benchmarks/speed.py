@@ -41,7 +41,8 @@ WARM_UP = 10  # requests
 LENGTHS = (2, 8, 32)  # steps of long chains
 TICKS = 40  # measured ticks of an action: the first two seconds, in which it plans
 BLOCK = 5.0  # s of a simulation
-ROOMS, ROOM, DOOR, WALL = 10, 5.0, 1.0, 0.15  # rooms along a side of the building; sides and widths in m
+# rooms along a side of the building; sides and widths in m
+ROOMS, ROOM, DOOR, WALL = 10, 5.0, 1.0, 0.15
 
 CASES: dict[str, tuple[int, Callable[[TopChain], TopChain]]] = {
     "2 steps, heading": (0, lambda chain: chain),
@@ -99,7 +100,9 @@ def plans(requests: int) -> Rows:
     for name, goal in sorted(domain.goals(tools.robot).items()):
         times = []
         for index in range(requests + WARM_UP):
-            world = random_trial(domain, next(iter(domain.chains)), library, seed=803, index=index).world
+            world = random_trial(
+                domain, next(iter(domain.chains)), library, seed=803, index=index
+            ).world
             began = time.perf_counter()
             chains_for(goal.terms, world, library, domain.objects)
             times.append(time.perf_counter() - began)
@@ -161,13 +164,17 @@ def hard_situations(robot: Robot, count: int, seed: int) -> Iterator[tuple[str, 
         if kind == 0:  # the ball at a post
             ball = at_post()
             world = World(
-                0.0, state(anywhere()), {BALL: ObjectState(ball.x, ball.y, float(rng.normal()), 0.0)}
+                0.0,
+                state(anywhere()),
+                {BALL: ObjectState(ball.x, ball.y, float(rng.normal()), 0.0)},
             )
             yield "goToPose", world, Goal(ball, 0.0, Point.HOLD)
         elif kind == 1:  # the ball beside the robot, itself at a post or not
             pose = at_post() if rng.random() < 0.5 else anywhere()
             ball = pose.ahead(float(rng.uniform(0.2, 0.8)))
-            world = World(0.0, state(pose), {BALL: ObjectState(ball.x, ball.y, 0.0, float(rng.normal()))})
+            world = World(
+                0.0, state(pose), {BALL: ObjectState(ball.x, ball.y, 0.0, float(rng.normal()))}
+            )
             yield "goToPose", world, Goal(anywhere())
         else:  # the ball held, somewhere or at a post
             pose = at_post() if rng.random() < 0.5 else anywhere()
@@ -191,7 +198,9 @@ def _after(robot: Robot, world: World, command: Command) -> World:
     if ball is not None and not is_lost(world, robot, BALL):
         hold = robot.hold_point(pose)
         ball = ObjectState(hold.x, hold.y)
-    return World(world.time + CONTROL_PERIOD, RobotState(pose, speeds.v, speeds.w), objects_of(ball))
+    return World(
+        world.time + CONTROL_PERIOD, RobotState(pose, speeds.v, speeds.w), objects_of(ball)
+    )
 
 
 def route(requests: int) -> Rows:
@@ -209,14 +218,19 @@ def route(requests: int) -> Rows:
             found = routes.between(*ends)
             measured.append(time.perf_counter() - began)
             if math.isnan(found.length[0]):
-                raise ValueError(f"expected a route to each {kind} place, got none for {ends.ravel()}")
+                raise ValueError(
+                    f"expected a route to each {kind} place, got none for {ends.ravel()}"
+                )
     for kind, measured in times.items():
         name = f"route to a {kind} place, {side:g} x {side:g} m at {100.0 * cell:g} cm"
         yield name, _percentiles(measured[WARM_UP:])
 
 
 def building(rng: np.random.Generator, cell: float) -> BoolArray:
-    """Return the free cells of a square building of rooms; walls between rooms have a door somewhere."""
+    """Return the free cells of a square building of rooms.
+
+    Walls between rooms have a door somewhere.
+    """
     room, door, wall = (round(length / cell) for length in (ROOM, DOOR, WALL))
     free = np.ones((ROOMS * room, ROOMS * room), dtype=bool)
     for walls in (free, free.T):
@@ -248,7 +262,9 @@ def _block(robot: Robot, held: str | None) -> float:
         if held is not None:
             place = robot.hold_point(Pose(0.0, 0.0, 0.0))
             simulated.place_object(held, place.x, place.y)
-        bends = itertools.cycle([Command(0.6, 0.3)] * CONTROL_RATE + [Command(0.6, -0.3)] * CONTROL_RATE)
+        bends = itertools.cycle(
+            [Command(0.6, 0.3)] * CONTROL_RATE + [Command(0.6, -0.3)] * CONTROL_RATE
+        )
         began = time.perf_counter()
         for command in itertools.islice(bends, round(BLOCK * CONTROL_RATE)):
             simulated.command(command)
@@ -276,8 +292,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("parts", nargs="*", metavar="PART", help=f"of {', '.join(PARTS)} (default: all)")
-    parser.add_argument("--requests", type=int, default=200, metavar="N", help="default: %(default)s")
+    parser.add_argument(
+        "parts", nargs="*", metavar="PART", help=f"of {', '.join(PARTS)} (default: all)"
+    )
+    parser.add_argument(
+        "--requests", type=int, default=200, metavar="N", help="default: %(default)s"
+    )
     options = parser.parse_args(argv)
     if unknown := set(options.parts) - set(PARTS):
         parser.error(f"PART: expected one of {', '.join(PARTS)}, got {', '.join(sorted(unknown))}")

@@ -40,7 +40,12 @@ autodoc_member_order = "bysource"
 napoleon_google_docstring = False
 default_role = "code"
 
-KINDS = {"tutorial": "Tutorials", "how": "How to", "reference": "Reference", "explanation": "Explanation"}
+KINDS = {
+    "tutorial": "Tutorials",
+    "how": "How to",
+    "reference": "Reference",
+    "explanation": "Explanation",
+}
 
 
 def navigation() -> str:
@@ -51,7 +56,9 @@ def navigation() -> str:
         if found := re.match(rf"(?:\| |#+ |\*\*)({'|'.join(KINDS)})", line, re.IGNORECASE):
             kind = found[1].lower()
         if kind:
-            pages[kind] += [normpath(f"docs/{page}") for page in re.findall(r"\(([\w/.]+)\.md\)", line)]
+            pages[kind] += [
+                normpath(f"docs/{page}") for page in re.findall(r"\(([\w/.]+)\.md\)", line)
+            ]
     pages["reference"] += [f"docs/generated/{name}" for name in reference.PAGES]
     pages["explanation"] += ["CONTRIBUTING", "CHANGELOG"]
     text = "\n```{toctree}\n:hidden:\ndocs/README\n```\n"
@@ -65,7 +72,9 @@ def adapt(_app: Sphinx, page: str, source: list[str]) -> None:
     generated = f"]({'' if page.startswith('docs/') else 'docs/'}generated/interfaces.md"
     text = re.sub(r"\]\([./]*ator_interfaces/?\)", f"{generated})", source[0])
     text = re.sub(
-        r"\]\([./]*ator_interfaces/\w+/(\w+)\.\w+\)", lambda found: f"{generated}#{found[1].lower()})", text
+        r"\]\([./]*ator_interfaces/\w+/(\w+)\.\w+\)",
+        lambda found: f"{generated}#{found[1].lower()})",
+        text,
     )
 
     def without_folder(found: re.Match[str]) -> str:
@@ -82,12 +91,16 @@ def finish(app: Sphinx, error: Exception | None) -> None:
         Path(app.outdir, "index.html").write_text(to, encoding="utf-8")
 
 
-def skip(_app: Sphinx, _kind: str, _name: str, member: object, skipped: bool, _options: object) -> bool:
+def skip(
+    _app: Sphinx, _kind: str, _name: str, member: object, skipped: bool, _options: object
+) -> bool:
     """Leave out the fields of named tuples, which the class describes."""
     return skipped or str(member.__doc__).startswith("Alias for field number")
 
 
-def restore(_app: Sphinx, kind: str, _name: str, _item: object, _options: object, lines: list[str]) -> None:
+def restore(
+    _app: Sphinx, kind: str, _name: str, _item: object, _options: object, lines: list[str]
+) -> None:
     """Put back the words before a colon, which napoleon takes for the type of an attribute or a property."""
     if kind in ("attribute", "property") and lines and lines[-1].startswith(":type: "):
         lines[0] = f"{lines.pop().removeprefix(':type: ')}: {lines[0]}"

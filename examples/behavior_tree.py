@@ -2,8 +2,8 @@
 
     python3 examples/behavior_tree.py
 
-The tree drives to two stations, with the heading at the first one left to refinement, and back home. The
-nodes must run. The program needs rclpy, py_trees and ator_interfaces.
+The tree drives to two stations, with the heading at the first one left to refinement, and back
+home. The nodes must run. The program needs rclpy, py_trees and ator_interfaces.
 """
 
 from __future__ import annotations
@@ -27,7 +27,10 @@ TICK_PERIOD = 0.1  # s
 
 
 class ExecuteChainBehaviour(py_trees.behaviour.Behaviour):
-    """Executes a chain of `calls`, refined first if `refine`; cancels the goal if the tree interrupts it."""
+    """Executes a chain of `calls`, refined first if `refine`.
+
+    Cancels the goal if the tree interrupts it.
+    """
 
     def __init__(self, name: str, calls: Sequence[TopCall], *, refine: bool = True) -> None:
         super().__init__(name)
@@ -51,7 +54,9 @@ class ExecuteChainBehaviour(py_trees.behaviour.Behaviour):
             if not self._client.server_is_ready():
                 self.feedback_message = "waiting for the executor"
                 return Status.RUNNING
-            self._acceptance = self._client.send_goal_async(self._goal, feedback_callback=self._take_feedback)
+            self._acceptance = self._client.send_goal_async(
+                self._goal, feedback_callback=self._take_feedback
+            )
         if not self._acceptance.done():
             return Status.RUNNING
         if not self._acceptance.result().accepted:
@@ -71,7 +76,8 @@ class ExecuteChainBehaviour(py_trees.behaviour.Behaviour):
     def terminate(self, new_status: Status) -> None:
         """Cancel the goal if the tree interrupts the behavior."""
         if new_status is Status.INVALID and self._acceptance is not None:
-            self._acceptance.add_done_callback(_cancel)  # immediately if the goal was already accepted
+            # immediately if the goal was already accepted
+            self._acceptance.add_done_callback(_cancel)
 
     def _take_feedback(self, message: Any) -> None:
         now = message.feedback

@@ -1,12 +1,12 @@
 """Call a service, send a goal to an action, or echo a topic, where the command `ros2` is not installed.
 
-    python3 examples/call.py /reset std_srvs/srv/Trigger
-    python3 examples/call.py /pause std_srvs/srv/SetBool "{data: true}"
-    python3 examples/call.py /execute_chain ator_interfaces/action/ExecuteChain "{refine: true, ...}"
-    python3 examples/call.py echo /performance/chain
+    python3 examples/call.py /reset std_srvs/srv/Trigger python3 examples/call.py /pause
+    std_srvs/srv/SetBool "{data: true}" python3 examples/call.py /execute_chain
+    ator_interfaces/action/ExecuteChain "{refine: true, ...}" python3 examples/call.py echo
+    /performance/chain
 
-The values are YAML; other fields keep their defaults. --feedback prints the feedback of a goal. Ctrl-C
-cancels the goal. The program needs rclpy, PyYAML and the packages of the types.
+The values are YAML; other fields keep their defaults. --feedback prints the feedback of a goal.
+Ctrl-C cancels the goal. The program needs rclpy, PyYAML and the packages of the types.
 """
 
 from __future__ import annotations
@@ -59,7 +59,9 @@ def filled(kind: Any, values: Any, where: str = "request") -> Any:
         if found := re.search(r"(\w+)/(\w+)", types[name]):
             nested = interface(f"{found[1]}/msg/{found[2]}")
             if "<" in types[name] and isinstance(value, list):
-                value = [filled(nested, item, f"{place}[{index}]") for index, item in enumerate(value)]
+                value = [
+                    filled(nested, item, f"{place}[{index}]") for index, item in enumerate(value)
+                ]
             elif "<" not in types[name]:
                 value = filled(nested, value, place)
         elif "double" in types[name] or "float" in types[name]:
@@ -81,7 +83,9 @@ def _floats(value: Any) -> Any:
 def show(message: Any, end: str = "") -> None:
     """Print a message, or messages by name, as YAML, with at most six digits of each number."""
     print(
-        yaml.safe_dump(_plain(message), sort_keys=False, width=1000, allow_unicode=True), end=end, flush=True
+        yaml.safe_dump(_plain(message), sort_keys=False, width=1000, allow_unicode=True),
+        end=end,
+        flush=True,
     )
 
 
@@ -122,18 +126,27 @@ def call(node: Node, service: str, kind: Any, values: Any) -> None:
     """Call a service and print its response."""
     client = node.create_client(kind, service)
     if not client.wait_for_service(timeout_sec=_TIMEOUT):
-        raise CallError(f"expected the service {service} of this type within {_TIMEOUT:g} s, found none")
+        raise CallError(
+            f"expected the service {service} of this type within {_TIMEOUT:g} s, found none"
+        )
     show(_answer(node, client.call_async(filled(kind.Request, values)), service))
 
 
 def send_goal(node: Node, action: str, kind: Any, values: Any, *, feedback: bool) -> None:
-    """Send a goal to an action, and print its result and, if requested, feedback; Ctrl-C cancels it."""
+    """Send a goal to an action, and print its result and, if requested, feedback.
+
+    Ctrl-C cancels it.
+    """
     client = ActionClient(node, kind, action)
     if not client.wait_for_server(timeout_sec=_TIMEOUT):
-        raise CallError(f"expected the action {action} of this type within {_TIMEOUT:g} s, found none")
+        raise CallError(
+            f"expected the action {action} of this type within {_TIMEOUT:g} s, found none"
+        )
     sent = client.send_goal_async(
         filled(kind.Goal, values, "goal"),
-        feedback_callback=(lambda message: show({"feedback": message.feedback})) if feedback else None,
+        feedback_callback=(lambda message: show({"feedback": message.feedback}))
+        if feedback
+        else None,
     )
     handle = _answer(node, sent, action)
     if not handle.accepted:
@@ -166,9 +179,13 @@ def main(arguments: list[str] | None = None) -> int:
     )
     parser.add_argument("name", help="of the service or action, such as /reset; or echo")
     parser.add_argument("type", help="such as std_srvs/srv/Trigger; echo: the topic")
-    parser.add_argument("values", nargs="?", default="{}", help="of the request's or goal's fields, as YAML")
+    parser.add_argument(
+        "values", nargs="?", default="{}", help="of the request's or goal's fields, as YAML"
+    )
     parser.add_argument("--once", action="store_true", help="echo: end after one message")
-    parser.add_argument("-f", "--feedback", action="store_true", help="print the feedback of a goal")
+    parser.add_argument(
+        "-f", "--feedback", action="store_true", help="print the feedback of a goal"
+    )
     options = parser.parse_args(arguments)
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # Ctrl-C first cancels the goal
     node = rclpy.create_node("call")

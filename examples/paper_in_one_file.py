@@ -1,12 +1,13 @@
 """The paper in one file: Stulp and Beetz, "Optimized Execution of Action Chains" (IJCAI 2005).
 
-A robot goes to a ball, with a heading that the plan leaves open, and dribbles it to a pose. This program
-learns from experience how long both actions take, chooses the heading with which the chain is predicted to be
-fastest, and prints the paper's Table 1 in small:
+A robot goes to a ball, with a heading that the plan leaves open, and dribbles it to a pose. This
+program learns from experience how long both actions take, chooses the heading with which the chain
+is predicted to be fastest, and prints the paper's Table 1 in small:
 
     scripts/run python examples/paper_in_one_file.py
 
-Comments name the sections of the paper. Simulation and actions, which follow Bezier curves, are imported.
+Comments name the sections of the paper. Simulation and actions, which follow Bezier curves, are
+imported.
 """
 
 from __future__ import annotations
@@ -38,8 +39,8 @@ TIME_LIMIT = 30.0  # s, of an action alone and of a chain
 
 # Section 3, learning performance models
 #
-# 1) "From experience": each action is executed in random situations. The paper learns from the states at
-# 10 Hz. Here only the starts are examples, because the features contain no velocity.
+# 1) "From experience": each action is executed in random situations. The paper learns from the
+# states at 10 Hz. Here only the starts are examples, because the features contain no velocity.
 
 
 def observe(action: str, seed: int, number: int) -> tuple[FloatArray, float]:
@@ -70,10 +71,22 @@ def situation_of(start: Pose, goal: Goal) -> FloatArray:
     return np.array([*start, *goal.pose, ROBOT.hold if goal.point is Point.HOLD else 0.0])
 
 
-# 2) "Using a transformed state space": derived variables that correlate better with the duration. The model
-# tree selects from the paper's eleven.
+# 2) "Using a transformed state space": derived variables that correlate better with the duration.
+# The model tree selects from the paper's eleven.
 
-FEATURES = ("x", "y", "yaw", "xg", "yg", "yawg", "dx", "dy", "dist", "angle_to_dest", "angle_at_dest")
+FEATURES = (
+    "x",
+    "y",
+    "yaw",
+    "xg",
+    "yg",
+    "yawg",
+    "dx",
+    "dy",
+    "dist",
+    "angle_to_dest",
+    "angle_at_dest",
+)
 ANGLES = ("yaw", "yawg", "angle_to_dest", "angle_at_dest")
 
 
@@ -89,9 +102,10 @@ def features_of(situations: FloatArray) -> FloatArray:
     return np.column_stack([x, y, yaw, xg, yg, yawg, dx, dy, dist, angle_to, angle_at])
 
 
-# 3) "By partitioning the state space" and 4) "by approximating functions to the data in each of these
-# partitions": a model tree, learned as M5' does (Wang and Witten 1997), with one exception: a split is judged
-# by the errors of linear models on its two sides, not by the deviations from their means.
+# 3) "By partitioning the state space" and 4) "by approximating functions to the data in each of
+# these partitions": a model tree, learned as M5' does (Wang and Witten 1997), with one exception: a
+# split is judged by the errors of linear models on its two sides, not by the deviations from their
+# means.
 
 LEAST_LEAF = 25  # examples
 THRESHOLDS = 15  # candidates for each feature, at quantiles
@@ -129,12 +143,17 @@ def learn(table: FloatArray, durations: FloatArray) -> Node:
     fold, errors = np.arange(len(table)) % 3, dict.fromkeys(SMOOTHINGS, 0.0)
     for smoothing, held in product(SMOOTHINGS, range(3)):
         tree = smooth(grow(table[fold != held], durations[fold != held]), smoothing)
-        errors[smoothing] += np.abs(tree.predict(table[fold == held]) - durations[fold == held]).sum()
+        errors[smoothing] += np.abs(
+            tree.predict(table[fold == held]) - durations[fold == held]
+        ).sum()
     return smooth(grow(table, durations), min(SMOOTHINGS, key=lambda smoothing: errors[smoothing]))
 
 
 def grow(table: FloatArray, durations: FloatArray) -> Node:
-    """Grow a tree; a node stays a leaf if the expected error of its own model is not above its children's."""
+    """Grow a tree.
+
+    A node stays a leaf if the expected error of its own model is not above its children's.
+    """
     node = Node(table, durations, *linear_model(table, durations))
     split = best_split(table, durations)
     if split is not None:
@@ -148,7 +167,10 @@ def grow(table: FloatArray, durations: FloatArray) -> Node:
 
 
 def best_split(table: FloatArray, durations: FloatArray) -> tuple[int, float] | None:
-    """Return the feature and the threshold with the least error; None if there are too few examples."""
+    """Return the feature and the threshold with the least error.
+
+    None if there are too few examples.
+    """
     count, least, best = len(table), np.inf, None
     candidates = min(THRESHOLDS, count // LEAST_LEAF) if count >= 2 * LEAST_LEAF else 0
     for feature, column in enumerate(table.T):
@@ -187,7 +209,9 @@ def linear_model(table: FloatArray, durations: FloatArray) -> tuple[float, Float
     return constant, slopes, error
 
 
-def least_squares(table: FloatArray, durations: FloatArray, terms: int) -> tuple[float, FloatArray, float]:
+def least_squares(
+    table: FloatArray, durations: FloatArray, terms: int
+) -> tuple[float, FloatArray, float]:
     """Return constant, slopes and expected error of the linear model of all columns of a table.
 
     The error is M5's estimate for other examples and this number of terms.
@@ -232,8 +256,8 @@ def rules(node: Node, conditions: tuple[str, ...] = ()) -> Iterator[str]:
 
 # Section 4, automatic subgoal refinement
 #
-# 4.1 and 4.2: of the variables that influence performance, the current state cannot be changed, and the plan
-# binds the ball's position and the last goal. Only the heading at the ball is free.
+# 4.1 and 4.2: of the variables that influence performance, the current state cannot be changed, and
+# the plan binds the ball's position and the last goal. Only the heading at the ball is free.
 
 HEADINGS = np.linspace(-np.pi, np.pi, 120, endpoint=False)
 
@@ -261,7 +285,8 @@ def features_of_chains(task: Task, headings: Iterable[float]) -> tuple[FloatArra
 
 def choose_headings(models: Mapping[str, Node], task: Task) -> tuple[float, float]:
     """Return the headings in rad for which the first action alone (naive), and the chain, are fastest."""
-    # 4.3, optimization: the duration of the chain is predicted by summing over the models of its actions.
+    # 4.3, optimization: the duration of the chain is predicted by summing over the models of its
+    # actions.
     tables = zip(CHAIN, features_of_chains(task, HEADINGS), strict=True)
     first, second = (models[action].predict(table) for action, table in tables)
     return float(HEADINGS[np.argmin(first)]), float(HEADINGS[np.argmin(first + second)])
@@ -278,7 +303,10 @@ def random_task(seed: int, number: int) -> Task:
 
 
 def execute_chain(task: Task, yaw: float) -> float:
-    """Execute both actions one after the other; return the duration in s, the time limit if one fails."""
+    """Execute both actions one after the other.
+
+    Return the duration in s, the time limit if one fails.
+    """
     goals = zip(CHAIN, (with_heading(task.subgoal, yaw), task.goal), strict=True)
     with Simulation(ROBOT) as simulation:
         place(simulation, task.world)
@@ -294,14 +322,21 @@ def labels_of(naive: FloatArray, refined: FloatArray) -> NDArray[np.str_]:
 def print_table(title: str, naive: FloatArray, refined: FloatArray) -> None:
     """Print one half of Table 1."""
     labels = labels_of(naive, refined)
-    groups = [np.full(len(labels), True), *(labels == name for name in ("Higher", "Equal", "Lower"))]
-    saved = [100.0 * np.sum((naive - refined)[rows]) / max(np.sum(naive[rows]), 1.0) for rows in groups]
+    groups = [
+        np.full(len(labels), True),
+        *(labels == name for name in ("Higher", "Equal", "Lower")),
+    ]
+    saved = [
+        100.0 * np.sum((naive - refined)[rows]) / max(np.sum(naive[rows]), 1.0) for rows in groups
+    ]
     print(f"\n{title:18}  Total Higher  Equal  Lower")
     print("# runs            ", *(f"{np.sum(rows):6d}" for rows in groups))
     print("improvement       ", *(f"{percent:5.1f}%" for percent in saved))
 
 
-def experience(pool: Executor, action: str, seed: int, numbers: range) -> tuple[FloatArray, FloatArray]:
+def experience(
+    pool: Executor, action: str, seed: int, numbers: range
+) -> tuple[FloatArray, FloatArray]:
     """Return features, shape (n, 11), and durations in s, shape (n,), of the executions that succeeded."""
     observed = pool.map(observe, repeat(action), repeat(seed), numbers)
     situations, durations = map(np.array, zip(*tqdm(observed, action, len(numbers)), strict=True))
@@ -315,7 +350,9 @@ def run(pool: Executor, episodes: int, situations: int, seed: int) -> None:
         models[action] = learn(*experience(pool, action, seed, range(episodes)))
         table, durations = experience(pool, action, seed, range(episodes, episodes + episodes // 5))
         errors = np.abs(models[action].predict(table) - durations)
-        print(f"\n{action}: mean absolute error {errors.mean():.2f} s in {len(errors)} new situations")
+        print(
+            f"\n{action}: mean absolute error {errors.mean():.2f} s in {len(errors)} new situations"
+        )
         print(*rules(models[action]), sep="\n", flush=True)
     tasks = [random_task(seed, number) for number in range(2 * situations)]
     headings = list(zip(*(choose_headings(models, task) for task in tasks), strict=True))
@@ -337,7 +374,9 @@ def main() -> None:
     """Run the command line."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--episodes", type=int, default=500, help="of each action: 5 or more")
-    parser.add_argument("--situations", type=int, default=100, help="for each half of Table 1: 2 or more")
+    parser.add_argument(
+        "--situations", type=int, default=100, help="for each half of Table 1: 2 or more"
+    )
     parser.add_argument("--seed", type=int, default=1, help="of everything that is random")
     given = parser.parse_args()
     if given.episodes < 5 or given.situations < 2:

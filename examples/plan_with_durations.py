@@ -2,8 +2,9 @@
 
     scripts/run python examples/plan_with_durations.py --problems 20
 
-Planning domains often have `(= ?duration 1)`. Here the learned model predicts the duration of each drive. The
-plans of Aries are executed in the simulation, and compared with plans for other durations.
+Planning domains often have `(= ?duration 1)`. Here the learned model predicts the duration of each
+drive. The plans of Aries are executed in the simulation, and compared with plans for other
+durations.
 """
 
 from __future__ import annotations
@@ -50,12 +51,17 @@ def durations_between(places: Sequence[Pose]) -> dict[str, FloatArray]:
     worlds = [World(0.0, RobotState(pose)) for pose in places]
     calls = [TopCall(LIBRARY["goToPose"], Goal(pose)) for pose in places]
     predicted = predict_durations(worlds, calls, ROBOT, MODELS).durations
-    fastest = np.array([[start.distance(goal) for goal in places] for start in places]) / ROBOT.limits.v
+    fastest = (
+        np.array([[start.distance(goal) for goal in places] for start in places]) / ROBOT.limits.v
+    )
     return {"equal": np.ones_like(predicted), "by distance": fastest, "predicted": predicted}
 
 
 def plan(durations: FloatArray, seconds: float) -> list[list[int]]:
-    """Plan within `seconds` from durations in s, shape (n, n); return the stations of each robot in order."""
+    """Plan within `seconds` from durations in s, shape (n, n).
+
+    Return the stations of each robot in order.
+    """
     robot, place = up.UserType("robot"), up.UserType("place")
     at, visited = up.Fluent("at", robot=robot, place=place), up.Fluent("visited", place=place)
     duration = up.Fluent("duration", up.IntType(), start=place, goal=place)
@@ -74,14 +80,23 @@ def plan(durations: FloatArray, seconds: float) -> list[list[int]]:
     for number, start in enumerate(robots):
         problem.set_initial_value(at(start, places[number]), True)
     for (start, goal), time in np.ndenumerate(durations):
-        problem.set_initial_value(duration(places[start], places[goal]), max(1, round(TIME_UNITS * time)))
+        problem.set_initial_value(
+            duration(places[start], places[goal]), max(1, round(TIME_UNITS * time))
+        )
     for station in places[ROBOTS:]:
         problem.add_goal(visited(station))
     problem.add_quality_metric(up.MinimizeMakespan())
     with up.AnytimePlanner(name="aries") as planner:
-        best = [found.plan for found in planner.get_solutions(problem, timeout=seconds) if found.plan][-1]
-    drives = [step.actual_parameters for _, step, _ in sorted(best.timed_actions, key=itemgetter(0))]
-    goals = [[goal.object() for driver, _, goal in drives if driver.object() == robot] for robot in robots]
+        best = [
+            found.plan for found in planner.get_solutions(problem, timeout=seconds) if found.plan
+        ][-1]
+    drives = [
+        step.actual_parameters for _, step, _ in sorted(best.timed_actions, key=itemgetter(0))
+    ]
+    goals = [
+        [goal.object() for driver, _, goal in drives if driver.object() == robot]
+        for robot in robots
+    ]
     return [[places.index(goal) for goal in own] for own in goals]
 
 
@@ -91,7 +106,9 @@ def execute(places: Sequence[Pose], stations_by_robot: Sequence[Sequence[int]]) 
     for start, stations in zip(places, stations_by_robot, strict=False):
         if stations:
             calls = tuple(TopCall(LIBRARY["goToPose"], Goal(places[number])) for number in stations)
-            run = run_chain(ROBOT, LIBRARY, World(0.0, RobotState(start)), TopChain(calls), time_limit=300.0)
+            run = run_chain(
+                ROBOT, LIBRARY, World(0.0, RobotState(start)), TopChain(calls), time_limit=300.0
+            )
             times.append(run.duration)
     return max(times)
 

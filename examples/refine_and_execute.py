@@ -3,8 +3,8 @@
     ros2 launch ator_ros ator.launch.xml
     python3 examples/refine_and_execute.py
 
-The nodes must run. The program needs rclpy and ator_interfaces. Before a second run, reset the simulation:
-`python3 examples/call.py /reset std_srvs/srv/Trigger`.
+The nodes must run. The program needs rclpy and ator_interfaces. Before a second run, reset the
+simulation: `python3 examples/call.py /reset std_srvs/srv/Trigger`.
 """
 
 from __future__ import annotations
@@ -54,7 +54,9 @@ def executed(node: Node, goal: ExecuteChain.Goal) -> ExecuteChain.Result:
     client = ActionClient(node, ExecuteChain, "execute_chain")
     if not client.wait_for_server(timeout_sec=_TIMEOUT):
         raise TimeoutError(f"execute_chain: expected the action within {_TIMEOUT:g} s, found none")
-    handle = _waited(node, client.send_goal_async(goal, feedback_callback=_print_feedback), "execute_chain")
+    handle = _waited(
+        node, client.send_goal_async(goal, feedback_callback=_print_feedback), "execute_chain"
+    )
     return _waited(node, handle.get_result_async(), "the end of the chain").result
 
 
@@ -95,7 +97,9 @@ def refine_and_execute(node: Node) -> int:
     print(f"refined: {answer.refined}, {answer.reason}")
     change = "changed to" if answer.refined else "unchanged; best would be"
     for free in answer.free:
-        print(f"  {free.name} of step {free.subgoal + 1}: {free.before:.2f} {change} {free.after:.2f}")
+        print(
+            f"  {free.name} of step {free.subgoal + 1}: {free.before:.2f} {change} {free.after:.2f}"
+        )
     if not answer.accepted:
         return 1
     print(f"predicted: {answer.before.duration:.2f} s before, {answer.after.duration:.2f} s after")

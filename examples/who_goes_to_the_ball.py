@@ -2,10 +2,10 @@
 
     scripts/run python examples/who_goes_to_the_ball.py --situations 200
 
-If the robots share their states, each can predict both times, and they decide alike without negotiation.
-The program compares this decision with the usual one, by distance, in random situations in which both robots
-are in motion. Each robot goes to the ball in the simulation. Over ROS, the service `predict_durations` gives
-the same predictions.
+If the robots share their states, each can predict both times, and they decide alike without
+negotiation. The program compares this decision with the usual one, by distance, in random
+situations in which both robots are in motion. Each robot goes to the ball in the simulation. Over
+ROS, the service `predict_durations` gives the same predictions.
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ MOST_V, MOST_W = 0.8, 0.8  # m/s and rad/s at the start
 def who_goes(times: Sequence[float], spreads: Sequence[float], now: int | None = None) -> int:
     """Return the index of the robot that goes, from predicted times and their standard deviations (s).
 
-    The robot that goes `now` is replaced only if another one is faster by more than the standard deviation of
-    the difference. Otherwise two robots that are equally near would alternate.
+    The robot that goes `now` is replaced only if another one is faster by more than the standard
+    deviation of the difference. Otherwise two robots that are equally near would alternate.
     """
     first = min(range(len(times)), key=times.__getitem__)
     if now is None:
@@ -88,7 +88,9 @@ def compared(number: int, seed: int) -> tuple[list[float], int, int] | None:
     if not all(run.success for run in runs):
         return None
     ball = worlds[0].objects[BALL]
-    distances = [math.hypot(ball.x - world.robot.pose.x, ball.y - world.robot.pose.y) for world in worlds]
+    distances = [
+        math.hypot(ball.x - world.robot.pose.x, ball.y - world.robot.pose.y) for world in worlds
+    ]
     return [run.duration for run in runs], int(np.argmin(distances)), who_goes(*predicted(worlds))
 
 

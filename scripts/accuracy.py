@@ -36,7 +36,9 @@ ABLATION: dict[str, Features] = {
 """First rows of the ablation: candidate features."""
 
 
-def accuracy_table(models: Iterable[PerformanceModel], published: Mapping[str, str]) -> Iterator[str]:
+def accuracy_table(
+    models: Iterable[PerformanceModel], published: Mapping[str, str]
+) -> Iterator[str]:
     """Yield lines of Markdown: the accuracy in the model files, and the paper's errors by action."""
     yield "| action | set | kind of start | episodes | MAE (s) | RMSE (s) | relative | paper |"
     yield "| --- | --- | --- | --- | --- | --- | --- | --- |"
@@ -75,8 +77,8 @@ def ablation_table(
 ) -> Iterator[str]:
     """Yield lines of Markdown: accuracy for starts at rest with several sets of candidate features.
 
-    `experience` and `fresh` are the rows to learn from and those of fresh episodes, by action; `seed` is that
-    of the fresh episodes.
+    `experience` and `fresh` are the rows to learn from and those of fresh episodes, by action;
+    `seed` is that of the fresh episodes.
     """
     yield "| action | candidates | leaves | features used | MAE (s) | RMSE (s) |"
     yield "| --- | --- | --- | --- | --- | --- |"
@@ -110,8 +112,11 @@ def _numbers(numbers: Mapping[str, Any]) -> str:
 
 def shipped(folder: Path, domain: Domain, robot: Robot) -> list[PerformanceModel]:
     """Return the models of a domain in a folder whose accuracy was measured."""
-    others = set(entry_points_of(GROUP)) - {domain.name}  # their models are in folders with their names
-    files = (path for path in folder.rglob("*.json") if path.relative_to(folder).parts[0] not in others)
+    # their models are in folders with their names
+    others = set(entry_points_of(GROUP)) - {domain.name}
+    files = (
+        path for path in folder.rglob("*.json") if path.relative_to(folder).parts[0] not in others
+    )
     models = [load_model(path, robot, domain.known_features) for path in sorted(files)]
     return [model for model in models if model.metadata["accuracy"]]
 
@@ -120,7 +125,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Write one of the pages."""
     words = list(sys.argv[1:] if argv is None else argv)
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("tables", nargs="*", type=Path, metavar="FILE", help="experience and fresh episodes")
+    parser.add_argument(
+        "tables", nargs="*", type=Path, metavar="FILE", help="experience and fresh episodes"
+    )
     parser.add_argument(
         "--models", type=Path, metavar="DIR", help="folder of the models (default: as shipped)"
     )
@@ -134,11 +141,19 @@ def main(argv: Sequence[str] | None = None) -> int:
             dict(iter(table.frame.groupby("action", sort=False))) for table in (experience, fresh)
         )
         title = "Feature ablation"
-        lines = list(ablation_table(rows, others, robot, domain, seed=fresh.metadata.get("seed") or 0))
+        lines = list(
+            ablation_table(rows, others, robot, domain, seed=fresh.metadata.get("seed") or 0)
+        )
     else:
         models = shipped(domain.models_root(options.models), domain, robot)
         title = "Accuracy of the performance models"
-        lines = [*accuracy_table(models, PAPER_ERRORS), "", "## Success", "", *success_table(models)]
+        lines = [
+            *accuracy_table(models, PAPER_ERRORS),
+            "",
+            "## Success",
+            "",
+            *success_table(models),
+        ]
     command, text = portable_command("accuracy.py", words), "\n".join(lines)
     made = f"Made by `{command}`. Times in s, with 95 % bootstrap intervals."
     write_text(options.out, f"# {title}\n\n{made}\n\n{text}\n")

@@ -1,11 +1,12 @@
 """Measure what refinement gains with and without the gate, with models from few drives.
 
 scripts/run python scripts/few_drives.py --domains pursuit tour --oracle-jointly --work few_drives
-scripts/run python scripts/few_drives.py --domains building --drives 200 --oracle-jointly --work few_drives
+scripts/run python scripts/few_drives.py --domains building --drives 200 --oracle-jointly --work
+few_drives
 
-For each domain it collects random drives of each action without ROS, learns from them, and executes the same
-new chains with every model. The oracle is executed once, with the model of most drives. After an
-interruption, the same command resumes.
+For each domain it collects random drives of each action without ROS, learns from them, and executes
+the same new chains with every model. The oracle is executed once, with the model of most drives.
+After an interruption, the same command resumes.
 """
 
 from __future__ import annotations
@@ -35,7 +36,9 @@ UNLEARNED = {
 POLICIES = ("naive", "refined", "gated")
 
 
-def measured(domain_name: str, drives: int, work: Path, options: argparse.Namespace) -> dict[str, Any]:
+def measured(
+    domain_name: str, drives: int, work: Path, options: argparse.Namespace
+) -> dict[str, Any]:
     """Collect, train and evaluate unless that is done; return the summary of the evaluation."""
     domain = find_domain(domain_name)
     name = domain_name if options.robot is None else f"{domain_name}_{options.robot.stem}"
@@ -54,8 +57,16 @@ def measured(domain_name: str, drives: int, work: Path, options: argparse.Namesp
     command = "scripts/few_drives.py"
     if not table.exists():
         actions = list(domain.actions())
-        collect(actions, source, table, command=command, episodes=drives, seed=options.seed + drives)
-    train([table], Path(source.models), command=command, domain=domain, robot=domain.robot(options.robot))
+        collect(
+            actions, source, table, command=command, episodes=drives, seed=options.seed + drives
+        )
+    train(
+        [table],
+        Path(source.models),
+        command=command,
+        domain=domain,
+        robot=domain.robot(options.robot),
+    )
     most = max(options.drives)
     first = drives == most
     settings = Settings(
@@ -76,7 +87,9 @@ def rows(domain_name: str, summaries: dict[int, dict[str, Any]]) -> Iterator[str
     """Yield the rows of one domain."""
     summary = summaries[max(summaries)]
     if "oracle" not in summary:
-        raise SystemExit(f"--drives: expected the greatest number of earlier runs too, got {max(summaries)}")
+        raise SystemExit(
+            f"--drives: expected the greatest number of earlier runs too, got {max(summaries)}"
+        )
     oracle, naive = summary["oracle"], summary["naive"]
     yield f"| {domain_name} | naive | {naive['mean_duration_s']:.2f} s | | | |"
     yield f"| | oracle | {oracle['mean_duration_s']:.2f} s | {_gain(oracle)} | | |"
@@ -117,7 +130,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     ]
     for name in options.domains:
         most_first = sorted(options.drives, reverse=True)
-        lines += rows(name, {drives: measured(name, drives, options.work, options) for drives in most_first})
+        lines += rows(
+            name, {drives: measured(name, drives, options.work, options) for drives in most_first}
+        )
     text = "\n".join(lines) + "\n"
     if options.out:
         write_text(options.out, text)

@@ -1,6 +1,7 @@
 """Draw the paper's Figures 4 and 6 for learned models of soccer.
 
-scripts/run python scripts/figures.py --action-set bezier    # figure4_bezier.svg, figure6_bezier.svg
+scripts/run python scripts/figures.py --action-set bezier    # figure4_bezier.svg,
+figure6_bezier.svg
 """
 
 from __future__ import annotations
@@ -99,7 +100,9 @@ def figure4(model: PerformanceModel) -> Any:
     for begin, end in zip([0, *changes], [*changes, len(angles)], strict=True):
         axes.plot(degrees[begin:end], times[begin:end], color=BLUE, lw=1.5)
     axes.axvline(math.degrees(EXAMPLE), color=GRAY, lw=0.8)
-    axes.set(xlabel="angle_at_dest (degree)", ylabel="predicted execution time (s)", xlim=(-180, 180))
+    axes.set(
+        xlabel="angle_at_dest (degree)", ylabel="predicted execution time (s)", xlim=(-180, 180)
+    )
     axes.set_xticks(range(-180, 181, 60))
     axes.set_ylim(bottom=0.0)
     polar = upper.add_subplot(1, 2, 2, projection="polar")
@@ -110,9 +113,15 @@ def figure4(model: PerformanceModel) -> Any:
     polar.set_rlim(0.0, float(times.max()) * 1.08)
     polar.tick_params(labelsize=7)
     rule = model.explain(situations(model.robot, np.array([EXAMPLE]))).splitlines()[0]
-    lower.text(0.02, 0.9, f"rule at {math.degrees(EXAMPLE):.0f}°:", fontsize=7, va="top", color=GRAY)
-    lower.text(0.02, 0.72, textwrap.fill(rule, 118), fontsize=6.5, va="top", family="DejaVu Sans Mono")
-    figure.suptitle(f"{model.action} to the ball: dist = {DISTANCE:g} m, angle_to_dest = 0°", fontsize=10)
+    lower.text(
+        0.02, 0.9, f"rule at {math.degrees(EXAMPLE):.0f}°:", fontsize=7, va="top", color=GRAY
+    )
+    lower.text(
+        0.02, 0.72, textwrap.fill(rule, 118), fontsize=6.5, va="top", family="DejaVu Sans Mono"
+    )
+    figure.suptitle(
+        f"{model.action} to the ball: dist = {DISTANCE:g} m, angle_to_dest = 0°", fontsize=10
+    )
     return figure
 
 
@@ -134,7 +143,9 @@ def curves(
     """Return headings (rad), shape (n,), and the predicted durations (s) of both actions for them."""
     world, chain = example(library)
     free = analyze(chain, models, robot).free
-    model = ChainModel(world, chain, robot, models=models, names=names_of(chain, free), objective=Objective())
+    model = ChainModel(
+        world, chain, robot, models=models, names=names_of(chain, free), objective=Objective()
+    )
     headings, nothing = np.linspace(-math.pi, math.pi, CANDIDATES, endpoint=False), np.zeros((1, 0))
     steps = (0, nothing, headings[:, None]), (1, headings[:, None], nothing)
     return headings, model.step_costs(steps)
@@ -147,19 +158,27 @@ def figure6(robot: Robot, models: Mapping[str, Any], library: TopLibrary) -> Any
     naive, best = int(np.argmin(first)), int(np.argmin(total))
     figure = new_figure(11.0, 6.6)
     titles = ("goToBall (s)", "dribbleBall (s)", "both (s)")
-    for column, (title, values) in enumerate(zip(titles, (first, second, total), strict=True), start=1):
+    for column, (title, values) in enumerate(
+        zip(titles, (first, second, total), strict=True), start=1
+    ):
         axes = figure.add_subplot(2, 3, column, projection="polar")
-        axes.plot(np.append(headings, headings[0]), np.append(values, values[0]), color="black", lw=1.2)
+        axes.plot(
+            np.append(headings, headings[0]), np.append(values, values[0]), color="black", lw=1.2
+        )
         for index, color in ((naive, ORANGE), (best, BLUE)):
             axes.plot([headings[index]] * 2, [0.0, values[index]], color=color, lw=1.5)
             axes.plot(headings[index], values[index], "o", color=color, ms=4)
-        axes.set_title(f"{title}\n{values[naive]:.1f} s alone, {values[best]:.1f} s together", fontsize=9)
+        axes.set_title(
+            f"{title}\n{values[naive]:.1f} s alone, {values[best]:.1f} s together", fontsize=9
+        )
         axes.set_ylim(0.0, float(total.max()))
         axes.tick_params(labelsize=7)
     for position, index, name, color in ((4, naive, "naive", ORANGE), (6, best, "refined", BLUE)):
         axes = figure.add_subplot(2, 3, position)
         draw_robot(axes, robot, START, GRAY)
-        draw_robot(axes, robot, robot.pose_holding(BALL._replace(yaw=float(headings[index]))), color)
+        draw_robot(
+            axes, robot, robot.pose_holding(BALL._replace(yaw=float(headings[index]))), color
+        )
         draw_robot(axes, robot, robot.pose_holding(GOAL), GRAY)
         axes.plot(BALL.x, BALL.y, "o", color="black", ms=5)
         axes.set_title(f"{name}: {total[index]:.1f} s predicted in all", fontsize=9)
@@ -183,8 +202,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--models", type=Path, default=SOCCER.shipped_models, metavar="DIR")
     parser.add_argument("--out", type=Path, default=Path("docs"), metavar="DIR")
     options = parser.parse_args(argv)
-    robot, suffix = SOCCER.robot(), "" if options.action_set == DEFAULT_SET else f"_{options.action_set}"
-    models = load_models(robot, SOCCER.known_features, action_set=options.action_set, folder=options.models)
+    robot, suffix = (
+        SOCCER.robot(),
+        "" if options.action_set == DEFAULT_SET else f"_{options.action_set}",
+    )
+    models = load_models(
+        robot, SOCCER.known_features, action_set=options.action_set, folder=options.models
+    )
     save_svg(figure4(models["goToPose"]), options.out / f"figure4{suffix}.svg")
     library = SOCCER.library(robot, options.action_set)
     save_svg(figure6(robot, models, library), options.out / f"figure6{suffix}.svg")

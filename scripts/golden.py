@@ -1,11 +1,12 @@
 """Record decisions of the package, to show that a change of structure changes none of them.
 
     scripts/run python scripts/golden.py write FOLDER           # every part, one file each
-    scripts/run python scripts/golden.py write FOLDER refined   # the parts whose names begin with refined
-    scripts/run python scripts/golden.py compare OLD NEW        # two folders, bit by bit
+    scripts/run python scripts/golden.py write FOLDER refined   # the parts whose names begin with
+    refined scripts/run python scripts/golden.py compare OLD NEW        # two folders, bit by bit
 
-Numbers are written in full, so that two commits on one machine can be compared bit by bit. Other processors
-round differently: test/test_golden.py compares `test/golden/`, written with ``--digits 8``, to 1e-6.
+Numbers are written in full, so that two commits on one machine can be compared bit by bit. Other
+processors round differently: test/test_golden.py compares `test/golden/`, written with ``--digits
+8``, to 1e-6.
 """
 
 from __future__ import annotations
@@ -30,7 +31,14 @@ from ator_ros.domains.domain import find_domain
 from ator_ros.evaluation.chain_run import run_chain
 from ator_ros.evaluation.policies import POLICIES, naive
 from ator_ros.evaluation.toolset import ToolsetSource, tools_of
-from ator_ros.evaluation.trials import Trial, open_places, open_speeds, random_trial, reopened, with_headings
+from ator_ros.evaluation.trials import (
+    Trial,
+    open_places,
+    open_speeds,
+    random_trial,
+    reopened,
+    with_headings,
+)
 from ator_ros.experience.collect import collect
 from ator_ros.experience.table import join
 from ator_ros.files import write_text
@@ -83,7 +91,10 @@ def _predicted(prediction: ChainPrediction) -> Json:
 
 def _trials(source: ToolsetSource, chain: str, seed: int, count: int) -> Iterator[Trial]:
     domain = find_domain(source.domain)
-    name, library = chain or next(iter(domain.chains)), domain.library(source.described(), source.action_set)
+    name, library = (
+        chain or next(iter(domain.chains)),
+        domain.library(source.described(), source.action_set),
+    )
     for index in range(count):
         yield random_trial(domain, name, library, seed=seed, index=index)
 
@@ -138,7 +149,8 @@ def _bearings(trial: Trial) -> TopChain:
     places = [trial.world.robot.pose, *(call.goal.pose for call in trial.chain.calls[:-1])]
     pairs = enumerate(itertools.pairwise(places))
     return with_headings(
-        trial.chain, {index: math.atan2(to.y - here.y, to.x - here.x) for index, (here, to) in pairs}
+        trial.chain,
+        {index: math.atan2(to.y - here.y, to.x - here.x) for index, (here, to) in pairs},
     )
 
 
@@ -161,7 +173,12 @@ def executed(name: str, count: int) -> list[Json]:
             set_chain = POLICIES[policy](tools_of(source)[0], trial).chain
         with _commands() as sent:
             run = run_chain(
-                robot, library, trial.world, set_chain, time_limit=domain.time_limit, executor=executor
+                robot,
+                library,
+                trial.world,
+                set_chain,
+                time_limit=domain.time_limit,
+                executor=executor,
             )
         table = np.array([(command.v, command.w) for command in sent])
         found.append(
@@ -194,7 +211,11 @@ def planned(count: int) -> list[Json]:
     found: list[Json] = []
     for index in range(count):
         words = GOALS[index % len(GOALS)]
-        goal = list(named[words[0]].terms) if words[0] in named else [statement_from(word) for word in words]
+        goal = (
+            list(named[words[0]].terms)
+            if words[0] in named
+            else [statement_from(word) for word in words]
+        )
         (robot_x, robot_y, x, y), yaw = rng.uniform(-2.0, 2.0, 4), rng.uniform(-3.0, 3.0)
         pose = Pose(float(robot_x), float(robot_y), float(yaw))
         world = World(0.0, RobotState(pose), {"ball": ObjectState(float(x), float(y))})
@@ -226,7 +247,10 @@ def trained(episodes: int) -> list[Json]:
 
 
 PARTS: dict[str, tuple[Callable[[int], list[Json]], int]] = {
-    **{f"refined_{name}": (partial(refined, name), 50 if "place" in name else 200) for name in REFINED},
+    **{
+        f"refined_{name}": (partial(refined, name), 50 if "place" in name else 200)
+        for name in REFINED
+    },
     **{f"executed_{name}": (partial(executed, name), 8) for name in EXECUTED},
     "planned": (planned, 50),
     "trained": (trained, 60),
@@ -248,7 +272,9 @@ def write(folder: Path, parts: Sequence[str], digits: int) -> int:
     for name, (record, count) in PARTS.items():
         if not parts or name.startswith(tuple(parts)):
             print(f"golden: {name}", flush=True)
-            entries = (json.dumps(_short(entry, digits), separators=(",", ":")) for entry in record(count))
+            entries = (
+                json.dumps(_short(entry, digits), separators=(",", ":")) for entry in record(count)
+            )
             write_text(folder / f"{name}.json", "[\n" + ",\n".join(entries) + "\n]\n")
     return 0
 

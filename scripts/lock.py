@@ -5,9 +5,9 @@ constraints.txt is for `make setup`, docs-constraints.txt for `make docs`.
     python3 scripts/lock.py              after changing a pin: everything else keeps its version
     python3 scripts/lock.py --upgrade    the newest versions of what is not pinned
 
-The lock holds for every Python and Linux machine that set-up supports: the hashes are those of all files of a
-version. uv works them out, in a temporary virtual environment. It asks the index that UV_DEFAULT_INDEX names.
-Needs only the standard library.
+The lock holds for every Python and Linux machine that set-up supports: the hashes are those of all
+files of a version. uv works them out, in a temporary virtual environment. It asks the index that
+UV_DEFAULT_INDEX names. Needs only the standard library.
 """
 
 from __future__ import annotations

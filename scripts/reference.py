@@ -22,14 +22,20 @@ INTERFACES = ROOT / "ator_interfaces"
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """Return a table in Markdown."""
-    lines = [head, ["---"] * len(head), *([cell.replace("|", "\\|") for cell in row] for row in rows)]
+    lines = [
+        head,
+        ["---"] * len(head),
+        *([cell.replace("|", "\\|") for cell in row] for row in rows),
+    ]
     return "".join(f"| {' | '.join(line)} |\n" for line in lines)
 
 
 def text_of(lines: Iterable[str]) -> str:
     """Return a comment as Markdown; names between ` keep their characters."""
     parts = re.split(r"(`[^`]*`)", " ".join(lines))
-    return "".join(part if part.startswith("`") else re.sub(r"([*<\[_])", r"\\\1", part) for part in parts)
+    return "".join(
+        part if part.startswith("`") else re.sub(r"([*<\[_])", r"\\\1", part) for part in parts
+    )
 
 
 def programs(folder: str) -> list[EntryPoint]:
@@ -45,7 +51,10 @@ def programs(folder: str) -> list[EntryPoint]:
 
 
 def declared(module: Any) -> Sequence[Parameter]:
-    """Return the parameters that the module of a node declares; those of an object are called OBJECT_…."""
+    """Return the parameters that the module of a node declares.
+
+    Those of an object are called OBJECT_….
+    """
     found: Sequence[Parameter] = (
         module.parameters_for([OBJECT]) if hasattr(module, "parameters_for") else module.PARAMETERS
     )
@@ -70,7 +79,9 @@ def allowed(parameter: Parameter) -> str:
 
 def topics(module: Any) -> str:
     """Return what the docstring of a node says about its topics, services and actions."""
-    classes = (item for item in vars(module).values() if inspect.isclass(item) and issubclass(item, Node))
+    classes = (
+        item for item in vars(module).values() if inspect.isclass(item) and issubclass(item, Node)
+    )
     node = next(item for item in classes if item.__module__ == module.__name__)
     return inspect.getdoc(node) or ""
 
@@ -121,7 +132,10 @@ def interfaces_page() -> str:
             for name, part in parts_of(file):
                 text += f"\n{text_of(part.annotations['comment'])}\n"
                 rows = [
-                    (f"`{item}`".replace(f"{INTERFACES.name}/", ""), text_of(item.annotations["comment"]))
+                    (
+                        f"`{item}`".replace(f"{INTERFACES.name}/", ""),
+                        text_of(item.annotations["comment"]),
+                    )
                     for item in (*part.constants, *part.fields)
                 ]
                 text += f"\n{table((name or 'Field', 'Meaning'), rows)}"
@@ -147,7 +161,9 @@ def imported_names() -> dict[str, set[str]]:
     for file in files:
         text = file.read_text(encoding="utf-8")
         for module, names in re.findall(r"from (ator_ros\.[\w.]+) import (\([^)]*\)|.*)", text):
-            found.setdefault(module, set()).update(re.findall(r"\w+", re.sub(r"#.*| as \w+", "", names)))
+            found.setdefault(module, set()).update(
+                re.findall(r"\w+", re.sub(r"#.*| as \w+", "", names))
+            )
     return found
 
 
@@ -160,7 +176,12 @@ def python_page() -> str:
     return text
 
 
-PAGES = {"nodes": nodes_page, "interfaces": interfaces_page, "tools": tools_page, "python": python_page}
+PAGES = {
+    "nodes": nodes_page,
+    "interfaces": interfaces_page,
+    "tools": tools_page,
+    "python": python_page,
+}
 
 
 def write_pages(folder: Path) -> None:

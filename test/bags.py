@@ -26,7 +26,10 @@ class Tick(NamedTuple):
 
 
 class Messages:
-    """Makes messages for a recording; `offset` (s) is added to all stamps, `place` (m) to all positions."""
+    """Makes messages for a recording.
+
+    `offset` (s) is added to all stamps, `place` (m) to all positions.
+    """
 
     def __init__(self, offset: float = 0.0, place: tuple[float, float] = (0.0, 0.0)) -> None:
         from rosbags.typesys import Stores, get_typestore
@@ -64,7 +67,9 @@ class Messages:
     ) -> Any:
         half, v = tick.pose.yaw / 2.0, slip * tick.v
         turn = length * math.sin(half), length * math.cos(half)
-        cosine, sine = (math.cos(tick.pose.yaw), math.sin(tick.pose.yaw)) if in_world else (1.0, 0.0)
+        cosine, sine = (
+            (math.cos(tick.pose.yaw), math.sin(tick.pose.yaw)) if in_world else (1.0, 0.0)
+        )
         zeros = np.zeros(36)
         return self.types[ODOMETRY](
             self.header(tick.time, frame),
@@ -78,11 +83,15 @@ class Messages:
         )
 
     def stamped(self, time: float, x: float, y: float) -> Any:
-        return self.types["geometry_msgs/msg/PoseStamped"](self.header(time, "odom"), self.pose(x, y))
+        return self.types["geometry_msgs/msg/PoseStamped"](
+            self.header(time, "odom"), self.pose(x, y)
+        )
 
     def transforms(self, time: float, *links: tuple[str, str, Pose]) -> Any:
         """Return a message for /tf; `links` are frame, child frame, and pose of the child."""
-        vector, quaternion = (self.types[f"geometry_msgs/msg/{name}"] for name in ("Vector3", "Quaternion"))
+        vector, quaternion = (
+            self.types[f"geometry_msgs/msg/{name}"] for name in ("Vector3", "Quaternion")
+        )
         stamped = [
             self.types["geometry_msgs/msg/TransformStamped"](
                 self.header(time, frame),
@@ -125,11 +134,16 @@ def drives(jump: float = 0.0) -> list[list[Tick]]:
 def write_bag(
     bag: Path, make: Messages, ticks: Sequence[Tick], *topics: Extra, storage: str = "MCAP"
 ) -> Path:
-    """Write a recording; `topics` are name, type, and factory of the messages, at most one for each tick."""
+    """Write a recording.
+
+    `topics` are name, type, and factory of the messages, at most one for each tick.
+    """
     from rosbags.rosbag2 import StoragePlugin, Writer
 
     with Writer(bag, version=9, storage_plugin=StoragePlugin[storage]) as writer:
-        links = [writer.add_connection(topic, kind, typestore=make.store) for topic, kind, _ in topics]
+        links = [
+            writer.add_connection(topic, kind, typestore=make.store) for topic, kind, _ in topics
+        ]
         for number, tick in enumerate(ticks):
             for link, (_, kind, factory) in zip(links, topics, strict=True):
                 if (message := factory(make, tick)) is not None:

@@ -14,7 +14,10 @@ def pytest_configure() -> None:
 
     Child processes inherit ignored signals.
     """
-    for number, handler in ((signal.SIGINT, signal.default_int_handler), (signal.SIGHUP, signal.SIG_DFL)):
+    for number, handler in (
+        (signal.SIGINT, signal.default_int_handler),
+        (signal.SIGHUP, signal.SIG_DFL),
+    ):
         if signal.getsignal(number) is signal.SIG_IGN:
             signal.signal(number, handler)
 
@@ -24,7 +27,9 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
     So two workers seldom start nodes at the same time, and they end at about the same time.
     """
-    files = sorted(dict.fromkeys(item.path for item in items), key=lambda file: file.parent.name not in _LONG)
+    files = sorted(
+        dict.fromkeys(item.path for item in items), key=lambda file: file.parent.name not in _LONG
+    )
     place = {}
     for nodes in (True, False):
         part = [file for file in files if (file.parent.name == "nodes") is nodes]

@@ -12,7 +12,20 @@ TOOLS = tuple(
     for script in entry_points(group="console_scripts")
     if script.module.startswith("ator_ros.tools.")  # as setup.py lists them
 )
-_PROGRAMS = (*TOOLS, "make", "ros2", "python", "pip", "dask", "apt", "sudo", "rosdep", "colcon", "cd", "cp")
+_PROGRAMS = (
+    *TOOLS,
+    "make",
+    "ros2",
+    "python",
+    "pip",
+    "dask",
+    "apt",
+    "sudo",
+    "rosdep",
+    "colcon",
+    "cd",
+    "cp",
+)
 _WORDS = (*_PROGRAMS, "export", ".", "scripts/run", "for", "done", "python3")
 _VARIABLES = r"(?:[A-Z_]+=\S* )+"
 _FIRST = re.compile(rf"(?:{_VARIABLES})?(?:{'|'.join(map(re.escape, _WORDS))})(?=\s|$)|\w+=[~$']")
@@ -47,7 +60,10 @@ def commands() -> list[Printed]:
 
 
 def _is_command(span: str) -> bool:
-    """Return whether a code span is a command; a single word is one if it names one of our tools."""
+    """Return whether a code span is a command.
+
+    A single word is one if it names one of our tools.
+    """
     if not _FIRST.match(span) or re.match(r"\w+=[~$']", span):
         return False
     return " " in span or span in TOOLS

@@ -50,7 +50,11 @@ TOUR: dict[str, Any] = {
 
 
 PLACE = {"x": [-1, 1], "y": [0.5]}
-CHAIN: dict[str, Any] = {"name": "walk", "start": [PLACE], "steps": [{"top": "visit", "goal": [PLACE]}]}
+CHAIN: dict[str, Any] = {
+    "name": "walk",
+    "start": [PLACE],
+    "steps": [{"top": "visit", "goal": [PLACE]}],
+}
 
 
 class _Plain(yaml.SafeDumper):
@@ -62,17 +66,24 @@ class _Plain(yaml.SafeDumper):
 
 def file_of(folder: Path, data: object) -> Path:
     file = folder / "tour.yaml"
-    file.write_text(data if isinstance(data, str) else yaml.dump(data, Dumper=_Plain), encoding="utf-8")
+    file.write_text(
+        data if isinstance(data, str) else yaml.dump(data, Dumper=_Plain), encoding="utf-8"
+    )
     return file
 
 
 def install(monkeypatch: pytest.MonkeyPatch, name: str, value: str) -> None:
     """Install a single domain of this name with `value` as its entry point."""
-    monkeypatch.setattr(domains, "entry_points", lambda **_: [EntryPoint(name, value, domains.GROUP)])
+    monkeypatch.setattr(
+        domains, "entry_points", lambda **_: [EntryPoint(name, value, domains.GROUP)]
+    )
 
 
 def visiting(cart: dict[str, Any], target: str) -> dict[str, Any]:
-    """Return a domain in which the only TOP drives to the `target`, goal or cart; `cart` is its source."""
+    """Return a domain in which the only TOP drives to the `target`, goal or cart.
+
+    `cart` is its source.
+    """
     post = [{"variable": f"robot.{x}", "target": f"{target}.{x}", "tolerance": 0.1} for x in "xy"]
     return {
         "name": "errands",

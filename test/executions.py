@@ -18,7 +18,10 @@ LIBRARY = SOCCER.library(ROBOT)
 
 def chain(*steps: tuple[str, Pose], opened: frozenset[str] = frozenset()) -> TopChain:
     return TopChain(
-        tuple(TopCall(LIBRARY[top], Goal(pose, 0.0, LIBRARY[top].point), opened) for top, pose in steps)
+        tuple(
+            TopCall(LIBRARY[top], Goal(pose, 0.0, LIBRARY[top].point), opened)
+            for top, pose in steps
+        )
     )
 
 

@@ -21,7 +21,10 @@ _MODELS: dict[tuple[str, str], PerformanceModel] = {}
 
 
 def synthetic_experience(action: str, *, episodes: int = 300, seed: int = 1) -> pd.DataFrame:
-    """Return starts of episodes whose duration grows with distance and turn; far ones fail more often."""
+    """Return starts of episodes whose duration grows with distance and turn.
+
+    Far ones fail more often.
+    """
     rng = np.random.default_rng(seed)
     x, y, xg, yg = rng.uniform(-3, 3, (4, episodes))
     yaw, yawg = rng.uniform(-math.pi, math.pi, (2, episodes))
@@ -50,7 +53,9 @@ def synthetic_model(action: str, robot: Robot) -> PerformanceModel:
 def uncertain(model: PerformanceModel) -> PerformanceModel:
     """Return the same model with errors that make every gain uncertain."""
     assert model.errors is not None
-    return dataclasses.replace(model, errors=dataclasses.replace(model.errors, signal=1e3, noise=1e6))
+    return dataclasses.replace(
+        model, errors=dataclasses.replace(model.errors, signal=1e3, noise=1e6)
+    )
 
 
 def dead_zone_time(direct: Mapping[str, Any]) -> Any:
@@ -59,7 +64,10 @@ def dead_zone_time(direct: Mapping[str, Any]) -> Any:
     path = np.arctan2(dy, dx)
     to, at = np.abs(wrap_angles(path - direct["yaw"])), np.abs(wrap_angles(direct["yawg"] - path))
     return (
-        1.3 + np.hypot(dx, dy) / 0.6 + np.maximum(0, to - math.pi / 4) / 0.7 + np.maximum(0, at - 0.15) / 1.05
+        1.3
+        + np.hypot(dx, dy) / 0.6
+        + np.maximum(0, to - math.pi / 4) / 0.7
+        + np.maximum(0, at - 0.15) / 1.05
     )
 
 
@@ -75,14 +83,18 @@ def whole_drives(
 ) -> tuple[pd.DataFrame, FloatArray]:
     """Return drives at 10 Hz whose straights have noise (s), and their durations (s) without it, shape (n,).
 
-    Turns take as long as in `dead_zone_time`. Above an angle (rad) straights are backward, at 0.4 m/s.
+    Turns take as long as in `dead_zone_time`. Above an angle (rad) straights are backward, at 0.4
+    m/s.
     """
     starts = dead_zone_drives(count, seed=seed, noise=0.0)
     dx, dy = starts["xg"] - starts["x"], starts["yg"] - starts["y"]
     path = np.arctan2(dy, dx)
     backward = np.abs(wrap_angles(path - starts["yaw"])) > backward_above
     heading = path + math.pi * backward
-    to, at = np.abs(wrap_angles(heading - starts["yaw"])), np.abs(wrap_angles(starts["yawg"] - heading))
+    to, at = (
+        np.abs(wrap_angles(heading - starts["yaw"])),
+        np.abs(wrap_angles(starts["yawg"] - heading)),
+    )
     first = 0.5 + np.maximum(0.0, to - math.pi / 4) / 0.7
     straight = np.hypot(dx, dy) / np.where(backward, 0.4, 0.6)
     last = 0.8 + np.maximum(0.0, at - 0.15) / 1.05

@@ -13,7 +13,10 @@ FIELDS = {"resolution": 0.05, "origin": [-6.0, -4.0, 0.0], "negate": 0, "free_th
 
 
 def hall(*, wall: bool = True) -> BoolArray:
-    """Return the free cells of a hall of 12 x 8 m; its wall at x = 0 has a door from y = 2 to 3.2 m."""
+    """Return the free cells of a hall of 12 x 8 m.
+
+    Its wall at x = 0 has a door from y = 2 to 3.2 m.
+    """
     free = np.ones((160, 240), dtype=bool)
     if wall:
         free[:, 118:122] = False
@@ -27,7 +30,10 @@ def hall_map(name: str = "hall", *, wall: bool = True) -> GridMap:
 
 
 def write_map(folder: Path, free: BoolArray, name: str = "hall", **fields: Any) -> Path:
-    """Write free cells, the first row at the origin, as NAME.yaml and NAME.pgm; return the former."""
+    """Write free cells, the first row at the origin, as NAME.yaml and NAME.pgm.
+
+    Return the former.
+    """
     shade = np.where(free, 254, 0).astype(np.uint8)[::-1]
     header = f"P5\n# made by a test\n{free.shape[1]} {free.shape[0]}\n255\n".encode()
     (folder / f"{name}.pgm").write_bytes(header + shade.tobytes())

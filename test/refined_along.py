@@ -37,7 +37,12 @@ class RefinedAlong:
         self._chain, self._refiner, self._begun = chain, refiner, False
         deadlines = Deadlines(action=time_limit)
         self._supervisor = execution(
-            plan, refine=True, library=library, deadlines=deadlines, again_after=AGAIN_AFTER, now=0.0
+            plan,
+            refine=True,
+            library=library,
+            deadlines=deadlines,
+            again_after=AGAIN_AFTER,
+            now=0.0,
         )
 
     @property
@@ -80,7 +85,9 @@ class RefinedAlong:
         run.refined_to(found.chain, found.refined, found.reason, chosen=choice.number)
 
 
-def refining_along(tools: Toolset, library: TopLibrary, trial: Trial) -> tuple[TopChain, RefinedAlong]:
+def refining_along(
+    tools: Toolset, library: TopLibrary, trial: Trial
+) -> tuple[TopChain, RefinedAlong]:
     """Return a refined chain (headings and speeds), and its executor with a gate."""
     choice = POLICIES["refined_speed"](tools, trial)
     assert choice.refinement is not None

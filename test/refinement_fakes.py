@@ -30,14 +30,19 @@ class FakeModel:
     """Predicts `duration` of the direct variables; success decreases with the arrival speed."""
 
     def __init__(
-        self, duration: Callable[[Mapping[str, Any]], Any], used: frozenset[str], spread: float = 0.1
+        self,
+        duration: Callable[[Mapping[str, Any]], Any],
+        used: frozenset[str],
+        spread: float = 0.1,
     ) -> None:
         self._duration = duration
         self.used_variables = used
         self._spread = spread
         self.arrival: Arrival | None = None
 
-    def predict(self, direct: Mapping[str, Any], measures: tuple[str, ...] = (), signs: Any = None) -> Any:
+    def predict(
+        self, direct: Mapping[str, Any], measures: tuple[str, ...] = (), signs: Any = None
+    ) -> Any:
         count = max(np.size(values) for values in direct.values())
         duration = np.broadcast_to(np.asarray(self._duration(direct), dtype=float), count)
         failure = np.asarray(direct.get("speedg", 0.0), dtype=float)
@@ -54,8 +59,12 @@ def turning_time(direct: Mapping[str, Any]) -> Any:
     """Turn, drive, turn, with a cost of speed differences."""
     dx, dy = direct["xg"] - direct["x"], direct["yg"] - direct["y"]
     bearing = np.arctan2(dy, dx)
-    turns = 1.3 * np.abs(wrap_angles(bearing - direct["yaw"])) + np.abs(wrap_angles(direct["yawg"] - bearing))
-    return np.hypot(dx, dy) + turns + np.square(direct["v"] - 0.4) + np.square(direct["speedg"] - 0.5)
+    turns = 1.3 * np.abs(wrap_angles(bearing - direct["yaw"])) + np.abs(
+        wrap_angles(direct["yawg"] - bearing)
+    )
+    return (
+        np.hypot(dx, dy) + turns + np.square(direct["v"] - 0.4) + np.square(direct["speedg"] - 0.5)
+    )
 
 
 USED = frozenset({"x", "y", "yaw", "v", "xg", "yg", "yawg", "speedg", "hold"})
@@ -67,7 +76,9 @@ def models(used: frozenset[str] = USED) -> dict[str, FakeModel]:
     return fake | {"shoot": FakeModel(turning_time, used & SHOOT_USED)}
 
 
-def world(x: float = -1.0, y: float = 0.0, yaw: float = 0.0, ball: tuple[float, float] = (0.0, 0.0)) -> World:
+def world(
+    x: float = -1.0, y: float = 0.0, yaw: float = 0.0, ball: tuple[float, float] = (0.0, 0.0)
+) -> World:
     return World(0.0, RobotState(Pose(x, y, yaw)), {BALL: ObjectState(*ball)})
 
 
@@ -79,7 +90,9 @@ def call(
 
 def two_steps(opened: frozenset[str] = ANGLE, yaw: float = 0.0) -> TopChain:
     """Go to the ball at the origin, dribble it to (-2, 1)."""
-    return TopChain((call("goToBall", 0.0, 0.0, yaw, opened), call("dribbleBall", -2.0, 1.0, math.pi)))
+    return TopChain(
+        (call("goToBall", 0.0, 0.0, yaw, opened), call("dribbleBall", -2.0, 1.0, math.pi))
+    )
 
 
 def three_steps(opened: frozenset[str] = ANGLE) -> TopChain:

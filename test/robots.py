@@ -11,7 +11,9 @@ from ator_ros.resources import resource_path
 from ator_ros.robot.description import Limits, Robot, load_robot
 
 PIONEER = SOCCER.robot()
-SHIPPED = tuple(resource_path("config", f"{name}.yaml") for name in ("turtlebot4", "pioneer_lx", "patrolbot"))
+SHIPPED = tuple(
+    resource_path("config", f"{name}.yaml") for name in ("turtlebot4", "pioneer_lx", "patrolbot")
+)
 PLAIN, HEAVY, QUICK = map(load_robot, SHIPPED)
 """Without a holder; with weak acceleration; quick."""
 FIFTH = load_robot(Path(__file__).with_name("fifth.yaml"))

@@ -42,8 +42,13 @@ def episodes(
         x, y, xg, yg = rng.uniform(-3.0, 3.0, 4)
         yaw, yawg = rng.uniform(-math.pi, math.pi, 2)
         turn = abs(math.remainder(math.atan2(yg - y, xg - x) - yaw, 2.0 * math.pi))
-        duration = slower * (0.5 + math.hypot(xg - x, yg - y) + 0.7 * turn) + noise * rng.standard_normal()
-        start, goal = RobotState(Pose(x, y, yaw)), Goal(Pose(xg, yg, yawg), values=dict(values or {}))
+        duration = (
+            slower * (0.5 + math.hypot(xg - x, yg - y) + 0.7 * turn) + noise * rng.standard_normal()
+        )
+        start, goal = (
+            RobotState(Pose(x, y, yaw)),
+            Goal(Pose(xg, yg, yawg), values=dict(values or {})),
+        )
         yield Episode(
             Situation(action, start, BALL, goal),
             np.array([sample_of(World(0.0, start, BALL), 0.0, BALL)]),

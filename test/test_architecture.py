@@ -66,7 +66,9 @@ def test_the_paper_in_one_file_imports_only_simulation_and_actions() -> None:
 
 
 def test_only_nodes_and_what_uses_them_import_ros() -> None:
-    importing = {layer_of(file) for file in FILES if {name.split(".")[0] for name in imports(file)} & ROS}
+    importing = {
+        layer_of(file) for file in FILES if {name.split(".")[0] for name in imports(file)} & ROS
+    }
     assert importing == WITH_ROS
 
 
@@ -74,6 +76,10 @@ def test_nodes_start_without_the_packages_of_learning() -> None:
     names = [f"ator_ros.nodes.{name}" for name in ("executor", "refinement", "simulation")]
     names.append("ator_ros.domains.soccer.domain")
     heavy = ["sklearn", "pandas", "pyarrow", "scipy.stats", "matplotlib", "viser"]
-    script = f"import sys, {', '.join(names)}; print([name for name in {heavy} if name in sys.modules])"
-    output = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout
+    script = (
+        f"import sys, {', '.join(names)}; print([name for name in {heavy} if name in sys.modules])"
+    )
+    output = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True
+    ).stdout
     assert output.strip() == "[]"

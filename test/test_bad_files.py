@@ -42,8 +42,12 @@ ANYTHING = st.recursive(
     | st.integers(-(10**20), 10**20)
     | st.floats()
     | st.text(max_size=5)
-    | st.sampled_from([math.nan, math.inf, 0, -1, "", "../../etc/passwd", "!!python/object:os.system"]),
-    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3),
+    | st.sampled_from(
+        [math.nan, math.inf, 0, -1, "", "../../etc/passwd", "!!python/object:os.system"]
+    ),
+    lambda inner: (
+        st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3)
+    ),
     max_leaves=5,
 )
 PATIENT = settings(
@@ -157,12 +161,27 @@ def alias_bomb() -> str:
     ("text", "message"),
     [
         (alias_bomb(), "line 2: expected no alias, got *a0"),
-        ('"a\\e[31mX": 1\n"a\\e[31mX": 2\n', "line 2: expected each key once, got a\\x1b[31mX again"),
+        (
+            '"a\\e[31mX": 1\n"a\\e[31mX": 2\n',
+            "line 2: expected each key once, got a\\x1b[31mX again",
+        ),
         ("# " + "x" * 200_000, "expected at most 0.1 MB"),
-        (PIONEER.replace("v: 1.2", "v: 1200", 1), "limits.v: expected a number from 0.01 to 20; got 1200"),
-        (PIONEER.replace("  track:", "  tracks:"), "[build, grip, holder, stop]; missing track and unknown"),
-        ("format: ator_ros domain\n" + PIONEER, "format: expected 'ator_ros robot', got 'ator_ros domain'"),
-        ("format: ator_ros robot\nschema_version: 2\n" + PIONEER, "schema_version: expected 1, got 2"),
+        (
+            PIONEER.replace("v: 1.2", "v: 1200", 1),
+            "limits.v: expected a number from 0.01 to 20; got 1200",
+        ),
+        (
+            PIONEER.replace("  track:", "  tracks:"),
+            "[build, grip, holder, stop]; missing track and unknown",
+        ),
+        (
+            "format: ator_ros domain\n" + PIONEER,
+            "format: expected 'ator_ros robot', got 'ator_ros domain'",
+        ),
+        (
+            "format: ator_ros robot\nschema_version: 2\n" + PIONEER,
+            "schema_version: expected 1, got 2",
+        ),
     ],
 )
 def test_invalid_robots_are_rejected_in_one_line(text: str, message: str, tmp_path: Path) -> None:

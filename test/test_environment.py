@@ -1,4 +1,7 @@
-"""`scripts/run`, and `. scripts/env.sh` in interactive shells: the last sourced checkout applies."""
+"""`scripts/run`, and `.
+
+scripts/env.sh` in interactive shells: the last sourced checkout applies.
+"""
 
 import shutil
 import subprocess
@@ -9,7 +12,9 @@ import pytest
 ENV_SH = Path(__file__).resolve().parents[1] / "scripts" / "env.sh"
 LISTS = ("PATH", "AMENT_PREFIX_PATH", "CMAKE_PREFIX_PATH", "LD_LIBRARY_PATH", "PYTHONPATH")
 SHELLS = [
-    pytest.param(shell, marks=pytest.mark.skipif(shutil.which(shell) is None, reason=f"{shell} is missing"))
+    pytest.param(
+        shell, marks=pytest.mark.skipif(shutil.which(shell) is None, reason=f"{shell} is missing")
+    )
     for shell in ("bash", "dash", "zsh")
 ]
 
@@ -57,7 +62,9 @@ def test_a_second_checkout_replaces_the_first(shell: str, one: Path, two: Path) 
 
 
 @pytest.mark.parametrize("shell", SHELLS)
-def test_a_previously_sourced_workspace_has_lower_precedence(shell: str, one: Path, tmp_path: Path) -> None:
+def test_a_previously_sourced_workspace_has_lower_precedence(
+    shell: str, one: Path, tmp_path: Path
+) -> None:
     prefix, humble = tmp_path / "ws" / "install" / "fleet", tmp_path / "humble"
     (humble / "share" / "rclpy").mkdir(parents=True)
     packages = f"{prefix}/lib/python3.11/site-packages"
@@ -77,5 +84,7 @@ def test_a_previously_sourced_workspace_has_lower_precedence(shell: str, one: Pa
 
 @pytest.mark.long
 def test_a_command_keeps_its_exit_code(tmp_path: Path) -> None:
-    done = subprocess.run([str(ENV_SH.with_name("run")), "sh", "-c", "exit 7"], cwd=tmp_path, check=False)
+    done = subprocess.run(
+        [str(ENV_SH.with_name("run")), "sh", "-c", "exit 7"], cwd=tmp_path, check=False
+    )
     assert done.returncode == 7

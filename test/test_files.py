@@ -49,7 +49,10 @@ def test_valid_data_is_structured() -> None:
             "wheels[1].radius: expected a finite number of at least 0; got -1",
         ),
         ({"wheels": [{"radius": True}]}, "wheels[0].radius: expected a finite number; got True"),
-        ({"wheels": [{"side": "left"}]}, "wheels[0]: expected the fields radius [side]; missing radius"),
+        (
+            {"wheels": [{"side": "left"}]},
+            "wheels[0]: expected the fields radius [side]; missing radius",
+        ),
         (
             {"wheels": [{"radius": 1, "side": "top"}]},
             "wheels[0].side: expected one of left, right; got 'top'",
@@ -68,9 +71,10 @@ def test_invalid_data_is_rejected_with_its_location(change: dict[str, Any], mess
 def test_saved_data_is_loaded_unchanged(tmp_path: Path) -> None:
     file, cart = tmp_path / "cart.json", structured(GOOD, Cart)
     save(file, "cart", cart)
-    assert json.loads(file.read_text()) == {"format": "ator_ros cart", "schema_version": 1} | unstructured(
-        cart
-    )
+    assert json.loads(file.read_text()) == {
+        "format": "ator_ros cart",
+        "schema_version": 1,
+    } | unstructured(cart)
     assert load(file, "cart", Cart) == cart
 
 
@@ -79,7 +83,10 @@ def test_saved_data_is_loaded_unchanged(tmp_path: Path) -> None:
     [
         ('{"format": "ator_ros boat"}', "format: expected 'ator_ros cart', got 'ator_ros boat'"),
         ('{"format": "ator_ros cart", "schema_version": 2}', "schema_version: expected 1, got 2"),
-        ('{"format": "ator_ros cart", "schema_version": 1}', "expected the fields loads, name, wheels"),
+        (
+            '{"format": "ator_ros cart", "schema_version": 1}',
+            "expected the fields loads, name, wheels",
+        ),
         ("{", "expected a readable JSON file"),
         ("9" * 400, "format: expected 'ator_ros cart', got no table"),
     ],
@@ -101,4 +108,7 @@ def test_a_recorded_command_has_full_topics_but_no_local_folders(tmp_path: Path)
         "--cmd-vel",
         "cmd_vel",
     ]
-    assert portable_command("train", words) == "train bag --models=m --odom=/robot1/odom --cmd-vel cmd_vel"
+    assert (
+        portable_command("train", words)
+        == "train bag --models=m --odom=/robot1/odom --cmd-vel cmd_vel"
+    )

@@ -17,7 +17,9 @@ FEW = {"refined": 5, "executed": 1, "planned": 5}
 
 
 def recorded(part: str) -> list[dict[str, Any]]:
-    entries: list[dict[str, Any]] = json.loads((GOLDEN / f"{part}.json").read_text(encoding="utf-8"))
+    entries: list[dict[str, Any]] = json.loads(
+        (GOLDEN / f"{part}.json").read_text(encoding="utf-8")
+    )
     return entries
 
 
@@ -43,7 +45,15 @@ def test_all_decisions_are_as_recorded(part: str) -> None:
 def test_the_command_writes_and_compares(tmp_path: Path) -> None:
     script = Path(__file__).parent.parent / "scripts" / "golden.py"
     for folder in ("one", "two"):
-        words = [sys.executable, str(script), "write", str(tmp_path / folder), "planned", "--digits", "8"]
+        words = [
+            sys.executable,
+            str(script),
+            "write",
+            str(tmp_path / folder),
+            "planned",
+            "--digits",
+            "8",
+        ]
         assert subprocess.run(words, check=False).returncode == 0
     words = [sys.executable, str(script), "compare", str(tmp_path / "one"), str(tmp_path / "two")]
     assert subprocess.run(words, check=False).returncode == 0

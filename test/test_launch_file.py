@@ -59,7 +59,9 @@ def test_parameters_are_those_of_the_nodes_in_their_files(name: str) -> None:
 
 
 def test_robot_state_publisher_has_the_description_of_the_given_robot() -> None:
-    (publisher,) = [node for node in LAUNCH.iter("node") if node.get("pkg") == "robot_state_publisher"]
+    (publisher,) = [
+        node for node in LAUNCH.iter("node") if node.get("pkg") == "robot_state_publisher"
+    ]
     (value,) = [param.get("value", "") for param in publisher.iter("param")]
     words = command_of(value, robot=CONFIG / "pioneer.yaml")
     printed = subprocess.run(words, capture_output=True, text=True, check=True).stdout
@@ -86,8 +88,12 @@ def test_robot_and_domain_are_passed_to_every_node() -> None:
     for node in (*OURS.values(), GOAL_POSE):
         assert value_of(node, "domain") == "$(var domain)", node.get("exec")
         assert value_of(node, "robot") == "$(var robot)", node.get("exec")
-    assert {"$(var domain)", "$(var robot)"} <= set(re.findall(r"\$\(var \w+\)", VIEW.get("args", "")))
-    (publisher,) = [node for node in LAUNCH.iter("node") if node.get("pkg") == "robot_state_publisher"]
+    assert {"$(var domain)", "$(var robot)"} <= set(
+        re.findall(r"\$\(var \w+\)", VIEW.get("args", ""))
+    )
+    (publisher,) = [
+        node for node in LAUNCH.iter("node") if node.get("pkg") == "robot_state_publisher"
+    ]
     assert "$(var robot)" in value_of(publisher, "robot_description")
 
 
@@ -102,12 +108,16 @@ def test_robot_and_domain_are_passed_to_every_node() -> None:
 def test_defaults_of_robot_and_domain_are_those_of_the_configuration(
     tmp_path: Path, content: str | None, domain: str
 ) -> None:
-    assert default_of("robot") == "$(var config)/pioneer.yaml"  # a copy of the folder has its own robot
+    # a copy of the folder has its own robot
+    assert default_of("robot") == "$(var config)/pioneer.yaml"
     folder = CONFIG if content is None else tmp_path
     if content is not None:
         (tmp_path / "executor.yaml").write_text(content, encoding="utf-8")
-    done = subprocess.run(command_of(default_of("domain"), config=folder), capture_output=True, text=True)
-    assert (done.returncode, done.stdout, done.stderr) == (0, domain, "")  # launch fails on any other output
+    done = subprocess.run(
+        command_of(default_of("domain"), config=folder), capture_output=True, text=True
+    )
+    # launch fails on any other output
+    assert (done.returncode, done.stdout, done.stderr) == (0, domain, "")
 
 
 def test_the_document_lists_the_arguments() -> None:

@@ -37,7 +37,12 @@ def invented_rows(action: str, *, episodes: int) -> pd.DataFrame:
         *_, dist, to_dest, at_dest = example.features_of(
             example.situation_of(drawn.robot.pose, drawn.goal)[None]
         )[0]
-        duration = 1.0 + 1.5 * dist + 2.0 * max(to_dest - 1.0, 0.0) + min(at_dest, 1.5) * (2.5 - 0.5 * dist)
+        duration = (
+            1.0
+            + 1.5 * dist
+            + 2.0 * max(to_dest - 1.0, 0.0)
+            + min(at_dest, 1.5) * (2.5 - 0.5 * dist)
+        )
         objects = tuple(drawn.objects)
         samples = np.array([sample_of(World(0.0, drawn.robot, drawn.objects), 0.0, objects)])
         noisy = float(duration + 4.0 + rng.normal(0.0, 0.05))
@@ -55,7 +60,9 @@ def learned(rows: pd.DataFrame) -> example.Node:
 
 def differences(experience: Mapping[str, pd.DataFrame]) -> FloatArray:
     """Return by how much naive and refined headings (rad) differ from the product's, shape (40, 2)."""
-    refiner = Refiner(ROBOT, {a: train(a, rows, ROBOT, features=PAPER_11) for a, rows in experience.items()})
+    refiner = Refiner(
+        ROBOT, {a: train(a, rows, ROBOT, features=PAPER_11) for a, rows in experience.items()}
+    )
     models = {action: learned(rows) for action, rows in experience.items()}
     found = []
     for index in range(40):
@@ -78,7 +85,9 @@ def test_it_chooses_as_the_product_does_from_invented_experience() -> None:
 @pytest.mark.parametrize("action", example.CHAIN)
 def test_its_observations_are_those_of_the_product(action: str) -> None:
     situation, duration = example.observe(action, 2, 0)
-    drawn = ACTIONS[action].sample(ROBOT, np.random.default_rng([2, example.CHAIN.index(action), 0]))
+    drawn = ACTIONS[action].sample(
+        ROBOT, np.random.default_rng([2, example.CHAIN.index(action), 0])
+    )
     with Simulation(ROBOT) as simulation:
         top = top_of(drawn, SOCCER.tops_for(ROBOT), ROBOT)
         episode = run_episode(simulation, ACTIONS[action].factory(ROBOT), drawn, top=top)
@@ -90,10 +99,16 @@ def test_its_observations_are_those_of_the_product(action: str) -> None:
 def test_it_prints_rules_and_table_1() -> None:
     command = [sys.executable, example.__file__]
     command += ["--episodes", "30", "--situations", "2"]
-    printed = subprocess.run(command, capture_output=True, text=True, check=True, timeout=300).stdout
-    actions = re.findall(r"^(\w+): mean absolute error [\d.]+ s .*\nif .* then time = .*\*", printed, re.M)
+    printed = subprocess.run(
+        command, capture_output=True, text=True, check=True, timeout=300
+    ).stdout
+    actions = re.findall(
+        r"^(\w+): mean absolute error [\d.]+ s .*\nif .* then time = .*\*", printed, re.M
+    )
     assert actions == list(example.CHAIN)
-    halves = re.findall(r"^(Before|After) filtering +Total Higher +Equal +Lower\n# runs(.*)\n", printed, re.M)
+    halves = re.findall(
+        r"^(Before|After) filtering +Total Higher +Equal +Lower\n# runs(.*)\n", printed, re.M
+    )
     assert [half for half, _ in halves] == ["Before", "After"]
     for _, runs in halves:
         total, *groups = map(int, runs.split())

@@ -40,8 +40,13 @@ def test_packages_have_what_bloom_asks_for() -> None:
 def test_what_is_imported_comes_from_rosdep_or_the_printed_pip_line() -> None:
     keys = {item.name for item in parse_package(str(ROOT)).exec_depends}
     page = (ROOT / "docs" / "install.md").read_text(encoding="utf-8")
-    by_pip = " ".join(re.findall(r"^    python3 -m pip install --user (.*)$", page, re.MULTILINE)).split()
+    by_pip = " ".join(
+        re.findall(r"^    python3 -m pip install --user (.*)$", page, re.MULTILINE)
+    ).split()
     pins = (ROOT / "requirements" / "runtime.txt").read_text(encoding="utf-8")
     names = [name.lower() for name in re.findall(r"^([\w-]+)==", pins, re.MULTILINE)]
-    assert [name for name in names if f"python3-{KEYS.get(name, name)}" not in keys] == ["numba", "pybullet"]
+    assert [name for name in names if f"python3-{KEYS.get(name, name)}" not in keys] == [
+        "numba",
+        "pybullet",
+    ]
     assert {"numba", "pybullet"} <= set(by_pip)

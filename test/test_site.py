@@ -33,7 +33,9 @@ def test_the_reference_has_all_interfaces_with_their_comments() -> None:
     files = sorted((ROOT / "ator_interfaces").glob("*/*"))
     assert [file.name for file in files if not section(page, file.stem, "###")] == []
     assert "| `uint8 SUCCEEDED=1` | the goal is reached |" in section(page, "Outcome", "###")
-    assert "| `float64 elapsed` | s since the chain's start, " in section(page, "ExecuteChain", "###")
+    assert "| `float64 elapsed` | s since the chain's start, " in section(
+        page, "ExecuteChain", "###"
+    )
 
 
 def test_the_reference_has_all_tools() -> None:
@@ -42,7 +44,9 @@ def test_the_reference_has_all_tools() -> None:
 
 
 @pytest.mark.long
-@pytest.mark.skipif(not (ROOT / ".venv/docs/lock.txt").is_file(), reason="`make docs` installs Sphinx")
+@pytest.mark.skipif(
+    not (ROOT / ".venv/docs/lock.txt").is_file(), reason="`make docs` installs Sphinx"
+)
 def test_the_site_is_built_without_warnings(tmp_path: Path) -> None:
     environment = os.environ | {"DOCS_BUILD": str(tmp_path)}
     done = subprocess.run(

@@ -1,4 +1,7 @@
-"""A simple action for tests: turn to the goal, drive, turn to the goal's heading; it ignores the ball."""
+"""A simple action for tests: turn to the goal, drive, turn to the goal's heading.
+
+It ignores the ball.
+"""
 
 from outside import delivery
 

@@ -122,8 +122,8 @@ class Action(ABC):
     def end(self, reason: str) -> None:  # noqa: B027
         """Release what `start` has acquired, such as a connection or a goal of an action server.
 
-        Called exactly once after every `start` that did not raise, whatever ended the action; `reason` is a
-        sentence.
+        Called exactly once after every `start` that did not raise, whatever ended the action;
+        `reason` is a sentence.
         """
 
 

@@ -50,7 +50,9 @@ class GoalVariable:
         require(finite, f"{self.name}: low, high", "finite numbers, low below high", bounds)
         require(self.steps >= 1, f"{self.name}: steps", "a whole number from 1", self.steps)
         inside = self.rest is None or self.low <= self.rest <= self.high
-        require(inside, f"{self.name}: rest", f"a number from {self.low:g} to {self.high:g}", self.rest)
+        require(
+            inside, f"{self.name}: rest", f"a number from {self.low:g} to {self.high:g}", self.rest
+        )
 
     @property
     def usual(self) -> float:
@@ -70,7 +72,9 @@ def with_values(goal: Goal, values: Mapping[str, float]) -> Goal:
     pose = goal.pose._replace(**{name: plain[name] for name in goal.pose._fields if name in plain})
     declared = {name: value for name, value in plain.items() if name not in GOAL_VARIABLES}
     speed, others = plain.get("speed", goal.speed), {**goal.values, **declared}
-    return dataclasses.replace(goal, pose=pose, speed=speed, values=others if declared else goal.values)
+    return dataclasses.replace(
+        goal, pose=pose, speed=speed, values=others if declared else goal.values
+    )
 
 
 def direct_name(name: str) -> str:
@@ -79,10 +83,15 @@ def direct_name(name: str) -> str:
 
 
 def wrong_values(goal: Goal, declared: Iterable[GoalVariable]) -> str | None:
-    """Return a message if the values of a goal are not those that its action declares; else None."""
+    """Return a message if the values of a goal are not those that its action declares.
+
+    Else None.
+    """
     known = {variable.name: variable for variable in declared}
     if set(goal.values) != set(known):
-        wanted, given = (printable(", ".join(names)) or "no variable" for names in (known, goal.values))
+        wanted, given = (
+            printable(", ".join(names)) or "no variable" for names in (known, goal.values)
+        )
         return f"expected values of {wanted}, got those of {given}"
     for name, value in goal.values.items():
         low, high = known[name].low, known[name].high

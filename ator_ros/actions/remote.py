@@ -33,9 +33,11 @@ class Filling:
     field : str
         Names joined by dots. [0] makes the only item of a sequence, as in poses[0].pose.
     source : str or None
-        "goal" (its pose), "goal.NAME" (one of its variables, also one that the action declares), or "frame".
+        "goal" (its pose), "goal.NAME" (one of its variables, also one that the action declares), or
+        "frame".
     frame : str or None
-        With the source "goal": the pose's frame; None: the frame in which the node estimates the state.
+        With the source "goal": the pose's frame; None: the frame in which the node estimates the
+        state.
     """
 
     field: str
@@ -85,8 +87,8 @@ class Success:
 class Timeouts:
     """Timeouts in s, real time except that of the result, which is by the stamps of the states.
 
-    `silence` is the time without feedback or a reply to a request during the execution of a goal. Six
-    requests are sent in that time. It applies to servers that have replied before.
+    `silence` is the time without feedback or a reply to a request during the execution of a goal.
+    Six requests are sent in that time. It applies to servers that have replied before.
     """
 
     server: Duration = 2.0  # without a server, before the goal is sent and during its execution
@@ -107,7 +109,12 @@ class RemoteCall:
     timeouts: Timeouts = dataclasses.field(default_factory=Timeouts)
 
     def __post_init__(self) -> None:
-        require(bool(_TYPE.fullmatch(self.type)), "type", "a type as in a_package/action/AType", self.type)
+        require(
+            bool(_TYPE.fullmatch(self.type)),
+            "type",
+            "a type as in a_package/action/AType",
+            self.type,
+        )
         fields = [filling.field for filling in self.goal]
         require(bool(fields), "goal", "at least one field", fields)
         require(len(set(fields)) == len(fields), "goal", "each field once", fields)
@@ -158,14 +165,16 @@ def failure_in(call: RemoteCall, status: int, result: Any) -> str | None:
 def _constant_name(result: Any, path: str) -> str:
     """Return the name of the only constant with the value of an integer in a result; else an empty text.
 
-    Constants of the message that holds the integer come first. Those of other actions of the package follow:
-    Nav2's navigators forward the codes of the planner and the controller.
+    Constants of the message that holds the integer come first. Those of other actions of the
+    package follow: Nav2's navigators forward the codes of the planner and the controller.
     """
     parent, _, _ = path.rpartition(".")
     value, owner = value_at(result, path), type(value_at(result, parent) if parent else result)
     package = sys.modules.get(type(result).__module__.rpartition(".")[0])
     actions = vars(package) if package else {}
-    others = {f" of {name}": kind.Result for name, kind in actions.items() if hasattr(kind, "Result")}
+    others = {
+        f" of {name}": kind.Result for name, kind in actions.items() if hasattr(kind, "Result")
+    }
     for kinds in ({"": owner}, others):
         found = [
             f"{name}{of_action}"

@@ -1,4 +1,7 @@
-"""Situations: the state in which an action starts, and its goal; how actions draw them (paper, section 3)."""
+"""Situations: the state in which an action starts, and its goal.
+
+How actions draw them (paper, section 3).
+"""
 
 from __future__ import annotations
 
@@ -43,7 +46,11 @@ class Situation:
 
 
 def drawn_until(
-    draw: Callable[[], T], fits: Callable[[T], bool], expected: Callable[[], str], *, most: int = _MOST_DRAWS
+    draw: Callable[[], T],
+    fits: Callable[[T], bool],
+    expected: Callable[[], str],
+    *,
+    most: int = _MOST_DRAWS,
 ) -> T:
     """Draw until `fits` returns true.
 
@@ -62,8 +69,8 @@ def drawn_until(
 def short_goal(start: Pose, rng: np.random.Generator, *, turns: bool = True) -> Pose | None:
     """Draw a goal near the start of the robot, or of the object that it holds; None in six of seven cases.
 
-    It is a turn on the spot by any angle (if `turns`), a goal closer than `SHORT` in any direction with any
-    heading, or the start itself, exactly or within centimeters.
+    It is a turn on the spot by any angle (if `turns`), a goal closer than `SHORT` in any direction
+    with any heading, or the start itself, exactly or within centimeters.
     """
     share, heading = rng.random(), float(rng.uniform(-math.pi, math.pi))
     if share < _TURNS:
@@ -72,7 +79,9 @@ def short_goal(start: Pose, rng: np.random.Generator, *, turns: bool = True) -> 
         return _displaced(start, rng, SHORT)._replace(yaw=heading)
     if share < _TURNS + _SHORT_DRIVES + _STAYS:
         most, angle = _STAYS_WITHIN if rng.random() < 0.5 else (0.0, 0.0)
-        return _displaced(start, rng, most)._replace(yaw=start.yaw + float(rng.uniform(-angle, angle)))
+        return _displaced(start, rng, most)._replace(
+            yaw=start.yaw + float(rng.uniform(-angle, angle))
+        )
     return None
 
 
@@ -98,12 +107,13 @@ class ActionSpec:
     factory : callable
         Makes the action for a robot, such as the class of the action.
     sample : callable
-        Draws a situation to learn in. It must be one that the robot can handle: nothing is learned from
-        episodes that fail.
+        Draws a situation to learn in. It must be one that the robot can handle: nothing is learned
+        from episodes that fail.
     features : tuple of str
-        Names of the candidate features of its performance model, from which the model tree selects: general
-        ones (`ator_ros.performance.features.GENERAL`) and those that the domain adds (`Domain.features`).
-        Empty: `CANDIDATES`. The action's own goal variables are always candidates.
+        Names of the candidate features of its performance model, from which the model tree selects:
+        general ones (`ator_ros.performance.features.GENERAL`) and those that the domain adds
+        (`Domain.features`). Empty: `CANDIDATES`. The action's own goal variables are always
+        candidates.
     remote : RemoteCall or None
         The action server that executes it; None: the action of the factory executes it.
     goal_variables : tuple of GoalVariable
@@ -118,11 +128,16 @@ class ActionSpec:
     goal_variables: tuple[GoalVariable, ...] = ()
 
     def situation(self, robot: Robot, rng: np.random.Generator) -> Situation:
-        """Draw a situation to learn in; on a map, one with a route to the goal. May raise NoPlaceError."""
+        """Draw a situation to learn in.
+
+        On a map, one with a route to the goal. May raise NoPlaceError.
+        """
         return drawn_until(
             lambda: self.sample(robot, rng),
             lambda found: reachable([found.robot.pose, found.goal.robot_pose(robot)], robot),
-            lambda: f"drives of {self.name}: expected free places with a route between them on the map",
+            lambda: (
+                f"drives of {self.name}: expected free places with a route between them on the map"
+            ),
         )
 
     @property

@@ -51,7 +51,9 @@ class DeclaredPlace:
     def __post_init__(self) -> None:
         for name, most in (("x", FARTHEST), ("y", FARTHEST), ("yaw", math.tau)):
             spread = list(getattr(self, name))
-            good = len(spread) in (1, 2) and spread == sorted(spread) and max(map(abs, spread)) <= most
+            good = (
+                len(spread) in (1, 2) and spread == sorted(spread) and max(map(abs, spread)) <= most
+            )
             require(good, name, f"[a number] or [least, greatest], none beyond {most:g}", spread)
 
     def contains(self, pose: Pose) -> bool:
@@ -63,7 +65,9 @@ class DeclaredPlace:
 
     def drawn(self, rng: np.random.Generator) -> Pose:
         """Draw a pose."""
-        return Pose(*(float(rng.uniform(spread[0], spread[-1])) for spread in (self.x, self.y, self.yaw)))
+        return Pose(
+            *(float(rng.uniform(spread[0], spread[-1])) for spread in (self.x, self.y, self.yaw))
+        )
 
 
 Places = Annotated[tuple[DeclaredPlace, ...], NOT_EMPTY]
@@ -79,7 +83,10 @@ def _is_fixed(places: Places) -> bool:
 def _drawn(
     places: Places, rng: np.random.Generator, *, apart: float = 0.0, before: Pose | None = None
 ) -> Pose:
-    """Draw a pose of one of the places, at least `apart` m from the pose `before`; raises NoPlaceError."""
+    """Draw a pose of one of the places, at least `apart` m from the pose `before`.
+
+    Raises NoPlaceError.
+    """
     return drawn_until(
         lambda: places[int(rng.integers(len(places)))].drawn(rng),
         lambda pose: before is None or pose.distance(before) >= apart,
@@ -134,8 +141,8 @@ class DeclaredDrives:
     ) -> Situation:
         """Draw a drive that takes at most `time_limit` (s) straight ahead at full speed.
 
-        In one of seven cases the goal is near the start. Goal variables that the action declares are drawn
-        evenly from their ranges.
+        In one of seven cases the goal is near the start. Goal variables that the action declares
+        are drawn evenly from their ranges.
 
         Raises
         ------
@@ -148,7 +155,9 @@ class DeclaredDrives:
             return start, _drawn(self.goal, rng, apart=self.apart, before=start)
 
         where = f"drives of {action}"
-        start, goal = _drawn_in_time(where, drawn, lambda ends: ends[0].distance(ends[1]), robot, time_limit)
+        start, goal = _drawn_in_time(
+            where, drawn, lambda ends: ends[0].distance(ends[1]), robot, time_limit
+        )
         short = short_goal(start, rng)
         if short is not None and any(place.contains(short) for place in (*self.start, *self.goal)):
             goal = short
@@ -167,13 +176,20 @@ class DeclaredStep:
 
     def __post_init__(self) -> None:
         times = self.times
-        good = len(times) in (1, 2) and 0 <= times[0] <= times[-1] and 1 <= times[-1] <= LONGEST_CHAIN
-        require(good, "times", f"[a number] or [least, greatest] from 0 to {LONGEST_CHAIN}", list(times))
+        good = (
+            len(times) in (1, 2) and 0 <= times[0] <= times[-1] and 1 <= times[-1] <= LONGEST_CHAIN
+        )
+        require(
+            good, "times", f"[a number] or [least, greatest] from 0 to {LONGEST_CHAIN}", list(times)
+        )
 
 
 @dataclass(frozen=True, slots=True)
 class DeclaredChain:
-    """Random chains; each step is at least `apart` m from the place before, unless both places are fixed."""
+    """Random chains.
+
+    Each step is at least `apart` m from the place before, unless both places are fixed.
+    """
 
     name: Annotated[str, NAME]
     start: Places
@@ -182,7 +198,12 @@ class DeclaredChain:
 
     def __post_init__(self) -> None:
         least, most = (sum(step.times[end] for step in self.steps) for end in (0, -1))
-        require(least >= 1 and most <= LONGEST_CHAIN, "steps", f"1 to {LONGEST_CHAIN} of them", (least, most))
+        require(
+            least >= 1 and most <= LONGEST_CHAIN,
+            "steps",
+            f"1 to {LONGEST_CHAIN} of them",
+            (least, most),
+        )
 
     def sample(
         self, robot: Robot, library: TopLibrary, rng: np.random.Generator, *, time_limit: float
@@ -217,7 +238,10 @@ class DeclaredChain:
 
 @dataclass(frozen=True, slots=True)
 class DeclaredTop:
-    """A TOP; see `Top`. Its conditions are lists of terms with a tolerance or a range (low, high)."""
+    """A TOP.
+
+    See `Top`. Its conditions are lists of terms with a tolerance or a range (low, high).
+    """
 
     name: Annotated[str, NAME]
     action: str
@@ -249,7 +273,8 @@ class DeclaredAction:
     local: LocalAction | None = None
     remote: RemoteCall | None = None
     goal_variables: tuple[GoalVariable, ...] = ()  # beyond pose and speed
-    stand_in: str | None = None  # entry point of `STAND_INS` that replaces it in simulations without ROS
+    # entry point of `STAND_INS` that replaces it in simulations without ROS
+    stand_in: str | None = None
     drives: DeclaredDrives | None = None  # in which experience is gathered
 
     def __post_init__(self) -> None:
@@ -257,7 +282,12 @@ class DeclaredAction:
         require(len(given) == 1, "local, remote", "one of the two", given)
         for part in ("goal_variables", "stand_in", "drives"):
             alone = not getattr(self, part) or self.remote is not None
-            require(alone, part, "none without `remote`: a local action has its own", getattr(self, part))
+            require(
+                alone,
+                part,
+                "none without `remote`: a local action has its own",
+                getattr(self, part),
+            )
 
 
 @dataclass(frozen=True, slots=True)
@@ -276,7 +306,9 @@ class DeclaredVariable:
         require(self.low < self.high, "high", f"a number above low, {self.low:g}", self.high)
         angle = self.name != "yaw" or max(abs(self.low), abs(self.high)) <= math.pi
         require(angle, "low, high", "angles from -3.1416 to 3.1416 rad", both)
-        require(self.name != "speed" or self.low >= 0.0, "low", "a speed that is not negative", self.low)
+        require(
+            self.name != "speed" or self.low >= 0.0, "low", "a speed that is not negative", self.low
+        )
 
     def range(self, robot: Robot, goal: Goal) -> Range:
         """Return the range of a goal's variable; a speed is at most the usual one of `robot`."""
@@ -311,7 +343,9 @@ class DeclaredServer:
 
     def beside(self, file: Path) -> DeclaredServer:
         """Return the server with a folder that is relative to `file`, or to the target of a link."""
-        folder = str((file.resolve().parent / self.folder).resolve()) if self.command else self.folder
+        folder = (
+            str((file.resolve().parent / self.folder).resolve()) if self.command else self.folder
+        )
         return dataclasses.replace(self, folder=folder)
 
     @property

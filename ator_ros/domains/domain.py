@@ -17,7 +17,12 @@ import numpy as np
 
 from ator_ros.actions import DEFAULT_SET, TIME_LIMIT
 from ator_ros.actions.base import Point
-from ator_ros.actions.goal_variables import GOAL_VARIABLES, MOST_GOAL_VARIABLES, GoalVariable, direct_name
+from ator_ros.actions.goal_variables import (
+    GOAL_VARIABLES,
+    MOST_GOAL_VARIABLES,
+    GoalVariable,
+    direct_name,
+)
 from ator_ros.actions.remote import UnreachableAction
 from ator_ros.actions.situation import ActionFactory, ActionSpec, Sampler, Situation
 from ator_ros.domains import DEFAULT, DRIVE
@@ -68,18 +73,19 @@ class Domain:
     tops : tuple of Top
         The TOPs that plans consist of, with the tolerances for a usual robot; see `tops_for`.
     action_sets : mapping of str to tuple of ActionSpec
-        Sets of actions by name, "default" among them. A set may lack the action of a TOP; see `library`.
+        Sets of actions by name, "default" among them. A set may lack the action of a TOP; see
+        `library`.
     objects : tuple of str
         Names of the objects that conditions name; each has a topic of that name.
     chains : mapping of str to callable
         Samplers of situations with a chain to execute, by name; evaluations need one.
     variables : mapping of str to callable
-        Ranges of the goal variables that refinement may change where a plan opens them: by default place,
-        heading and arrival speed, in the scene's area and within the robot's limits. Those that actions
-        declare (`ActionSpec.goal_variables`) are added.
+        Ranges of the goal variables that refinement may change where a plan opens them: by default
+        place, heading and arrival speed, in the scene's area and within the robot's limits. Those
+        that actions declare (`ActionSpec.goal_variables`) are added.
     bodies : mapping of str to RoundObject
-        Sizes of objects that a robot's description lacks, by name. An object without a size is a point, and
-        not simulated.
+        Sizes of objects that a robot's description lacks, by name. An object without a size is a
+        point, and not simulated.
     bays : callable
         Returns the bays of a scene for this domain; raises ConfigError if the scene is unsuitable.
     sources : tuple of ObjectSource
@@ -95,10 +101,11 @@ class Domain:
     time_limit : float
         Time in s that an action or a chain may take in a simulation without ROS.
     goals : callable
-        Returns, for a robot in its scene, the goals of plans by name: conditions whose targets are numbers or
-        state variables.
+        Returns, for a robot in its scene, the goals of plans by name: conditions whose targets are
+        numbers or state variables.
     fitted : callable, optional
-        Returns TOPs with the tolerances and regions of a robot and its scene, which replace those in `tops`.
+        Returns TOPs with the tolerances and regions of a robot and its scene, which replace those
+        in `tops`.
     grid : GridMap or None
         The map of the building; see `on_map`.
     planner : callable, optional
@@ -152,7 +159,9 @@ class Domain:
             for spec in specs:
                 place = f"action set {action_set!r}: {spec.name}"
                 strange = [name for name in spec.features if name not in features]
-                require(not strange, f"{place}: features", f"some of {', '.join(features)}", strange)
+                require(
+                    not strange, f"{place}: features", f"some of {', '.join(features)}", strange
+                )
                 names = [variable.name for variable in spec.goal_variables]
                 few = len(names) <= MOST_GOAL_VARIABLES
                 require(few, f"{place}: goal_variables", f"at most {MOST_GOAL_VARIABLES}", names)
@@ -162,7 +171,9 @@ class Domain:
                     require(same, f"{place}: goal_variables", expected, variable)
                 for filling in spec.remote.goal if spec.remote else ():
                     name, known = filling.goal_variable, (*GOAL_VARIABLES, *names)
-                    require(name in (None, *known), f"{place}: goal", f"one of {', '.join(known)}", name)
+                    require(
+                        name in (None, *known), f"{place}: goal", f"one of {', '.join(known)}", name
+                    )
 
     def _check_condition(self, place: str, condition: Condition, action: str) -> None:
         state = state_variables(self.objects)
@@ -175,7 +186,12 @@ class Domain:
         goal = [f"goal.{name}" for name in sorted(set.intersection(*known))] if known else []
         for number, term in enumerate(condition.terms):
             where, target = f"{place}[{number}]", term.target
-            require(term.variable in state, f"{where}.variable", f"one of {', '.join(state)}", term.variable)
+            require(
+                term.variable in state,
+                f"{where}.variable",
+                f"one of {', '.join(state)}",
+                term.variable,
+            )
             if isinstance(target, str) and (known or not target.startswith("goal.")):
                 good = target in state or target in goal
                 require(good, f"{where}.target", f"one of {', '.join((*state, *goal))}", target)
@@ -236,13 +252,15 @@ class Domain:
         try:
             return self.equip(robot)
         except ConfigError as error:
-            raise ConfigError(f"{path or 'the shipped robot'}: domain {self.name}: {error}") from error
+            raise ConfigError(
+                f"{path or 'the shipped robot'}: domain {self.name}: {error}"
+            ) from error
 
     def equip(self, robot: Robot) -> Robot:
         """Return `robot` in this domain's scene: with its objects, bays and map, and the area as described.
 
-        Objects that the robot's description contains have precedence over `bodies`. Raises FileError if no
-        place on the map has room for the robot.
+        Objects that the robot's description contains have precedence over `bodies`. Raises
+        FileError if no place on the map has room for the robot.
         """
         known = {**self.bodies, **robot.scene.objects}
         objects = {name: known[name] for name in self.objects if name in known}
@@ -296,7 +314,10 @@ class Domain:
         return tuple(fitted.get(top.name, top) for top in self.tops)
 
     def library(
-        self, robot: Robot, action_set: str = DEFAULT_SET, factories: Mapping[str, ActionFactory] = _NONE
+        self,
+        robot: Robot,
+        action_set: str = DEFAULT_SET,
+        factories: Mapping[str, ActionFactory] = _NONE,
     ) -> TopLibrary:
         """Return the TOPs with the actions of one set; TOPs whose action it lacks are left out.
 
@@ -326,8 +347,8 @@ def entry_points_of(group: str) -> dict[str, EntryPoint]:
 def domain_for(name: str, robot: Path | str | None) -> Domain:
     """Return the domain of this name as `find_domain` does; by default the one that suits a robot.
 
-    That is soccer if the robot has a holder and its scene has a ball, and otherwise `drive`. `robot` is the
-    file of its description; None or empty: the shipped one.
+    That is soccer if the robot has a holder and its scene has a ball, and otherwise `drive`.
+    `robot` is the file of its description; None or empty: the shipped one.
     """
     if name:
         return find_domain(name)
@@ -363,7 +384,10 @@ def find_domain(name: str = DEFAULT) -> Domain:
 
 
 def _loaded(group: str, name: str, place: str) -> Any:
-    """Import the entry point of this name; raise DomainError if it is missing or the import fails."""
+    """Import the entry point of this name.
+
+    Raise DomainError if it is missing or the import fails.
+    """
     found = entry_points_of(group)
     if name not in found:
         raise DomainError(
@@ -373,7 +397,9 @@ def _loaded(group: str, name: str, place: str) -> Any:
         return found[name].load()
     except Exception as error:  # a module from outside raises anything
         why = printable(f"{type(error).__name__}: {error}", _LONGEST_REASON)
-        raise DomainError(f"{place} {name}: expected to import {found[name].value}, got {why}") from error
+        raise DomainError(
+            f"{place} {name}: expected to import {found[name].value}, got {why}"
+        ) from error
 
 
 def declared_domain(path: Path) -> Domain:
@@ -409,7 +435,9 @@ def _made(declared: DeclaredDomain, path: Path) -> Domain:
         except DomainError as error:
             raise DomainError(f"{where}.local: {error}") from error
         if action.name not in found:
-            raise DomainError(f"{where}.name: expected one of {', '.join(found)}, got {action.name!r}")
+            raise DomainError(
+                f"{where}.name: expected one of {', '.join(found)}, got {action.name!r}"
+            )
         specs.append(found[action.name])
         features |= {item.name: item for item in domain.features if item.name in specs[-1].features}
     return Domain(
@@ -419,14 +447,18 @@ def _made(declared: DeclaredDomain, path: Path) -> Domain:
         objects=tuple(item.name for item in declared.objects),
         chains={chain.name: partial(chain.sample, time_limit=limit) for chain in declared.chains},
         sources=declared.objects,
-        variables=USUAL_RANGES if variables is None else {item.name: item.range for item in variables},
+        variables=USUAL_RANGES
+        if variables is None
+        else {item.name: item.range for item in variables},
         features=tuple(features.values()),
         bays=lambda scene: scene.bays if declared.bays else (),
         description=None if declared.robot is None else path.parent / declared.robot,
         servers=tuple(server.beside(path) for server in declared.servers),
         time_limit=limit,
         grid=None if declared.map is None else load_map(path.parent / declared.map),
-        planner=None if declared.planner is None else _loaded(PLANNERS, declared.planner, "planner"),
+        planner=None
+        if declared.planner is None
+        else _loaded(PLANNERS, declared.planner, "planner"),
     )
 
 

@@ -22,8 +22,10 @@ from ator_ros.world.state import CONTROL_PERIOD
 
 TIME_LIMIT = 120.0
 """Time in s that a drive or a chain may take: at 0.05 m/s a robot drives 6 m."""
-_TOLERANCE, _BESIDE_PATH = 0.06, 0.01  # m: least tolerance of a place, greatest distance from the path
-_ARRIVAL_SHARE = 2.0 / 3.0  # greatest arrival speed, in situations and searches, as a share of the limit
+# m: least tolerance of a place, greatest distance from the path
+_TOLERANCE, _BESIDE_PATH = 0.06, 0.01
+# greatest arrival speed, in situations and searches, as a share of the limit
+_ARRIVAL_SHARE = 2.0 / 3.0
 
 
 def arrival_limit(robot: Robot) -> float:
@@ -50,7 +52,9 @@ def tops_for(robot: Robot) -> tuple[Top, ...]:
     """Return the TOPs, whose tolerance includes how far the robot drives in a tick at its arrival speed."""
     tolerance = max(_TOLERANCE, arrival_limit(robot) * CONTROL_PERIOD + _BESIDE_PATH)
     terms = (
-        Term(term.variable, term.target, tolerance) if term.variable in ("robot.x", "robot.y") else term
+        Term(term.variable, term.target, tolerance)
+        if term.variable in ("robot.x", "robot.y")
+        else term
         for term in GO_TO_POSE.post.terms
     )
     return (dataclasses.replace(GO_TO_POSE, post=Condition(tuple(terms))),)

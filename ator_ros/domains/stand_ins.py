@@ -1,8 +1,8 @@
 """Stand-ins for the example servers: actions that drive in simulations without ROS as the servers do.
 
-A *control law* computes the velocity command of an action server from the state of the robot. A *stand-in* is
-an action with the control law of a server, and with its delays over ROS. So drives of a remote action are
-collected and evaluated without ROS, in much less time.
+A *control law* computes the velocity command of an action server from the state of the robot. A
+*stand-in* is an action with the control law of a server, and with its delays over ROS. So drives of
+a remote action are collected and evaluated without ROS, in much less time.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from ator_ros.world.state import STOP, Command, World
 class DriveToStandIn(Action):
     """The stand-in for `drive_to_server`, whose control law is `RotateDriveRotate`.
 
-    Its delays: the executor stops the robot, then sends the goal. The server publishes a command in the same
-    tick; the executor receives its result one tick after the last command.
+    Its delays: the executor stops the robot, then sends the goal. The server publishes a command in
+    the same tick; the executor receives its result one tick after the last command.
     """
 
     name = "drive_to_stand_in"
@@ -60,7 +60,10 @@ class DriveToStandIn(Action):
 
 
 class PursuitStandIn(DriveToStandIn):
-    """The stand-in for `pursuit_server`, whose control law is `Pursuit`; `navfn` plans its paths on a map."""
+    """The stand-in for `pursuit_server`, whose control law is `Pursuit`.
+
+    `navfn` plans its paths on a map.
+    """
 
     name = "pursue_stand_in"
 

@@ -21,12 +21,13 @@ from ator_ros.world.state import World
 class ChainRun:
     """The result of one execution of a chain.
 
-    `error` is the final distance in m from the last goal, of the axle or the hold; NaN if the last TOP does
-    not place the robot.
+    `error` is the final distance in m from the last goal, of the axle or the hold; NaN if the last
+    TOP does not place the robot.
     """
 
     duration: float  # s; the time limit if the chain failed
-    success: bool  # every action succeeded, and the last TOP's post-condition holds in the simulator
+    # every action succeeded, and the last TOP's post-condition holds in the simulator
+    success: bool
     reason: str  # how it ended, in a sentence
     actions: tuple[float, ...]  # durations in s of the actions that ended
     error: float

@@ -128,5 +128,7 @@ POLICIES: Mapping[str, Policy] = MappingProxyType(
     }
 )
 """By name; a new policy is a new row. The oracle is no policy, as it executes chains."""
-USUAL = tuple(name for name in POLICIES if name not in ("fixed", "arrive") and not name.endswith("_place"))
+USUAL = tuple(
+    name for name in POLICIES if name not in ("fixed", "arrive") and not name.endswith("_place")
+)
 """The default policies: a place is free in few chains, and few chains have waypoints only."""

@@ -65,7 +65,9 @@ def write_report(folder: Path, result: Mapping[str, Any]) -> Path:
         ("h2", "All policies on the same starts"),
         policy_table(summary),
         ("p", _NOTE),
-        pd.DataFrame([(name, MEANING[name]) for name in _rows(summary)], columns=["policy", "chooses"]),
+        pd.DataFrame(
+            [(name, MEANING[name]) for name in _rows(summary)], columns=["policy", "chooses"]
+        ),
         ("h2", "Predictions"),
         prediction_table(summary),
         ("p", "Durations of whole chains that succeeded, predicted minus actual."),
@@ -127,7 +129,9 @@ def policy_table(summary: Mapping[str, Any]) -> pd.DataFrame:
             "lower": row["lower"],
             "worst loss %": f"{row['worst_loss_percent']:.0f}",
             "failed": row["failures"],
-            "of oracle %": "-" if (share := row["oracle_captured_percent"]) is None else f"{share:.1f}",
+            "of oracle %": "-"
+            if (share := row["oracle_captured_percent"]) is None
+            else f"{share:.1f}",
         }
         for name, row in _rows(summary).items()
     )

@@ -49,7 +49,9 @@ def run_situations(settings: Settings, *, situations: int, folder: Path) -> list
         records = {record["index"]: record for record in partial.results}
         tasks = [(settings, index) for index in range(situations) if index not in records]
         results = run_tasks(evaluate_trial, tasks)
-        for record in progress(results, done=situations - len(tasks), total=situations, unit="situation"):
+        for record in progress(
+            results, done=situations - len(tasks), total=situations, unit="situation"
+        ):
             partial.append(record)
             records[record["index"]] = record
     return [records[index] for index in range(situations)]
@@ -58,8 +60,8 @@ def run_situations(settings: Settings, *, situations: int, folder: Path) -> list
 def earlier_oracle(folder: Path, settings: Settings, situations: int) -> list[Record]:
     """Return the oracle's records of an earlier evaluation of the first `situations`.
 
-    Raises FileError if `evaluation.json` in `folder` cannot be read, has no oracle or too few situations, or
-    its seed, chain, domain, action set, robot or map are not those of `settings`.
+    Raises FileError if `evaluation.json` in `folder` cannot be read, has no oracle or too few
+    situations, or its seed, chain, domain, action set, robot or map are not those of `settings`.
     """
     file = folder / RESULT
     earlier = load(file, KIND, dict[str, Any])
@@ -70,12 +72,21 @@ def earlier_oracle(folder: Path, settings: Settings, situations: int) -> list[Re
     )
     if theirs != ours:
         raise FileError(f"{file}: expected an evaluation of {ours}, got {theirs}")
-    columns = {name: earlier["runs"][name] for name in ("oracle", "oracle_speed") if name in earlier["runs"]}
+    columns = {
+        name: earlier["runs"][name]
+        for name in ("oracle", "oracle_speed")
+        if name in earlier["runs"]
+    }
     found = len(earlier["runs"]["index"]) if "oracle" in columns else 0
     if found < situations:
-        raise FileError(f"{file}: expected an oracle of at least {situations} situations, got {found}")
+        raise FileError(
+            f"{file}: expected an oracle of at least {situations} situations, got {found}"
+        )
     return [
-        {name: {key: values[index] for key, values in column.items()} for name, column in columns.items()}
+        {
+            name: {key: values[index] for key, values in column.items()}
+            for name, column in columns.items()
+        }
         for index in range(situations)
     ]
 
@@ -87,9 +98,15 @@ def _portable(settings: Settings) -> Settings:
     return replace(settings, source=replace(source, **names))
 
 
-def write_result(folder: Path, settings: Settings, records: Sequence[Record], command: str) -> dict[str, Any]:
+def write_result(
+    folder: Path, settings: Settings, records: Sequence[Record], command: str
+) -> dict[str, Any]:
     """Write `evaluation.json`, with all runs by columns in one line; return its contents."""
-    summary: dict[str, Any] = {"situations": len(records), "seed": settings.seed, "command": command}
+    summary: dict[str, Any] = {
+        "situations": len(records),
+        "seed": settings.seed,
+        "command": command,
+    }
     summary |= summarize(records)
     for name in settings.policies:
         if "predicted" in records[0]["policies"][name]:

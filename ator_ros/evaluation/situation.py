@@ -1,9 +1,10 @@
 """Evaluation of one situation: every policy chooses a chain, and each distinct chain is executed once.
 
-The oracle executes many chains and chooses the best. If the robot stands between two actions, the duration of
-an action depends only on the poses at its two ends. Then the oracle can search all open headings jointly:
-each leg is executed for each pair of headings at its ends, and dynamic programming finds the best chain. This
-chain is executed as a whole, and only the duration of that execution counts.
+The oracle executes many chains and chooses the best. If the robot stands between two actions, the
+duration of an action depends only on the poses at its two ends. Then the oracle can search all open
+headings jointly: each leg is executed for each pair of headings at its ends, and dynamic
+programming finds the best chain. This chain is executed as a whole, and only the duration of that
+execution counts.
 """
 
 from __future__ import annotations
@@ -56,7 +57,10 @@ class Settings:
 
 
 class Executions:
-    """Executes chains from one start; equal chains are executed once, and `runs` has the results."""
+    """Executes chains from one start.
+
+    Equal chains are executed once, and `runs` has the results.
+    """
 
     def __init__(self, tools: Toolset, library: TopLibrary, trial: Trial) -> None:
         self._run = partial(run_chain, tools.robot, library, time_limit=tools.domain.time_limit)
@@ -82,12 +86,13 @@ def evaluate_trial(task: tuple[Settings, int]) -> Record:
     Returns
     -------
     dict
-        "index"; "start": robot x, y, yaw, first goal x, y, second goal x, y, yaw, if there is one (m, rad);
-        "policies": by name "duration" (s), "success", "reason", "error" (m), "chosen": heading, speed
-        and declared goal variables of each intermediate subgoal, "actions": durations of the actions (s),
-        "predicted": duration of the chain (s), "gain" and "uncertainty": the input of the gate (s);
-        "oracle": "headings" (rad), "durations" (s), "best" (s) and "success"; "oracle_speed": "best" and
-        "success"; "executed": number of chains executed.
+        "index"; "start": robot x, y, yaw, first goal x, y, second goal x, y, yaw, if there is one
+        (m, rad); "policies": by name "duration" (s), "success", "reason", "error" (m), "chosen":
+        heading, speed and declared goal variables of each intermediate subgoal, "actions":
+        durations of the actions (s), "predicted": duration of the chain (s), "gain" and
+        "uncertainty": the input of the gate (s); "oracle": "headings" (rad), "durations" (s),
+        "best" (s) and "success"; "oracle_speed": "best" and "success"; "executed": number of chains
+        executed.
     """
     settings, index = task
     tools, library = tools_of(settings.source)
@@ -97,10 +102,14 @@ def evaluate_trial(task: tuple[Settings, int]) -> Record:
     record: Record = {
         "index": index,
         "start": _start(trial),
-        "policies": {name: _policy_record(choice, execute(choice.chain)) for name, choice in choices.items()},
+        "policies": {
+            name: _policy_record(choice, execute(choice.chain)) for name, choice in choices.items()
+        },
     }
     if settings.oracle and settings.joint_oracle:
-        record.update(_joint_oracle(settings, tools, trial, execute, [c.chain for c in choices.values()]))
+        record.update(
+            _joint_oracle(settings, tools, trial, execute, [c.chain for c in choices.values()])
+        )
     elif settings.oracle:
         record.update(_oracle(settings, tools, trial, execute, naive(tools, trial).chain))
     record["executed"] = len(execute.runs)
@@ -118,7 +127,11 @@ def _policy_record(choice: Choice, run: ChainRun) -> Record:
         "duration": round(run.duration, 3),
         "success": run.success,
         "chosen": [
-            [round(goal.pose.yaw, 4), round(goal.speed, 3), *(round(v, 4) for v in goal.values.values())]
+            [
+                round(goal.pose.yaw, 4),
+                round(goal.speed, 3),
+                *(round(v, 4) for v in goal.values.values()),
+            ]
             for goal in (call.goal for call in choice.chain.calls[:-1])
         ],
         "actions": [round(duration, 3) for duration in run.actions],
@@ -136,9 +149,16 @@ def _policy_record(choice: Choice, run: ChainRun) -> Record:
 
 
 def _joint_oracle(
-    settings: Settings, tools: Toolset, trial: Trial, execute: Executions, chosen: Sequence[TopChain]
+    settings: Settings,
+    tools: Toolset,
+    trial: Trial,
+    execute: Executions,
+    chosen: Sequence[TopChain],
 ) -> dict[str, Record]:
-    """Execute the chain with the best headings by executed legs; the chains of the policies count too."""
+    """Execute the chain with the best headings by executed legs.
+
+    The chains of the policies count too.
+    """
     chain, legs = best_headings(
         tools, trial, chosen, execute.leg, count=settings.oracle, margin=settings.oracle_margin
     )
@@ -163,7 +183,9 @@ def _oracle(
         plans = [with_headings(trial.chain, {0: yaw}) for yaw in headings]
         chains = [tools.refiner().refine(trial.world, plan).chain for plan in plans]
     runs = _executed(settings, tools, trial, execute, chains)
-    best = min([run for run in runs if run is not None] + [execute(start)], key=lambda run: run.duration)
+    best = min(
+        [run for run in runs if run is not None] + [execute(start)], key=lambda run: run.duration
+    )
     durations = [None if run is None else round(run.duration, 2) for run in runs]
     rounded = [round(yaw, 3) for yaw in headings]
     records = {"oracle": {"headings": rounded, "durations": durations, **_best(best)}}
@@ -173,19 +195,27 @@ def _oracle(
             for chain in chains
             for speed in settings.oracle_speeds
         ]
-        moving_runs = [run for run in _executed(settings, tools, trial, execute, moving) if run is not None]
+        moving_runs = [
+            run for run in _executed(settings, tools, trial, execute, moving) if run is not None
+        ]
         records["oracle_speed"] = _best(min([best, *moving_runs], key=lambda run: run.duration))
     return records
 
 
 def _executed(
-    settings: Settings, tools: Toolset, trial: Trial, execute: Executions, chains: Sequence[TopChain]
+    settings: Settings,
+    tools: Toolset,
+    trial: Trial,
+    execute: Executions,
+    chains: Sequence[TopChain],
 ) -> list[ChainRun | None]:
     """Execute the chains whose predicted duration is within the oracle's margin of the least."""
     costs = [tools.predict(trial.world, chain).cost for chain in chains]
     margin = settings.oracle_margin
     bound = math.inf if margin is None else min(costs) + margin
-    return [execute(chain) if cost <= bound else None for chain, cost in zip(chains, costs, strict=True)]
+    return [
+        execute(chain) if cost <= bound else None for chain, cost in zip(chains, costs, strict=True)
+    ]
 
 
 Drive = Callable[[World, TopChain], float]
@@ -219,13 +249,18 @@ def best_headings(
 ) -> tuple[TopChain, int]:
     """Return the chain that is fastest by executed legs, and the number of legs that `drive` executed.
 
-    At each open step `count` evenly spaced headings are tried, and those of `chosen`, the policies' choices.
-    Headings are left out if the models predict that all chains through them take `margin` s longer than the
-    best; None: all are tried.
+    At each open step `count` evenly spaced headings are tried, and those of `chosen`, the policies'
+    choices. Headings are left out if the models predict that all chains through them take `margin`
+    s longer than the best; None: all are tried.
     """
     calls, names = trial.chain.calls, [("yaw",)] * len(trial.chain)
     model = ChainModel(
-        trial.world, trial.chain, tools.robot, models=tools.models, names=names, objective=Objective()
+        trial.world,
+        trial.chain,
+        tools.robot,
+        models=tools.models,
+        names=names,
+        objective=Objective(),
     )
     offered = [headings[:, None] for headings in candidates(trial, chosen, count)]
     predicted = least_path(model.step_costs, offered)
@@ -239,7 +274,9 @@ def best_headings(
         headings = np.broadcast_to(after[:, 0], starts[0].shape)
         poses = [Pose(*start) for start in starts.reshape(3, -1).T.tolist()]
         worlds = [World(0.0, RobotState(pose), trial.world.objects) for pose in poses]
-        legs = [with_headings(TopChain((calls[index],)), {0: yaw}) for yaw in headings.ravel().tolist()]
+        legs = [
+            with_headings(TopChain((calls[index],)), {0: yaw}) for yaw in headings.ravel().tolist()
+        ]
         executed += len(legs)
         return np.reshape([drive(*pair) for pair in zip(worlds, legs, strict=True)], headings.shape)
 

@@ -23,17 +23,21 @@ def summarize(records: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, Any]]
     Returns
     -------
     dict
-        By policy, and for the oracle: mean_duration_s, improvement_percent (of the sums, against naive),
-        improvement_ci95, mean_ratio_improvement_percent (mean over the runs), higher, equal, lower (runs),
-        mean_gain_higher_percent, mean_loss_lower_percent, worst_loss_percent, failures,
-        oracle_captured_percent and oracle_captured_ci95 (share of the gain of the oracle with the same
-        variables).
+        By policy, and for the oracle: mean_duration_s, improvement_percent (of the sums, against
+        naive), improvement_ci95, mean_ratio_improvement_percent (mean over the runs), higher,
+        equal, lower (runs), mean_gain_higher_percent, mean_loss_lower_percent, worst_loss_percent,
+        failures, oracle_captured_percent and oracle_captured_ci95 (share of the gain of the oracle
+        with the same variables).
     """
-    runs = {name: [record["policies"][name] for record in records] for name in records[0]["policies"]}
+    runs = {
+        name: [record["policies"][name] for record in records] for name in records[0]["policies"]
+    }
     oracles = [name for name in ("oracle", "oracle_speed") if name in records[0]]
     runs |= {name: [record[name] for record in records] for name in oracles}
     durations = {
-        name: np.array([row["best" if name in oracles else "duration"] for row in rows], dtype=float)
+        name: np.array(
+            [row["best" if name in oracles else "duration"] for row in rows], dtype=float
+        )
         for name, rows in runs.items()
     }
     means = resampled_means(np.stack(list(durations.values())))
@@ -72,7 +76,9 @@ def _policy_summary(
     oracle = "oracle_speed" if joint else "oracle"
     possible = reference.sum() - durations.get(oracle, reference).sum()  # s; 0 without an oracle
     if possible > _LEAST_SAVED * reference.sum():
-        summary["oracle_captured_percent"] = _rounded(100.0 * (reference.sum() - duration.sum()) / possible)
+        summary["oracle_captured_percent"] = _rounded(
+            100.0 * (reference.sum() - duration.sum()) / possible
+        )
         saved, most = resampled["naive"] - resampled[name], resampled["naive"] - resampled[oracle]
         shares = saved[most > 0.0] / most[most > 0.0]
         summary["oracle_captured_ci95"] = _interval(100.0 * shares)
@@ -93,8 +99,9 @@ def prediction_errors(records: Sequence[Mapping[str, Any]], policy: str) -> dict
     Returns
     -------
     dict
-        chains: their number; mean_error_s: mean of predicted minus actual; mean_error_ci95: its interval;
-        mae_s, rmse_s: mean absolute and root mean square error. Without chains only `chains`.
+        chains: their number; mean_error_s: mean of predicted minus actual; mean_error_ci95: its
+        interval; mae_s, rmse_s: mean absolute and root mean square error. Without chains only
+        `chains`.
     """
     rows = (record["policies"][policy] for record in records)
     predicted = [row for row in rows if row["success"] and "predicted" in row]

@@ -23,9 +23,9 @@ def open_variables(tools: Toolset, trials: Iterable[Trial]) -> list[dict[str, An
     Returns
     -------
     list of dict
-        For each variable its "step", from 1, and "top", its "name"; "free": share of the situations in which
-        it was free; "gain_s": mean predicted gain if only this variable is free; "explanation": this gain, or
-        why there is none.
+        For each variable its "step", from 1, and "top", its "name"; "free": share of the situations
+        in which it was free; "gain_s": mean predicted gain if only this variable is free;
+        "explanation": this gain, or why there is none.
     """
     refiner = tools.refiner(gated=True)
     found: defaultdict[tuple[int, str, str], list[Refinement]] = defaultdict(list)
@@ -45,22 +45,36 @@ def _summary(step: int, top: str, name: str, results: list[Refinement]) -> dict[
     """Return the gain of one variable in all situations, and its explanation."""
     closed = Counter(each.reason for result in results for each in result.not_free)
     refined = [result for result in results if result.free]
-    limits = Counter(each for result in refined for variable in result.free for each in variable.limits)
+    limits = Counter(
+        each for result in refined for variable in result.free for each in variable.limits
+    )
     accepted, free = sum(result.refined for result in refined), len(refined)
-    gain = sum(max(0.0, each.before.cost - each.after.cost) for each in refined) / free if free else 0.0
+    gain = (
+        sum(max(0.0, each.before.cost - each.after.cost) for each in refined) / free
+        if free
+        else 0.0
+    )
     if closed.total() > free:
         explanation = closed.most_common(1)[0][0]
     elif gain <= NO_EFFECT:
         explanation = f"no effect: the models predict a gain of {gain:.2f} s on average"
     elif not accepted:
-        explanation = f"the gate refuses all gains, of {gain:.2f} s on average: too little, or too uncertain"
+        explanation = (
+            f"the gate refuses all gains, of {gain:.2f} s on average: too little, or too uncertain"
+        )
     else:
         accepts = f"the gate accepts it in {accepted} of {free} situations"
         explanation = f"predicted to gain {gain:.2f} s on average; {accepts}"
     if closed.total() <= free and limits:
         explanation += f"; searched within limits: {limits.most_common(1)[0][0]}"
     share = free / (closed.total() + free) if results else 0.0
-    found = {"step": step, "top": top, "name": name, "free": round(share, 3), "gain_s": round(gain, 3)}
+    found = {
+        "step": step,
+        "top": top,
+        "name": name,
+        "free": round(share, 3),
+        "gain_s": round(gain, 3),
+    }
     return {**found, "explanation": explanation}
 
 

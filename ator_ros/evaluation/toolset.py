@@ -32,7 +32,11 @@ class Toolset:
 
     def refiner(self, *, gated: bool = False) -> Refiner:
         """Return a refiner with these models, with the gate if `gated`."""
-        gate, ranges, cost = Gate() if gated else NO_GATE, self.domain.ranges, self.domain.time_limit
+        gate, ranges, cost = (
+            Gate() if gated else NO_GATE,
+            self.domain.ranges,
+            self.domain.time_limit,
+        )
         return Refiner(self.robot, self.models, gate, ranges=ranges, failure_cost=cost)
 
     def predict(self, world: World, chain: TopChain) -> ChainPrediction:
@@ -76,7 +80,8 @@ class ToolsetSource:
     def require_executable(self, chain: str) -> None:
         """Check the actions of a chain and their models.
 
-        Raises EvaluationError if the simulator cannot execute an action, and FileError for an unusable model.
+        Raises EvaluationError if the simulator cannot execute an action, and FileError for an
+        unusable model.
         """
         domain, robot = self.in_domain(), self.described()
         trial = random_trial(domain, chain, domain.library(robot, self.action_set), seed=0, index=0)
@@ -87,12 +92,17 @@ class ToolsetSource:
 
 
 def tools_of(source: ToolsetSource) -> tuple[Toolset, TopLibrary]:
-    """Return toolset and library, cached until a file changes; raise FileError for an unusable model."""
+    """Return toolset and library, cached until a file changes.
+
+    Raise FileError for an unusable model.
+    """
     return _loaded(source, source.digest())
 
 
 @lru_cache(maxsize=4)
 def _loaded(source: ToolsetSource, _digest: str) -> tuple[Toolset, TopLibrary]:
     domain, robot, action_set = source.in_domain(), source.described(), source.action_set
-    models = load_models(robot, domain.known_features, action_set=action_set, folder=source.models_root())
+    models = load_models(
+        robot, domain.known_features, action_set=action_set, folder=source.models_root()
+    )
     return Toolset(domain, robot, models), domain.library(robot, action_set)

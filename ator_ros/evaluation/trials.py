@@ -31,7 +31,9 @@ class Trial:
     chain: TopChain
 
 
-def random_trial(domain: Domain, chain: str, library: TopLibrary, *, seed: int, index: int) -> Trial:
+def random_trial(
+    domain: Domain, chain: str, library: TopLibrary, *, seed: int, index: int
+) -> Trial:
     """Draw situation `index` of the domain's chain of this name; the same seed gives the same situation.
 
     Raises
@@ -52,7 +54,9 @@ def random_trial(domain: Domain, chain: str, library: TopLibrary, *, seed: int, 
         raise LeftOutError(f"chain {chain} of {domain.name}: {error}") from None
     for step, call in enumerate(plan.calls, start=1):
         if wrong := wrong_values(call.goal, library.goal_variables(call.top)):
-            raise EvaluationError(f"chain {chain} of {domain.name}: step {step} ({call.top.name}): {wrong}")
+            raise EvaluationError(
+                f"chain {chain} of {domain.name}: step {step} ({call.top.name}): {wrong}"
+            )
     return Trial(world, plan)
 
 

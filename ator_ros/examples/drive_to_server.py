@@ -1,7 +1,7 @@
 """An action server that drives a differential base to a pose, as an example of an external server.
 
-It imports nothing of ator_ros but its control law. It computes a command for each odometry message, by its
-stamp, so that it also works in a simulation that is faster than real time.
+It imports nothing of ator_ros but its control law. It computes a command for each odometry message,
+by its stamp, so that it also works in a simulation that is faster than real time.
 """
 
 from __future__ import annotations
@@ -59,7 +59,10 @@ class DriveToServer(Node):
     """
 
     def __init__(
-        self, name: str = "drive_to_server", action: str = "drive_to", law: LawOf = RotateDriveRotate
+        self,
+        name: str = "drive_to_server",
+        action: str = "drive_to",
+        law: LawOf = RotateDriveRotate,
     ) -> None:
         super().__init__(name)
         self._law = law
@@ -77,11 +80,15 @@ class DriveToServer(Node):
     def _consider(self, request: Any) -> GoalResponse:
         """Accept a pose in the frame of odometry."""
         pose, frame = request.goal.pose, request.goal.header.frame_id
-        finite = all(map(math.isfinite, (pose.position.x, pose.position.y, yaw_of(pose.orientation))))
+        finite = all(
+            map(math.isfinite, (pose.position.x, pose.position.y, yaw_of(pose.orientation)))
+        )
         known = not self._frame or frame in ("", self._frame)
         if finite and known:
             return GoalResponse.ACCEPT
-        self.get_logger().warning(f"goal rejected: expected a pose in {self._frame or 'the frame of odom'}")
+        self.get_logger().warning(
+            f"goal rejected: expected a pose in {self._frame or 'the frame of odom'}"
+        )
         return GoalResponse.REJECT
 
     async def _execute(self, handle: ServerGoalHandle) -> Any:
@@ -100,7 +107,9 @@ class DriveToServer(Node):
         pose, twist, stamp = message.pose.pose, message.twist.twist, message.header.stamp
         place = pose.position.x, pose.position.y, yaw_of(pose.orientation)
         self._frame = message.header.frame_id
-        self._state = State(stamp.sec + 1e-9 * stamp.nanosec, *place, twist.linear.x, twist.angular.z)
+        self._state = State(
+            stamp.sec + 1e-9 * stamp.nanosec, *place, twist.linear.x, twist.angular.z
+        )
         self._steer()
 
     def _steer(self) -> None:
@@ -113,7 +122,9 @@ class DriveToServer(Node):
         phase = drive.law.phase
         if canceled or phase in _CODES:
             self._drive = None
-            ended = (DriveTo.Result.CANCELED, "canceled") if canceled else (_CODES[phase], phase.value)
+            ended = (
+                (DriveTo.Result.CANCELED, "canceled") if canceled else (_CODES[phase], phase.value)
+            )
             drive.ended.set_result(ended)
         command = Twist()
         command.linear.x, command.angular.z = v, w

@@ -1,8 +1,8 @@
 """Path planning on a grid after Nav2's NavFn: inflated costs, a navigation function, gradient descent.
 
-Source: nav2_navfn_planner and the inflation layer of nav2_costmap_2d; K. Konolige, A gradient method for
-realtime robot control, IROS 2000. NavFn expands a wavefront; here the potential is swept until it is final.
-Apart from the compiler this is independent of ator_ros, and of ROS.
+Source: nav2_navfn_planner and the inflation layer of nav2_costmap_2d; K. Konolige, A gradient
+method for realtime robot control, IROS 2000. NavFn expands a wavefront; here the potential is swept
+until it is final. Apart from the compiler this is independent of ator_ros, and of ROS.
 """
 
 from __future__ import annotations
@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from ator_ros.compiled import compiled
 
-_COST_NEUTRAL, _COST_FACTOR = 50.0, 0.8  # NavFn: the cost of a cell is 50 + 0.8 times that in the costmap
+# NavFn: the cost of a cell is 50 + 0.8 times that in the costmap
+_COST_NEUTRAL, _COST_FACTOR = 50.0, 0.8
 _INSCRIBED = 252.0  # cost in the costmap at the distance of the robot's radius
 _COST_SCALING_FACTOR, _INFLATION_RADIUS = 5.0, 0.62  # 1/m and m; fitted to 106 plans of Nav2
 _PATH_STEP = 0.5  # cells between the points of a path
@@ -41,14 +42,20 @@ class NavFn:
     """
 
     def __init__(
-        self, free: NDArray[np.bool_], resolution: float, origin: tuple[float, float, float], radius: float
+        self,
+        free: NDArray[np.bool_],
+        resolution: float,
+        origin: tuple[float, float, float],
+        radius: float,
     ) -> None:
         from scipy import ndimage
 
         self._resolution, self._origin = resolution, origin
         away = resolution * ndimage.distance_transform_edt(np.pad(free, 1))[1:-1, 1:-1]
         inflated = _INSCRIBED * np.exp(-_COST_SCALING_FACTOR * (away - radius))
-        self._cost = _COST_NEUTRAL + _COST_FACTOR * np.where(away < _INFLATION_RADIUS, inflated, 0.0)
+        self._cost = _COST_NEUTRAL + _COST_FACTOR * np.where(
+            away < _INFLATION_RADIUS, inflated, 0.0
+        )
         self._cost[away <= radius] = math.inf
         self._potentials: OrderedDict[tuple[int, int], Grid] = OrderedDict()  # of the last goals
         _descend(_potential(np.ones((2, 2)), 0, 0), 1 + 1j, 0j)  # loads compiled code
@@ -68,7 +75,9 @@ class NavFn:
         here, there = self._cell(*start), self._cell(*goal)
         target = round(there.imag), round(there.real)
         rows, columns = self._cost.shape
-        if not (0 <= target[0] < rows and 0 <= target[1] < columns and math.isfinite(self._cost[target])):
+        if not (
+            0 <= target[0] < rows and 0 <= target[1] < columns and math.isfinite(self._cost[target])
+        ):
             return None
         if target not in self._potentials:
             self._potentials[target] = _potential(self._cost, *target)
@@ -100,7 +109,8 @@ def _at(potential: Grid, row: int, column: int) -> float:
 def _potential(cost: Grid, row: int, column: int) -> Grid:
     """Return the cost of the path from each cell to the goal's cell; infinite without a path.
 
-    The update is NavFn's quadratic approximation of a wave that arrives between two neighbors of a cell.
+    The update is NavFn's quadratic approximation of a wave that arrives between two neighbors of a
+    cell.
     """
     rows, columns = cost.shape
     potential = np.full((rows, columns), math.inf)
@@ -122,7 +132,11 @@ def _potential(cost: Grid, row: int, column: int) -> Grid:
                     if least == math.inf:
                         continue
                     share = more / own if more < own else 1.0
-                    step = own if share >= 1.0 else own * (-0.2301 * share**2 + 0.5307 * share + 0.7040)
+                    step = (
+                        own
+                        if share >= 1.0
+                        else own * (-0.2301 * share**2 + 0.5307 * share + 0.7040)
+                    )
                     if least + step < potential[r, c] - _SETTLED:
                         potential[r, c] = least + step
                         changed = True
@@ -131,7 +145,10 @@ def _potential(cost: Grid, row: int, column: int) -> Grid:
 
 @compiled
 def _slope(potential: Grid, row: int, column: int) -> complex:
-    """Return the unit vector (column + row i) in which the potential of a cell falls; 0 where it is flat."""
+    """Return the unit vector (column + row i) in which the potential of a cell falls.
+
+    0 where it is flat.
+    """
     own = _at(potential, row, column)
     if own == math.inf:
         return 0j
@@ -157,7 +174,10 @@ def _lowest(potential: Grid, here: complex, reach: int) -> complex:
 
 @compiled
 def _descend(potential: Grid, start: complex, goal: complex) -> NDArray[np.complex128]:
-    """Return a path down the interpolated gradient as points in cells, shape (n,); empty without a path."""
+    """Return a path down the interpolated gradient as points in cells, shape (n,).
+
+    Empty without a path.
+    """
     cells = np.empty(potential.size + 2, dtype=np.complex128)
     cells[0], count, here = start, 1, start
     if _at(potential, round(start.imag), round(start.real)) == math.inf:
@@ -171,7 +191,11 @@ def _descend(potential: Grid, start: complex, goal: complex) -> NDArray[np.compl
         for r, c in ((0, 0), (0, 1), (1, 0), (1, 1)):
             share = (up if r else 1.0 - up) * (right if c else 1.0 - right)
             slope += share * _slope(potential, row + r, column + c)
-        after = here + _PATH_STEP * slope / abs(slope) if abs(slope) > 0.1 else _lowest(potential, here, 1)
+        after = (
+            here + _PATH_STEP * slope / abs(slope)
+            if abs(slope) > 0.1
+            else _lowest(potential, here, 1)
+        )
         before = _at(potential, round(here.imag), round(here.real))
         if _at(potential, round(after.imag), round(after.real)) > before:
             after = _lowest(potential, here, 1)

@@ -1,7 +1,7 @@
 """Control law of the server `pursuit_server`: Nav2's regulated pure pursuit controller with a rotation shim.
 
-On a map it follows a path of `NavFn`; without a map the path is straight. Like `RotateDriveRotate` it is
-independent of ator_ros and of ROS. Source: the configuration guide of Nav2 (docs.nav2.org).
+On a map it follows a path of `NavFn`; without a map the path is straight. Like `RotateDriveRotate`
+it is independent of ator_ros and of ROS. Source: the configuration guide of Nav2 (docs.nav2.org).
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ class Tuning:
     """Parameters with Nav2's names, SI units, and Nav2's defaults unless a comment says otherwise.
 
     They are those of the regulated pure pursuit controller, the rotation shim controller (from
-    `angular_dist_threshold` on, without acceleration to `rotate_to_heading_angular_vel`), the simple goal
-    checker, the simple progress checker and the controller server.
+    `angular_dist_threshold` on, without acceleration to `rotate_to_heading_angular_vel`), the
+    simple goal checker, the simple progress checker and the controller server.
     """
 
     desired_linear_vel: float = 0.6  # as in the recorded drives of Nav2
@@ -38,8 +38,10 @@ class Tuning:
     yaw_goal_tolerance: float = 0.15  # as in the recorded drives
     controller_frequency: float = 20.0
     required_movement_radius: float = 0.5
-    movement_time_allowance: float = 10.0  # the drive fails if the robot stays in that radius for longer
-    grid_bias: float = 0.05  # not Nav2's: greatest angle of a path to the straight line, fitted to 104 drives
+    # the drive fails if the robot stays in that radius for longer
+    movement_time_allowance: float = 10.0
+    # not Nav2's: greatest angle of a path to the straight line, fitted to 104 drives
+    grid_bias: float = 0.05
 
 
 class Pursuit:
@@ -89,7 +91,9 @@ class Pursuit:
             close = abs(self._angle_to_goal(state)) <= tuning.yaw_goal_tolerance
             return Phase.SETTLING if close else Phase.ROTATING_TO_GOAL
         rotating = self.phase is Phase.ROTATING_TO_PATH
-        threshold = tuning.angular_disengage_threshold if rotating else tuning.angular_dist_threshold
+        threshold = (
+            tuning.angular_disengage_threshold if rotating else tuning.angular_dist_threshold
+        )
         far_off = abs(self._angle_to_path(state)) > threshold
         return Phase.ROTATING_TO_PATH if far_off else Phase.FOLLOWING
 
@@ -109,7 +113,8 @@ class Pursuit:
             x, y = self._path.ahead(state.x, state.y, self.tuning.lookahead_dist)
             return math.remainder(math.atan2(y - state.y, x - state.x) - state.yaw, math.tau)
         direction = math.atan2(self._goal[1] - state.y, self._goal[0] - state.x)
-        if self.distance > self.tuning.lookahead_dist:  # NavFn's paths begin nearer to an axis of the grid
+        # NavFn's paths begin nearer to an axis of the grid
+        if self.distance > self.tuning.lookahead_dist:
             direction -= self.tuning.grid_bias * math.sin(4.0 * direction)
         return math.remainder(direction - state.yaw, math.tau)
 
@@ -148,7 +153,9 @@ class _Path:
 
     def follow(self, x: float, y: float) -> None:
         """Advance to the point next to (x, y) m, up to 1 m ahead of the last one."""
-        last = self._near + np.searchsorted(-self._left[self._near :], 1.0 - self._left[self._near], "right")
+        last = self._near + np.searchsorted(
+            -self._left[self._near :], 1.0 - self._left[self._near], "right"
+        )
         away = np.hypot(*(self._points[self._near : last] - (x, y)).T)
         self._near += int(np.argmin(away))
 

@@ -1,7 +1,7 @@
 """An action server that drives a differential base to a pose as Nav2 does, without Nav2.
 
-It differs from `drive_to_server` in its action, `pursue`, and in its control law, which plans on a map. If
-`map` has a publisher, goals are rejected until the first map was received.
+It differs from `drive_to_server` in its action, `pursue`, and in its control law, which plans on a
+map. If `map` has a publisher, goals are rejected until the first map was received.
 """
 
 from __future__ import annotations
@@ -38,7 +38,9 @@ class PursuitServer(DriveToServer):
         info, values = message.info, np.array(message.data).reshape(message.info.height, -1)
         place = info.origin.position
         origin = place.x, place.y, yaw_of(info.origin.orientation)
-        self._planner = NavFn((values >= 0) & (values <= _FREE), info.resolution, origin, self._radius)
+        self._planner = NavFn(
+            (values >= 0) & (values <= _FREE), info.resolution, origin, self._radius
+        )
         self.get_logger().info(f"planning on a map of {info.width} x {info.height} cells")
 
     def _consider(self, request: Any) -> GoalResponse:

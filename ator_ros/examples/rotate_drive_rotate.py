@@ -1,7 +1,7 @@
 """Control law of the server `drive_to_server`: rotate to the path, follow it, rotate to the goal's heading.
 
-It has its own tolerances and rules, and is independent of ator_ros and of ROS. A simulation without ROS
-executes the same law.
+It has its own tolerances and rules, and is independent of ator_ros and of ROS. A simulation without
+ROS executes the same law.
 """
 
 from __future__ import annotations
@@ -47,7 +47,8 @@ class Phase(enum.Enum):
 
 
 ENDED = (Phase.ARRIVED, Phase.MISSED, Phase.TOO_LONG)
-_MISSED = 3.0  # ratio of the distance to the goal at the end of the path to its tolerance: the drive failed
+# ratio of the distance to the goal at the end of the path to its tolerance: the drive failed
+_MISSED = 3.0
 _TURN_GAIN, _FOLLOW_GAIN = 3.0, 2.0  # 1/s
 _SLOWEST = 0.06  # m/s
 _STANDS = (0.02, 0.04)  # m/s and rad/s
@@ -176,7 +177,9 @@ class RotateDriveRotate:
 
     def _turning(self, error: float, most: float) -> float:
         """Return a turn rate from which the robot can stop at the error 0."""
-        rate = min(most, _TURN_GAIN * abs(error), math.sqrt(2.0 * 0.8 * self.tuning.aw * abs(error)))
+        rate = min(
+            most, _TURN_GAIN * abs(error), math.sqrt(2.0 * 0.8 * self.tuning.aw * abs(error))
+        )
         return math.copysign(rate, error)
 
     def _enter(self, phase: Phase, state: State) -> None:

@@ -69,8 +69,8 @@ class Stage(enum.Enum):
 class ActionRecord:
     """The result of one action of a chain.
 
-    `ending` is SUCCEEDED, FAILED, REFUSED, PREEMPTED by another goal of the same step, as when an object has
-    moved, or the ending of the whole chain.
+    `ending` is SUCCEEDED, FAILED, REFUSED, PREEMPTED by another goal of the same step, as when an
+    object has moved, or the ending of the whole chain.
     """
 
     index: int  # step of the chain, from 0
@@ -118,7 +118,8 @@ class ChainExecutor:
     fetches : int
         Number of times that a lost object may be fetched again, by the last step that fetches it.
     rolling : Rolling, optional
-        Observed deceleration of rolling objects, updated by the caller and used by steps that start standing.
+        Observed deceleration of rolling objects, updated by the caller and used by steps that start
+        standing.
     """
 
     def __init__(
@@ -131,7 +132,8 @@ class ChainExecutor:
         rolling: Rolling | None = None,
     ) -> None:
         self._described, self._rolling = library, rolling
-        # Of the robot with the observed deceleration of rolling objects instead of the described one.
+        # Of the robot with the observed deceleration of rolling objects instead of the described
+        # one.
         self._library = library if rolling is None else rolling.library(library)
         self.chain = chain
         self._time_limit, self._fetches = time_limit, fetches
@@ -148,8 +150,15 @@ class ChainExecutor:
         self.chain, self._run = chain, self._new_run(chain)
 
     def fall_back_to(self, chain: TopChain) -> bool:
-        """Execute `chain` instead if the first one failed before the robot moved; return whether it did."""
-        if len(self.records) != 1 or self.records[0].index or self.records[0].ending not in NOT_DONE:
+        """Execute `chain` instead if the first one failed before the robot moved.
+
+        Return whether it did.
+        """
+        if (
+            len(self.records) != 1
+            or self.records[0].index
+            or self.records[0].ending not in NOT_DONE
+        ):
             return False
         start, end = self.records[0].start.robot.pose, self.records[0].end.robot.pose
         stayed = start.distance(end) <= _STAYED and abs(start.relative(end).yaw) <= _STAYED
@@ -211,8 +220,8 @@ class ChainExecutor:
     def switch_to(self, world: World, chain: TopChain) -> bool:
         """Replace the present step and later ones, or their goals, without a stop.
 
-        `chain` consists of the steps that are done and the new ones. Returns False, and changes nothing, if
-        the changed step has no path from here.
+        `chain` consists of the steps that are done and the new ones. Returns False, and changes
+        nothing, if the changed step has no path from here.
         """
         if chain.calls[self.index] != self._run.call:
             standing_first = self._run.stage is Stage.STANDING
@@ -228,7 +237,10 @@ class ChainExecutor:
         return True
 
     def _follow(self, world: World) -> Step | None:
-        """Move the goal with an object that has left it; return a stop, or None if the step can continue."""
+        """Move the goal with an object that has left it.
+
+        Return a stop, or None if the step can continue.
+        """
         robot, call = self._library.robot, self._run.call
         name = followed(call.top)
         if name is None or (self._run.begun and is_at_front(world, robot, name)):
@@ -249,12 +261,19 @@ class ChainExecutor:
         self._run = run
 
     def _after(self, world: World, status: Status) -> tuple[int, bool] | None:
-        """Return the next step and whether the robot must first stand; None at the end of the chain."""
+        """Return the next step and whether the robot must first stand.
+
+        None at the end of the chain.
+        """
         if status is Status.SUCCEEDED:
             return (self.index + 1, False) if self.index + 1 < len(self.chain) else None
         top = self._run.call.top
         name = held_first(top) or (object_fetched_by(top) if self._run.begun else None)
-        if name is None or self.fetch_count >= self._fetches or not is_lost(world, self._library.robot, name):
+        if (
+            name is None
+            or self.fetch_count >= self._fetches
+            or not is_lost(world, self._library.robot, name)
+        ):
             return None
         for index in range(self.index, -1, -1):  # back to the step that fetches the lost object
             if object_fetched_by(self.chain.calls[index].top) == name:
@@ -265,17 +284,25 @@ class ChainExecutor:
     def _new_run(
         self, chain: TopChain, *, standing_first: bool = False, since: float | None = None
     ) -> StepRun:
-        """Return a run of the present step of `chain`; `since` keeps the time limit of a former run."""
+        """Return a run of the present step of `chain`.
+
+        `since` keeps the time limit of a former run.
+        """
         return StepRun(
-            self._library, chain, self.index, self._time_limit, standing_first=standing_first, since=since
+            self._library,
+            chain,
+            self.index,
+            self._time_limit,
+            standing_first=standing_first,
+            since=since,
         )
 
 
 class StepRun:
     """One action of a chain with one goal, from its pre-condition to its post-condition.
 
-    `action` is the action while it runs. `time_limit` (s) includes a stop before the action. It counts from
-    `since` (s), which is that of the replaced run if only the goal has changed.
+    `action` is the action while it runs. `time_limit` (s) includes a stop before the action. It
+    counts from `since` (s), which is that of the replaced run if only the goal has changed.
     """
 
     def __init__(
@@ -290,7 +317,12 @@ class StepRun:
     ) -> None:
         self.call, self.since = chain.calls[index], since
         self.stage = Stage.STANDING if standing_first else Stage.READY
-        self._library, self._chain, self._index, self._time_limit = library, chain, index, time_limit
+        self._library, self._chain, self._index, self._time_limit = (
+            library,
+            chain,
+            index,
+            time_limit,
+        )
         self.action: Action | None = None
         self._start: World | None = None
         self._speeds: list[tuple[float, float]] = []  # times (s) and speeds (m/s) since the start
@@ -304,7 +336,8 @@ class StepRun:
     def begin(self, world: World) -> str | None:
         """Start the action; return the reason if that is impossible."""
         call, robot = self.call, self._library.robot
-        checked = at_rest(world, robot) if followed(call.top) else world  # where a rolling object stops
+        # where a rolling object stops
+        checked = at_rest(world, robot) if followed(call.top) else world
         violations = call.top.pre.violations(state_of(checked, robot), goal_values(call.goal))
         if violations:
             return f"pre-condition of {call.top.name}: {'; '.join(violations)}"
@@ -322,7 +355,9 @@ class StepRun:
         self.since = world.time if self.since is None else self.since
         step = self._next(world)
         if step.status is Status.RUNNING and world.time - self.since > self._time_limit:
-            return Step(STOP, Status.FAILED, f"{self.call.top.name} took longer than {self._time_limit:g} s")
+            return Step(
+                STOP, Status.FAILED, f"{self.call.top.name} took longer than {self._time_limit:g} s"
+            )
         return step
 
     def _next(self, world: World) -> Step:
@@ -336,7 +371,9 @@ class StepRun:
         if fault is not None:
             return Step(STOP, Status.FAILED, fault)
         if self.action is None:  # SETTLING
-            return self._confirmed(world, Step(STOP, Status.SUCCEEDED, f"{self.call.top.name} has settled"))
+            return self._confirmed(
+                world, Step(STOP, Status.SUCCEEDED, f"{self.call.top.name} has settled")
+            )
         return self._confirmed(world, self.action.step(world))
 
     def _confirmed(self, world: World, step: Step) -> Step:

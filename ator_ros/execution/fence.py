@@ -17,7 +17,8 @@ from ator_ros.tops.objects import at_object, at_rest, followed, has_left, is_at_
 from ator_ros.tops.ranges import Range, Ranges
 from ator_ros.world.state import CONTROL_PERIOD, RobotState, World
 
-_DEBOUNCE = 0.3  # s for which an object must lead out; before, its velocity may be wrong, see `VelocityCheck`
+# s for which an object must lead out; before, its velocity may be wrong, see `VelocityCheck`
+_DEBOUNCE = 0.3
 _ROUNDING = 1e-6  # m; coordinates of 1e7 m have a resolution of 2e-9 m
 _TOLERANCE = 0.05  # m by which an action may miss its goal or its path
 
@@ -25,8 +26,9 @@ _TOLERANCE = 0.05  # m by which an action may miss its goal or its path
 def edge_distance(robot: Robot) -> float:
     """Return the least distance in m of a goal from the edge, so that `FenceWatch` does not end it.
 
-    It is the sum of the position tolerance and of the distance that the robot drives at full speed until it
-    follows the next command. The rate of odometry is not known yet; CONTROL_PERIOD is assumed.
+    It is the sum of the position tolerance and of the distance that the robot drives at full speed
+    until it follows the next command. The rate of odometry is not known yet; CONTROL_PERIOD is
+    assumed.
     """
     return _TOLERANCE + robot.limits.v * (CONTROL_PERIOD + robot.motor_time_constant)
 
@@ -35,7 +37,9 @@ def _stopping_distance(speed: float, robot: Robot) -> float:
     return max(stopping_distance(speed, robot.stop), speed**2 / (2.0 * robot.limits.brake))
 
 
-def _inside(axis: str, ranges: Ranges, edges: tuple[float, float], robot: Robot, goal: Goal) -> Range:
+def _inside(
+    axis: str, ranges: Ranges, edges: tuple[float, float], robot: Robot, goal: Goal
+) -> Range:
     """Return the part of the range of a coordinate that is between two edges of a fence, at all speeds."""
     full, speeds = ranges[axis](robot, goal), ranges.get("speed")
     speed = goal.speed if speeds is None else speeds(robot, goal).high
@@ -50,7 +54,10 @@ def _inside(axis: str, ranges: Ranges, edges: tuple[float, float], robot: Robot,
 
 @dataclass(frozen=True, slots=True)
 class Fence:
-    """A rectangle for the middle of the robot's axle, in m in odometry's frame; its body may stick out."""
+    """A rectangle for the middle of the robot's axle, in m in odometry's frame.
+
+    Its body may stick out.
+    """
 
     x_min: float
     y_min: float
@@ -64,18 +71,24 @@ class Fence:
 
     @classmethod
     def of(cls, edges: Sequence[float]) -> Fence:
-        """Return the fence with edges x_min, y_min, x_max, y_max in m; ValueError if they are not valid."""
+        """Return the fence with edges x_min, y_min, x_max, y_max in m.
+
+        ValueError if they are not valid.
+        """
         if len(edges) != 4 or not all(map(math.isfinite, edges)):
             raise ValueError(f"expected four finite numbers in m, got {list(edges)}")
         fence = cls(*edges)
         if not (fence.x_min < fence.x_max and fence.y_min < fence.y_max):
-            raise ValueError(f"expected least x, least y, greatest x, greatest y in m, got {list(edges)}")
+            raise ValueError(
+                f"expected least x, least y, greatest x, greatest y in m, got {list(edges)}"
+            )
         return fence
 
     def narrowed(self, ranges: Ranges, robot: Robot) -> Ranges:
         """Return the parts of ranges of goal variables with which the robot stays inside, at all speeds.
 
-        The fence around the area changes no range. Where no values are left, the range is the goal's value.
+        The fence around the area changes no range. Where no values are left, the range is the
+        goal's value.
         """
         if self == Fence.around(robot):
             return ranges
@@ -89,7 +102,9 @@ class Fence:
 
     def outside(self, x: float, y: float) -> float:
         """Return the distance in m from (x, y) in m to the area; 0 inside."""
-        return math.hypot(max(self.x_min - x, 0.0, x - self.x_max), max(self.y_min - y, 0.0, y - self.y_max))
+        return math.hypot(
+            max(self.x_min - x, 0.0, x - self.x_max), max(self.y_min - y, 0.0, y - self.y_max)
+        )
 
     def violation(self, chain: TopChain, robot: Robot, where: str = "chain") -> str | None:
         """Return the fault of the first step that leads out of the fence or into an obstacle, or None.
@@ -134,8 +149,8 @@ class Fence:
     def leads_out(self, call: TopCall, robot: Robot) -> bool:
         """Return whether the goal of a step puts the robot, or the object that it holds, outside.
 
-        The robot must stop `edge_distance` inside the edge, also after an arrival at speed. Steps whose
-        post-condition does not move the robot to the goal never lead out.
+        The robot must stop `edge_distance` inside the edge, also after an arrival at speed. Steps
+        whose post-condition does not move the robot to the goal never lead out.
         """
         if not call.top.arrives:
             return False
@@ -158,9 +173,9 @@ class Fence:
 class FenceWatch:
     """Detects, during one goal, that the robot is about to leave the area.
 
-    A robot that starts outside may drive in. Its distance must not exceed that of its start plus twice its
-    reach, which it needs to turn. Once inside, it must stay inside. After `longest_gap` s without a state
-    the robot is commanded to stand anyway.
+    A robot that starts outside may drive in. Its distance must not exceed that of its start plus
+    twice its reach, which it needs to turn. Once inside, it must stay inside. After `longest_gap` s
+    without a state the robot is commanded to stand anyway.
     """
 
     def __init__(self, fence: Fence, robot: Robot, longest_gap: float) -> None:
@@ -190,7 +205,10 @@ class FenceWatch:
         stop = math.copysign(abs(stopping_distance(robot.v, self._robot.stop)) + reach, robot.v)
         brake = math.copysign(robot.v**2 / (2.0 * self._robot.limits.brake) + reach, robot.v)
         curved = max(self._outside(robot, share * brake, bend=True) for share in (0.5, 1.0))
-        if max(self._outside(robot, stop), min(self._outside(robot, brake), curved)) <= self._allowed:
+        if (
+            max(self._outside(robot, stop), min(self._outside(robot, brake), curved))
+            <= self._allowed
+        ):
             return None
         return (
             f"the robot would leave the {self._fence}: it drives at {robot.v:.2f} m/s from x {pose.x:.2f} m, "
@@ -202,13 +220,19 @@ class FenceWatch:
         turned = clip(path * robot.w / robot.v, math.pi) if bend and robot.v != 0.0 else 0.0
         chord = path * (math.sin(turned / 2.0) / (turned / 2.0) if turned else 1.0)
         yaw = robot.pose.yaw + turned / 2.0
-        return self._fence.outside(robot.pose.x + chord * math.cos(yaw), robot.pose.y + chord * math.sin(yaw))
+        return self._fence.outside(
+            robot.pose.x + chord * math.cos(yaw), robot.pose.y + chord * math.sin(yaw)
+        )
 
     def _following(self, world: World, call: TopCall) -> str | None:
         """Return why the object must not be followed, if it has led out for `_DEBOUNCE` s."""
         resting = at_rest(world, self._robot)
         name = followed(call.top)
-        if name is None or is_at_front(world, self._robot, name) or not has_left(resting, call, self._robot):
+        if (
+            name is None
+            or is_at_front(world, self._robot, name)
+            or not has_left(resting, call, self._robot)
+        ):
             self._leads_out_since = math.inf
             return None
         goal = at_object(call.goal, resting, name)

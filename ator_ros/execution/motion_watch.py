@@ -1,4 +1,7 @@
-"""Monitoring of the base by odometry: does it follow its commands? Without ROS; both clocks are passed in."""
+"""Monitoring of the base by odometry: does it follow its commands? Without ROS.
+
+Both clocks are passed in.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +33,8 @@ _STEP = 0.025  # s; step of the prediction
 _CONSTANT = 0.25  # s of motion that are compared, besides the lag of the motors
 _FEWEST = 4  # least number of messages in that time, and to determine the share
 _VARIES = 0.5  # greatest variation as a multiple of the tolerance
-_NEAR_LIMIT = 0.75  # share of the described limit above which the base may be at a lower one of its own
+# share of the described limit above which the base may be at a lower one of its own
+_NEAR_LIMIT = 0.75
 _CONSTANT_PERSISTS = 0.06  # s after which the fault is reported, in two messages at least
 _ROUNDING = 1e-6
 
@@ -39,7 +43,8 @@ _ROUNDING = 1e-6
 class Thresholds:
     """Limits and thresholds of one axis (driving or turning), in m and m/s or in rad and rad/s.
 
-    The tolerance is 4 % of the limit, at least 0.04 m/s or 0.1 rad/s (noise, dead band), at most 40 %.
+    The tolerance is 4 % of the limit, at least 0.04 m/s or 0.1 rad/s (noise, dead band), at most 40
+    %.
     """
 
     limit: float  # described greatest speed
@@ -55,7 +60,9 @@ class Thresholds:
         """Return the thresholds of driving and of turning."""
         limits, lag = robot.limits, robot.motor_time_constant
         window = _WINDOW + 2.0 * lag
-        v, w = (min(max(0.04 * x, least), 0.4 * x) for x, least in ((limits.v, 0.04), (limits.w, 0.1)))
+        v, w = (
+            min(max(0.04 * x, least), 0.4 * x) for x, least in ((limits.v, 0.04), (limits.w, 0.1))
+        )
         return (
             cls(limits.v, min(limits.a, limits.brake), lag, robot.stop.backward, v, window, 0.03),
             cls(limits.w, limits.aw, lag, robot.stop.turning, w, window, 0.08),
@@ -84,13 +91,18 @@ class Debounce:
         self._seconds, self._since = 0.0, math.inf
 
     def update(self, holds: bool, gap: Gap, needed: float = _PERSISTS) -> bool:
-        """Add the gap before a message if the condition `holds`, else reset; return whether it persists."""
+        """Add the gap before a message if the condition `holds`, else reset.
+
+        Return whether it persists.
+        """
         if not holds:
             self._seconds, self._since = 0.0, math.inf
             return False
         self._since = min(self._since, gap.began)
         # One message says little about a gap above 0.1 s, unless the gap is very long.
-        self._seconds += gap.elapsed if gap.elapsed >= _WINDOW - _ROUNDING else min(gap.elapsed, 0.1)
+        self._seconds += (
+            gap.elapsed if gap.elapsed >= _WINDOW - _ROUNDING else min(gap.elapsed, 0.1)
+        )
         in_real_time = gap.ended - self._since >= _LEAST_REAL_TIME - _ROUNDING
         return self._seconds >= needed - _ROUNDING and in_real_time
 
@@ -107,10 +119,11 @@ class Gap:
 class Axis:
     """Compares one velocity of the base with the commands.
 
-    The speed at the start of a window is predicted forward under the commands sent since, for a base that may
-    be late. The base must have made at least a quarter of the predicted change. A base that reaches a quarter
-    of the commanded speeds or more is slow, which is no fault, unless it keeps a constant speed that is not
-    its share of the commands: plans that start at the measured speed conceal such a base.
+    The speed at the start of a window is predicted forward under the commands sent since, for a
+    base that may be late. The base must have made at least a quarter of the predicted change. A
+    base that reaches a quarter of the commanded speeds or more is slow, which is no fault, unless
+    it keeps a constant speed that is not its share of the commands: plans that start at the
+    measured speed conceal such a base.
     """
 
     def __init__(self, thresholds: Thresholds) -> None:
@@ -142,7 +155,10 @@ class Axis:
             self._measured.popleft()
         speed = sum(value for _, value in self._measured) / len(self._measured)
         self._smooth.append((time, speed))
-        while len(self._smooth) > 1 and self._smooth[1][0] <= time - self.thresholds.window + _ROUNDING:
+        while (
+            len(self._smooth) > 1
+            and self._smooth[1][0] <= time - self.thresholds.window + _ROUNDING
+        ):
             self._smooth.popleft()
         if len(self._smooth) == 1:
             return None
@@ -162,12 +178,22 @@ class Axis:
     ) -> Fault | None:
         tolerance = self.thresholds.tolerance
         since, before = self._smooth[0]
-        fast = [0.0, before, *self._fast(since, before, time, commands)[-round(_COASTING / _STEP) :]]
-        if not min(fast) - _BEYOND * tolerance <= self._measured[-1][1] <= max(fast) + _BEYOND * tolerance:
+        fast = [
+            0.0,
+            before,
+            *self._fast(since, before, time, commands)[-round(_COASTING / _STEP) :],
+        ]
+        if (
+            not min(fast) - _BEYOND * tolerance
+            <= self._measured[-1][1]
+            <= max(fast) + _BEYOND * tolerance
+        ):
             return Fault.EXCESS
         # At the start of the window the base may just have started to move.
         fastest = max(self._smooth, key=lambda each: abs(each[1]))
-        share = min(0.99, max(self._share_at(*each, commands) for each in (self._smooth[0], fastest)))
+        share = min(
+            0.99, max(self._share_at(*each, commands) for each in (self._smooth[0], fastest))
+        )
         slow, part = (self._slow(since, before, time, commands, each) for each in (1.0, share))
         # The least speed that is expected now, in the direction of the commands.
         least = max(0.0, min(part, share * min(recent))) + min(0.0, max(part, share * max(recent)))
@@ -190,11 +216,13 @@ class Axis:
             return Fault.CONSTANT
         return None
 
-    def _is_constant(self, time: float, seconds: float, recent: Sequence[float], commands: Commands) -> bool:
+    def _is_constant(
+        self, time: float, seconds: float, recent: Sequence[float], commands: Commands
+    ) -> bool:
         """Return whether the speed is constant and differs from the commands, unless the base is slow.
 
-        A slow base reaches a share of the commands, which was measured while its speed changed, or a limit of
-        its own not far below the described one.
+        A slow base reaches a share of the commands, which was measured while its speed changed, or
+        a limit of its own not far below the described one.
         """
         axis = self.thresholds
         since = min(time - seconds, self._smooth[-min(_FEWEST, len(self._smooth))][0])
@@ -219,17 +247,26 @@ class Axis:
         ]
         if known and max(known) - min(known) >= 2.0 * axis.tolerance:
             return True
-        possible = [share * command for pair in self._shares for share in pair for command in recent]
-        return not (possible and min(possible) - axis.tolerance <= speed <= max(possible) + axis.tolerance)
+        possible = [
+            share * command for pair in self._shares for share in pair for command in recent
+        ]
+        return not (
+            possible and min(possible) - axis.tolerance <= speed <= max(possible) + axis.tolerance
+        )
 
     def _share_at(self, time: float, speed: float, commands: Commands) -> float:
-        """Return the speed as a share of the commands at `time`, at least a quarter; 1 without a command."""
+        """Return the speed as a share of the commands at `time`, at least a quarter.
+
+        1 without a command.
+        """
         command = max(commands.between(time - _DELAY - 2.0 * self.thresholds.lag, time), key=abs)
         if abs(command) < self.thresholds.tolerance or speed * command <= 0.0:
             return 1.0
         return min(1.0, max(_QUARTER, speed / command))
 
-    def _slow(self, since: float, speed: float, time: float, commands: Commands, share: float) -> float:
+    def _slow(
+        self, since: float, speed: float, time: float, commands: Commands, share: float
+    ) -> float:
         """Return the speed at `time` of a base that had `speed` at `since`, is late and lags.
 
         To reach a lower share it brakes as on a command to stand.
@@ -250,7 +287,9 @@ class Axis:
         """Return the speeds until `time` of a base that changes its speed twice as fast as described."""
         speeds, (count, dt) = [], _steps(time - since)
         for command in commands.sampled(since + dt, dt, count):
-            speed += clip((speed if command is None else command) - speed, 2.0 * self.thresholds.rate * dt)
+            speed += clip(
+                (speed if command is None else command) - speed, 2.0 * self.thresholds.rate * dt
+            )
             speeds.append(speed)
         return speeds
 
@@ -268,7 +307,8 @@ class Axis:
         if not (falls and below) or gap.elapsed > _LONG_GAP:
             self._lost, self._eased, self._lost_for = 0.0, 0.0, 0.0
             return False
-        lost = min(lost, 1.5 * self.thresholds.rate * gap.elapsed)  # more is a drop to a part of the speed
+        # more is a drop to a part of the speed
+        lost = min(lost, 1.5 * self.thresholds.rate * gap.elapsed)
         self._lost, self._eased = self._lost + lost, self._eased + eased
         self._lost_for += gap.elapsed
         tolerance = self.thresholds.tolerance
@@ -286,7 +326,10 @@ class Axis:
         if abs(speed - before) > 1.5 * axis.rate * (time - then) + axis.tolerance:
             self._shares.clear()  # after a jump, earlier shares do not apply
         sent = [clip(commands.between(late, late)[0], axis.limit) for late in (time, time - _DELAY)]
-        if min(abs(command) for command in sent) >= 2.0 * axis.tolerance and sent[0] * sent[1] > 0.0:
+        if (
+            min(abs(command) for command in sent) >= 2.0 * axis.tolerance
+            and sent[0] * sent[1] > 0.0
+        ):
             self._shares.append((speed / sent[0], speed / sent[1]))
 
     def _observe_share(self, speed: float, recent: Sequence[float], elapsed: float) -> None:
@@ -331,20 +374,26 @@ class Commands:
         return [self._sent[begin - 1] if begin else 0.0, *self._sent[begin:end]]
 
     def sampled(self, since: float, dt: float, count: int) -> list[float | None]:
-        """Return the commands that act at `count` times in s from `since` on; None before the first one."""
-        found = (bisect.bisect_right(self._times, since + step * dt + _ROUNDING) for step in range(count))
+        """Return the commands that act at `count` times in s from `since` on.
+
+        None before the first one.
+        """
+        found = (
+            bisect.bisect_right(self._times, since + step * dt + _ROUNDING) for step in range(count)
+        )
         return [self._sent[index - 1] if index else None for index in found]
 
 
 class MotionWatch:
     """Compares odometry with the commands that were sent, separately for driving and turning.
 
-    Faults are those of `Fault`, and a pose that is constant while the velocity is not. With odometry below
-    6.7 Hz (at the default `odom_timeout`) the robot is commanded to stand between two messages. Then some
-    frozen odometry is not detected, as it is like that of a late base, and the robot moves by centimeters.
+    Faults are those of `Fault`, and a pose that is constant while the velocity is not. With
+    odometry below 6.7 Hz (at the default `odom_timeout`) the robot is commanded to stand between
+    two messages. Then some frozen odometry is not detected, as it is like that of a late base, and
+    the robot moves by centimeters.
 
-    `latency` is the time in s from the stamp of a state until the command for it moves the base; `foresight`
-    predicts states under the same commands.
+    `latency` is the time in s from the stamp of a state until the command for it moves the base;
+    `foresight` predicts states under the same commands.
     """
 
     def __init__(self, robot: Robot, latency: float) -> None:
@@ -361,8 +410,8 @@ class MotionWatch:
     def begin(self, latency: float, *, preempts: bool) -> None:
         """Start monitoring for a new goal, whose latency may differ.
 
-        Motion before the goal is ignored, as other programs may have moved the base. A goal that `preempts`
-        another continues with its latency and commands, which may still act.
+        Motion before the goal is ignored, as other programs may have moved the base. A goal that
+        `preempts` another continues with its latency and commands, which may still act.
         """
         if preempts:
             return
@@ -401,7 +450,10 @@ class MotionWatch:
             commands.add(time + self._latency, value)
 
     def fault(self, time: float, robot: RobotState, now: float) -> str | None:
-        """Process odometry of `time` (s), received at `now` (real s); return the fault in words, or None."""
+        """Process odometry of `time` (s), received at `now` (real s).
+
+        Return the fault in words, or None.
+        """
         last = self._states[-1] if self._states else (time, robot)
         if time < last[0]:
             self._forget()
@@ -414,7 +466,9 @@ class MotionWatch:
         v, w = self._shown(last[1], robot, gap)
         faults = [
             axis.update(time, speed, commands, gap)
-            for axis, speed, commands in zip((self._v, self._w), (v, w), self._commands, strict=True)
+            for axis, speed, commands in zip(
+                (self._v, self._w), (v, w), self._commands, strict=True
+            )
         ]
         for commands in self._commands:
             commands.forget(time - 2.0 * self._driving.window)
@@ -433,7 +487,8 @@ class MotionWatch:
     def _shown(self, before: RobotState, robot: RobotState, gap: Gap) -> tuple[float, float]:
         """Return the velocities by odometry.
 
-        In a long gap the base may have moved and then stopped by itself, so its mean velocity counts, too.
+        In a long gap the base may have moved and then stopped by itself, so its mean velocity
+        counts, too.
         """
         if gap.elapsed <= _LONG_GAP:
             return robot.v, robot.w
@@ -478,7 +533,9 @@ class MotionWatch:
                 against = axis.speed * command <= -axis.thresholds.tolerance * abs(command)
                 fault = Fault.REVERSED if fault is Fault.STILL and against and command else fault
                 limit = axis.thresholds.limit
-                return f"the base {fault.value.format(move=move, shown=shown, limit=limit, unit=unit)}"
+                return (
+                    f"the base {fault.value.format(move=move, shown=shown, limit=limit, unit=unit)}"
+                )
         return None
 
 
@@ -495,6 +552,9 @@ def _is_below_quarter(speed: float, command: float) -> bool:
 
 def _moved(before: RobotState, after: RobotState) -> tuple[float, float]:
     """Return the signed distance in m, negative for backward, and the angle in rad by which a robot moved."""
-    distance, turned = before.pose.distance(after.pose), wrap_angle(after.pose.yaw - before.pose.yaw)
+    distance, turned = (
+        before.pose.distance(after.pose),
+        wrap_angle(after.pose.yaw - before.pose.yaw),
+    )
     ahead = before.pose.relative(after.pose).x
     return math.copysign(distance, ahead), turned

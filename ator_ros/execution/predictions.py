@@ -60,10 +60,15 @@ class Forecast:
     def change(self, world: World) -> None:
         """Predict the rest of the chain, which has changed, from the state `world`."""
         self._step, self._time = self._executor.index, world.time
-        self._rest = self._predictor.chain(world, TopChain(self._executor.chain.calls[self._step :]))
+        self._rest = self._predictor.chain(
+            world, TopChain(self._executor.chain.calls[self._step :])
+        )
 
     def remaining(self, now: float) -> float:
-        """Return the predicted time in s from `now`, on odometry's clock, to the end; NaN if unknown."""
+        """Return the predicted time in s from `now`, on odometry's clock, to the end.
+
+        NaN if unknown.
+        """
         step, records = self._executor.index - self._step, self._executor.records
         if self._rest is None or step < 0:
             return math.nan
@@ -86,7 +91,8 @@ def warm_up_actions(library: TopLibrary, predictor: Predictor) -> None:
     """Plan and predict each TOP of `library`."""
     for world, chain in _chains(library):
         first = chain.calls[0]
-        with contextlib.suppress(ActionError, RefinementError):  # other actions may need other situations
+        # other actions may need other situations
+        with contextlib.suppress(ActionError, RefinementError):
             action = library.action(first.top)
             action.start(world, first.goal)
             action.end("warmed up")
@@ -96,8 +102,8 @@ def warm_up_actions(library: TopLibrary, predictor: Predictor) -> None:
 def _chains(library: TopLibrary) -> Iterator[tuple[World, TopChain]]:
     """Yield chains of two steps whose first goal has a free heading and speed, and states to start from.
 
-    The first chain fetches an object and carries it. All objects are at the center of the area, or held if
-    the first step needs that.
+    The first chain fetches an object and carries it. All objects are at the center of the area, or
+    held if the first step needs that.
     """
     usable, robot, area = library.usable(), library.robot, library.robot.scene.area
     fetching = next((top for top in usable if object_fetched_by(top)), None)
@@ -110,5 +116,7 @@ def _chains(library: TopLibrary) -> Iterator[tuple[World, TopChain]]:
             TopCall(last, library.goal(last, area.at(2.0, 1.0))),
         )
         place = robot.hold_point(start) if held_first(first) is not None else area.at(0.0, 0.0)
-        objects = dict.fromkeys((*robot.scene.objects, *objects_in(first)), ObjectState(place.x, place.y))
+        objects = dict.fromkeys(
+            (*robot.scene.objects, *objects_in(first)), ObjectState(place.x, place.y)
+        )
         yield World(0.0, RobotState(start), objects), TopChain(calls)

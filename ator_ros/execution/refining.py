@@ -60,8 +60,8 @@ class Refining:
     wanted : bool
         Whether the goal asks for refinement.
     again_after : float
-        Deviation in m of an object or the robot from the last question above which refinement is asked again;
-        0: never again.
+        Deviation in m of an object or the robot from the last question above which refinement is
+        asked again; 0: never again.
     """
 
     def __init__(
@@ -79,11 +79,13 @@ class Refining:
         self._plans, self._number = plans, 0
         self._again_after = again_after
         self._expected: Mapping[str, ObjectState] = {}  # objects in the world of the last question
-        self._path: FloatArray | None = None  # planned at the last question, or later for another step
+        # planned at the last question, or later for another step
+        self._path: FloatArray | None = None
         self._call: TopCall | None = None  # the step of that path
         self._answer: tuple[TopChain, str, int] | None = None
         self._first: str | None = None  # result of the first question
-        self._changed = self._unchanged = ""  # results of the last question that changed the chain, and after
+        # results of the last question that changed the chain, and after
+        self._changed = self._unchanged = ""
 
     @property
     def reason(self) -> str:
@@ -115,8 +117,8 @@ class Refining:
     def _deviation(self, world: World, resting: World) -> str:
         """Return which deviation from the last question exceeds `again_after`; empty if none does.
 
-        Objects, except those that the robot moves, are compared where they come to rest, the robot with the
-        planned path of the active action.
+        Objects, except those that the robot moves, are compared where they come to rest, the robot
+        with the planned path of the active action.
         """
         executor, most = self._executor, self._again_after
         for _, name in awaited(executor.chain.calls[executor.index :]):
@@ -134,7 +136,10 @@ class Refining:
         return f"the robot is {off:.2f} m off its path" if off > most else ""
 
     def take(self, chain: TopChain, refined: bool, reason: str, chosen: int) -> None:
-        """Accept the answer to `question`, see `Supervisor.refined_to`; later `apply` applies it."""
+        """Accept the answer to `question`, see `Supervisor.refined_to`.
+
+        Later `apply` applies it.
+        """
         assert self.question is not None
         choices = len(self._plans) if self._first is None else 1 + len(self.question.others)
         if chosen >= choices:
@@ -179,7 +184,10 @@ class Refining:
         return True
 
     def apply(self, world: World) -> bool:
-        """Switch to the refined goals of an answer if they are still valid; return whether it did."""
+        """Switch to the refined goals of an answer if they are still valid.
+
+        Return whether it did.
+        """
         answer, question, self._answer = self._answer, self.question, None
         if answer is None or question is None:
             return False
@@ -188,7 +196,9 @@ class Refining:
         if obstacle:
             self.refuse(obstacle)
             return False
-        self._choose(question.others[chosen - 1][0] if chosen else self._number, reason, changed=True)
+        self._choose(
+            question.others[chosen - 1][0] if chosen else self._number, reason, changed=True
+        )
         return True
 
     def _switch(self, question: Question, refined: TopChain, chosen: int, world: World) -> str:
@@ -212,7 +222,9 @@ class Refining:
 
     def _choose(self, number: int, reason: str, *, changed: bool) -> None:
         other, self._number = number != self._number, number
-        self._close(f"alternative {number} is chosen: {reason}" if other else reason, changed=changed)
+        self._close(
+            f"alternative {number} is chosen: {reason}" if other else reason, changed=changed
+        )
 
     def _close(self, why: str, *, changed: bool) -> None:
         """Close the question with the reason for its result."""
@@ -267,8 +279,8 @@ def continuations(
 ) -> tuple[Continuation, ...]:
     """Return the valid continuations of other plans: after steps that they share with those done, or from 0.
 
-    `chain` is executed as plan `number` (from 0); `step` is its first step that is not done. `resting` is the
-    state with its objects at rest.
+    `chain` is executed as plan `number` (from 0); `step` is its first step that is not done.
+    `resting` is the state with its objects at rest.
     """
     found = []
     done = chain.calls[:step]

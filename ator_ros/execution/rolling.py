@@ -16,12 +16,15 @@ from ator_ros.world.state import ObjectState, World
 _CLEAR = 0.02  # m from the robot above which it does not push an object
 _SLOWEST = 0.1  # m/s below which rolling is not evaluated
 _HIT = 3.0  # m/s^2; change of speed above which an object has hit something or was pushed
-_LONGEST_GAP, _LEAST_GAP = 0.25, 0.02  # s; greatest and least time between two sightings of a free roll
+# s; greatest and least time between two sightings of a free roll
+_LONGEST_GAP, _LEAST_GAP = 0.25, 0.02
 _SHORTEST, _ENOUGH = 0.4, 0.6  # s; least time of one free roll, and of all together
 _KEPT = 5  # number of free rolls, whose median is used
 _MOST, _FEWEST = 400, 5  # greatest and least number of sightings in one free roll
-_STRAY = 0.15  # share by which distance and integrated speed may differ: more is noise at rest, or a curve
-_SURE = 6.0  # standard errors by which a deceleration must differ, as errors of filtered speeds correlate
+# share by which distance and integrated speed may differ: more is noise at rest, or a curve
+_STRAY = 0.15
+# standard errors by which a deceleration must differ, as errors of filtered speeds correlate
+_SURE = 6.0
 _LEAST_CORRECTION, _GREATEST_CORRECTION = 1.3, 4.0  # multiples of the distance that an object rolls
 _PUSHED = 6.0  # multiple above which something pushes it
 _STEPS = 14  # steps of the described deceleration for corrections: actions compute tables for each
@@ -30,9 +33,9 @@ _STEPS = 14  # steps of the described deceleration for corrections: actions comp
 class Rolling:
     """Observes objects that roll freely, and corrects their described deceleration.
 
-    A robot that brakes harder than the object that it pushes loses the object, and a wrong forecast of where
-    an object stops leads to the wrong place. The deceleration is never increased: an object that stops early
-    does no such harm, and may have been stopped by another robot.
+    A robot that brakes harder than the object that it pushes loses the object, and a wrong forecast
+    of where an object stops leads to the wrong place. The deceleration is never increased: an
+    object that stops early does no such harm, and may have been stopped by another robot.
 
     `slowest` is the speed in m/s below which sightings are too noisy.
     """
@@ -48,7 +51,8 @@ class Rolling:
             state, pose = world.objects.get(name), world.robot.pose
             pushed_within = self._described.reach + self._described.scene.radius(name) + _CLEAR
             if state is not None and (
-                state.speed < self._slowest or math.hypot(state.x - pose.x, state.y - pose.y) <= pushed_within
+                state.speed < self._slowest
+                or math.hypot(state.x - pose.x, state.y - pose.y) <= pushed_within
             ):
                 state = None  # it does not roll freely
             if state is None or not rolls[-1].continues(world.time, state):
@@ -65,7 +69,9 @@ class Rolling:
         if not values:
             return self._described
         corrected = {
-            name: dataclasses.replace(item, rolling_deceleration=values.get(name, item.rolling_deceleration))
+            name: dataclasses.replace(
+                item, rolling_deceleration=values.get(name, item.rolling_deceleration)
+            )
             for name, item in items.items()
         }
         scene = dataclasses.replace(self._described.scene, objects=corrected)
@@ -87,13 +93,19 @@ class Rolling:
         return described if robot is self._described else described.with_robot(robot)
 
     def _fit(self, name: str, roll: _FreeRoll) -> _Fit | None:
-        """Return the fit of a free roll; None if the deceleration is so low that the object is pushed."""
+        """Return the fit of a free roll.
+
+        None if the deceleration is so low that the object is pushed.
+        """
         fit, described = roll.fit(), self._described.scene.objects[name].rolling_deceleration
         is_free = fit is not None and fit.deceleration - 2.0 * fit.error > described / _PUSHED
         return fit if is_free else None
 
     def _observed(self, name: str) -> float | None:
-        """Return the observed deceleration in m/s^2; None if it is unknown or about as described."""
+        """Return the observed deceleration in m/s^2.
+
+        None if it is unknown or about as described.
+        """
         described = self._described.scene.objects[name].rolling_deceleration
         fits = sorted(fit for roll in self._rolls[name] if (fit := self._fit(name, roll)))
         if sum(fit.seconds for fit in fits) < _ENOUGH:
@@ -101,7 +113,9 @@ class Rolling:
         value, error, _ = fits[len(fits) // 2]
         if value * _LEAST_CORRECTION >= described or described - value < _SURE * error:
             return None
-        return max(round(value / described * _STEPS) / _STEPS, 1.0 / _GREATEST_CORRECTION) * described
+        return (
+            max(round(value / described * _STEPS) / _STEPS, 1.0 / _GREATEST_CORRECTION) * described
+        )
 
 
 class _Fit(NamedTuple):
@@ -137,7 +151,10 @@ class _FreeRoll:
         self._sightings.append((time, state))
 
     def fit(self) -> _Fit | None:
-        """Return the regression; None if there are too few sightings or the distance contradicts them."""
+        """Return the regression.
+
+        None if there are too few sightings or the distance contradicts them.
+        """
         if len(self._sightings) < _FEWEST:
             return None
         times = np.array([time for time, _ in self._sightings])

@@ -30,7 +30,8 @@ LONGEST_STOP_TIME = 5.0
 _CALM = 0.5
 """Time in s for which a robot must stand after another program moved it and failed: that may continue, as
 Nav2's controller server does after its navigator died."""
-_FIRST_GAP = 1.0  # least timeout of odometry in real s before a goal drives: its rate may be unknown
+# least timeout of odometry in real s before a goal drives: its rate may be unknown
+_FIRST_GAP = 1.0
 _LONGEST_STALL = 2.0  # the same if stamps run faster than real time: a simulation may stall
 
 
@@ -79,7 +80,8 @@ class Supervisor:
     start : World or None
         The state in which the chain started, before that the newest one; None if there was none.
     executor, refining, forecast : ChainExecutor, Refining, Forecast
-        The chain with its present goals, the questions to refinement, and the predictions of the chain.
+        The chain with its present goals, the questions to refinement, and the predictions of the
+        chain.
     slowdown : float
         Factor for the timeouts of odometry in real time: above 1 if its clock is slow.
     is_fast : bool
@@ -94,8 +96,8 @@ class Supervisor:
     fetches, rolling : int, Rolling
         See `ChainExecutor`.
     alternatives : sequence of TopChain
-        Other chains for the same end: refinement may choose one of them, and without it the first valid
-        plan is executed.
+        Other chains for the same end: refinement may choose one of them, and without it the first
+        valid plan is executed.
     """
 
     def __init__(
@@ -122,7 +124,9 @@ class Supervisor:
             library, chain, time_limit=deadlines.action, fetches=fetches, rolling=rolling
         )
         plans = (chain, *alternatives)
-        self.refining = Refining(self.executor, library, plans, wanted=refine, again_after=again_after)
+        self.refining = Refining(
+            self.executor, library, plans, wanted=refine, again_after=again_after
+        )
         self.forecast = Forecast(predictor, self.executor)
         self._plans, self._robot, self._deadlines = plans, library.robot, deadlines
         self._area, self._fence = fence, FenceWatch(fence, library.robot, deadlines.longest_gap)
@@ -142,23 +146,32 @@ class Supervisor:
         return self.executor.path() if self.phase is Phase.EXECUTING else None
 
     def predicted_remaining(self, now: float) -> float:
-        """Return the predicted time in s from `now`, on odometry's clock, to the end; NaN if unknown."""
+        """Return the predicted time in s from `now`, on odometry's clock, to the end.
+
+        NaN if unknown.
+        """
         return 0.0 if self.ending is not None else self.forecast.remaining(now)
 
     # Ticks
 
     def tick(
-        self, world: World, now: float, *, overdue: frozenset[str] = frozenset(), fault: str | None = None
+        self,
+        world: World,
+        now: float,
+        *,
+        overdue: frozenset[str] = frozenset(),
+        fault: str | None = None,
     ) -> Command | None:
         """Process a newer state of the world; return the command, None if another program moves the robot.
 
-        A step that needs an `overdue` object, one without recent messages, pauses. A `fault` of the base, see
-        `MotionWatch`, ends the goal.
+        A step that needs an `overdue` object, one without recent messages, pauses. A `fault` of the
+        base, see `MotionWatch`, ends the goal.
         """
         if fault is not None:
             self.base_fault(fault)
         self._odom_at, self._newest = now, world
-        # The first command, to stand, makes a simulation wait for the next one, which requires planning.
+        # The first command, to stand, makes a simulation wait for the next one, which requires
+        # planning.
         if self.phase is Phase.WAITING and self._begin(world, now) and world.robot.is_standing:
             return STOP
         if self.phase is Phase.EXECUTING:
@@ -168,7 +181,10 @@ class Supervisor:
         return STOP
 
     def _begin(self, world: World, now: float) -> bool:
-        """Start when all objects that the chain needs are known; return whether it is executed now."""
+        """Start when all objects that the chain needs are known.
+
+        Return whether it is executed now.
+        """
         self.start = world
         unknown = missing_in(self.executor.chain.calls, world)
         if unknown is not None:
@@ -228,8 +244,8 @@ class Supervisor:
     def _guard(self, world: World, overdue: frozenset[str]) -> str:
         """Check inputs and fence, which end or pause any step; return why it pauses, or "".
 
-        The goal ends if an object is unknown in two states in a row. It may be missing in one state, as after
-        a long tick odometry may be read before the object's message.
+        The goal ends if an object is unknown in two states in a row. It may be missing in one
+        state, as after a long tick odometry may be read before the object's message.
         """
         top = self._top
         before, self._missing = self._missing, missing_object(top, world)
@@ -242,10 +258,16 @@ class Supervisor:
         fault = self._fence.fault(world, self.executor.call)
         if fault is not None:
             self.end(Ending.OUT_OF_BOUNDS, fault)
-        return f"{top.name} paused: the followed object is outside the fence" if self._fence.pausing else ""
+        return (
+            f"{top.name} paused: the followed object is outside the fence"
+            if self._fence.pausing
+            else ""
+        )
 
     def _end_without(self, name: str, top: Top) -> None:
-        self.end(Ending.INPUT_LOST, f"{name} is missing: {top.name} needs it, and no recent one is known")
+        self.end(
+            Ending.INPUT_LOST, f"{name} is missing: {top.name} needs it, and no recent one is known"
+        )
 
     @property
     def _top(self) -> Top:
@@ -271,8 +293,8 @@ class Supervisor:
     def odometry_is_late(self, now: float) -> bool:
         """Return whether the robot must stand because odometry has been missing for half its timeout.
 
-        A slow clock makes that at most `GREATEST_STOP_SLOWDOWN` times longer. If another program moves the
-        robot, commands would interfere.
+        A slow clock makes that at most `GREATEST_STOP_SLOWDOWN` times longer. If another program
+        moves the robot, commands would interfere.
         """
         released = self.phase is Phase.EXECUTING and self.executor.released
         waiting = self.phase is not Phase.ENDED and not released
@@ -299,7 +321,9 @@ class Supervisor:
                 self.phase = Phase.ENDED
             else:
                 name, top = missing_in(self.executor.chain.calls, self.start) or ("", "")
-                self.end(Ending.INPUT_LOST, f"{name} is missing: {top} needs it, {expected}, got none")
+                self.end(
+                    Ending.INPUT_LOST, f"{name} is missing: {top} needs it, {expected}, got none"
+                )
         if self.question is not None and now - self.question.asked > self._deadlines.refinement:
             within = f"{self._deadlines.refinement:g} s"
             self.unrefined(f"no answer within {within}; is a refinement node running?")
@@ -318,8 +342,8 @@ class Supervisor:
     def refined_to(self, chain: TopChain, refined: bool, reason: str, *, chosen: int = 0) -> None:
         """Accept the answer `chain` to `question`.
 
-        `chosen` is its index: 0 is the chain of the question, others are its alternatives. An unrefined chain
-        may differ from the question: naive values replace placeholders.
+        `chosen` is its index: 0 is the chain of the question, others are its alternatives. An
+        unrefined chain may differ from the question: naive values replace placeholders.
         """
         if self.question is not None:
             self.refining.take(chain, refined, reason, chosen)
@@ -339,7 +363,10 @@ class Supervisor:
     # The end
 
     def end(self, ending: Ending, reason: str) -> None:
-        """End the goal, and record an active action as interrupted; only the first call has an effect."""
+        """End the goal, and record an active action as interrupted.
+
+        Only the first call has an effect.
+        """
         if self.ending is not None:
             return
         if self._newest is not None:
@@ -349,7 +376,10 @@ class Supervisor:
             self._odom_at = self._accepted
 
     def base_fault(self, reason: str) -> None:
-        """End because the base does not follow its commands; also after a success, until the base stands."""
+        """End because the base does not follow its commands.
+
+        Also after a success, until the base stands.
+        """
         if self.ending is Ending.SUCCEEDED and self.phase is Phase.STOPPING:
             self.ending, self.reason = Ending.BASE_FAULT, reason
         self.end(Ending.BASE_FAULT, reason)

@@ -37,8 +37,8 @@ def _run(
     time_limit: float,
 ) -> pd.DataFrame:
     """Run the episode of this number of an action in a new simulation, and return its rows."""
-    # Bullet keeps contact caches when bodies are replaced: in a used simulation, episodes with contacts would
-    # differ in the sixth digit. A new simulation costs 11 ms.
+    # Bullet keeps contact caches when bodies are replaced: in a used simulation, episodes with
+    # contacts would differ in the sixth digit. A new simulation costs 11 ms.
     spec, number = task
     situation = spec.situation(robot, episode_generator(spec.name, seed, number))
     if wrong := wrong_values(situation.goal, spec.goal_variables):
@@ -85,5 +85,7 @@ def collect(
         for number in range(episodes)
         if (action.name, number) not in finished
     ]
-    run = partial(_run, tops=tuple(tops), robot=robot, objects=objects, seed=seed, time_limit=time_limit)
+    run = partial(
+        _run, tops=tuple(tops), robot=robot, objects=objects, seed=seed, time_limit=time_limit
+    )
     yield from run_tasks(run, tasks)

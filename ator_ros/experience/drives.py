@@ -1,7 +1,8 @@
 """Drives in recordings of odometry and velocity commands, or of an action server's goals.
 
-Without goals of a server, a drive lies between two pauses of the commands, and its goal is where the robot
-came to rest. The objects held at both ends determine the TOP, and so the point that the goal is for.
+Without goals of a server, a drive lies between two pauses of the commands, and its goal is where
+the robot came to rest. The objects held at both ends determine the TOP, and so the point that the
+goal is for.
 """
 
 from __future__ import annotations
@@ -110,7 +111,9 @@ class Reader:
         self._robot_in_tf = robot_in_tf
         self._odometry = OdometryReader(_ODOMETRY_FRAME if robot_in_tf else "")
         self._objects = {source.name: ObjectReader(source) for source in sources}
-        self._in_tf = {source.name: source.topic_or_frame for source in sources if source.type == "tf"}
+        self._in_tf = {
+            source.name: source.topic_or_frame for source in sources if source.type == "tf"
+        }
         self._transforms = Transforms()
         self._servers = status_topics(domain)
         self._goals = ServerGoals(self._odom_pose_in)
@@ -121,7 +124,10 @@ class Reader:
         self.errors: dict[str, str] = {}
 
     def add(self, role: str, message: Any) -> None:
-        """Add a record, or a message of odometry, commands, tf or an object; count it if it is unusable."""
+        """Add a record, or a message of odometry, commands, tf or an object.
+
+        Count it if it is unusable.
+        """
         if role == RECORDS and message.outcome.code not in ENDED:
             return
         self._counts[role] += 1
@@ -159,7 +165,11 @@ class Reader:
         return (
             self.records
             or self._server_episodes()
-            or [each for segment in self.segments for each in drives(segment, self._robot, self._domain)]
+            or [
+                each
+                for segment in self.segments
+                for each in drives(segment, self._robot, self._domain)
+            ]
         )
 
     def remarks(self) -> list[str]:
@@ -172,8 +182,15 @@ class Reader:
         return [*self._remarks, *left_out]
 
     def _server_episodes(self) -> list[Episode]:
-        """Return the goals that action servers executed; note how many others there are, and why."""
-        goals, episodes, rejected = self._goals.goals.values(), list[Episode](), Counter[tuple[str, str]]()
+        """Return the goals that action servers executed.
+
+        Note how many others there are, and why.
+        """
+        goals, episodes, rejected = (
+            self._goals.goals.values(),
+            list[Episode](),
+            Counter[tuple[str, str]](),
+        )
         for goal in goals:
             found = goal.rejection() or self._server_episode(goal)
             if isinstance(found, Episode):
@@ -197,13 +214,22 @@ class Reader:
             return "no TOP calls the action"
         track, errors = segment.track.seen_from(goal.odom_pose), (math.nan, math.nan)
         if goal.final_pose is not None:
-            reached = robot.hold_point(goal.final_pose) if top.point is Point.HOLD else goal.final_pose
+            reached = (
+                robot.hold_point(goal.final_pose) if top.point is Point.HOLD else goal.final_pose
+            )
             errors = reached.distance(goal.pose), abs(wrap_angle(reached.yaw - goal.pose.yaw))
         start = track.world(goal.begin)
-        situation = Situation(goal.action, start.robot, start.objects, Goal(goal.pose, 0.0, top.point))
+        situation = Situation(
+            goal.action, start.robot, start.objects, Goal(goal.pose, 0.0, top.point)
+        )
         success, reason = goal.status == "succeeded", f"recorded: its server reported {goal.status}"
-        samples, duration = track.samples(goal.begin, goal.end), round(goal.end - goal.begin, _DIGITS)
-        episode = Episode(situation, samples, duration, success, reason, *errors, tuple(track.objects))
+        samples, duration = (
+            track.samples(goal.begin, goal.end),
+            round(goal.end - goal.begin, _DIGITS),
+        )
+        episode = Episode(
+            situation, samples, duration, success, reason, *errors, tuple(track.objects)
+        )
         too_far = fault_in(episode, top, robot)
         return "the goal is farther than the robot drives in its duration" if too_far else episode
 
@@ -222,7 +248,9 @@ class Reader:
         for transform in message.transforms:
             parent, child, time, placement = transform_from(transform)
             self._transforms.add(parent, child, time, placement, fixed=fixed)
-        if self._robot_in_tf and (found := self._transforms.latest(self._odometry.frame, _ROBOT_FRAME)):
+        if self._robot_in_tf and (
+            found := self._transforms.latest(self._odometry.frame, _ROBOT_FRAME)
+        ):
             self._add_state(*robot_from_placement(self._velocity, *found))
         for name, frame in self._in_tf.items():
             found = self._transforms.latest(self._odometry.frame, frame)
@@ -235,7 +263,11 @@ class Reader:
         if frame in ("", self._odometry.frame):
             return Pose(0.0, 0.0, 0.0)
         found = self._transforms.latest(frame, self._odometry.frame)
-        return None if found is None else pose_from_placement(found[1], f"{self._odometry.frame} in tf")
+        return (
+            None
+            if found is None
+            else pose_from_placement(found[1], f"{self._odometry.frame} in tf")
+        )
 
     def _add_object(self, name: str, time: float, state: ObjectState) -> None:
         odom = self.segments[-1].odom
@@ -272,7 +304,10 @@ class Track:
         ]
 
     def seen_from(self, odom_pose: Pose) -> Track:
-        """Return it in the frame in which odometry's frame is at `odom_pose`; the tables stay as they are."""
+        """Return it in the frame in which odometry's frame is at `odom_pose`.
+
+        The tables stay as they are.
+        """
         other = copy.copy(self)
         other._odom_pose = odom_pose
         return other
@@ -283,7 +318,11 @@ class Track:
         Objects are NaN before their first message.
         """
         since = np.round(times - self.begin, _DIGITS)
-        columns = [np.interp(since, stamps, row, left=np.nan) for stamps, *rows in self._rows for row in rows]
+        columns = [
+            np.interp(since, stamps, row, left=np.nan)
+            for stamps, *rows in self._rows
+            for row in rows
+        ]
         states, (x, y, yaw) = np.column_stack([times, *columns]), self._odom_pose
         turn = np.array([[math.cos(yaw), math.sin(yaw)], [-math.sin(yaw), math.cos(yaw)]])
         for first in (1, *range(6, states.shape[1], 2)):
@@ -300,7 +339,9 @@ class Track:
 
     def samples(self, begin: float, end: float) -> FloatArray:
         """Return the samples of an episode from `begin` to `end` (s); see `Episode`."""
-        times: FloatArray = PERIOD * np.arange(int((end - begin - _ROUNDING) / PERIOD) + 1, dtype=float)
+        times: FloatArray = PERIOD * np.arange(
+            int((end - begin - _ROUNDING) / PERIOD) + 1, dtype=float
+        )
         return np.column_stack([times, self.states(begin + times)[:, 1:]])
 
     def stood(self, since: float, until: float) -> bool:
@@ -327,18 +368,23 @@ def drives(segment: Segment, robot: Robot, domain: Vocabulary) -> Iterator[Episo
             top = top_between(domain.tops, _held(robot, start), _held(robot, at_goal))
             if top is not None:
                 place = robot.hold_point(goal_pose) if top.point is Point.HOLD else goal_pose
-                goal, why = Goal(place, 0.0, top.point), "recorded: its goal is where it came to rest"
+                goal, why = (
+                    Goal(place, 0.0, top.point),
+                    "recorded: its goal is where it came to rest",
+                )
                 situation = Situation(top.action, start.robot, start.objects, goal)
                 samples, duration = track.samples(begin, end), round(end - begin, _DIGITS)
                 unknown = math.nan, math.nan
-                yield Episode(situation, samples, duration, True, why, *unknown, tuple(track.objects))
+                yield Episode(
+                    situation, samples, duration, True, why, *unknown, tuple(track.objects)
+                )
 
 
 def _spans(commands: FloatArray, track: Track) -> Iterator[tuple[float, float]]:
     """Yield begin and end (s) of the times in which the robot was commanded to move.
 
-    If commands cease without a stop, and the robot stood before the next command, its goal is unknown and the
-    drive is left out.
+    If commands cease without a stop, and the robot stood before the next command, its goal is
+    unknown and the drive is left out.
     """
     moving = ~NOT_DRIVEN.holds(commands[:, 1], commands[:, 2])
     begin: float | None = None

@@ -40,8 +40,8 @@ class Episode:
     reason : str
         How it ended, in a sentence.
     position_error, heading_error : float
-        Distance in m and angle in rad to the goal at the end, of the axle or the hold. If the TOP does not
-        place the robot: how far the world is from the post-condition, and NaN.
+        Distance in m and angle in rad to the goal at the end, of the axle or the hold. If the TOP
+        does not place the robot: how far the world is from the post-condition, and NaN.
     objects : tuple of str
         The objects in `samples`.
     parts : DriveParts or None
@@ -60,7 +60,12 @@ class Episode:
 
 
 def run_episode(
-    simulation: Simulation, action: Action, situation: Situation, *, top: Top, time_limit: float = TIME_LIMIT
+    simulation: Simulation,
+    action: Action,
+    situation: Situation,
+    *,
+    top: Top,
+    time_limit: float = TIME_LIMIT,
 ) -> Episode:
     """Execute `action` in `situation`, tick by tick, until it ends or `time_limit` (s) is over.
 
@@ -97,4 +102,10 @@ def sample_of(world: World, start: float, objects: Iterable[str]) -> tuple[float
     found = (world.objects.get(name) for name in objects)
     places = ((math.nan, math.nan) if there is None else (there.x, there.y) for there in found)
     robot = world.robot
-    return (world.time - start, *robot.pose, robot.v, robot.w, *itertools.chain.from_iterable(places))
+    return (
+        world.time - start,
+        *robot.pose,
+        robot.v,
+        robot.w,
+        *itertools.chain.from_iterable(places),
+    )

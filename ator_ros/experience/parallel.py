@@ -32,8 +32,8 @@ def workers(jobs: int, cluster: str | None = None) -> Iterator[None]:
     Parameters
     ----------
     jobs : int
-        Number of worker processes; 1: in this process; -1: one for each core. For a cluster it is the number
-        of tasks that run at once (-1: as many as it has threads).
+        Number of worker processes; 1: in this process; -1: one for each core. For a cluster it is
+        the number of tasks that run at once (-1: as many as it has threads).
     cluster : str, optional
         Address of a dask scheduler, as in ``tcp://host:8786``.
 
@@ -59,18 +59,24 @@ def workers(jobs: int, cluster: str | None = None) -> Iterator[None]:
                 client.run_on_scheduler(version, "ator_ros")
                 client.run(version, "ator_ros")
             except TimeoutError as error:
-                raise BackendError(f"cluster: expected a worker within {_WORKERS_S} s, found none") from error
+                raise BackendError(
+                    f"cluster: expected a worker within {_WORKERS_S} s, found none"
+                ) from error
             except ImportError as error:  # without ator_ros tasks would never end
-                raise BackendError(f"cluster: expected ator_ros on scheduler and workers: {error}") from error
-        stack.enter_context(joblib.parallel_config("loky" if cluster is None else "dask", n_jobs=jobs))
+                raise BackendError(
+                    f"cluster: expected ator_ros on scheduler and workers: {error}"
+                ) from error
+        stack.enter_context(
+            joblib.parallel_config("loky" if cluster is None else "dask", n_jobs=jobs)
+        )
         yield
 
 
 def run_tasks(function: Callable[[Task], Result], tasks: Iterable[Task]) -> Iterator[Result]:
     """Yield ``function(task)`` for every task, in the order of the tasks, by the present `workers`.
 
-    `function` is at the top level of a module, and depends on its task alone: then the results do not depend
-    on the number of workers. Raises BackendError if a worker was killed.
+    `function` is at the top level of a module, and depends on its task alone: then the results do
+    not depend on the number of workers. Raises BackendError if a worker was killed.
     """
     import joblib
 
@@ -80,7 +86,9 @@ def run_tasks(function: Callable[[Task], Result], tasks: Iterable[Task]) -> Iter
         parallel = joblib.Parallel(return_as="generator", batch_size=1)
     except ValueError:  # joblib 1.3's dask backend gives its results all at once only
         parallel = joblib.Parallel(batch_size=1)
-    results = iter(parallel(joblib.delayed(_in_worker)(function, task, os.getpid()) for task in tasks))
+    results = iter(
+        parallel(joblib.delayed(_in_worker)(function, task, os.getpid()) for task in tasks)
+    )
     try:
         yield from results
     except BrokenExecutor as error:
@@ -91,7 +99,8 @@ def _in_worker(function: Callable[[Task], Result], task: Task, parent: int) -> R
     """Execute a task, in a worker of the process `parent` or in `parent` itself."""
     if os.getpid() == parent:
         return function(task)
-    # Ctrl-C in a terminal, and the SIGTERM of a supervisor, reach the workers too; only the parent reacts.
+    # Ctrl-C in a terminal, and the SIGTERM of a supervisor, reach the workers too; only the parent
+    # reacts.
     if threading.current_thread() is threading.main_thread():
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             signal.signal(number, signal.SIG_IGN)
@@ -102,7 +111,10 @@ def _in_worker(function: Callable[[Task], Result], task: Task, parent: int) -> R
 def progress(results: Iterable[Result], *, done: int, total: int, unit: str) -> Any:
     """Yield results and report progress: a bar on a terminal, a line every 30 s in a log.
 
-    `done` is the number of results of earlier runs, `total` the number of all; `unit` names one result.
+    `done` is the number of results of earlier runs, `total` the number of all; `unit` names one
+    result.
     """
     period = 0.1 if sys.stderr.isatty() else 30.0
-    return tqdm(results, initial=done, total=total, unit=unit, mininterval=period, delay=period - 0.1)
+    return tqdm(
+        results, initial=done, total=total, unit=unit, mininterval=period, delay=period - 0.1
+    )

@@ -1,8 +1,8 @@
 """Experience from recordings (``ros2 bag record``, MCAP or sqlite3), and from all sources of `train`.
 
-Records of the executor on ``performance/action`` are episodes. Without records, the goals of the domain's
-action servers are. Without both, drives are found in ``odom``, ``cmd_vel`` and the topics of the domain's
-objects.
+Records of the executor on ``performance/action`` are episodes. Without records, the goals of the
+domain's action servers are. Without both, drives are found in ``odom``, ``cmd_vel`` and the topics
+of the domain's objects.
 """
 
 from __future__ import annotations
@@ -43,7 +43,10 @@ _TYPES = {
 
 
 class _Wanted(NamedTuple):
-    """A topic to read: its role, such as odometry; its name, absolute or in any namespace; and its types."""
+    """A topic to read: its role, such as odometry.
+
+    Its name, absolute or in any namespace; and its types.
+    """
 
     role: str
     name: str
@@ -55,14 +58,16 @@ def _select(
 ) -> tuple[defaultdict[Topic, list[str]], list[str]]:
     """Return the roles of the topics to read, and a line for each topic that is skipped.
 
-    Records are read from every namespace. Of several other topics with one name, the one in the namespace of
-    the odometry is read, by default the one without a namespace.
+    Records are read from every namespace. Of several other topics with one name, the one in the
+    namespace of the odometry is read, by default the one without a namespace.
     """
     roles: defaultdict[Topic, list[str]] = defaultdict(list)
     skipped: list[str] = []
     namespace = "/"
     for role, name, types in wanted:  # the odometry first
-        named = [(topic, kind) for topic, kind in topics if topic == name or topic.endswith(f"/{name}")]
+        named = [
+            (topic, kind) for topic, kind in topics if topic == name or topic.endswith(f"/{name}")
+        ]
         found = [(topic, kind) for topic, kind in named if kind in types]
         skipped += [
             f"skipped {printable(topic)}: expected {' or '.join(sorted(types))}, got {printable(kind)}"
@@ -92,9 +97,13 @@ class _Mcap:
         file = stack.enter_context(path.open("rb"))
         self._reader: Any = make_reader(file, decoder_factories=[DecoderFactory()])
         summary: Any = self._reader.get_summary()
-        schemas = ((item.topic, summary.schemas.get(item.schema_id)) for item in summary.channels.values())
+        schemas = (
+            (item.topic, summary.schemas.get(item.schema_id)) for item in summary.channels.values()
+        )
         # Definitions of services and actions have another encoding.
-        self.topics = {(topic, kind.name) for topic, kind in schemas if kind and kind.encoding == "ros2msg"}
+        self.topics = {
+            (topic, kind.name) for topic, kind in schemas if kind and kind.encoding == "ros2msg"
+        }
         self.begin = summary.statistics.message_start_time
 
     def messages(self, topics: Collection[Topic]) -> Iterator[tuple[Topic, Any]]:
@@ -143,7 +152,9 @@ def _opened(path: Path) -> Iterator[list[_Mcap | _Sqlite]]:
     if not files or not all(file.is_file() for file in files):  # opening a pipe may block
         raise ValueError("expected .mcap or .db3 files, found none")
     with contextlib.ExitStack() as stack:
-        yield sorted((_FILES[file.suffix](file, stack) for file in files), key=lambda file: file.begin)
+        yield sorted(
+            (_FILES[file.suffix](file, stack) for file in files), key=lambda file: file.begin
+        )
 
 
 def read_recording(
@@ -170,7 +181,9 @@ def read_recording(
     episodes, remarks = reader.episodes(), skipped + reader.remarks()
     if not episodes:
         if wrong := reader.errors.get(RECORDS, ""):
-            raise ExperienceError(f"{file}: {RECORDS}: expected a record that can be used, got none: {wrong}")
+            raise ExperienceError(
+                f"{file}: {RECORDS}: expected a record that can be used, got none: {wrong}"
+            )
         usable = [topic for topic, kind in topics if kind in _TYPES[ODOM] | _TYPES[CMD_VEL]]
         found = f"topics of these types: {_listed(usable)}; name them with --odom and --cmd-vel"
         found = found if usable else "there are no topics of these types"
@@ -183,9 +196,13 @@ def read_recording(
     if len(reader.action_sets) > 1:
         got = _listed(sorted(reader.action_sets))
         raise ExperienceError(f"{file}: expected records of one action set, got {got}")
-    objects = tuple(dict.fromkeys([*domain.objects, *(name for each in episodes for name in each.objects)]))
+    objects = tuple(
+        dict.fromkeys([*domain.objects, *(name for each in episodes for name in each.objects)])
+    )
     numbers: dict[str, Iterator[int]] = defaultdict(itertools.count)
-    frames = [episode_frame(next(numbers[each.situation.action]), each, objects) for each in episodes]
+    frames = [
+        episode_frame(next(numbers[each.situation.action]), each, objects) for each in episodes
+    ]
     action_set = next(iter(reader.action_sets), None)  # odometry and commands name none
     rows = checked_rows(file, join(frames), action_set or DEFAULT_SET)
     metadata = {"robot_digest": robot.digest(), "domain": domain.name, "action_set": action_set}
@@ -220,7 +237,9 @@ def _read(
     except ImportError:  # a package is missing or broken; the recording may be fine
         raise
     except Exception as error:  # a damaged file raises anything
-        expected = "a recording of ros2 bag record (mcap recover repairs an .mcap file that was cut off)"
+        expected = (
+            "a recording of ros2 bag record (mcap recover repairs an .mcap file that was cut off)"
+        )
         why = printable(str(error) or repr(error), 200)
         raise ExperienceError(f"{file}: expected {expected}: {why}") from error
     return reader, skipped, topics
@@ -246,7 +265,8 @@ def read_sources(
     Parameters
     ----------
     paths : sequence of Path
-        Tables (.parquet), recordings (.mcap, .db3, or their folder), and stores of the node `learning`.
+        Tables (.parquet), recordings (.mcap, .db3, or their folder), and stores of the node
+        `learning`.
     action_set : str, optional
         Action set of sources that do not name one; all others must name this one.
     topics : mapping, optional
@@ -271,7 +291,11 @@ def read_sources(
             )
         for name, expected, advice in (
             ("domain", domain.name, "name its domain with --domain"),
-            ("robot_digest", robot.digest(), f"{robot.name} is another robot: set --robot, or collect again"),
+            (
+                "robot_digest",
+                robot.digest(),
+                f"{robot.name} is another robot: set --robot, or collect again",
+            ),
         ):
             if (got := table.metadata.get(name, expected)) != expected:
                 raise ExperienceError(
@@ -283,6 +307,10 @@ def read_sources(
     sets = {table.metadata.get("action_set") or action_set or DEFAULT_SET for table in tables}
     sets |= {action_set} if action_set else set()
     if len(sets) > 1:
-        raise ExperienceError(f"expected experience of one action set, got {', '.join(sorted(sets))}")
+        raise ExperienceError(
+            f"expected experience of one action set, got {', '.join(sorted(sets))}"
+        )
     metadata = {**tables[0].metadata, "domain": domain.name, "action_set": sets.pop()}
-    return Experience(join(frames), metadata, tuple(remark for table in tables for remark in table.remarks))
+    return Experience(
+        join(frames), metadata, tuple(remark for table in tables for remark in table.remarks)
+    )

@@ -25,9 +25,12 @@ from ator_ros.world.state import World
 SUCCEEDED, FAILED = 1, 2  # codes of ator_interfaces/msg/Outcome
 ENDED = (SUCCEEDED, FAILED)
 """Outcomes of actions that ended by themselves."""
-_LONGEST_DRIVE = 600.0  # s, twenty default action_timeouts: a farther goal is in another unit or frame
-_SLACK = 0.5  # m, above the tolerances of arrival: a robot that is at its goal already arrives in no time
-_FASTEST = 4.0  # times limits.v: a base may be described at half its real speed, and a factor of 2 is spare
+# s, twenty default action_timeouts: a farther goal is in another unit or frame
+_LONGEST_DRIVE = 600.0
+# m, above the tolerances of arrival: a robot that is at its goal already arrives in no time
+_SLACK = 0.5
+# times limits.v: a base may be described at half its real speed, and a factor of 2 is spare
+_FASTEST = 4.0
 
 
 class Vocabulary(Protocol):
@@ -65,12 +68,15 @@ def episode_of(message: Any, domain: Vocabulary, robot: Robot) -> Episode:
     Raises
     ------
     MessageError
-        A value cannot be used, the TOP does not call the action, or the robot cannot have driven so far.
+        A value cannot be used, the TOP does not call the action, or the robot cannot have driven so
+        far.
     """
     name, action = message.call.top, message.action
     for field, value in (("action", action), ("action_set", message.action_set or DEFAULT_SET)):
         if not is_name(value):
-            raise MessageError(f"{field}: expected a name of letters, digits and _, got {quoted(value)}")
+            raise MessageError(
+                f"{field}: expected a name of letters, digits and _, got {quoted(value)}"
+            )
     top = next((top for top in domain.tops if top.name == name), None)
     calling = [top.name for top in domain.tops if top.action == action]
     if name not in calling and (calling or top is not None):
@@ -84,7 +90,9 @@ def episode_of(message: Any, domain: Vocabulary, robot: Robot) -> Episode:
     point = Point.AXLE if top is None else top.point
     # Unknown parts are 0, NaN or missing in the message.
     first, last, driven = (getattr(message, name, 0.0) for name in DriveParts._fields)
-    first, last = (each if 0.0 < each <= message.actual.duration else math.nan for each in (first, last))
+    first, last = (
+        each if 0.0 < each <= message.actual.duration else math.nan for each in (first, last)
+    )
     parts = DriveParts(first, last, driven if 0.0 < abs(driven) <= LARGEST else math.nan)
     episode = Episode(
         situation=Situation(message.action, state, objects, Goal(pose, speed, point, values)),

@@ -1,7 +1,8 @@
 """The goals of action servers in recordings: when each was executed, how it ended, and its pose.
 
-Status messages name goals by id. Their only stamp is that of a goal's acceptance, so they get the stamp of
-the last odometry message. The latched status topic also names goals that ended before the recording began.
+Status messages name goals by id. Their only stamp is that of a goal's acceptance, so they get the
+stamp of the last odometry message. The latched status topic also names goals that ended before the
+recording began.
 """
 
 from __future__ import annotations
@@ -45,8 +46,8 @@ class ServerGoal:
     frame, pose : str, Pose or None
         The goal's pose, and the frame that it is in; None: not recorded.
     odom_pose : Pose or None
-        Odometry's frame in `frame` when the first pose in that frame was recorded; None: tf does not connect
-        them.
+        Odometry's frame in `frame` when the first pose in that frame was recorded; None: tf does
+        not connect them.
     final_pose : Pose or None
         The robot in `frame` at the end.
     before_recording : bool
@@ -75,7 +76,9 @@ class ServerGoal:
         """Whether its execution has begun and not ended."""
         return not (math.isnan(self.begin) or self.status)
 
-    def set_pose(self, frame: str, pose: Pose, odom_pose: Pose | None, *, from_goal_pose: bool) -> None:
+    def set_pose(
+        self, frame: str, pose: Pose, odom_pose: Pose | None, *, from_goal_pose: bool
+    ) -> None:
         """Set the pose of the goal: a later plan replaces an earlier one, and none replaces a goal_pose."""
         if from_goal_pose or not self.from_goal_pose:
             if frame != self.frame or self.odom_pose is None:
@@ -100,8 +103,8 @@ class ServerGoal:
 class ServerGoals:
     """Collects the goals of action servers; messages are added in the order of arrival.
 
-    `odom_pose_in` returns the pose of odometry's frame in another frame, or None if tf does not connect them.
-    `goals` has all goals, by action and id.
+    `odom_pose_in` returns the pose of odometry's frame in another frame, or None if tf does not
+    connect them. `goals` has all goals, by action and id.
     """
 
     def __init__(self, odom_pose_in: Callable[[str], Pose | None]) -> None:
@@ -111,9 +114,13 @@ class ServerGoals:
         """Time of the last goal_pose, its frame and pose."""
 
     def add_status(self, action: str, message: Any, segment: int, now: float, robot: Pose) -> None:
-        """Add an action_msgs/GoalStatusArray at `now` (s by odometry); `robot` is in odometry's frame."""
+        """Add an action_msgs/GoalStatusArray at `now` (s by odometry).
+
+        `robot` is in odometry's frame.
+        """
         is_first = not any(known == action for known, _ in self.goals)
-        for item in sorted(message.status_list, key=lambda item: -item.status):  # those that ended first
+        # those that ended first
+        for item in sorted(message.status_list, key=lambda item: -item.status):
             status, key = status_name(item.status), (action, bytes(item.goal_info.goal_id.uuid))
             if key not in self.goals:
                 for other in self.goals.values():

@@ -50,8 +50,8 @@ class StoreInfo:
 class RecordStore:
     """Appends episodes; the oldest ones are dropped if the store is full.
 
-    One process at a time may append: see `ator_ros.files.exclusive_folder`. `stored` is the number of
-    episodes that were ever stored.
+    One process at a time may append: see `ator_ros.files.exclusive_folder`. `stored` is the number
+    of episodes that were ever stored.
 
     Parameters
     ----------
@@ -79,7 +79,9 @@ class RecordStore:
                 with self._database:
                     self._database.execute("INSERT INTO source VALUES (?, ?)", astuple(info))
             elif (got := StoreInfo(*source)) != info:
-                raise FileError(f"{folder / STORE}: expected {info}, got {got}: choose another folder")
+                raise FileError(
+                    f"{folder / STORE}: expected {info}, got {got}: choose another folder"
+                )
             (newest,) = self._database.execute("SELECT max(number) FROM episodes").fetchone()
         self.stored: int = newest or 0
 
@@ -129,7 +131,8 @@ def action_sets_in(folder: Path) -> list[str]:
 def read_store(folder: Path, action_set: str | None = None) -> Experience:
     """Read the episodes of an action set, by default the only one of the store, as experience.
 
-    Raises FileError if `folder` has no store, and ExperienceError if the store has no episodes of the set.
+    Raises FileError if `folder` has no store, and ExperienceError if the store has no episodes of
+    the set.
     """
     names = action_sets_in(folder)
     if action_set is None and len(names) > 1:

@@ -67,7 +67,8 @@ _AFTER = {
 def columns(objects: Iterable[str], goal_variables: Iterable[str] = ()) -> dict[str, str]:
     """Return name and meaning of each column of a table; SI units, world frame.
 
-    `objects` are those whose places it has, `goal_variables` are declared by actions beyond pose and speed.
+    `objects` are those whose places it has, `goal_variables` are declared by actions beyond pose
+    and speed.
     """
     places = {name: f"m, NaN without {name.rpartition('_')[0]}" for name in object_columns(objects)}
     declared = {
@@ -92,7 +93,9 @@ def objects_of_columns(names: Iterable[str]) -> tuple[str, ...]:
 def goal_variables_of_columns(names: Iterable[str]) -> tuple[str, ...]:
     """Return the declared goal variables whose columns are among `names`, in their order."""
     suffix = direct_name("")
-    found = (name.removesuffix(suffix) for name in names if name.endswith(suffix) and name not in _GOAL)
+    found = (
+        name.removesuffix(suffix) for name in names if name.endswith(suffix) and name not in _GOAL
+    )
     return tuple(name for name in found if name)
 
 
@@ -142,7 +145,11 @@ def checked_rows(source: Path | str, frame: pd.DataFrame, action_set: object) ->
         )
     if frame.empty:
         raise ExperienceError(f"{source}: expected rows of experience, found none")
-    names = {"action_set": [action_set], "action": frame["action"].unique(), "column": (*objects, *declared)}
+    names = {
+        "action_set": [action_set],
+        "action": frame["action"].unique(),
+        "column": (*objects, *declared),
+    }
     for field, name in ((field, name) for field, several in names.items() for name in several):
         if not is_name(name):
             expected = "expected a name of letters, digits and _"
@@ -157,7 +164,9 @@ def checked_rows(source: Path | str, frame: pd.DataFrame, action_set: object) ->
     rows = pd.DataFrame(checked).astype(_TYPES)
     if not has_parts:  # as in tables of version 0.1
         parts = {
-            key: parts_of_drive(drive["t"].to_numpy(), drive["v"].to_numpy(), drive["duration"].iloc[0])
+            key: parts_of_drive(
+                drive["t"].to_numpy(), drive["v"].to_numpy(), drive["duration"].iloc[0]
+            )
             for key, drive in rows.groupby(["action", "episode"])
         }
         drives = zip(rows["action"], rows["episode"], strict=True)
@@ -168,7 +177,10 @@ def checked_rows(source: Path | str, frame: pd.DataFrame, action_set: object) ->
 def _numbers(source: Path | str, column: pd.Series) -> FloatArray:
     """Return the numbers of a column of any numeric type, checked."""
     name = str(column.name)
-    low, high = _LEAST.get(name, 0.0 if name.endswith("_error") else -LARGEST), _GREATEST.get(name, LARGEST)
+    low, high = (
+        _LEAST.get(name, 0.0 if name.endswith("_error") else -LARGEST),
+        _GREATEST.get(name, LARGEST),
+    )
     kind = "whole numbers" if name in _TYPES else "numbers"
     expected = f"{source}: {name}: expected {kind} from {low:g} to {high:g}"
     if not pd.api.types.is_numeric_dtype(column):
@@ -192,8 +204,8 @@ class Experience:
     frame : pandas.DataFrame
         The columns of `columns`; the rows of each episode are together, in the order of time.
     metadata : dict
-        Robot digest, domain, action set and command; those of `collect` have also the seed and the versions
-        of the libraries.
+        Robot digest, domain, action set and command; those of `collect` have also the seed and the
+        versions of the libraries.
     remarks : tuple of str
         Skipped or doubtful data in the source; not saved.
     """
@@ -212,13 +224,17 @@ def episode_frame(number: int, episode: Episode, objects: tuple[str, ...]) -> pd
 
     `objects` are those whose places are kept, NaN in an episode without them.
     """
-    frame = pd.DataFrame(episode.samples, columns=[*STATE_COLUMNS, *object_columns(episode.objects)])
+    frame = pd.DataFrame(
+        episode.samples, columns=[*STATE_COLUMNS, *object_columns(episode.objects)]
+    )
     goal = episode.situation.goal
     parts = episode.parts
     if parts is None:
         parts = parts_of_drive(frame["t"].to_numpy(), frame["v"].to_numpy(), episode.duration)
     others = {
-        **dict.fromkeys(object_columns(name for name in objects if name not in episode.objects), np.nan),
+        **dict.fromkeys(
+            object_columns(name for name in objects if name not in episode.objects), np.nan
+        ),
         "action": episode.situation.action,
         "episode": number,
         "xg": goal.pose.x,
@@ -264,7 +280,11 @@ def write_experience(path: Path | str, experience: Experience) -> None:
     import pyarrow.parquet as pq
 
     table = pa.Table.from_pandas(experience.frame, preserve_index=False)
-    metadata = {**header(KIND), "columns": columns_among(experience.frame.columns), **experience.metadata}
+    metadata = {
+        **header(KIND),
+        "columns": columns_among(experience.frame.columns),
+        **experience.metadata,
+    }
     text = json.dumps(metadata, sort_keys=True).encode()
     table = table.replace_schema_metadata({**(table.schema.metadata or {}), _KEY: text})
     with atomic_write(path) as temporary:
@@ -298,4 +318,6 @@ def read_experience(path: Path | str) -> Experience:
         raise ExperienceError(f"{path}: metadata.{error}") from error
     except (ValueError, RecursionError) as error:
         raise ExperienceError(f"{path}: metadata: expected JSON: {error}") from error
-    return Experience(checked_rows(path, frame, metadata.get("action_set") or DEFAULT_SET), metadata)
+    return Experience(
+        checked_rows(path, frame, metadata.get("action_set") or DEFAULT_SET), metadata
+    )

@@ -17,7 +17,8 @@ from ator_ros.refinement.gate import MeasuredGain
 
 GAINS, KIND = "gains.json", "gains of refinement"
 _MOST = 500  # newest chains that count
-_FULL_SHARE = 50  # chains up to which the share of comparisons is greatest; then it falls with their root
+# chains up to which the share of comparisons is greatest; then it falls with their root
+_FULL_SHARE = 50
 
 
 @dataclass(frozen=True)
@@ -47,12 +48,17 @@ class Gains:
 
     def of(self, action_set: str) -> Gains:
         """Return the chains of an action set."""
-        return replace(self, chains=tuple(chain for chain in self.chains if chain.action_set == action_set))
+        return replace(
+            self, chains=tuple(chain for chain in self.chains if chain.action_set == action_set)
+        )
 
     def diagnostics(self) -> dict[str, str]:
         """Return the diagnostics: the measured gain of each action set."""
         sets = dict.fromkeys((DEFAULT_SET, *(chain.action_set for chain in self.chains)))
-        return {f"measured gain per refined chain of {name}": str(self.of(name).measured) for name in sets}
+        return {
+            f"measured gain per refined chain of {name}": str(self.of(name).measured)
+            for name in sets
+        }
 
     def comparison_share(self, greatest: float) -> float:
         """Return the probability with which the next chain runs as planned, at most `greatest`."""
@@ -62,8 +68,8 @@ class Gains:
     def measured(self) -> MeasuredGain:
         """The mean gain of refined chains.
 
-        Predictions of both kinds of chains have errors, and the difference of these is subtracted. The
-        interval is that of the difference of two means (Welch).
+        Predictions of both kinds of chains have errors, and the difference of these is subtracted.
+        The interval is that of the difference of two means (Welch).
         """
         refined = [chain for chain in self.chains if chain.refined]
         compared = np.array([chain.excess for chain in self.chains if not chain.refined])
@@ -72,7 +78,9 @@ class Gains:
         if min(len(gained), len(compared)) < 2:
             return MeasuredGain(len(gained), len(compared), predicted)
         mean = float(gained.mean() + compared.mean())
-        parts = [(float(each.var(ddof=1)) / len(each), len(each) - 1) for each in (gained, compared)]
+        parts = [
+            (float(each.var(ddof=1)) / len(each), len(each) - 1) for each in (gained, compared)
+        ]
         variance = sum(part for part, _ in parts)
         freedom = variance**2 / max(sum(part**2 / count for part, count in parts), 1e-12)
         half = float(stdtrit(max(freedom, 1.0), 0.975)) * math.sqrt(variance)
@@ -82,8 +90,8 @@ class Gains:
 def chain_gain(record: Any, models: str) -> ChainGain | None:
     """Return the gain of a chain from an ator_interfaces/ChainPerformance; None if it does not count.
 
-    A chain counts if it was refined, or ran as planned for comparison, with the models of this digest, and
-    succeeded without events that predictions do not cover.
+    A chain counts if it was refined, or ran as planned for comparison, with the models of this
+    digest, and succeeded without events that predictions do not cover.
     """
     gain, counts = record.gain, record.refined or record.gain.comparison
     excess = record.actual.duration - record.predicted.duration
@@ -93,11 +101,16 @@ def chain_gain(record: Any, models: str) -> ChainGain | None:
         return None
     if not (math.isfinite(gain.predicted) and math.isfinite(excess)):
         return None
-    return ChainGain(not gain.comparison, gain.predicted, excess, record.chain.action_set or DEFAULT_SET)
+    return ChainGain(
+        not gain.comparison, gain.predicted, excess, record.chain.action_set or DEFAULT_SET
+    )
 
 
 def read_gains(folder: Path, models: str) -> Gains:
-    """Return the chains executed with a set of models, if the file has any; FileError: it is damaged."""
+    """Return the chains executed with a set of models, if the file has any.
+
+    FileError: it is damaged.
+    """
     if not (folder / GAINS).exists():
         return Gains(models)
     gains = load(folder / GAINS, KIND, Gains)

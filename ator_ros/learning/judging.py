@@ -18,12 +18,19 @@ from ator_ros.performance.driving import DrivingStyle
 from ator_ros.performance.features import Feature
 from ator_ros.performance.model import MEASURES
 from ator_ros.performance.observation import part_times
-from ator_ros.performance.training import OUTCOMES, SMALL_LEAF, duration_tree, features_of, small_tree
+from ator_ros.performance.training import (
+    OUTCOMES,
+    SMALL_LEAF,
+    duration_tree,
+    features_of,
+    small_tree,
+)
 from ator_ros.performance.tree.nodes import IntArray, ModelTree
 from ator_ros.robot.description import Robot
 
 _COLUMNS = {"duration": "duration", **OUTCOMES}
-_WINDOWS = (1000, 300, 100)  # newest records from which trees are learned, in case the robot changed
+# newest records from which trees are learned, in case the robot changed
+_WINDOWS = (1000, 300, 100)
 _FEWEST_LEARNED = 20  # records from which a tree can be learned
 _RECENT = (30, 100)  # numbers of newest records to which trees are scaled
 _FEWEST_SCALED = 12
@@ -63,8 +70,8 @@ def training_data(
 ) -> dict[str, TrainingData]:
     """Return the records of each measure: for success all of them, for the others those that succeeded.
 
-    `rows` are the starts of an action's episodes, oldest first, with `NUMBER`; `driving` is how the action
-    drives, if features depend on it.
+    `rows` are the starts of an action's episodes, oldest first, with `NUMBER`; `driving` is how the
+    action drives, if features depend on it.
     """
     with np.errstate(all="ignore"):
         table = features_of(rows, robot, features, driving)
@@ -82,15 +89,22 @@ def training_data(
 
 
 def _candidates(
-    data: TrainingData, names: Sequence[str], current: ModelTree | None, former: Mapping[str, ModelTree]
+    data: TrainingData,
+    names: Sequence[str],
+    current: ModelTree | None,
+    former: Mapping[str, ModelTree],
 ) -> dict[str, Learn]:
     """Return candidates by name, those that are learned from most records first; see `judge`."""
     count = len(data.values)
     sizes = (count, *(size for size in _WINDOWS if size < 0.8 * count))
-    found: dict[str, Learn] = {f"back to {name}": partial(_kept, tree) for name, tree in former.items()}
+    found: dict[str, Learn] = {
+        f"back to {name}": partial(_kept, tree) for name, tree in former.items()
+    }
     if data.measure == "success":
         found |= {f"the rate of {size} episodes": partial(_rate, data, size) for size in sizes}
-    found |= {f"learned from {size} episodes": partial(_learned, data, names, size) for size in sizes}
+    found |= {
+        f"learned from {size} episodes": partial(_learned, data, names, size) for size in sizes
+    }
     if data.measure == "duration":
         present = {"the present model": current} if current is not None else {}
         for name, tree in (present | dict(former)).items():
@@ -108,7 +122,9 @@ def _rate(data: TrainingData, size: int, which: IntArray) -> ModelTree:
     return constant_tree(data.table.iloc[which[-size:]], data.values[which[-size:]])
 
 
-def _learned(data: TrainingData, names: Sequence[str], size: int, which: IntArray) -> ModelTree | None:
+def _learned(
+    data: TrainingData, names: Sequence[str], size: int, which: IntArray
+) -> ModelTree | None:
     which = which[-size:]
     if len(which) < _FEWEST_LEARNED:
         return None
@@ -164,13 +180,14 @@ class RoundVerdict:
     Attributes
     ----------
     reason : str
-        Why the tree is kept or replaced, with the mean losses of the tree in use and of the best candidate:
-        absolute errors (s, m, rad), for success the Brier score.
+        Why the tree is kept or replaced, with the mean losses of the tree in use and of the best
+        candidate: absolute errors (s, m, rad), for success the Brier score.
     kind, tree
-        Name and tree of the better candidate, if any; spreads of durations are as large as its errors on the
-        tested records.
+        Name and tree of the better candidate, if any; spreads of durations are as large as its
+        errors on the tested records.
     tested, errors : ndarray or None
-        Positions of the tested records, and their values less those predicted by the candidate without them.
+        Positions of the tested records, and their values less those predicted by the candidate
+        without them.
     """
 
     episodes: int
@@ -191,9 +208,9 @@ def judge(
 ) -> RoundVerdict:
     """Compare the tree of a measure with all candidates on the newest records, which are new to it.
 
-    These are split into folds. Each fold is predicted by candidates learned from all other records. A better
-    candidate is learned again from all records. For durations, former trees and the current one are also
-    candidates when scaled and shifted to the newest records.
+    These are split into folds. Each fold is predicted by candidates learned from all other records.
+    A better candidate is learned again from all records. For durations, former trees and the
+    current one are also candidates when scaled and shifted to the newest records.
 
     Parameters
     ----------
@@ -211,17 +228,21 @@ def judge(
     test = np.flatnonzero(data.numbers >= seen)[-max(_TESTED) :][::-1]  # newest first
     if len(test) < _FEWEST_TESTED:
         kind = "" if data.measure == "success" else " that succeeded"
-        return RoundVerdict(count, f"too few new records: {len(test)}, expected {_FEWEST_TESTED}{kind}")
+        return RoundVerdict(
+            count, f"too few new records: {len(test)}, expected {_FEWEST_TESTED}{kind}"
+        )
     learners = _candidates(data, names, current, former)
     predicted = {name: _held_out(data, learn, test) for name, learn in learners.items()}
     predicted = {name: values for name, values in predicted.items() if np.isfinite(values).all()}
     if not predicted:
         rest = count - math.ceil(len(test) / _FOLDS)
-        reason = f"too few records: {rest} without those that are predicted, expected {_FEWEST_LEARNED}"
+        reason = (
+            f"too few records: {rest} without those that are predicted, expected {_FEWEST_LEARNED}"
+        )
         return RoundVerdict(count, reason)
     if data.measure == "success" and current is not None:
-        # Chains predicted to fail are no longer executed, so on the newest records alone a tree that predicts
-        # no failures would appear better.
+        # Chains predicted to fail are no longer executed, so on the newest records alone a tree
+        # that predicts no failures would appear better.
         earlier = everything[-_EARLIER:]
         most = _mean_loss(data, current, earlier) + _NO_LOSS
         trees = {name: learners[name](everything) for name in predicted}
@@ -251,17 +272,23 @@ def judge(
     tested = test[:size]
     errors = data.values[tested] - predicted[name][:size]
     if data.measure == "duration":
-        # Its spreads are usually as large as these errors, by a measure that is robust against outliers.
+        # Its spreads are usually as large as these errors, by a measure that is robust against
+        # outliers.
         spread = 1.4826 * float(np.median(np.abs(errors)))
         leaves = tree.apply(data.table.iloc[tested][list(tree.names)].to_numpy())
         usual = float(np.median(tree.spread[leaves]))
-        spreads = tree.spread * (spread / usual) if usual > 0.0 else np.full_like(tree.spread, spread)
+        spreads = (
+            tree.spread * (spread / usual) if usual > 0.0 else np.full_like(tree.spread, spread)
+        )
         tree = dataclasses.replace(tree, spread=spreads)
     return RoundVerdict(count, f"{name}: {loss} from {figures}", name, tree, tested, errors)
 
 
 def _held_out(data: TrainingData, learn: Learn, test: IntArray) -> FloatArray:
-    """Return predictions of the tested records, each fold by a tree of all others; NaN if there is none."""
+    """Return predictions of the tested records, each fold by a tree of all others.
+
+    NaN if there is none.
+    """
     predicted = np.full(len(test), np.nan)
     for fold in range(_FOLDS):
         part = slice(fold, None, _FOLDS)
@@ -276,7 +303,10 @@ def _mean_loss(data: TrainingData, tree: ModelTree, which: IntArray) -> float:
 
 
 def _baseline(data: TrainingData, current: ModelTree | None, test: IntArray) -> FloatArray:
-    """Return the predictions of the tree in use; without one, the best constant of the other records."""
+    """Return the predictions of the tree in use.
+
+    Without one, the best constant of the other records.
+    """
     if current is not None:
         return data.predicted(current, test)
     others = np.setdiff1d(np.arange(len(data.values)), test)
@@ -287,7 +317,8 @@ def _baseline(data: TrainingData, current: ModelTree | None, test: IntArray) -> 
 
 def _best(before: FloatArray, losses: FloatArray, level: float) -> tuple[int, float, bool]:
     """Return the number of the best candidate, its p-value, and whether it is significantly better."""
-    # Of those that are about as good as the best it is the first, which was learned from most records.
+    # Of those that are about as good as the best it is the first, which was learned from most
+    # records.
     chances, means = _p_values(before, losses), losses.mean(axis=0)
     better = np.flatnonzero((means < before.mean()) & (chances < level)).tolist()
     best = min(better or range(len(means)), key=lambda number: float(means[number]))
@@ -300,9 +331,10 @@ def _best(before: FloatArray, losses: FloatArray, level: float) -> tuple[int, fl
 
 def _p_values(before: FloatArray, after: FloatArray) -> FloatArray:
     """Return p-values (k,) of k models with losses `after` (n, k), corrected for their number."""
-    # A sign-flip permutation test against the losses `before` (n,): it assumes no distribution, so outliers
-    # hardly matter. All models have the same signs, and the p-value is that of the greatest statistic
-    # (Westfall and Young 1993), so many similar candidates are corrected for like one.
+    # A sign-flip permutation test against the losses `before` (n,): it assumes no distribution, so
+    # outliers hardly matter. All models have the same signs, and the p-value is that of the
+    # greatest statistic (Westfall and Young 1993), so many similar candidates are corrected for
+    # like one.
     gain = before[:, None] - after
     gain = gain / np.maximum(np.sqrt(np.sum(gain * gain, axis=0)), 1e-12)
     signs = np.random.default_rng(0).choice((-1.0, 1.0), (_DRAWS, len(gain)))

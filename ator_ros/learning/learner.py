@@ -13,12 +13,20 @@ from ator_ros.experience.store import RecordStore, StoreInfo
 from ator_ros.files import FileError, content_of, read_json, save
 from ator_ros.learning.gains import ChainGain, Gains, add_chain, read_gains
 from ator_ros.learning.process import RoundProcess
-from ator_ros.learning.sets import RECORDS, Manifest, current_set, publish, read_manifest, remove_old
+from ator_ros.learning.sets import (
+    RECORDS,
+    Manifest,
+    current_set,
+    publish,
+    read_manifest,
+    remove_old,
+)
 from ator_ros.schema import SchemaError
 
 ROUND, KIND = "round.json", "round of learning"
 FROZEN = "frozen"
-_LONGEST_ROUND = 1800.0  # real s; a round of 20,000 episodes takes some seconds, but at the lowest priority
+# real s; a round of 20,000 episodes takes some seconds, but at the lowest priority
+_LONGEST_ROUND = 1800.0
 _MOST_WAITING = 1000  # records; older ones are lost
 _SHARE = 0.02  # new records, as a share of all, after which to learn again
 
@@ -73,7 +81,8 @@ class Learner:
         # Functions that write a record each, while the disk is full.
         self._waiting: deque[Callable[[], None]] = deque(maxlen=_MOST_WAITING)
         self._round: RoundProcess | None = None
-        self._round_began, self._round_ends = 0.0, 0  # its real time in s, and `stored` when it started
+        # its real time in s, and `stored` when it started
+        self._round_began, self._round_ends = 0.0, 0
         self._requested = False
         self._last: dict[str, Any] = {}  # result of the last round, the content of round.json
         with contextlib.suppress(FileError, SchemaError):  # without the file a round is due
@@ -117,7 +126,10 @@ class Learner:
         self._put(lambda: self._store.append(action_set, episode))
 
     def take_chain(self, chain: ChainGain) -> None:
-        """Add a chain to the gains of the set in use; it is kept in memory while the disk is full."""
+        """Add a chain to the gains of the set in use.
+
+        It is kept in memory while the disk is full.
+        """
         models = self.gains.models
 
         def write() -> None:
@@ -194,8 +206,13 @@ class Learner:
         """Return the result of the last round: durations, and other measures whose tree was replaced."""
         verdicts = self._last.get("actions", {}).items()
         # "SET/ACTION" is the duration of an action, "SET/ACTION/MEASURE" another measure.
-        shown = {name: verdict for name, verdict in verdicts if verdict["kind"] or name.count("/") == 1}
-        return "; ".join(f"{name}: {verdict['reason']}" for name, verdict in shown.items()) or "none yet"
+        shown = {
+            name: verdict for name, verdict in verdicts if verdict["kind"] or name.count("/") == 1
+        }
+        return (
+            "; ".join(f"{name}: {verdict['reason']}" for name, verdict in shown.items())
+            or "none yet"
+        )
 
     def diagnostics(self) -> dict[str, object]:
         """Return the values of the diagnostics, by name."""
@@ -214,7 +231,9 @@ class Learner:
         values |= self.gains.diagnostics()
         for name, verdict in self._last.get("actions", {}).items():
             values[f"{name}: episodes"] = verdict["episodes"]
-            values[f"{name}: {'switched' if verdict['kind'] else 'not switched'}"] = verdict["reason"]
+            values[f"{name}: {'switched' if verdict['kind'] else 'not switched'}"] = verdict[
+                "reason"
+            ]
         return values
 
     def close(self) -> None:

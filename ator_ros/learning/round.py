@@ -40,7 +40,12 @@ from ator_ros.performance.model_file import (
     save_model,
 )
 from ator_ros.performance.observation import backward_above
-from ator_ros.performance.training import duration_features, error_features, observed_arrival, routed
+from ator_ros.performance.training import (
+    duration_features,
+    error_features,
+    observed_arrival,
+    routed,
+)
 from ator_ros.robot.description import Robot
 
 _LEAST_RECORDS = 12  # to estimate the mean of a measure
@@ -61,18 +66,27 @@ def _improved(
     seen: Mapping[str, int],
     former: Mapping[str, PerformanceModel],
 ) -> tuple[Verdicts, PerformanceModel | None]:
-    """Judge each tree of an action's model on the newest records; return a model if some tree is better."""
-    # `rows` are starts of its episodes, oldest first, with `NUMBER`. `seen` and `former` are as for `judge`:
-    # `seen` by measure, `former` with models instead of trees.
+    """Judge each tree of an action's model on the newest records.
+
+    Return a model if some tree is better.
+    """
+    # `rows` are starts of its episodes, oldest first, with `NUMBER`. `seen` and `former` are as for
+    # `judge`: `seen` by measure, `former` with models instead of trees.
     rows = _usable(rows, features)
     rows = rows[routed(rows, robot, features)]
     if current is not None:
         driving = current.driving
     else:
         driving = plain_driving(robot) if set(features) & set(PATHS) else None
-    if driving is not None and driving.backward_above == math.pi and len(rows) >= _RECORDS_FOR_ANGLE:
+    if (
+        driving is not None
+        and driving.backward_above == math.pi
+        and len(rows) >= _RECORDS_FOR_ANGLE
+    ):
         # Present trees have no features of the straight, which depend on this angle.
-        driving = dataclasses.replace(driving, backward_above=backward_above(rows[rows["success"]], robot))
+        driving = dataclasses.replace(
+            driving, backward_above=backward_above(rows[rows["success"]], robot)
+        )
     present = [current] if current is not None else []
     former = {name: model for name, model in former.items() if model.driving == driving}
     of_durations = duration_features(features, rows[rows["success"]], driving)
@@ -91,14 +105,20 @@ def _improved(
         )
         for measure in MEASURES
     }
-    better = {measure: verdict.tree for measure, verdict in verdicts.items() if verdict.tree is not None}
+    better = {
+        measure: verdict.tree for measure, verdict in verdicts.items() if verdict.tree is not None
+    }
     if current is None and "duration" not in better:  # a model needs a tree of durations
-        kept = {name: dataclasses.replace(found, kind="", tree=None) for name, found in verdicts.items()}
+        kept = {
+            name: dataclasses.replace(found, kind="", tree=None) for name, found in verdicts.items()
+        }
         return kept, None
     if not better:
         return verdicts, None
     if current is None:  # measures without a better tree are predicted by their means
-        counted = {name: found for name, found in data.items() if len(found.values) >= _LEAST_RECORDS}
+        counted = {
+            name: found for name, found in data.items() if len(found.values) >= _LEAST_RECORDS
+        }
         trees = {name: constant_tree(found.table, found.values) for name, found in counted.items()}
     trees |= better
     chosen = {measure: trees[measure] for measure in MEASURES if measure in trees}
@@ -110,7 +130,14 @@ def _improved(
         errors = fit_error_process(names, tested, found.errors)
     arrival = observed_arrival(rows[rows["success"]], robot)
     return verdicts, PerformanceModel(
-        action, robot, chosen, known, driving=driving, at_goal=at_goal, errors=errors, arrival=arrival
+        action,
+        robot,
+        chosen,
+        known,
+        driving=driving,
+        at_goal=at_goal,
+        errors=errors,
+        arrival=arrival,
     )
 
 
@@ -138,7 +165,10 @@ class Source:
     models: Path
 
     def model(self, place: Path, action: str, action_set: str) -> PerformanceModel | None:
-        """Return the model of an action in the folder of a set; None if it is missing or unusable."""
+        """Return the model of an action in the folder of a set.
+
+        None if it is missing or unusable.
+        """
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RobotMismatchWarning)
             try:
@@ -180,13 +210,17 @@ def learn(source: Source, *, time: str) -> dict[str, Any]:
             )
             for measure, verdict in verdicts.items():
                 key = _key(name, measure)
-                actions[key] = {each: getattr(verdict, each) for each in ("episodes", "reason", "kind")}
+                actions[key] = {
+                    each: getattr(verdict, each) for each in ("episodes", "reason", "kind")
+                }
                 if verdict.tree is not None:
                     reasons[key], seen[key] = verdict.reason, int(rows[NUMBER].max()) + 1
             episodes[name] = max(verdict.episodes for verdict in verdicts.values())
             if model is not None:
                 metadata = _metadata(source, action_set, verdicts, episodes[name], current)
-                models[model_path(str(action), action_set)] = dataclasses.replace(model, metadata=metadata)
+                models[model_path(str(action), action_set)] = dataclasses.replace(
+                    model, metadata=metadata
+                )
     made: Path | str = ""
     if models:
         made = _make_set(source, base, models)
@@ -195,10 +229,16 @@ def learn(source: Source, *, time: str) -> dict[str, Any]:
 
 
 def _metadata(
-    source: Source, action_set: str, verdicts: Verdicts, episodes: int, current: PerformanceModel | None
+    source: Source,
+    action_set: str,
+    verdicts: Verdicts,
+    episodes: int,
+    current: PerformanceModel | None,
 ) -> dict[str, Any]:
     """Return the metadata of a better model than `current`."""
-    kinds = "; ".join(f"{measure}: {verdict.kind}" for measure, verdict in verdicts.items() if verdict.kind)
+    kinds = "; ".join(
+        f"{measure}: {verdict.kind}" for measure, verdict in verdicts.items() if verdict.kind
+    )
     # The ranges of starts are kept, since records of refined chains cover less of them.
     starts = {} if current is None else current.metadata["training"].get("starts", {})
     training = {"command": "learning", "kind": kinds, "episodes": episodes, "starts": starts}
@@ -212,7 +252,9 @@ def _key(name: str, measure: str) -> str:
     return name if measure == "duration" else f"{name}/{measure}"
 
 
-def _former(source: Source, place: Path | None, action: str, action_set: str) -> dict[str, PerformanceModel]:
+def _former(
+    source: Source, place: Path | None, action: str, action_set: str
+) -> dict[str, PerformanceModel]:
     """Return the models of an action that were in use before a set, by the names of their sets."""
     if place is None:
         return {}
@@ -224,7 +266,10 @@ def _former(source: Source, place: Path | None, action: str, action_set: str) ->
 
 
 def _make_set(source: Source, base: Path, models: Mapping[Path, PerformanceModel]) -> Path:
-    """Make a set of the files of `base` and the better models, by their places in it; return its folder."""
+    """Make a set of the files of `base` and the better models, by their places in it.
+
+    Return its folder.
+    """
     made = new_set_folder(source.folder)
     for action_set in source.domain.action_sets:
         folder = models_folder(made, action_set)

@@ -30,8 +30,9 @@ _SETS = "sets"
 class Manifest:
     """The fields of set.manifest: digest of the other files, and time as in 2026-01-31T12:00:00Z.
 
-    `episodes` are numbers of records by SET/ACTION. By the same names, with /MEASURE but for durations,
-    `seen` are the numbers from which on records are new to it, and `reasons` why trees were replaced.
+    `episodes` are numbers of records by SET/ACTION. By the same names, with /MEASURE but for
+    durations, `seen` are the numbers from which on records are new to it, and `reasons` why trees
+    were replaced.
     """
 
     digest: str
@@ -52,7 +53,9 @@ def digest_of(folder: Path, files: Iterable[Path] | None = None) -> str:
 def digest_of_start(models: Path, action_sets: Iterable[str]) -> str:
     """Return the digest of the models of the start; empty if one cannot be read."""
     try:
-        files = [file for name in action_sets for file in models_folder(models, name).glob("*.json")]
+        files = [
+            file for name in action_sets for file in models_folder(models, name).glob("*.json")
+        ]
         return digest_of(models, files)
     except OSError:
         return ""
@@ -97,7 +100,8 @@ def seal(made: Path, manifest: Manifest) -> None:
 def publish(folder: Path, made: Path) -> Path:
     """Give a sealed set its final name and let `current` point to it; return its folder.
 
-    Raises FileError for a damaged set, and OSError if it cannot be written; `current` then stays as it is.
+    Raises FileError for a damaged set, and OSError if it cannot be written; `current` then stays as
+    it is.
     """
     digest = read_manifest(made).digest
     numbers = [int(name.name.partition("-")[0]) for name in sets_in(folder)]

@@ -24,8 +24,8 @@ class DriveParts(NamedTuple):
 def parts_of_drive(times: FloatArray, speeds: FloatArray, duration: float) -> DriveParts:
     """Return the parts of a drive of `duration` s, during which speeds (n,) in m/s were observed.
 
-    `times` (n,) are in s since its start. All parts are NaN if odometry has a gap, and turns if the drive is
-    shorter than 10 cm.
+    `times` (n,) are in s since its start. All parts are NaN if odometry has a gap, and turns if the
+    drive is shorter than 10 cm.
     """
     if np.diff(times, append=duration).max() > _LONGEST_GAP:
         return DriveParts()

@@ -1,7 +1,8 @@
 """Durations of turns and straight drives within limits.
 
-Elementwise functions take numbers, or arrays that broadcast; results have the type `Real` of the first one.
-They multiply by reciprocals, which compiled loops compute once: the search for paths dominates refinement.
+Elementwise functions take numbers, or arrays that broadcast; results have the type `Real` of the
+first one. They multiply by reciprocals, which compiled loops compute once: the search for paths
+dominates refinement.
 """
 
 from __future__ import annotations
@@ -18,7 +19,10 @@ Real = TypeVar("Real", float, FloatArray)
 
 
 class Rates(NamedTuple):
-    """Limits as plain numbers: m/s, rad/s, m/s^2 gaining and losing speed, rad/s^2; see `Limits`."""
+    """Limits as plain numbers: m/s, rad/s, m/s^2 gaining and losing speed, rad/s^2.
+
+    See `Limits`.
+    """
 
     v: float
     w: float
@@ -33,14 +37,17 @@ Bounds: TypeAlias = Rates | Limits
 
 def rates_of(limits: Limits) -> Rates:
     """Return limits as plain numbers."""
-    return Rates(*(float(value) for value in (limits.v, limits.w, limits.a, limits.brake, limits.aw)))
+    return Rates(
+        *(float(value) for value in (limits.v, limits.w, limits.a, limits.brake, limits.aw))
+    )
 
 
 @elementwise
 def turn_parts(angle: Real, rate: Any, aw: float) -> tuple[Real, Real]:
     """Return how long the fastest turn by `angle` (rad) from rest to rest gains, and holds, its rate, in s.
 
-    `rate` (rad/s) is the greatest turn rate, `aw` (rad/s^2) its change when it is gained and when it is lost.
+    `rate` (rad/s) is the greatest turn rate, `aw` (rad/s^2) its change when it is gained and when
+    it is lost.
     """
     size: Any = np.abs(angle)
     ramped = rate * rate * (1.0 / aw)
@@ -63,7 +70,9 @@ def change_time(before: Real, after: Any, rates: Bounds) -> Real:
     gain = np.abs(after) - np.abs(before)
     # If the sign of the speed changes, the base brakes and accelerates at the lower of both rates.
     reverses = where(before * after < 0.0, np.abs(after - before), 0.0)
-    result: Real = greatest(greatest(gain * per_a, gain * -per_brake), reverses * max(per_a, per_brake))
+    result: Real = greatest(
+        greatest(gain * per_a, gain * -per_brake), reverses * max(per_a, per_brake)
+    )
     return result
 
 
@@ -81,8 +90,8 @@ def direction(distance: Real, before: Any, after: Any, rates: Bounds) -> Real:
     Where the distance is too short for the change of speed, the motion overshoots and comes back.
     """
     surplus = distance - change_distance(before, after, rates)
-    # A drive that is backward from start to end counts as one in that direction. A drive exactly as long as
-    # its change of speed needs must not count as too short.
+    # A drive that is backward from start to end counts as one in that direction. A drive exactly as
+    # long as its change of speed needs must not count as too short.
     enough = where(greatest(before, after) < 0.0, 1e-9, -1e-9)
     result: Real = where(surplus >= enough, 1.0, -1.0)
     return result
@@ -97,25 +106,34 @@ def drive_time(distance: Real, before: Any, after: Any, rates: Bounds) -> Real:
 
 
 @elementwise
-def drive_parts(distance: Real, before: Any, after: Any, rates: Bounds) -> tuple[Real, Real, Real, Real]:
+def drive_parts(
+    distance: Real, before: Any, after: Any, rates: Bounds
+) -> tuple[Real, Real, Real, Real]:
     """Return how long drives gain speed, hold it and lose it, in s, and the speed held in m/s."""
     sign = direction(distance, before, after, rates)
-    gaining, steady, losing, peak = forward_parts(sign * distance, sign * before, sign * after, rates)
+    gaining, steady, losing, peak = forward_parts(
+        sign * distance, sign * before, sign * after, rates
+    )
     return gaining, steady, losing, sign * peak
 
 
 @elementwise
-def forward_parts(distance: Real, before: Any, after: Any, rates: Bounds) -> tuple[Real, Real, Real, Real]:
+def forward_parts(
+    distance: Real, before: Any, after: Any, rates: Bounds
+) -> tuple[Real, Real, Real, Real]:
     """Return `drive_parts` of drives that accelerate first, or keep their speed, and brake at the end.
 
-    If the speed is negative at an end, it changes there at the lower of both accelerations, as it is both
-    lost and gained in the other direction.
+    If the speed is negative at an end, it changes there at the lower of both accelerations, as it
+    is both lost and gained in the other direction.
     """
     a, brake, slow = rates.a, rates.brake, min(rates.a, rates.brake)
     reverse1, reverse2 = before < 0.0, after < 0.0
     up, down = where(reverse1, slow, a), where(reverse2, slow, brake)
     # Choosing reciprocals is faster than dividing.
-    per_up, per_down = where(reverse1, 1.0 / slow, 1.0 / a), where(reverse2, 1.0 / slow, 1.0 / brake)
+    per_up, per_down = (
+        where(reverse1, 1.0 / slow, 1.0 / a),
+        where(reverse2, 1.0 / slow, 1.0 / brake),
+    )
     per_both = where(
         reverse1,
         where(reverse2, 1.0 / (slow + slow), 1.0 / (slow + brake)),

@@ -57,11 +57,16 @@ class Manoeuvre:
         return float(self.pieces()[2])
 
     def pieces(self) -> tuple[FloatArray, FloatArray, float]:
-        """Return the velocity and the turn rate over time, and the duration in s; see `write_pieces`."""
+        """Return the velocity and the turn rate over time, and the duration in s.
+
+        See `write_pieces`.
+        """
         speeds, turns = np.empty((SPEED_PIECES, 3)), np.empty((TURN_PIECES, 3))
         entry, exit_ = np.array((self.entry, self.exit), dtype=float)
         rates = rates_of(self.limits)
-        duration = write_pieces(speeds, turns, self.first, self.last, self.distance, entry, exit_, rates)
+        duration = write_pieces(
+            speeds, turns, self.first, self.last, self.distance, entry, exit_, rates
+        )
         return speeds, turns, duration
 
 
@@ -78,7 +83,13 @@ def pose_after_turn(start: Pose, angle: float, side: FloatArray, bounds: Rates) 
 
 @compiled
 def _gap(
-    first: float, last: float, start: Pose, goal: Pose, entry: FloatArray, leaving: FloatArray, bounds: Rates
+    first: float,
+    last: float,
+    start: Pose,
+    goal: Pose,
+    entry: FloatArray,
+    leaving: FloatArray,
+    bounds: Rates,
 ) -> tuple[float, float]:
     """Return the lateral error of the straight drive at the last turn, and its length, both in m."""
     begin = pose_after_turn(start, first, entry, bounds)
@@ -90,7 +101,13 @@ def _gap(
 
 @compiled
 def close(
-    first: float, last: float, start: Pose, goal: Pose, entry: FloatArray, leaving: FloatArray, bounds: Rates
+    first: float,
+    last: float,
+    start: Pose,
+    goal: Pose,
+    entry: FloatArray,
+    leaving: FloatArray,
+    bounds: Rates,
 ) -> tuple[float, float, float, bool]:
     """Solve for the first turn with which a manoeuvre ends at its goal, by the secant method from `first`.
 
@@ -124,8 +141,9 @@ def write_pieces(
 ) -> float:
     """Write the velocities of a manoeuvre over time; return its duration in s.
 
-    `speeds` (m/s) and `turns` (rad/s), shapes (SPEED_PIECES, 3) and (TURN_PIECES, 3), become linear pieces:
-    duration in s, values at both ends. `entry` and `leaving` are `Side`s as arrays, see `Manoeuvre`.
+    `speeds` (m/s) and `turns` (rad/s), shapes (SPEED_PIECES, 3) and (TURN_PIECES, 3), become linear
+    pieces: duration in s, values at both ends. `entry` and `leaving` are `Side`s as arrays, see
+    `Manoeuvre`.
     """
     ramp, held, v1 = _ramp(first, entry, bounds)
     _straight(speeds, 0, entry[0], entry[1], entry[2], bounds)
@@ -158,7 +176,9 @@ def is_forward(speeds: FloatArray, distance: float, bounds: Rates) -> bool:
 
 
 @compiled
-def _straight(pieces: FloatArray, at: int, distance: float, v1: float, v2: float, bounds: Rates) -> None:
+def _straight(
+    pieces: FloatArray, at: int, distance: float, v1: float, v2: float, bounds: Rates
+) -> None:
     gaining, steady, losing, top = drive_parts(distance, v1, v2, bounds)
     pieces[at] = gaining, v1, top
     pieces[at + 1] = steady, top, top

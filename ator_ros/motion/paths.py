@@ -1,8 +1,9 @@
 """Turn-drive-turn paths, and the search for all of them between two poses.
 
-The heading of the drive is the only unknown: the drive must end where the last turn begins. Its roots are
-bracketed on a grid of first turns, where the lateral offsets of both turns, which tables hold, just add.
-Plans choose among all paths; features are times of the fastest (`ator_ros.motion.shapes`).
+The heading of the drive is the only unknown: the drive must end where the last turn begins. Its
+roots are bracketed on a grid of first turns, where the lateral offsets of both turns, which tables
+hold, just add. Plans choose among all paths; features are times of the fastest
+(`ator_ros.motion.shapes`).
 """
 
 from __future__ import annotations
@@ -62,8 +63,8 @@ def sign_bit(gap: float, step: int) -> np.uint32:
 def crossings(above: int, steps: int, both: bool) -> int:
     """Return a number whose bits mark those of the first steps in which the gap changes its sign.
 
-    The gap is how far the drive passes the last turn on the right. Where it falls through zero the drive goes
-    forward, else backward, which counts only if `both` do.
+    The gap is how far the drive passes the last turn on the right. Where it falls through zero the
+    drive goes forward, else backward, which counts only if `both` do.
     """
     changes = (above ^ (above >> 1)) & ((1 << steps) - 1)
     return changes if both else changes & above
@@ -84,7 +85,13 @@ def drive_between(
 
     `cos` and `sin` are those of its heading.
     """
-    lane = cos * offset.x + sin * offset.y - offset.before - one.speed * one.time - two.speed * two.time
+    lane = (
+        cos * offset.x
+        + sin * offset.y
+        - offset.before
+        - one.speed * one.time
+        - two.speed * two.time
+    )
     length = lane - one.along - two.along
     before = min(max(one.speed + one.change * one.time, -rates.v), rates.v)
     after = min(max(two.speed + two.change * two.time, -rates.v), rates.v)
@@ -143,8 +150,8 @@ def find_paths(
 ) -> Paths:
     """Find the `most` fastest paths from `start` to `goal` with these candidates, of up to `longest` s.
 
-    With `forward`, paths whose drive is too short for its change of speed are left out, and some others on
-    which the robot drives backward in a turn.
+    With `forward`, paths whose drive is too short for its change of speed are left out, and some
+    others on which the robot drives backward in a turn.
     """
     end = Pose(*map(float, start.relative(goal)))
     found = _search(end, entries, exits, rates_of(limits), forward, float(longest))
@@ -160,7 +167,9 @@ def ranked(found: FloatArray, most: int) -> FloatArray:
 
 
 @compiled
-def _search(end: Pose, entries: Ends, exits: Ends, rates: Rates, forward: bool, longest: float) -> FloatArray:
+def _search(
+    end: Pose, entries: Ends, exits: Ends, rates: Rates, forward: bool, longest: float
+) -> FloatArray:
     """Return time, entry, exit, first turn, last turn and drive of each path, shape (n, 6)."""
     found, count = np.empty((1024, 6)), 0
     steps = np.empty(_POINTS, dtype=np.intp)
@@ -187,7 +196,9 @@ def _search(end: Pose, entries: Ends, exits: Ends, rates: Rates, forward: bool, 
                 for root in range(_write_steps(steps, near, far, entry, exit_, not forward)):
                     at = steps[root]
                     low, gap = _GRID[at], near[entry, at] + far[exit_, at]
-                    first = low + _GRID_STEP * (gap / (gap - near[entry, at + 1] - far[exit_, at + 1]))
+                    first = low + _GRID_STEP * (
+                        gap / (gap - near[entry, at + 1] - far[exit_, at + 1])
+                    )
                     if not abs(total - first) < WIDEST:  # or it is NaN
                         continue
                     # A secant step from there, whose cosine and sine are the first terms of series.
@@ -204,10 +215,13 @@ def _search(end: Pose, entries: Ends, exits: Ends, rates: Rates, forward: bool, 
                     turn1 = turn_time(abs(first), rate1, rates.aw)
                     turn2 = turn_time(abs(last), rate2, rates.aw)
                     one = Turn(speed1, change1, turn1, look_up(along1, entry, first))
-                    two = Turn(speed2, change2, turn2, look_up(along2, exit_, -last))  # as seen from the goal
+                    # as seen from the goal
+                    two = Turn(speed2, change2, turn2, look_up(along2, exit_, -last))
                     drive, before, after = drive_between(one, two, c, s, offset, rates)
                     time = straight + drive_time(drive, before, after, rates) + turn1 + turn2
-                    if time > longest or (forward and drive < change_distance(before, after, rates)):
+                    if time > longest or (
+                        forward and drive < change_distance(before, after, rates)
+                    ):
                         continue
                     if count == len(found):
                         shorter, found = found, np.empty((2 * count, 6))

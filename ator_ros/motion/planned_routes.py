@@ -21,7 +21,8 @@ def route_along(path: FloatArray, look_ahead: float) -> tuple[float, float, floa
     path : ndarray, shape (n, 2)
         Places in m, at least the start and the goal.
     look_ahead : float
-        Length in m of the first and last part of the path; departure and arrival are the directions across.
+        Length in m of the first and last part of the path; departure and arrival are the directions
+        across.
     """
     distances = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
     length = float(distances[-1])
@@ -32,15 +33,17 @@ def route_along(path: FloatArray, look_ahead: float) -> tuple[float, float, floa
     )
     corners = _corners(path)
     turns = wrap_angles(np.diff(np.arctan2(*np.diff(corners, axis=0).T[::-1])))
-    departure, arrival = (math.atan2(step[1], step[0]) for step in (first - path[0], path[-1] - last))
+    departure, arrival = (
+        math.atan2(step[1], step[0]) for step in (first - path[0], path[-1] - last)
+    )
     return length, float(np.abs(turns).sum()), departure, arrival, len(corners) == 2
 
 
 def _corners(path: FloatArray) -> FloatArray:
     """Return the ends and corners of a path by the algorithm of Ramer, Douglas and Peucker.
 
-    The turn of a route is summed at these. A planned path steps from cell to cell of a grid: the angles of
-    all steps would add up to far more than the turn of its corners.
+    The turn of a route is summed at these. A planned path steps from cell to cell of a grid: the
+    angles of all steps would add up to far more than the turn of its corners.
     """
     kept, open_parts = {0, len(path) - 1}, [(0, len(path) - 1)]
     while open_parts:

@@ -1,12 +1,13 @@
 """Routes on a map: the shortest any-angle routes between places, found by table look-ups.
 
-For each goal place a *field* is computed once and cached: the routes to it from all cells of the map. It has
-the *parent* of each cell, which is the first place at which the route from there bends, and tables of the
-route's length, least clearance, turn and heading at the end (`Tables`). The route between two places is read
-from the field of one of them, as the straight line to a parent and the parent's entries in the tables.
+For each goal place a *field* is computed once and cached: the routes to it from all cells of the
+map. It has the *parent* of each cell, which is the first place at which the route from there bends,
+and tables of the route's length, least clearance, turn and heading at the end (`Tables`). The route
+between two places is read from the field of one of them, as the straight line to a parent and the
+parent's entries in the tables.
 
-Fields are computed by Lazy Theta* (Nash, Koenig and Tovey, AAAI 2010) without a heuristic. If the map has a
-planner, the routes are its paths instead.
+Fields are computed by Lazy Theta* (Nash, Koenig and Tovey, AAAI 2010) without a heuristic. If the
+map has a planner, the routes are its paths instead.
 """
 
 from __future__ import annotations
@@ -35,8 +36,9 @@ CLEARANCES = (0.35, 0.25, 0.15, 0.05, 0.0)
 It is the largest at which start and goal, or the nearest free cells to them, are connected. Planners prefer
 such a distance, as Nav2 does with its inflation layer."""
 _CELL, _MOST_CELLS = 0.1, 250_000  # m; with so many cells a field takes 40 ms
-# Cells by which clearances may be too large: a cell has the greatest one in it, and its diagonal is √2 cells.
-# A start or goal may be nearer to an obstacle by as much, which allows for errors of localization, too.
+# Cells by which clearances may be too large: a cell has the greatest one in it, and its diagonal is
+# √2 cells. A start or goal may be nearer to an obstacle by as much, which allows for errors of
+# localization, too.
 _TOLERANCE = 1.5
 _FIELD_BYTES = 200_000_000  # memory of the cached fields of a map
 _FEW, _CACHED_PAIRS = 64, 20_000  # up to so many pairs in one call are cached; size of that cache
@@ -72,15 +74,20 @@ class Routes:
 
         self.grid, self.radius = grid, radius
         rows, columns = grid.free.shape
-        step = max(round(_CELL / grid.resolution), math.ceil(math.sqrt(rows * columns / _MOST_CELLS)), 1)
+        step = max(
+            round(_CELL / grid.resolution), math.ceil(math.sqrt(rows * columns / _MOST_CELLS)), 1
+        )
         self._step, self._cell = step, step * grid.resolution
         padded = np.pad(grid.free, ((1, 1 + -rows % step), (1, 1 + -columns % step)))
         clearance = ndimage.distance_transform_edt(padded)[1:-1, 1:-1] / step
         # The greatest clearance in a cell counts, so that narrow doors stay open.
-        blocks = clearance.reshape(clearance.shape[0] // step, step, clearance.shape[1] // step, step)
+        blocks = clearance.reshape(
+            clearance.shape[0] // step, step, clearance.shape[1] // step, step
+        )
         self._clearance: Table = blocks.max(axis=(1, 3)).astype(np.float32)
         usable = self._clearance > radius / self._cell - _TOLERANCE
-        # For each of `CLEARANCES`: free cells, the nearest one to each cell, and connected components.
+        # For each of `CLEARANCES`: free cells, the nearest one to each cell, and connected
+        # components.
         frees, nearest, components = [], [], []
         for distance in CLEARANCES:
             free = self._clearance > (radius + distance) / self._cell
@@ -93,7 +100,9 @@ class Routes:
         self._nearest: Cells = np.stack(nearest).astype(np.int32)
         self._component: Cells = np.stack(components).astype(np.int32)
         self._fields: OrderedDict[tuple[int, complex], tuple[Cells, Tables]] = OrderedDict()
-        self._cached = lru_cache(_CACHED_PAIRS)(lambda *pair: self._between(np.array([pair]).T)[:, 0])
+        self._cached = lru_cache(_CACHED_PAIRS)(
+            lambda *pair: self._between(np.array([pair]).T)[:, 0]
+        )
         self._paths: dict[tuple[int, ...], FloatArray] = {}  # of the map's planner
         free = np.argwhere(self._free[-1])
         if not len(free):
@@ -111,7 +120,8 @@ class Routes:
         ends, count = np.stack([x, y, to_x, to_y]), len(x)
         if (ends == ends[:, :1]).all():  # as in a search for headings
             ends = ends[:, :1]
-        if 0 < ends.shape[1] <= _FEW and self.grid.planner is None:  # planned paths have their own cache
+        # planned paths have their own cache
+        if 0 < ends.shape[1] <= _FEW and self.grid.planner is None:
             found = np.stack([self._cached(*pair) for pair in ends.T.tolist()], axis=1)
         else:
             found = self._between(ends)
@@ -130,9 +140,12 @@ class Routes:
         found[3:5] = wrap_angles(found[3:5] + self.grid.origin.yaw)
         return found
 
-    def _planned(self, planner: Planner, x: float, y: float, to_x: float, to_y: float) -> FloatArray:
+    def _planned(
+        self, planner: Planner, x: float, y: float, to_x: float, to_y: float
+    ) -> FloatArray:
         """Return the route along the path of a planner between two places in m, a column of a `RouteSet`."""
-        key = tuple(round(value / _CELL) for value in (x, y, to_x, to_y))  # stops differ by centimeters
+        # stops differ by centimeters
+        key = tuple(round(value / _CELL) for value in (x, y, to_x, to_y))
         path = self._paths.get(key) if key[:2] != key[2:] else np.array([(x, y), (to_x, to_y)])
         if path is None:
             path = planner((x, y), (to_x, to_y))
@@ -193,7 +206,9 @@ class Routes:
                     cells = self._nearest[level, from_cells[which]]
                     field = self._field(int(level), int(goal), complex(end))
                     columns, look = self._clearance.shape[1], LOOK_AHEAD / self._cell
-                    found[:, which] = _look_up(starts[which], cells, *field, columns, goal, end, look)
+                    found[:, which] = _look_up(
+                        starts[which], cells, *field, columns, goal, end, look
+                    )
         if backward:
             found[3], found[4] = found[4] + math.pi, found[3] + math.pi
         return found
@@ -259,8 +274,13 @@ def _distinct(places: Places) -> Places:
 
 
 @compiled
-def _levels(nearest: Cells, component: Cells, starts: NDArray[np.intp], goals: NDArray[np.intp]) -> Cells:
-    """Return the index in `CLEARANCES` of the routes between cells, shape (n,); -1 without a route."""
+def _levels(
+    nearest: Cells, component: Cells, starts: NDArray[np.intp], goals: NDArray[np.intp]
+) -> Cells:
+    """Return the index in `CLEARANCES` of the routes between cells, shape (n,).
+
+    -1 without a route.
+    """
     levels = np.full(len(starts), -1, dtype=np.int32)
     for at in range(len(starts)):
         if starts[at] < 0 or goals[at] < 0:
@@ -333,7 +353,8 @@ def _parents(free: BoolArray, goal: int) -> tuple[Cells, Cells]:
     parent, length = np.full(count, -1, dtype=np.int32), np.full(count, np.inf)
     settled, neighbors = np.zeros(count, dtype=np.bool_), np.empty(9, dtype=np.int32)
     order, done = np.empty(count, dtype=np.int32), 0
-    # The queue: for each bucket of lengths a linked list. The buckets form a ring, longer than any step.
+    # The queue: for each bucket of lengths a linked list. The buckets form a ring, longer than any
+    # step.
     first = np.full(int(2 * _BUCKETS * (rows + columns)), -1, dtype=np.int32)
     queued, after = np.empty(8 * count + 1, dtype=np.int32), np.empty(8 * count + 1, dtype=np.int32)
     parent[goal], length[goal], queued[0], after[0], first[0] = goal, 0.0, goal, -1, 0
@@ -399,7 +420,9 @@ def _arrival(start: complex, first: complex, rest: float, end: complex, look: fl
 
 
 @compiled
-def _tables(parent: Cells, order: Cells, columns: int, end: complex, clearance: Table, look: float) -> Tables:
+def _tables(
+    parent: Cells, order: Cells, columns: int, end: complex, clearance: Table, look: float
+) -> Tables:
     """Return the tables of a field to the exact place `end`; see `Tables`."""
     length, turn = np.zeros(len(parent), dtype=np.float32), np.zeros(len(parent), dtype=np.float32)
     least, arrival = clearance.copy(), np.zeros(len(parent), dtype=np.float32)

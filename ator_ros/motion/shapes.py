@@ -1,11 +1,12 @@
 """The fastest of a set of turn-drive-turn paths, for many pairs of ends at once: a feature of the models.
 
-A shape of path is a turn, a straight drive, a turn and a straight run, with given changes of speed. Shapes
-come in groups: the first of each group is tried for all ends, then the others of the group whose first one
-is the fastest (of the first group, where none leads there). `needed_shapes` chooses groups from a fine grid.
+A shape of path is a turn, a straight drive, a turn and a straight run, with given changes of speed.
+Shapes come in groups: the first of each group is tried for all ends, then the others of the group
+whose first one is the fastest (of the first group, where none leads there). `needed_shapes` chooses
+groups from a fine grid.
 
-The search is compiled, since it dominates refinement. Unlike the search for all paths it interpolates roots
-linearly on a coarse grid, and does not refine them.
+The search is compiled, since it dominates refinement. Unlike the search for all paths it
+interpolates roots linearly on a coarse grid, and does not refine them.
 """
 
 from __future__ import annotations
@@ -29,7 +30,16 @@ from ator_ros.motion.durations import (
     forward_parts,
     turn_time,
 )
-from ator_ros.motion.paths import WIDTH, Offset, RealArray, Turn, crossings, drive_between, lowest, sign_bit
+from ator_ros.motion.paths import (
+    WIDTH,
+    Offset,
+    RealArray,
+    Turn,
+    crossings,
+    drive_between,
+    lowest,
+    sign_bit,
+)
 from ator_ros.motion.turns import ENTRIES, FINE, HALF, STEP, WIDEST, TurnTable, look_up, turn_table
 
 Rows = NDArray[np.void]
@@ -44,8 +54,8 @@ _STEP = np.float32(STEP)
 class TurnTables(NamedTuple):
     """Turns for each profile (change of speed, greatest turn rate) and each speed up to the limit.
 
-    `fractions`, shape (rows, FINE, columns), is `turns.across`, rearranged so that turns one step apart are
-    contiguous.
+    `fractions`, shape (rows, FINE, columns), is `turns.across`, rearranged so that turns one step
+    apart are contiguous.
     """
 
     turns: TurnTable  # a row for each profile and speed
@@ -55,16 +65,21 @@ class TurnTables(NamedTuple):
 
 
 @lru_cache(maxsize=6)
-def turn_tables(rates: Rates, profiles: tuple[tuple[float, float], ...], *, forward: bool) -> TurnTables:
+def turn_tables(
+    rates: Rates, profiles: tuple[tuple[float, float], ...], *, forward: bool
+) -> TurnTables:
     """Compute tables for changes of speed (m/s^2) and turn rates (rad/s): 3 MB for each m/s and profile."""
     speeds = np.arange(-rates.v, rates.v + SPEED_STEP / 2, SPEED_STEP)
     speeds = speeds[speeds > -SPEED_STEP] if forward else speeds
     rows = [(speed, *profile) for profile in profiles for speed in speeds.tolist()]
     turns = turn_table(np.array(rows), rates)
-    # Turns are moved by up to 2 * HALF steps to either side; values outside the table are discarded later.
+    # Turns are moved by up to 2 * HALF steps to either side; values outside the table are discarded
+    # later.
     beyond = (2 * HALF - 1) * FINE
     across = turns.across.reshape(-1, ENTRIES)
-    wide = np.pad(across[:, :-1], ((0, 0), (beyond, beyond + 2 * FINE)), mode="edge").astype(np.float32)
+    wide = np.pad(across[:, :-1], ((0, 0), (beyond, beyond + 2 * FINE)), mode="edge").astype(
+        np.float32
+    )
     filled = ((0, 0), (0, WIDTH - 2 * HALF - 1))
     fractions = np.pad(wide.reshape(len(wide), -1, FINE).swapaxes(1, 2), ((0, 0), *filled))
     return TurnTables(turns, fractions, float(speeds[0]), len(speeds))
@@ -73,9 +88,9 @@ def turn_tables(rates: Rates, profiles: tuple[tuple[float, float], ...], *, forw
 class Shape(NamedTuple):
     """One shape of path: turn, drive straight, turn, run straight to the goal.
 
-    `share` gives the speed between last turn and run. For a run of a given length it goes from the least (0)
-    to the greatest (1) speed from which the run can reach its end speed; for a run as long as needed it is a
-    share of the limit. NaN: there is no run.
+    `share` gives the speed between last turn and run. For a run of a given length it goes from the
+    least (0) to the greatest (1) speed from which the run can reach its end speed; for a run as
+    long as needed it is a share of the limit. NaN: there is no run.
     """
 
     first_change: float  # m/s^2; change of speed in the first turn, up to the limit
@@ -83,7 +98,8 @@ class Shape(NamedTuple):
     last_change: float  # those of the last turn as seen from the goal, backward in time
     last_rate: float
     share: float = 0.0
-    entry: float = np.nan  # m/s; reached on a straight line before the first turn, NaN: there is none
+    # m/s; reached on a straight line before the first turn, NaN: there is none
+    entry: float = np.nan
     least_start: float = np.nan  # m/s; least speed at the start, NaN: any
     least_arrival: float = np.nan  # m/s; least speed at the goal, NaN: any
     direction: float = 1.0  # of the drive between the turns: 1 forward, -1 backward
@@ -100,8 +116,8 @@ _SHAPE = np.dtype(
 class Rules(NamedTuple):
     """The settings that all shapes of a set share.
 
-    If `free_heading`, any heading at the destination will do: there is no last turn, and the drive ends when
-    the object in front of the robot is there.
+    If `free_heading`, any heading at the destination will do: there is no last turn, and the drive
+    ends when the object in front of the robot is there.
     """
 
     rates: Rates
@@ -116,47 +132,67 @@ class ShapeSet(NamedTuple):
 
     rules: Rules
     rows: Rows  # the first shapes of all groups, then the others group by group
-    others: NDArray[np.intp]  # shape (groups + 1,); first row of the others of each group, and the end
+    # shape (groups + 1,); first row of the others of each group, and the end
+    others: NDArray[np.intp]
     tables: TurnTables
-    missed: tuple[float, float]  # time (s) and angle (rad) of ends between which no tried shape leads
+    # time (s) and angle (rad) of ends between which no tried shape leads
+    missed: tuple[float, float]
 
 
 def shape_set(groups: Sequence[Sequence[Shape]], rules: Rules) -> ShapeSet:
     """Return a set of shapes in groups: the others are tried where the first one is the fastest."""
     shapes = [group[0] for group in groups]
     shapes += itertools.chain.from_iterable(group[1:] for group in groups)
-    profiles = tuple(dict.fromkeys(profile for shape in shapes for profile in (shape[:2], shape[2:4])))
+    profiles = tuple(
+        dict.fromkeys(profile for shape in shapes for profile in (shape[:2], shape[2:4]))
+    )
     tables = turn_tables(rules.rates, profiles, forward=rules.forward)
     first_row = {profile: number * tables.speeds for number, profile in enumerate(profiles)}
     rows = [(*shape, first_row[shape[:2]], first_row[shape[2:4]]) for shape in shapes]
     sizes = [len(groups), *(len(group) - 1 for group in groups)]
     turned = 2.0 * math.pi if rules.forward else math.pi
     missed = 2.0 * float(turn_time(turned, rules.rates.w, rules.rates.aw)), 2.0 * turned
-    return ShapeSet(rules, np.array(rows, dtype=_SHAPE), np.cumsum(sizes, dtype=np.intp), tables, missed)
+    return ShapeSet(
+        rules, np.array(rows, dtype=_SHAPE), np.cumsum(sizes, dtype=np.intp), tables, missed
+    )
 
 
-# A block of pairs of ends is searched shape by shape. One array holds all numbers of its pairs, column by
-# column, another one those of roots: the compiler vectorizes loops over columns at distances that it knows.
+# A block of pairs of ends is searched shape by shape. One array holds all numbers of its pairs,
+# column by column, another one those of roots: the compiler vectorizes loops over columns at
+# distances that it knows.
 
 _PAIRS = 64  # of a block; what is known of them fits into the fastest cache
 _SLOTS = 3 * _PAIRS  # a slot: one of three whole changes of heading of a pair
-_ROOTS = WIDTH // 2 * _SLOTS + 8  # columns a multiple of 4 KB apart would compete for places in the cache
-_AROUND = (0.0, -1.0, 1.0)  # full turns more: a change of heading may be in either direction, or further
+# columns a multiple of 4 KB apart would compete for places in the cache
+_ROOTS = WIDTH // 2 * _SLOTS + 8
+# full turns more: a change of heading may be in either direction, or further
+_AROUND = (0.0, -1.0, 1.0)
 
-# Columns of pairs. The fastest path so far: its time, angles turned, group; the pair's number in the block,
+# Columns of pairs. The fastest path so far: its time, angles turned, group; the pair's number in
+# the block,
 _TIME, _TURNED, _GROUP, _NUMBER = (column * _PAIRS for column in range(4))
 # destination, also of the object there, direction of the goal, speeds at both ends,
-_X, _Y, _OBJECT_X, _OBJECT_Y, _GOAL_COS, _GOAL_SIN, _START, _ARRIVAL = (n * _PAIRS for n in range(4, 12))
-# for each slot its whole change of heading, the least time of such a turn, and the place of its far turns;
+_X, _Y, _OBJECT_X, _OBJECT_Y, _GOAL_COS, _GOAL_SIN, _START, _ARRIVAL = (
+    n * _PAIRS for n in range(4, 12)
+)
+# for each slot its whole change of heading, the least time of such a turn, and the place of its far
+# turns;
 _TOTAL, _LEAST, _WINDOW = (column * _PAIRS for column in (12, 15, 18))
 _GIVEN = 21  # columns so far; the others are written for each shape:
-# length before the first turn, speeds and rows of both turns, time of straight parts, offset between turns.
-_LEAD, _SPEED1, _ROW1, _SPEED2, _ROW2, _STRAIGHT, _OFFSET_X, _OFFSET_Y = (n * _PAIRS for n in range(21, 29))
-# Columns of roots: pair, first turn, its part beyond a step and cosine and sine of that step, last turn,
+# length before the first turn, speeds and rows of both turns, time of straight parts, offset
+# between turns.
+_LEAD, _SPEED1, _ROW1, _SPEED2, _ROW2, _STRAIGHT, _OFFSET_X, _OFFSET_Y = (
+    n * _PAIRS for n in range(21, 29)
+)
+# Columns of roots: pair, first turn, its part beyond a step and cosine and sine of that step, last
+# turn,
 _PAIR, _FIRST, _BEYOND, _COS_STEP, _SIN_STEP, _LAST = (column * _ROOTS for column in range(6))
 # displacements by both turns, the object as seen from the first one, the time of the path,
-_ALONG1, _ACROSS1, _ALONG2, _AHEAD, _ASIDE, _ROOT_TIME = (column * _ROOTS for column in range(6, 12))
-# and numbers of the pair, side by side for vectors: speeds, time of straight parts, offset between turns
+_ALONG1, _ACROSS1, _ALONG2, _AHEAD, _ASIDE, _ROOT_TIME = (
+    column * _ROOTS for column in range(6, 12)
+)
+# and numbers of the pair, side by side for vectors: speeds, time of straight parts, offset between
+# turns
 _ROOT_SPEED1, _ROOT_SPEED2, _ROOT_STRAIGHT, _ROOT_X, _ROOT_Y = (n * _ROOTS for n in range(12, 17))
 _PAIR_COLUMNS, _ROOT_COLUMNS = 29, 17
 
@@ -167,7 +203,8 @@ class _Space(NamedTuple):
     roots: FloatArray
     gaps: RealArray  # shape (_SLOTS * WIDTH,)
     marks: NDArray[np.intp]  # shape (_SLOTS,); roots of each slot, see `crossings`
-    places: NDArray[np.intp]  # number of the pair, and _PAIRS more for each further change of heading
+    # number of the pair, and _PAIRS more for each further change of heading
+    places: NDArray[np.intp]
     nothing: RealArray  # offsets of the last turn where there is none
 
 
@@ -177,8 +214,8 @@ def fastest_paths(ends: FloatArray, shapes: ShapeSet, hold: float) -> FloatArray
     Parameters
     ----------
     ends : ndarray, shape (5, n)
-        Both ends, in the frame of the start: destination x, y of the axle in m and heading there in rad,
-        forward speeds at the start and at the destination in m/s.
+        Both ends, in the frame of the start: destination x, y of the axle in m and heading there in
+        rad, forward speeds at the start and at the destination in m/s.
     hold : float
         Distance in m from the destination to the object in front of it.
 
@@ -230,7 +267,10 @@ def _fastest_paths(
                 _try(rows[other], group, members, size, hold, space, tables, rules)
             for at in range(size):
                 number = int(members[_NUMBER + at])
-                pairs[_TIME + number], pairs[_TURNED + number] = members[_TIME + at], members[_TURNED + at]
+                pairs[_TIME + number], pairs[_TURNED + number] = (
+                    members[_TIME + at],
+                    members[_TURNED + at],
+                )
         for at in range(count):
             reached = pairs[_TIME + at] < np.inf
             found = (pairs[_TIME + at], pairs[_TURNED + at]) if reached else missed
@@ -251,16 +291,23 @@ def _write_pairs(pairs: FloatArray, ends: FloatArray, hold: float, rules: Rules)
         pairs[_START + at], pairs[_ARRIVAL + at] = ends[3, at], ends[4, at]
         whole = 0.0 if rules.free_heading else turn
         for around in range(3):
-            place, total = around * _PAIRS + at, whole + math.copysign(math.tau, whole) * _AROUND[around]
+            place, total = (
+                around * _PAIRS + at,
+                whole + math.copysign(math.tau, whole) * _AROUND[around],
+            )
             pairs[_TOTAL + place] = total
             pairs[_LEAST + place] = turn_time(abs(total), rules.rates.w, rules.rates.aw)
             window = 2 * HALF * FINE + 0.5 - total * (FINE / STEP)
-            pairs[_WINDOW + place] = np.floor(min(max(0.0, window), 4.0 * HALF * FINE))  # 0 if it is NaN
+            # 0 if it is NaN
+            pairs[_WINDOW + place] = np.floor(min(max(0.0, window), 4.0 * HALF * FINE))
 
 
 @inlined
 def _write_members(members: FloatArray, pairs: FloatArray, count: int, group: int) -> int:
-    """Copy the pairs whose fastest path so far is of a group, of the first if there is none; count them."""
+    """Copy the pairs whose fastest path so far is of a group, of the first if there is none.
+
+    Count them.
+    """
     size = 0
     for at in range(count):
         if pairs[_GROUP + at] == group:
@@ -294,7 +341,9 @@ def _try(
 
 
 @inlined
-def _write_ends(pairs: FloatArray, count: int, shape: np.void, tables: TurnTables, rules: Rules) -> None:
+def _write_ends(
+    pairs: FloatArray, count: int, shape: np.void, tables: TurnTables, rules: Rules
+) -> None:
     """Write how the paths begin before the first turn and end after the last one."""
     rates, run = rules.rates, rules.run
     leads, runs = not math.isnan(shape["entry"]), not math.isnan(shape["share"])
@@ -326,7 +375,10 @@ def _write_ends(pairs: FloatArray, count: int, shape: np.void, tables: TurnTable
 
 @inlined
 def _row_of(tables: TurnTables, first: int, speed: float) -> float:
-    """Return the row of the turn that starts at `speed` (m/s); `first` is the row of the lowest speed."""
+    """Return the row of the turn that starts at `speed` (m/s).
+
+    `first` is the row of the lowest speed.
+    """
     row: float = np.floor((speed - tables.lowest) * (1.0 / SPEED_STEP) + 0.5)
     return first + min(max(0.0, row), tables.speeds - 1.0)  # 0 if the speed is NaN
 
@@ -335,7 +387,10 @@ def _row_of(tables: TurnTables, first: int, speed: float) -> float:
 def _write_gaps(
     space: _Space, pairs: FloatArray, count: int, shape: np.void, tables: TurnTables, rules: Rules
 ) -> int:
-    """Write the lateral errors for each first turn in slots that may have the fastest path; count them."""
+    """Write the lateral errors for each first turn in slots that may have the fastest path.
+
+    Count them.
+    """
     # Local names avoid reference counting at each access.
     slots, direction, fractions = 0, shape["direction"], tables.fractions
     all_gaps, marks, places, nothing = space.gaps, space.marks, space.places, space.nothing
@@ -366,7 +421,9 @@ def _write_gaps(
 
 
 @inlined
-def _write_roots(space: _Space, slots: int, pairs: FloatArray, tables: TurnTables, rules: Rules) -> int:
+def _write_roots(
+    space: _Space, slots: int, pairs: FloatArray, tables: TurnTables, rules: Rules
+) -> int:
     """Write the paths of all roots in the slots, without their times; return how many they are."""
     roots, all_gaps, marks, places, _ = space
     (along, across), found = tables.turns, 0
@@ -406,7 +463,8 @@ def _write_roots(space: _Space, slots: int, pairs: FloatArray, tables: TurnTable
 _DETOUR, _SHORTFALL = 7.2, 2.0
 """Costs, in m of driving at full speed, of each m by which a drive is too near to an object at the goal, and
 of each m that a drive forward is too short for its change of speed: then the robot turns at other speeds."""
-_SPARE = 0.02  # m by which a drive must exceed its change of speed if there is no last turn to compensate
+# m by which a drive must exceed its change of speed if there is no last turn to compensate
+_SPARE = 0.02
 _MOST_TURNED = math.radians(450.0)  # sum of both turns
 
 
@@ -442,22 +500,25 @@ def _write_times(roots: FloatArray, count: int, shape: np.void, hold: float, rul
 def _cos_sin(cos: float, sin: float, beyond: float) -> tuple[float, float]:
     """Return cosine and sine of an angle, given those for 0 to `STEP` rad less, to 1e-12, by series."""
     x = beyond * beyond
-    near_cos = 1.0 - x * (1 / 2 - x * (1 / 24 - x * (1 / 720 - x * (1 / 40320 - x * (1 / 3628800)))))
+    near_cos = 1.0 - x * (
+        1 / 2 - x * (1 / 24 - x * (1 / 720 - x * (1 / 40320 - x * (1 / 3628800))))
+    )
     near_sin = beyond * (1.0 - x * (1 / 6 - x * (1 / 120 - x * (1 / 5040 - x * (1 / 362880)))))
     return cos * near_cos - sin * near_sin, sin * near_cos + cos * near_sin
 
 
 _GROUPS, _OTHERS = 16, 24
 """Greatest numbers of groups, and of other shapes in each; the time of a search grows with both."""
-_NEAR = 0.0005  # choosing ends when times exceed those of the whole grid by less than this share on average
+# choosing ends when times exceed those of the whole grid by less than this share on average
+_NEAR = 0.0005
 _LATE = 3.0  # multiple of the least time where no chosen shape reaches the destination
 
 
 def needed_shapes(grid: ShapeSet, ends: FloatArray, *, hold: float) -> list[list[int]]:
     """Return groups of the shapes, by index in a grid of groups of one, that are needed between ends.
 
-    The next shape is the one that reduces the times most. It takes a second for a grid of a thousand shapes;
-    for `ends`, shape (5, n), and `hold` see `fastest_paths`.
+    The next shape is the one that reduces the times most. It takes a second for a grid of a
+    thousand shapes; for `ends`, shape (5, n), and `hold` see `fastest_paths`.
     """
     alone = grid._replace(others=np.ones(2, dtype=np.intp), missed=(np.inf, 0.0))
     each = (alone._replace(rows=grid.rows[number : number + 1]) for number in range(len(grid.rows)))
@@ -485,11 +546,13 @@ def _chosen(ratios: FloatArray, so_far: FloatArray, most: int) -> list[int]:
 def drawn_ends(like: FloatArray, count: int, rng: np.random.Generator) -> FloatArray:
     """Return random ends of paths, shape (5, count), with distances and speeds as in `like`, shape (5, n).
 
-    Directions are uniform. Half of the distances are scaled down at random. The same share as in `like`
-    begins, and ends, at rest; other speeds are uniform in its range.
+    Directions are uniform. Half of the distances are scaled down at random. The same share as in
+    `like` begins, and ends, at rest; other speeds are uniform in its range.
     """
     some = like[:, rng.integers(0, like.shape[1], count)]
-    distance = np.hypot(some[0], some[1]) * np.where(rng.random(count) < 0.5, rng.random(count), 1.0)
+    distance = np.hypot(some[0], some[1]) * np.where(
+        rng.random(count) < 0.5, rng.random(count), 1.0
+    )
     bearing, turn = rng.uniform(-np.pi, np.pi, (2, count))
     moving = rng.random((2, count)) < (like[3:] != 0.0).mean(axis=1)[:, None]
     least, greatest = like[3:].min(axis=1)[:, None], like[3:].max(axis=1)[:, None]

@@ -62,8 +62,8 @@ def write_states(
 ) -> int:
     """Write x, y (m), yaw (rad), v (m/s), w (rad/s) every `interval` s and at the end; return their number.
 
-    `states` has the shape (most_states(duration, interval), 5); for `speeds` and `turns` see `write_pieces`.
-    The error of integration at the goal is distributed over the motion.
+    `states` has the shape (most_states(duration, interval), 5); for `speeds` and `turns` see
+    `write_pieces`. The error of integration at the goal is distributed over the motion.
     """
     piece = turn = index = 0
     piece_end, turn_end = speeds[0, 0], turns[0, 0]
@@ -89,7 +89,10 @@ def write_states(
             if time < turn_end < until:
                 until = turn_end
             step, time = until - time, until
-            next_v, next_w = _value(speeds, piece, piece_end, time), _value(turns, turn, turn_end, time)
+            next_v, next_w = (
+                _value(speeds, piece, piece_end, time),
+                _value(turns, turn, turn_end, time),
+            )
             turned = 0.5 * (w + next_w) * step
             middle = yaw + 0.5 * turned
             if middle != heading:
@@ -114,7 +117,9 @@ def _value(pieces: FloatArray, piece: int, end: float, time: float) -> float:
     duration = pieces[piece, 0]
     if duration <= 0.0 or time >= end:
         return float(pieces[piece, 2])
-    return float(pieces[piece, 2] + (pieces[piece, 1] - pieces[piece, 2]) * ((end - time) / duration))
+    return float(
+        pieces[piece, 2] + (pieces[piece, 1] - pieces[piece, 2]) * ((end - time) / duration)
+    )
 
 
 class Trajectory:

@@ -1,7 +1,8 @@
 """Displacements by turns during which the speed changes, and tables of them.
 
-A turn by an angle starts and ends without rotation; meanwhile the speed changes by a constant acceleration,
-up to the limit. Reversed in time, the same displacement is that of a turn at the end of a motion.
+A turn by an angle starts and ends without rotation; meanwhile the speed changes by a constant
+acceleration, up to the limit. Reversed in time, the same displacement is that of a turn at the end
+of a motion.
 """
 
 from __future__ import annotations
@@ -76,9 +77,9 @@ def turn_end(
 class TurnTable(NamedTuple):
     """Displacements by turns of -292.5 to 292.5 degrees in m, arrays of shape (rows * entries,).
 
-    They are given along and across (to the left of) the heading of the straight drive: there the parts of
-    both turns of a motion just add. `along` does not contain the initial speed times the duration of the
-    turn, which grows with the root of a small angle and cannot be interpolated.
+    They are given along and across (to the left of) the heading of the straight drive: there the
+    parts of both turns of a motion just add. `along` does not contain the initial speed times the
+    duration of the turn, which grows with the root of a small angle and cannot be interpolated.
     """
 
     along: FloatArray
@@ -88,7 +89,8 @@ class TurnTable(NamedTuple):
 def turn_table(turns: FloatArray, limits: Bounds) -> TurnTable:
     """Compute the table of `turns`, shape (rows, 3), of which `limits` bound speed and turn acceleration.
 
-    A row holds the initial speed (m/s), its constant change (m/s^2) and the greatest turn rate (rad/s).
+    A row holds the initial speed (m/s), its constant change (m/s^2) and the greatest turn rate
+    (rad/s).
     """
     along, across = np.empty((2, len(turns), ENTRIES))
     _write_table(np.ascontiguousarray(turns, dtype=float), limits.v, limits.aw, along, across)
@@ -96,7 +98,9 @@ def turn_table(turns: FloatArray, limits: Bounds) -> TurnTable:
 
 
 @compiled
-def _write_table(turns: FloatArray, v: float, aw: float, along: FloatArray, across: FloatArray) -> None:
+def _write_table(
+    turns: FloatArray, v: float, aw: float, along: FloatArray, across: FloatArray
+) -> None:
     headings = np.empty((2, len(NODES)))
     for entry in range(EDGE + 1):
         angle, rate, time = entry / _PER_ANGLE, math.nan, 0.0

@@ -23,12 +23,14 @@ class CommandPublisher:
     Parameters
     ----------
     stamped : str
-        "true": geometry_msgs/TwistStamped; "false": Twist; "auto": the type that the base subscribes to, and
-        Twist without a base, or if there are bases of both types. `adapt` has to be called periodically.
+        "true": geometry_msgs/TwistStamped; "false": Twist; "auto": the type that the base
+        subscribes to, and Twist without a base, or if there are bases of both types. `adapt` has to
+        be called periodically.
     frame : str
         The robot's own frame, for stamped commands.
 
-    `changed` is the real time in s at which the type was last chosen; DDS then has to connect the base.
+    `changed` is the real time in s at which the type was last chosen; DDS then has to connect the
+    base.
     """
 
     def __init__(self, node: Node, *, stamped: str, frame: str) -> None:
@@ -86,7 +88,9 @@ class CommandPublisher:
         node = self._node
         if mismatch := self.mismatch():
             return mismatch
-        receivers = [info for info in self._subscriptions() if info.topic_type == type_name(self.kind)]
+        receivers = [
+            info for info in self._subscriptions() if info.topic_type == type_name(self.kind)
+        ]
         if not receivers:
             return unconnected(node, _TOPIC, self.kind)
         publishers = {node_of(info): info for info in node.get_publishers_info_by_topic(_TOPIC)}
@@ -101,4 +105,8 @@ class CommandPublisher:
     def _subscriptions(self) -> list[TopicEndpointInfo]:
         """Return the subscriptions to cmd_vel, except those of programs that record or print it."""
         infos = self._node.get_subscriptions_info_by_topic(_TOPIC)
-        return [info for info in infos if not info.node_name.startswith(("_ros2cli", "rosbag2_recorder"))]
+        return [
+            info
+            for info in infos
+            if not info.node_name.startswith(("_ros2cli", "rosbag2_recorder"))
+        ]

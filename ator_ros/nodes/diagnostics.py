@@ -24,7 +24,8 @@ from ator_ros.world.messages import FrameError
 STEADY = Clock(clock_type=ClockType.STEADY_TIME)  # of timers that are independent of simulated time
 WARNING_PERIOD = 2.0  # s between two warnings that one line of code logs
 _PERIOD = 1.0  # s
-_PERSISTENT = 5  # reports in a row after which a problem is logged: inputs are also missing at the start
+# reports in a row after which a problem is logged: inputs are also missing at the start
+_PERSISTENT = 5
 _LONGEST = 500  # characters of a text
 _TICKS = 1000
 
@@ -41,8 +42,8 @@ class Health:
 class Diagnostics:
     """Publishes a node's health on /diagnostics once a second, in steady time, and logs lasting problems.
 
-    `topics` are the types of the topics that the node subscribes to, by name: publishers of other types are
-    reported.
+    `topics` are the types of the topics that the node subscribes to, by name: publishers of other
+    types are reported.
     """
 
     def __init__(
@@ -72,7 +73,8 @@ class Diagnostics:
             name=self._node.get_fully_qualified_name(),
             message=printable(problem or "running", _LONGEST),
             values=[
-                KeyValue(key=key, value=printable(value, _LONGEST)) for key, value in health.values.items()
+                KeyValue(key=key, value=printable(value, _LONGEST))
+                for key, value in health.values.items()
             ],
         )
         message = DiagnosticArray(status=[status])
@@ -118,7 +120,10 @@ class Diagnosis:
         return {item.topic: item.kind for item in self._inputs.values() if item.frames is None}
 
     def rate_problem(self, name: str, timeout: float) -> str:
-        """Return the remedy if messages of an input are too rare for its `timeout` in real s; else ""."""
+        """Return the remedy if messages of an input are too rare for its `timeout` in real s.
+
+        Else "".
+        """
         gaps, topic = self._inputs[name].gaps, self._inputs[name].topic
         if len(gaps) < GAPS or (usual := float(np.median(gaps))) <= 0.5 * timeout:
             return ""
@@ -136,7 +141,9 @@ class Diagnosis:
         infos = node.get_publishers_info_by_topic(topic)
         senders = [info for info in infos if info.topic_type == type_name(kind)]
         if not senders:
-            return type_mismatch(node, topic, kind) or unconnected(node, topic, kind, tuple(self.topics))
+            return type_mismatch(node, topic, kind) or unconnected(
+                node, topic, kind, tuple(self.topics)
+            )
         sender = node_of(senders[0])
         reasons = [incompatibility(info.qos_profile, item.qos) for info in senders]
         if all(reasons):
@@ -214,7 +221,9 @@ def type_mismatch(node: Node, topic: str, kind: type) -> str:
 
 def rival_senders(node: Node, topics: Iterable[str]) -> str:
     """Return the topics with several publishers, which DDS counts for 20 s after they were killed."""
-    senders = {topic: [node_of(s) for s in node.get_publishers_info_by_topic(topic)] for topic in topics}
+    senders = {
+        topic: [node_of(s) for s in node.get_publishers_info_by_topic(topic)] for topic in topics
+    }
     return "; ".join(
         f"{topic}: expected one publisher, got {len(names)}: {', '.join(sorted(names))}"
         for topic, names in senders.items()

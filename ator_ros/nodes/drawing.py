@@ -37,10 +37,10 @@ class ExecutionDrawing:
     """Publishes the active goal, five times a second and transient local.
 
     Publishes
-        planned_path (nav_msgs/Path): the path that the active action has planned; empty without one.
-        chain_markers (visualization_msgs/MarkerArray): the active chain; its current subgoal in orange.
-        object_markers (visualization_msgs/MarkerArray): the objects.
-        chain_under_way (ator_interfaces/ChainPerformance): the active chain; until it ends its outcome has
+        planned_path (nav_msgs/Path): the path that the active action has planned; empty without
+        one. chain_markers (visualization_msgs/MarkerArray): the active chain; its current subgoal
+        in orange. object_markers (visualization_msgs/MarkerArray): the objects. chain_under_way
+        (ator_interfaces/ChainPerformance): the active chain; until it ends its outcome has
             code 0, and predictions are left out.
         scene_markers (visualization_msgs/MarkerArray): area, bays, and the domain's lines.
     """
@@ -51,7 +51,9 @@ class ExecutionDrawing:
         self._chain = LazyPublisher(node, MarkerArray, "chain_markers")
         self._objects = LazyPublisher(node, MarkerArray, "object_markers")
         self._surroundings = LazyPublisher(node, MarkerArray, "scene_markers")
-        self._surroundings.publish(lambda: marker_array(surroundings(domain, robot), "scene", frame))
+        self._surroundings.publish(
+            lambda: marker_array(surroundings(domain, robot), "scene", frame)
+        )
         self._under_way = LazyPublisher(node, ChainPerformance, "chain_under_way")
         self._state: tuple[object, ...] = ()  # `GoalRun.published_state` of the last update
         self._drawn_at = self._objects_at = -math.inf  # s on odometry's clock; last updates
@@ -73,7 +75,9 @@ class ExecutionDrawing:
         """Draw the objects of the newest state, five times a second."""
         if abs(world.time - self._objects_at) >= _PERIOD - _ROUNDING:
             self._objects_at = world.time
-            spheres = (_sphere(state, self._scene.radius(name)) for name, state in world.objects.items())
+            spheres = (
+                _sphere(state, self._scene.radius(name)) for name, state in world.objects.items()
+            )
             self._objects.publish(lambda: _array(spheres, "objects", self._frame))
 
     def _chain_message(self, supervisor: Supervisor) -> MarkerArray:
@@ -98,7 +102,9 @@ class LazyPublisher:
 
     def __init__(self, node: Node, kind: type[Any], topic: str) -> None:
         self._factory: Callable[[], Any] | None = None
-        matched = PublisherEventCallbacks(matched=lambda _: self._send(), use_default_callbacks=False)
+        matched = PublisherEventCallbacks(
+            matched=lambda _: self._send(), use_default_callbacks=False
+        )
         self._publisher = node.create_publisher(kind, topic, LATCHED, event_callbacks=matched)
 
     def publish(self, factory: Callable[[], Any]) -> None:
@@ -134,7 +140,9 @@ def _segments(shape: Segments) -> Marker:
 
 
 def _sphere(state: ObjectState, radius: float) -> Marker:
-    marker = Marker(type=Marker.SPHERE, color=_color(*ORANGE), pose=pose_of(Pose(state.x, state.y, 0.0)))
+    marker = Marker(
+        type=Marker.SPHERE, color=_color(*ORANGE), pose=pose_of(Pose(state.x, state.y, 0.0))
+    )
     size = 2.0 * max(radius, _POINT)
     marker.pose.position.z = size / 2.0
     marker.scale.x = marker.scale.y = marker.scale.z = size

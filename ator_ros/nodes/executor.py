@@ -70,7 +70,8 @@ from ator_ros.world.inputs import ClockJumpError, Inputs
 from ator_ros.world.messages import MessageError
 from ator_ros.world.state import STOP, Command, ObjectState, RobotState, World
 
-_DISCOVERY_GRACE = 1.0  # real s; DDS may still be connecting cmd_vel to a base that has just started
+# real s; DDS may still be connecting cmd_vel to a base that has just started
+_DISCOVERY_GRACE = 1.0
 _RESULT_TIMEOUT = 60  # s; rclpy's 900 s would keep the records of hundreds of chains in memory
 _USUAL = Deadlines()
 _COMMON = (
@@ -89,12 +90,17 @@ _COMMON = (
         0.05,
         60.0,
     ),
-    # A base that does not follow is stopped within 0.5 s; a greater latency would hide it until then.
+    # A base that does not follow is stopped within 0.5 s; a greater latency would hide it until
+    # then.
     live("latency", 0.0, "s from a state's stamp until its answer moves the base", 0.0, 0.3),
     FENCE,
     live("refinement_timeout", _USUAL.refinement, "real s that refinement may take", 0.01, 60.0),
-    live("refine_again_after", AGAIN_AFTER, "m off what was expected to ask again, or 0", 0.0, 10.0),
-    live("action_timeout", _USUAL.action, "s, by the stamps, that one action may take", 1.0, LONGEST),
+    live(
+        "refine_again_after", AGAIN_AFTER, "m off what was expected to ask again, or 0", 0.0, 10.0
+    ),
+    live(
+        "action_timeout", _USUAL.action, "s, by the stamps, that one action may take", 1.0, LONGEST
+    ),
 )
 
 
@@ -107,7 +113,9 @@ def parameters_for(objects: Sequence[str]) -> tuple[Parameter, ...]:
         parameters += [
             live(f"{name}_timeout", 0.3, age, 0.05, 60.0),
             Parameter(f"{name}_noise", 0.0, noise, 0.0, 1.0),
-            Parameter(f"{name}_velocity_noise", 0.0, "m/s, standard deviation of its velocity", 0.0, 10.0),
+            Parameter(
+                f"{name}_velocity_noise", 0.0, "m/s, standard deviation of its velocity", 0.0, 10.0
+            ),
         ]
     return tuple(parameters)
 
@@ -118,22 +126,24 @@ class ExecutorNode(Node):
     Parameters that change while it runs count from the next goal on.
 
     Action server
-        execute_chain (ator_interfaces/ExecuteChain): a newer goal that can be read preempts the running one.
-        Results are kept for a minute. A goal starts once odometry has come for a second: a base that has just
-        started does not receive commands yet. It ends when the robot stands (predicted with `latency`), or
-        5 s after the command to stop: the result then gives the robot's speed. It ends with the command to
-        stop if a newer goal preempts it, odometry is lost or the node ends. If lost odometry returns within
-        5 s, the robot is commanded to stop until it stands. Goals outside the fence are refused. A goal is
-        aborted when the base does not follow its commands, or when its path leads out of the fence.
+        execute_chain (ator_interfaces/ExecuteChain): a newer goal that can be read preempts the
+        running one. Results are kept for a minute. A goal starts once odometry has come for a
+        second: a base that has just started does not receive commands yet. It ends when the robot
+        stands (predicted with `latency`), or 5 s after the command to stop: the result then gives
+        the robot's speed. It ends with the command to stop if a newer goal preempts it, odometry is
+        lost or the node ends. If lost odometry returns within 5 s, the robot is commanded to stop
+        until it stands. Goals outside the fence are refused. A goal is aborted when the base does
+        not follow its commands, or when its path leads out of the fence.
     Subscribes to
-        odom (nav_msgs/Odometry), or /tf and /tf_static, and the topics of the domain's objects: their stamps
-        plus `latency` are the time of the actions; the topic of a map, if `map` names one.
+        odom (nav_msgs/Odometry), or /tf and /tf_static, and the topics of the domain's objects:
+        their stamps plus `latency` are the time of the actions; the topic of a map, if `map` names
+        one.
     Publishes
-        cmd_vel (geometry_msgs/Twist or TwistStamped, see `stamped_commands`): while a goal is active, unless
-        a server executes it.
-        performance/action (ator_interfaces/ActionPerformance): after each action, also an interrupted one.
-        performance/chain (ator_interfaces/ChainPerformance, transient local): after each goal.
-        chain_under_way, planned_path and markers, see `ExecutionDrawing`; /diagnostics, once a second.
+        cmd_vel (geometry_msgs/Twist or TwistStamped, see `stamped_commands`): while a goal is
+        active, unless a server executes it. performance/action (ator_interfaces/ActionPerformance):
+        after each action, also an interrupted one. performance/chain
+        (ator_interfaces/ChainPerformance, transient local): after each goal. chain_under_way,
+        planned_path and markers, see `ExecutionDrawing`; /diagnostics, once a second.
     Calls
         refine_subgoal, when a goal asks for it; the domain's action servers.
     """
@@ -146,7 +156,9 @@ class ExecutorNode(Node):
         self._remotes = RemoteServers(self, domain, self._settings["frame"])
         self._libraries = self._remotes.libraries(robot)
         reasons = [top.lacks(robot) for top in domain.tops_for(robot)]
-        reasons += [reason for library in self._libraries.values() for reason in library.left_out.values()]
+        reasons += [
+            reason for library in self._libraries.values() for reason in library.left_out.values()
+        ]
         for reason in filter(None, reasons):
             self.get_logger().warning(reason)
         self._sets = LearnedSets(self, domain, self._libraries, self._settings)
@@ -239,7 +251,10 @@ class ExecutorNode(Node):
         if self._motion.remark not in ("", self._motion_remark):
             self._motion_remark = self._motion.remark
             self.get_logger().warning(self._motion_remark)
-        run.supervisor.slowdown, run.supervisor.is_fast = self._inputs.slowdown, self._inputs.is_fast
+        run.supervisor.slowdown, run.supervisor.is_fast = (
+            self._inputs.slowdown,
+            self._inputs.is_fast,
+        )
         # While DDS may still be connecting the base, it would seem blocked.
         grace = min(_DISCOVERY_GRACE, 0.5 * self._settings["start_timeout"])
         is_connecting = now - max(self._inputs.since, self._commands.changed) < grace
@@ -265,7 +280,11 @@ class ExecutorNode(Node):
         silence, ending = now - self._odom_at, self._remotes.ending()
         if ending and silence <= self._odom_timeout:
             self._run.supervisor.postpone(now, "waiting until a canceled server has ended")
-        silent = 0.5 * self._settings["odom_timeout"] * min(self._inputs.slowdown, GREATEST_STOP_SLOWDOWN)
+        silent = (
+            0.5
+            * self._settings["odom_timeout"]
+            * min(self._inputs.slowdown, GREATEST_STOP_SLOWDOWN)
+        )
         if self._run.supervisor.odometry_is_late(now) or (ending and silence > silent):
             self._send(STOP)
         self._run.supervisor.watch(now)
@@ -278,7 +297,13 @@ class ExecutorNode(Node):
             sent = handle.request.chain, *handle.request.alternatives
             into_frame(settings["frame"], self._tf.base, sent)
             run = GoalRun(
-                handle, self._libraries, present, self._refinement, settings, self._fence, self._rolling
+                handle,
+                self._libraries,
+                present,
+                self._refinement,
+                settings,
+                self._fence,
+                self._rolling,
             )
         except MessageError as error:  # the running goal continues
             self._warn(f"refused: {error}")
@@ -289,7 +314,8 @@ class ExecutorNode(Node):
         self._motion.begin(settings["latency"], preempts=self._run is not None)
         self._end(Ending.PREEMPTED, "a newer goal took over", at_once=True)
         self._run, self._stop_until = run, 0.0
-        self._commands.adapt()  # not in the goal callback: rclpy would keep the previous publisher in use
+        # not in the goal callback: rclpy would keep the previous publisher in use
+        self._commands.adapt()
         # A simulation as fast as possible waits for commands, also while the first action plans.
         self._send(STOP)
         return concluded(await run.finished, handle)
@@ -333,7 +359,10 @@ class ExecutorNode(Node):
         self.get_logger().info(f"goal ended: {run.summary}")
 
     def _cause(self, supervisor: Supervisor) -> str:
-        """Return the most likely cause of an ending that is due to inputs or the base; empty if unknown."""
+        """Return the most likely cause of an ending that is due to inputs or the base.
+
+        Empty if unknown.
+        """
         ending, remark = supervisor.ending, self._motion.remark
         if ending is Ending.BASE_FAULT:
             return self._commands.cause()
@@ -358,10 +387,15 @@ class ExecutorNode(Node):
         return float(self._settings["odom_timeout"]) * self._inputs.slowdown
 
     def _send(self, command: Command | None, *, answers: bool = False) -> None:
-        """Send a command, as of now or as the answer to the newest state; None: a server moves the robot."""
+        """Send a command, as of now or as the answer to the newest state.
+
+        None: a server moves the robot.
+        """
         if self._inputs.time is not None:
             now = time.monotonic()
-            self._motion.sent(self._inputs.time + (0.0 if answers else now - self._odom_at), command, now)
+            self._motion.sent(
+                self._inputs.time + (0.0 if answers else now - self._odom_at), command, now
+            )
         if command is not None:
             self._commands.publish(command, self._inputs.time or 0.0)
 
@@ -397,7 +431,13 @@ class ExecutorNode(Node):
         elif self._run is not None:  # without a goal inputs are read less often than they come
             missing = self._diagnosis.rate_problem("odom", self._odom_timeout)
         rivals = rival_senders(self, self._diagnosis.topics)
-        problems = missing, self._commands.mismatch(), self._sets.problem, self._remotes.problem, rivals
+        problems = (
+            missing,
+            self._commands.mismatch(),
+            self._sets.problem,
+            self._remotes.problem,
+            rivals,
+        )
         return Health("; ".join(filter(None, problems)), stale and self._run is not None, values)
 
     def stop(self) -> None:
@@ -419,7 +459,9 @@ def inputs_of(settings: Mapping[str, Any], objects: Iterable[str]) -> Inputs:
             where = f"parameters {name}_noise and {name}_velocity_noise"
             got = f"{noise:g} and {velocity_noise:g}"
             raise SetupError(f"{where}: expected both above 0 or both 0, got {got}")
-        sightings[name] = Sightings(name, settings[f"{name}_timeout"], ObjectTracker(noise, velocity_noise))
+        sightings[name] = Sightings(
+            name, settings[f"{name}_timeout"], ObjectTracker(noise, velocity_noise)
+        )
     return Inputs(sightings)
 
 

@@ -14,7 +14,13 @@ from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import TopChain
 from ator_ros.geometry import Pose
 from ator_ros.nodes.messages import call_of
-from ator_ros.nodes.parameters import DOMAIN, ROBOT, declare_parameters, domain_and_robot, driving_top
+from ator_ros.nodes.parameters import (
+    DOMAIN,
+    ROBOT,
+    declare_parameters,
+    domain_and_robot,
+    driving_top,
+)
 from ator_ros.nodes.qos import RESULTS
 from ator_ros.nodes.running import run_node
 from ator_ros.tops.chain import TopCall
@@ -40,7 +46,9 @@ class GoalPoseNode(Node):
         self._call = call_of(TopCall(top, library.goal(top, Pose(0.0, 0.0, 0.0))), frame="")
         self._chains = ActionClient(self, ExecuteChain, "execute_chain")
         self.create_subscription(PoseStamped, "goal_pose", self._take, RESULTS)
-        self.get_logger().info(f"poses on goal_pose become goals of {top.name} (domain {domain.name})")
+        self.get_logger().info(
+            f"poses on goal_pose become goals of {top.name} (domain {domain.name})"
+        )
 
     def _take(self, pose: PoseStamped) -> None:
         executor: Any = self.executor

@@ -61,7 +61,8 @@ class GoalRun:
             if isinstance(reason, str):
                 raise MessageError(reason)
         if goal.refine:
-            messages.objective_from(goal.objective, failure_cost=1.0)  # only checked here; refinement uses it
+            # only checked here; refinement uses it
+            messages.objective_from(goal.objective, failure_cost=1.0)
         timeouts = [field.name for field in dataclasses.fields(Deadlines)]
         self.handle, self._predictor = handle, Predictor(library.robot, models[action_set].models)
         self.supervisor = Supervisor(
@@ -77,7 +78,12 @@ class GoalRun:
             alternatives=[each for each in others if isinstance(each, TopChain)],
             rolling=rolling,
         )
-        self._library, self._refinement, self._frame, self._fence = library, refinement, frame, fence
+        self._library, self._refinement, self._frame, self._fence = (
+            library,
+            refinement,
+            frame,
+            fence,
+        )
         self._id = _id_of(handle)
         self._records: list[ActionPerformance] = []
         self._gain = gain_of()  # of the chain as planned
@@ -98,7 +104,9 @@ class GoalRun:
         name = supervisor.ending.name.lower() if supervisor.ending else "running"
         refinement = ""
         if supervisor.refining.wanted:
-            refinement = f" ({'refined' if supervisor.refining.refined else supervisor.refining.reason})"
+            refinement = (
+                f" ({'refined' if supervisor.refining.refined else supervisor.refining.reason})"
+            )
         return f"{name} after {supervisor.executor.elapsed:.2f} s: {supervisor.reason}{refinement}"
 
     def publish_feedback(self) -> None:
@@ -118,7 +126,9 @@ class GoalRun:
             step=supervisor.executor.index,
             steps=len(supervisor.executor.chain),
             top=supervisor.executor.call.top.name,
-            status=f"{status} ({supervisor.refining.reason})" if supervisor.refining.wanted else status,
+            status=f"{status} ({supervisor.refining.reason})"
+            if supervisor.refining.wanted
+            else status,
             elapsed=supervisor.executor.elapsed,
             predicted_remaining=supervisor.predicted_remaining(now),
         )
@@ -140,7 +150,9 @@ class GoalRun:
         if self.supervisor.phase is Phase.REFINING:
             request.measure = True
         else:  # the chain has changed since it was sent; the answer must be better than its present goals
-            write = partial(messages.chain_of, action_set=self._library.action_set, frame=self._frame)
+            write = partial(
+                messages.chain_of, action_set=self._library.action_set, frame=self._frame
+            )
             request.chain = write(question.chain)
             request.alternatives = [write(chain) for _, chain in question.others]
             request.as_given = True
@@ -170,7 +182,10 @@ class GoalRun:
 
     def new_records(self) -> list[ActionPerformance]:
         """Return the records of the actions that have ended since the last call."""
-        new = [self._action_record(each) for each in self.supervisor.executor.records[len(self._records) :]]
+        new = [
+            self._action_record(each)
+            for each in self.supervisor.executor.records[len(self._records) :]
+        ]
         self._records += new
         return new
 
@@ -187,7 +202,9 @@ class GoalRun:
             call=messages.call_of(call, frame=frame),
             start=situation_of(record.start, frame=frame),
             end=end,
-            predicted=performance_of(self._predictor.action(record.start, record.chain, record.index)),
+            predicted=performance_of(
+                self._predictor.action(record.start, record.chain, record.index)
+            ),
             actual=_actual(record.duration, record.ending, record.position_error),
             **record.parts._asdict(),
             heading_error=float(record.heading_error),
@@ -202,7 +219,10 @@ class GoalRun:
         return self._id, supervisor.phase, supervisor.executor.index, len(self._records), *changes
 
     def record(self, world: World) -> ChainPerformance:
-        """Return the record up to now, with predictions at the end; `world` is the last known state."""
+        """Return the record up to now, with predictions at the end.
+
+        `world` is the last known state.
+        """
         supervisor, frame = self.supervisor, self._frame
         code = supervisor.ending.value if supervisor.ending else 0
         if self.ended:
@@ -272,4 +292,6 @@ def concluded(result: Any, handle: ServerGoalHandle) -> Any:
 def _actual(duration: float, ending: Ending, accuracy: float = math.nan) -> Performance:
     """Write an actual performance; success is NaN after an interruption."""
     success = math.nan if ending in _INTERRUPTED else float(ending is Ending.SUCCEEDED)
-    return performance_of({"duration": duration, "spread": 0.0, "success": success, "accuracy": accuracy})
+    return performance_of(
+        {"duration": duration, "spread": 0.0, "success": success, "accuracy": accuracy}
+    )

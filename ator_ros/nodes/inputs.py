@@ -1,4 +1,7 @@
-"""Subscriptions to the state of the robot and the objects, from topics or tf; tf2_ros is not needed."""
+"""Subscriptions to the state of the robot and the objects, from topics or tf.
+
+Tf2_ros is not needed.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +38,8 @@ from ator_ros.world.messages import (
 from ator_ros.world.state import ObjectState, RobotState
 from ator_ros.world.transforms import Placement, Transforms
 
-Take = Callable[[float, Placement], None]  # takes a frame's stamp in s and its placement in another frame
+# takes a frame's stamp in s and its placement in another frame
+Take = Callable[[float, Placement], None]
 GAPS = 5  # last gaps between messages whose median counts: one or two may be lost or late messages
 _WARNING_PERIOD = 2.0  # s
 _MOST_NAMED = 8  # frames in a message
@@ -44,7 +48,8 @@ _MOST_NAMED = 8  # frames in a message
 class TfListener:
     """Subscribes to /tf and /tf_static once a frame is used, and looks up frames in `transforms`.
 
-    The topics are absolute, as those of tf2_ros. If tf has a namespace, remap them (``-r /tf:=tf``).
+    The topics are absolute, as those of tf2_ros. If tf has a namespace, remap them (``-r
+    /tf:=tf``).
     """
 
     def __init__(self, node: Node) -> None:
@@ -70,15 +75,23 @@ class TfListener:
         return None if found is None else pose_from_placement(found[1], f"{quoted(other)} in tf")
 
     def follow(self, frame: str, child: str, take: Take) -> None:
-        """Pass on each update of the pose of `child` in `frame`; the frames first followed come first."""
+        """Pass on each update of the pose of `child` in `frame`.
+
+        The frames first followed come first.
+        """
         self._subscribe()
         self._followed.setdefault((frame, child), []).append(take)
 
     def _subscribe(self) -> None:
         if not self._subscribed:
             self._subscribed = True
-            for topic, fixed, qos in (("/tf_static", True, LATCHED_BY_MANY), ("/tf", False, RESULTS)):
-                self._node.create_subscription(TFMessage, topic, partial(self._take, fixed=fixed), qos)
+            for topic, fixed, qos in (
+                ("/tf_static", True, LATCHED_BY_MANY),
+                ("/tf", False, RESULTS),
+            ):
+                self._node.create_subscription(
+                    TFMessage, topic, partial(self._take, fixed=fixed), qos
+                )
 
     def _take(self, message: Any, *, fixed: bool) -> None:
         for transform in message.transforms:
@@ -89,7 +102,8 @@ class TfListener:
                 logger.warning(f"ignored: {error}", throttle_duration_sec=_WARNING_PERIOD)
         for frames, takes in self._followed.items():
             found = self.transforms.latest(*frames)
-            if found is not None and found[0] != self._last.get(frames):  # newer, or older after a reset
+            # newer, or older after a reset
+            if found is not None and found[0] != self._last.get(frames):
                 self._last[frames] = found[0]
                 for take in takes:
                     take(*found)
@@ -106,8 +120,9 @@ TYPES: dict[str, Any] = {
 class Input:
     """The source of the robot's or an object's state, a topic or two frames in tf, and its last messages.
 
-    `last` is the real time in s of the last message, `advanced` that of the last one with a new `stamp` (s),
-    and `gaps` are the real s between the last of those. `error` is why the last message was ignored.
+    `last` is the real time in s of the last message, `advanced` that of the last one with a new
+    `stamp` (s), and `gaps` are the real s between the last of those. `error` is why the last
+    message was ignored.
     """
 
     topic: str
@@ -160,20 +175,27 @@ class Subscriptions:
         self._node, self._warn = node, warn
         self.tf, self.inputs = TfListener(node), dict[str, Input]()
         frame, robot_frame = frames = settings["frame"], settings["robot_frame"]
-        # Objects first: when several messages wait, those of objects are then processed before odometry.
+        # Objects first: when several messages wait, those of objects are then processed before
+        # odometry.
         for source in sources:
             reader, take = ObjectReader(source, frame), partial(take_object, source.name)
             if source.type == "tf":
-                self._follow(source.name, (frame, source.topic_or_frame), reader.read_placement, take)
+                self._follow(
+                    source.name, (frame, source.topic_or_frame), reader.read_placement, take
+                )
             else:
                 item = Input(source.topic_or_frame, TYPES[source.type], SENSOR_DATA)
                 self._subscribe(source.name, item, reader.read, take)
         if settings[STATE.name] == "odom":
             odometry = OdometryReader(frame)
             take_odometry = partial(self._take_odometry, odometry, take_robot)
-            self._subscribe("odom", Input("odom", Odometry, SENSOR_DATA), odometry.read, take_odometry)
+            self._subscribe(
+                "odom", Input("odom", Odometry, SENSOR_DATA), odometry.read, take_odometry
+            )
         elif frame == robot_frame:
-            raise SetupError(f"parameter robot_frame: expected another frame than frame, got {robot_frame}")
+            raise SetupError(
+                f"parameter robot_frame: expected another frame than frame, got {robot_frame}"
+            )
         else:
             velocity, transforms = RobotVelocity(robot.limits.v, robot.limits.w), self.tf.transforms
 
@@ -183,17 +205,27 @@ class Subscriptions:
 
             self._follow("odom", frames, read, take_robot)
 
-    def _subscribe(self, name: str, item: Input, read: Callable[..., Any], take: Callable[..., None]) -> None:
+    def _subscribe(
+        self, name: str, item: Input, read: Callable[..., Any], take: Callable[..., None]
+    ) -> None:
         self.inputs[name] = item
-        self._node.create_subscription(item.kind, item.topic, partial(self._take, name, read, take), item.qos)
+        self._node.create_subscription(
+            item.kind, item.topic, partial(self._take, name, read, take), item.qos
+        )
 
     def _follow(
-        self, name: str, frames: tuple[str, str], read: Callable[..., Any], take: Callable[..., None]
+        self,
+        name: str,
+        frames: tuple[str, str],
+        read: Callable[..., Any],
+        take: Callable[..., None],
     ) -> None:
         self.inputs[name] = Input("/tf", TFMessage, RESULTS, frames)
         self.tf.follow(*frames, partial(self._take, name, read, take))
 
-    def _take(self, name: str, read: Callable[..., Any], take: Callable[..., None], *message: Any) -> None:
+    def _take(
+        self, name: str, read: Callable[..., Any], take: Callable[..., None], *message: Any
+    ) -> None:
         now, item = time.monotonic(), self.inputs[name]
         try:
             stamp, state = read(*message)

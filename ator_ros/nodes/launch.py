@@ -17,7 +17,10 @@ _LARGEST = 1_000_000  # bytes; shipped files have some 2 kB
 
 
 def configured_domain(folder: str) -> str:
-    """Return the domain in the executor's file in `folder`; empty without one, or if nodes report a fault."""
+    """Return the domain in the executor's file in `folder`.
+
+    Empty without one, or if nodes report a fault.
+    """
     try:
         content = read_yaml(Path(folder) / "executor.yaml", largest=_LARGEST)
         named = (node["ros__parameters"].get("domain") for node in content.values())
@@ -27,7 +30,10 @@ def configured_domain(folder: str) -> str:
 
 
 def urdf(file: str) -> str:
-    """Return the URDF of the robot that a file describes; end with one line if it cannot be used."""
+    """Return the URDF of the robot that a file describes.
+
+    End with one line if it cannot be used.
+    """
     try:
         return robot_urdf(load_robot(file))
     except ConfigError as error:

@@ -53,7 +53,9 @@ PARAMETERS = (
     Parameter("records", ["performance/action"], "topics of the records, of one or several robots"),
     Parameter("chains", ["performance/chain"], "topics of their chain records"),
     Parameter("batch", 20, "new records after which to learn again", 5, 10_000),
-    Parameter("most_episodes", 20_000, "episodes of each action set that are kept", 1000, 1_000_000),
+    Parameter(
+        "most_episodes", 20_000, "episodes of each action set that are kept", 1000, 1_000_000
+    ),
 )
 _PERIOD = 0.25  # s
 _DEFAULT_FOLDER = "~/.ros/ator_ros/learned"
@@ -63,18 +65,18 @@ class LearningNode(Node):
     """Stores records, trains models in a process of its own, and switches to better sets of models.
 
     Subscribes to
-        performance/action (ator_interfaces/ActionPerformance), or the topics that `records` names. All robots
-        have the same description.
-        performance/chain (ator_interfaces/ChainPerformance), or the topics that `chains` names.
-        the topic of a map (nav_msgs/OccupancyGrid, transient local), if `map` names one.
+        performance/action (ator_interfaces/ActionPerformance), or the topics that `records` names.
+        All robots have the same description. performance/chain (ator_interfaces/ChainPerformance),
+        or the topics that `chains` names. the topic of a map (nav_msgs/OccupancyGrid, transient
+        local), if `map` names one.
     Publishes
         /diagnostics (diagnostic_msgs/DiagnosticArray): once a second.
     Services
         ~/learn_now (std_srvs/Trigger): starts a round of learning.
         ~/freeze (std_srvs/SetBool): while true, records are stored and the set in use stays.
     Writes
-        the folder `learned`: records, sets, what refined chains gained, and the link `current` to the set
-        that the nodes `refinement` and `executor` with the same parameter use.
+        the folder `learned`: records, sets, what refined chains gained, and the link `current` to
+        the set that the nodes `refinement` and `executor` with the same parameter use.
     """
 
     def __init__(self) -> None:
@@ -95,7 +97,13 @@ class LearningNode(Node):
                 StoreInfo(self._robot.digest(), self._domain.name),
                 lambda: RoundProcess(
                     "ator_ros.nodes.learning_process",
-                    given | {"learned": str(folder), "map": self._grid, "planner": planner, "time": _now()},
+                    given
+                    | {
+                        "learned": str(folder),
+                        "map": self._grid,
+                        "planner": planner,
+                        "time": _now(),
+                    },
                 ),
                 start=digest_of_start(models, self._domain.action_sets),
                 batch=settings["batch"],
@@ -135,7 +143,9 @@ class LearningNode(Node):
             episode = episode_of(message, self._domain, self._robot)
         except MessageError as error:
             self._learner.left_out += 1
-            self.get_logger().warning(f"record left out: {error}", throttle_duration_sec=WARNING_PERIOD)
+            self.get_logger().warning(
+                f"record left out: {error}", throttle_duration_sec=WARNING_PERIOD
+            )
             return
         self._learner.take(message.action_set or DEFAULT_SET, episode)
 
@@ -154,7 +164,9 @@ class LearningNode(Node):
         why_not = self._learner.learn_now()
         response.success = not why_not
         when = "once there is a map" if self._awaits_map else "now"
-        response.message = why_not or f"a round starts {when}; log and diagnostics report its result"
+        response.message = (
+            why_not or f"a round starts {when}; log and diagnostics report its result"
+        )
         return response
 
     def _freeze(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:

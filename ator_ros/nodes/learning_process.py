@@ -20,11 +20,13 @@ _NICE = 15
 def main() -> None:
     """Execute one round at the lowest priority, and write its result as JSON to standard output.
 
-    The only argument is a JSON object: `learned`, the folder of records; `domain`, `robot`, `models`, `map`,
-    `planner` and `frame` as the parameters of the node; `time`, the time stamp of the new set of models.
+    The only argument is a JSON object: `learned`, the folder of records; `domain`, `robot`,
+    `models`, `map`, `planner` and `frame` as the parameters of the node; `time`, the time stamp of
+    the new set of models.
     """
     os.nice(_NICE)
-    with suppress(OSError):  # Linux weighs sessions before processes, and this process has its own session
+    # Linux weighs sessions before processes, and this process has its own session
+    with suppress(OSError):
         Path("/proc/self/autogroup").write_text(str(_NICE), encoding="ascii")
     given: dict[str, str] = json.loads(sys.argv[1])
     domain = domain_for(given["domain"], given["robot"]).on_map(given["map"])

@@ -33,9 +33,10 @@ def follow_map(
 ) -> None:
     """Subscribe to the topic of the map, if `settings` name one.
 
-    `take` is called with domain and robot on each map that differs from the previous one, as soon as
-    `is_idle`: reading a map takes longer than a control tick. A map that cannot be used is ignored, also if
-    `take` raises OSError. Raises SetupError if `settings` name neither a file nor a topic.
+    `take` is called with domain and robot on each map that differs from the previous one, as soon
+    as `is_idle`: reading a map takes longer than a control tick. A map that cannot be used is
+    ignored, also if `take` raises OSError. Raises SetupError if `settings` name neither a file nor
+    a topic.
     """
     topic = map_topic(settings)
     if not topic:

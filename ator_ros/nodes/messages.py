@@ -1,6 +1,7 @@
 """Conversions between ROS messages and the core's types, with all checks of requests and goals.
 
-Functions that read a message raise MessageError; its text starts with `where`, the name of the message.
+Functions that read a message raise MessageError; its text starts with `where`, the name of the
+message.
 """
 
 from __future__ import annotations
@@ -43,7 +44,8 @@ from ator_ros.world.grid_map import GridMap, map_of_grid
 from ator_ros.world.messages import FARTHEST, MessageError, pose_from
 from ator_ros.world.state import Command, ObjectState, RobotState, World
 
-_FASTEST_GOAL = 3.0  # times the robot's limit, which may be an estimate; a speed in km/h would be 3.6 times
+# times the robot's limit, which may be an estimate; a speed in km/h would be 3.6 times
+_FASTEST_GOAL = 3.0
 
 
 def stamp_of(seconds: float) -> Time:
@@ -145,7 +147,12 @@ def action_set_from(chain: msg.TopChain, *, allowed: Collection[str], where: str
 
 
 def chain_from(
-    chain: msg.TopChain, library: TopLibrary, *, frame: str, where: str = "chain", fence: Fence | None = None
+    chain: msg.TopChain,
+    library: TopLibrary,
+    *,
+    frame: str,
+    where: str = "chain",
+    fence: Fence | None = None,
 ) -> TopChain:
     """Read a chain with goals in `frame`; raises MessageError also if it leads out of the fence."""
     checks.count(chain.calls, f"{where}.calls", least=1, most=LONGEST_CHAIN)
@@ -176,7 +183,9 @@ def calls_from(
     calls: Sequence[msg.TopCall], library: TopLibrary, *, frame: str, where: str = "calls"
 ) -> list[TopCall]:
     """Read steps with goals in `frame`."""
-    return [_call_from(call, library, frame, f"{where}[{number}]") for number, call in enumerate(calls)]
+    return [
+        _call_from(call, library, frame, f"{where}[{number}]") for number, call in enumerate(calls)
+    ]
 
 
 def _call_from(call: msg.TopCall, library: TopLibrary, frame: str, where: str) -> TopCall:
@@ -191,13 +200,17 @@ def _call_from(call: msg.TopCall, library: TopLibrary, frame: str, where: str) -
     goal = Goal(pose, speed, top.point, {item.name: item.value for item in call.values})
     if wrong := wrong_values(goal, library.goal_variables(top)):
         raise MessageError(f"{where}.values: {wrong}")
-    opened = checks.names(call.open, f"{where}.open", allowed=(*GOAL_VARIABLES, *goal.values, EVERYTHING))
+    opened = checks.names(
+        call.open, f"{where}.open", allowed=(*GOAL_VARIABLES, *goal.values, EVERYTHING)
+    )
     return TopCall(top, goal, opened)
 
 
 def chain_of(chain: TopChain, *, action_set: str, frame: str) -> msg.TopChain:
     """Write a chain."""
-    return msg.TopChain(calls=[call_of(call, frame=frame) for call in chain.calls], action_set=action_set)
+    return msg.TopChain(
+        calls=[call_of(call, frame=frame) for call in chain.calls], action_set=action_set
+    )
 
 
 def call_of(call: TopCall, *, frame: str) -> msg.TopCall:
@@ -245,8 +258,13 @@ def _statement(term: msg.GoalTerm, variables: Sequence[str], where: str) -> Goal
 
 
 def objective_from(objective: msg.Objective, failure_cost: float = 0.0) -> Objective:
-    """Read an objective; a `success` below 0 stands for `failure_cost` (s), where models predict it."""
-    weights = {name: float(getattr(objective, name)) for name in objective.get_fields_and_field_types()}
+    """Read an objective.
+
+    A `success` below 0 stands for `failure_cost` (s), where models predict it.
+    """
+    weights = {
+        name: float(getattr(objective, name)) for name in objective.get_fields_and_field_types()
+    }
     optional = frozenset({"success"} if weights["success"] < 0.0 else ())
     try:
         return Objective(weights | dict.fromkeys(optional, failure_cost), optional)
@@ -264,7 +282,12 @@ def performance_of(values: Mapping[str, float] | None = None) -> msg.Performance
 
 
 def answer_of(
-    choice: Selection, request: RefineSubgoal.Request, gain: msg.Gain, *, action_set: str, frame: str
+    choice: Selection,
+    request: RefineSubgoal.Request,
+    gain: msg.Gain,
+    *,
+    action_set: str,
+    frame: str,
 ) -> RefineSubgoal.Response:
     """Write the answer to a request."""
     refinement = choice.refinement
@@ -277,7 +300,10 @@ def answer_of(
         chain=chain_of(refinement.chain, action_set=action_set, frame=frame),
         original=chain_of(refinement.original, action_set=action_set, frame=frame),
         free=_free_variables(refinement),
-        not_free=[msg.NotFree(subgoal=n.subgoal, name=n.name, reason=n.reason) for n in refinement.not_free],
+        not_free=[
+            msg.NotFree(subgoal=n.subgoal, name=n.name, reason=n.reason)
+            for n in refinement.not_free
+        ],
         without_model=list(refinement.without_model),
         before=chain_performance_of(before),
         after=chain_performance_of(after),
@@ -298,7 +324,9 @@ def answer_of(
     return response
 
 
-def _alternative(judged: Judged, sent: msg.TopChain, *, action_set: str, frame: str) -> msg.Alternative:
+def _alternative(
+    judged: Judged, sent: msg.TopChain, *, action_set: str, frame: str
+) -> msg.Alternative:
     if isinstance(judged, str):
         return msg.Alternative(reason=judged, chain=sent, predicted=performance_of(), cost=math.nan)
     return msg.Alternative(
@@ -331,7 +359,10 @@ def chain_performance_of(prediction: ChainPrediction | None) -> msg.Performance:
 def gain_of(
     refinement: Refinement | None = None, measured: MeasuredGain | None = None, models: str = ""
 ) -> msg.Gain:
-    """Write the predicted gain of a refinement, and the gain measured with `models`; NaN if unknown."""
+    """Write the predicted gain of a refinement, and the gain measured with `models`.
+
+    NaN if unknown.
+    """
     unknown = ("predicted", "uncertainty", "measured", "measured_low", "measured_high")
     gain = msg.Gain(models=models, **dict.fromkeys(unknown, math.nan))
     if refinement is not None and refinement.free:
@@ -339,7 +370,11 @@ def gain_of(
         gain.uncertainty = refinement.uncertainty
         gain.comparison = refinement.comparison
     if measured is not None:
-        gain.refined, gain.compared, gain.measured = measured.refined, measured.compared, measured.mean
+        gain.refined, gain.compared, gain.measured = (
+            measured.refined,
+            measured.compared,
+            measured.mean,
+        )
         gain.measured_low, gain.measured_high = measured.low, measured.high
     return gain
 
@@ -363,4 +398,6 @@ def _free_variables(refinement: Refinement) -> list[msg.FreeVariable]:
 
 def _curve(curve: SubgoalCurve) -> msg.SearchCurve:
     values, totals = np.ravel(curve.values).tolist(), np.ravel(curve.totals).tolist()
-    return msg.SearchCurve(subgoal=curve.subgoal, variables=list(curve.names), values=values, totals=totals)
+    return msg.SearchCurve(
+        subgoal=curve.subgoal, variables=list(curve.names), values=values, totals=totals
+    )

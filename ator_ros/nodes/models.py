@@ -35,8 +35,8 @@ _PERIOD = 0.5  # s
 class ModelSet:
     """The performance models of one action set, by action.
 
-    `absent` is the reason if there are none. `problem` is a fault, such as a damaged file or another robot;
-    to have no models is none.
+    `absent` is the reason if there are none. `problem` is a fault, such as a damaged file or
+    another robot; to have no models is none.
     """
 
     models: Mapping[str, PerformanceModel]
@@ -47,9 +47,9 @@ class ModelSet:
 class LearnedSets:
     """The models of a node: those of its parameter `models`, or the set in use of its parameter `learned`.
 
-    `present` are the models in use by action set, `gains` the measured gains of chains refined with them.
-    `warm_up` is called with the library of an action set and its models before they are used, in a thread
-    for a new learned set.
+    `present` are the models in use by action set, `gains` the measured gains of chains refined with
+    them. `warm_up` is called with the library of an action set and its models before they are used,
+    in a thread for a new learned set.
     """
 
     def __init__(
@@ -74,7 +74,9 @@ class LearnedSets:
                 self._source, self._place = f"learned set {self._manifest.digest}", self._newest
             except FileError as error:
                 self._log_failure(error)
-        node.get_logger().info("loading models; the first start compiles code, which may take a minute")
+        node.get_logger().info(
+            "loading models; the first start compiles code, which may take a minute"
+        )
         self.present = self._load(self._place)
         self.gains, self._gains_state = Gains(), ("", 0)
         self._threads = ThreadPoolExecutor(1)
@@ -113,7 +115,10 @@ class LearnedSets:
         return manifest, read
 
     def _check_folder(self, folder: Path) -> None:
-        """Switch to a set that has been loaded, or start to load a new one; read gains that changed."""
+        """Switch to a set that has been loaded, or start to load a new one.
+
+        Read gains that changed.
+        """
         self._check_gains(folder)
         if self._loading is None:
             place = current_set(folder)
@@ -128,7 +133,9 @@ class LearnedSets:
             except Exception as error:  # after any error the node continues with the previous set
                 self._log_failure(error)
             else:
-                self._node.get_logger().info(f"switched to the learned set {_described(self._manifest)}")
+                self._node.get_logger().info(
+                    f"switched to the learned set {_described(self._manifest)}"
+                )
 
     def _check_gains(self, folder: Path) -> None:
         file = folder / GAINS
@@ -144,7 +151,9 @@ class LearnedSets:
 
     def _log_failure(self, error: Exception) -> None:
         name = "" if self._newest is None else self._newest.name
-        self._node.get_logger().warning(f"the learned set {name} is not used: {str(error) or repr(error)}")
+        self._node.get_logger().warning(
+            f"the learned set {name} is not used: {str(error) or repr(error)}"
+        )
 
     def load_again(self, domain: Domain, libraries: Mapping[str, TopLibrary]) -> None:
         """Load the models in use for a domain on another map."""
@@ -156,13 +165,19 @@ class LearnedSets:
     def startup_text(self) -> str:
         """Return the source and names of the models of the default action set."""
         read = self.present[DEFAULT_SET]
-        return f"{self._source}: {', '.join(read.models)}" if read.models else f"no models ({read.absent})"
+        return (
+            f"{self._source}: {', '.join(read.models)}"
+            if read.models
+            else f"no models ({read.absent})"
+        )
 
     @property
     def problem(self) -> str:
         """The problems of all models in one line; empty if there are none."""
         models = self.present.items()
-        return "; ".join(f"action set {name}: {read.problem}" for name, read in models if read.problem)
+        return "; ".join(
+            f"action set {name}: {read.problem}" for name, read in models if read.problem
+        )
 
     def diagnostics(self) -> dict[str, object]:
         """Return values for /diagnostics."""
@@ -173,7 +188,9 @@ class LearnedSets:
         if self._domain.grid is not None:
             values["map"] = str(self._domain.grid)
         if self._folder is not None:
-            values["learned set"] = "none yet" if self._manifest is None else _described(self._manifest)
+            values["learned set"] = (
+                "none yet" if self._manifest is None else _described(self._manifest)
+            )
             values |= self.gains.diagnostics()
         return values
 

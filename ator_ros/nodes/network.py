@@ -29,12 +29,15 @@ class UnavailableError(NodesError):
 def stay_on_this_machine(environment: MutableMapping[str, str]) -> None:
     """Set the environment variables that keep ROS on this machine, before ``rclpy.init``.
 
-    Nothing changes if the user asks for a network by a `RANGE` of SUBNET or SYSTEM_DEFAULT, static peers, or
-    a discovery server. `RANGE` limits discovery with any middleware. Fast DDS would still accept messages
-    from other machines, which the file that `PROFILES` names forbids. An empty variable counts as unset.
+    Nothing changes if the user asks for a network by a `RANGE` of SUBNET or SYSTEM_DEFAULT, static
+    peers, or a discovery server. `RANGE` limits discovery with any middleware. Fast DDS would still
+    accept messages from other machines, which the file that `PROFILES` names forbids. An empty
+    variable counts as unset.
     """
     environment[RANGE] = environment.get(RANGE) or THIS_MACHINE
-    if environment[RANGE] not in _OPEN and not any(environment.get(name) for name in (*_ELSEWHERE, PROFILES)):
+    if environment[RANGE] not in _OPEN and not any(
+        environment.get(name) for name in (*_ELSEWHERE, PROFILES)
+    ):
         environment[PROFILES] = str(resource_path("config", "fastdds_loopback.xml"))
 
 
@@ -49,13 +52,16 @@ def free_domain() -> Iterator[int]:
     used = {*domains_in_use(), int(os.environ.get("ROS_DOMAIN_ID") or 0)}
     free = [domain for domain in range(1, _DOMAINS + 1) if domain not in used]
     if not free:
-        raise RuntimeError("ROS domain: expected one from 1 to 100 without nodes, got nodes in all; end some")
+        raise RuntimeError(
+            "ROS domain: expected one from 1 to 100 without nodes, got nodes in all; end some"
+        )
     reserved = domain_coordinator.domain_id(lambda: random.choice(free))
     domain = reserved.__enter__()
     try:
         yield domain
     finally:
-        reserved.__exit__(None, None, None)  # in a `with` it would handle an OSError of the caller as its own
+        # in a `with` it would handle an OSError of the caller as its own
+        reserved.__exit__(None, None, None)
 
 
 def domains_in_use() -> set[int]:

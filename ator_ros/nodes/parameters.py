@@ -9,7 +9,12 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
 from rclpy.exceptions import ParameterException
 from rclpy.node import Node
 
@@ -33,8 +38,9 @@ class SetupError(Exception):
 class Parameter:
     """A parameter of a node, of the type of its default value.
 
-    `low` and `high` bound a number. `choices` are the allowed texts; if "true" is one of them, the boolean
-    true means it, and false likewise. Only a `live` parameter can change while the node runs.
+    `low` and `high` bound a number. `choices` are the allowed texts; if "true" is one of them, the
+    boolean true means it, and false likewise. Only a `live` parameter can change while the node
+    runs.
     """
 
     name: str
@@ -58,7 +64,9 @@ class Parameter:
             low, high = int(self.low), int(self.high)
             descriptor.integer_range = [IntegerRange(from_value=low, to_value=high, step=1)]
         else:
-            descriptor.floating_point_range = [FloatingPointRange(from_value=self.low, to_value=self.high)]
+            descriptor.floating_point_range = [
+                FloatingPointRange(from_value=self.low, to_value=self.high)
+            ]
         return descriptor
 
     def read(self, value: Any) -> Any:
@@ -74,10 +82,16 @@ class Parameter:
 _OF_ROS = ("use_sim_time", "start_type_description_service")
 ROBOT = Parameter("robot", "", "file of the robot's description; empty: the one that is shipped")
 DOMAIN = Parameter(
-    "domain", "", "installed domain, or the YAML file of one; empty: soccer with holder and ball, else drive"
+    "domain",
+    "",
+    "installed domain, or the YAML file of one; empty: soccer with holder and ball, else drive",
 )
-FRAME = Parameter("frame", "odom", "frame of odometry, objects and goals; an empty frame_id means it")
-ROBOT_FRAME = Parameter("robot_frame", "base_link", "the robot's own frame, in the middle of its axle")
+FRAME = Parameter(
+    "frame", "odom", "frame of odometry, objects and goals; an empty frame_id means it"
+)
+ROBOT_FRAME = Parameter(
+    "robot_frame", "base_link", "the robot's own frame, in the middle of its axle"
+)
 MODELS = Parameter("models", "", "folder of the performance models; empty: the shipped ones")
 MAP = Parameter("map", "", "map of the building: a file (.yaml), or a topic; empty: the domain's")
 PLANNER = Parameter(
@@ -151,9 +165,9 @@ def declare_parameters(
 ) -> dict[str, Any]:
     """Declare parameters with type, description and bounds, and return their values by name.
 
-    The values of live parameters change with them. Unknown parameters, except `unused` ones, are reported if
-    the node was made with ``automatically_declare_parameters_from_overrides``. Raises SetupError if a value
-    has another type, or is not allowed.
+    The values of live parameters change with them. Unknown parameters, except `unused` ones, are
+    reported if the node was made with ``automatically_declare_parameters_from_overrides``. Raises
+    SetupError if a value has another type, or is not allowed.
     """
     values = {parameter.name: _declared(node, parameter) for parameter in parameters}
     given = [name for name in node.get_parameters_by_prefix("") if _is_implicit(node, name)]
@@ -164,7 +178,8 @@ def declare_parameters(
         text = f"ignored: parameters {', '.join(map(printable, unknown[:5]))}"
         node.get_logger().warning(f"{text}: expected some of {', '.join(values)}")
 
-    def take(changes: Sequence[Any]) -> SetParametersResult:  # ROS checks bounds, and that they are live
+    # ROS checks bounds, and that they are live
+    def take(changes: Sequence[Any]) -> SetParametersResult:
         values.update({item.name: item.value for item in changes if item.name in values})
         return SetParametersResult(successful=True)
 
@@ -186,7 +201,10 @@ def declare_with_domain(
 
 
 def _declared(node: Node, parameter: Parameter) -> Any:
-    """Declare a parameter, unless it is declared already, and return its value; raises SetupError."""
+    """Declare a parameter, unless it is declared already, and return its value.
+
+    Raises SetupError.
+    """
     name = parameter.name
     try:
         if _is_implicit(node, name):

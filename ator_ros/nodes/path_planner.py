@@ -47,7 +47,9 @@ class PlannerClient:
     def __init__(self, name: str, frame: str, timeout: float) -> None:
         self._name, self._frame, self._timeout = name, frame, timeout
         self._kind = action_type(_TYPE)
-        self._node = Node("path_planner", start_parameter_services=False, use_global_arguments=False)
+        self._node = Node(
+            "path_planner", start_parameter_services=False, use_global_arguments=False
+        )
         self._client = ActionClient(self._node, self._kind, name)
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self._node)
@@ -59,8 +61,8 @@ class PlannerClient:
     def __call__(self, start: tuple[float, float], goal: tuple[float, float]) -> FloatArray | None:
         """Return the path between two places in m, shape (n, 2), or None if the server finds none.
 
-        Raises RefinementError if the server is missing, rejects the goal, does not answer in time, or answers
-        with an unusable path.
+        Raises RefinementError if the server is missing, rejects the goal, does not answer in time,
+        or answers with an unusable path.
         """
         # At the first call, DDS may still be connecting the server. Later calls do not wait.
         discovery_timeout = 0.0 if self._was_called else self._timeout
@@ -84,7 +86,11 @@ class PlannerClient:
             return None
         found = answer.result.path
         path = np.array([(item.pose.position.x, item.pose.position.y) for item in found.poses])
-        if not len(path) or not np.isfinite(path).all() or found.header.frame_id not in ("", self._frame):
+        if (
+            not len(path)
+            or not np.isfinite(path).all()
+            or found.header.frame_id not in ("", self._frame)
+        ):
             raise RefinementError(
                 f"planner: expected a path of finite places in {self._frame} from {self._name}, got "
                 f"{len(path)} places in {quoted(found.header.frame_id)}"
@@ -129,14 +135,16 @@ def with_planner(
 ) -> tuple[Domain, Robot]:
     """Return domain and robot as the parameter `PLANNER` of the node `refinement` asks for.
 
-    If it names a planner server, their routes are its paths; else they are returned unchanged. Raises
-    SetupError as `expect_planner_usable` does.
+    If it names a planner server, their routes are its paths; else they are returned unchanged.
+    Raises SetupError as `expect_planner_usable` does.
     """
     expect_planner_usable(settings, domain)
     name = settings[PLANNER.name]
     if not name:
         return domain, robot
-    domain = planned_by(node.resolve_topic_name(name), settings[FRAME.name], domain, timeout=_PATH_TIMEOUT)
+    domain = planned_by(
+        node.resolve_topic_name(name), settings[FRAME.name], domain, timeout=_PATH_TIMEOUT
+    )
     return domain, domain.equip(robot)
 
 

@@ -70,8 +70,16 @@ PARAMETERS = (
         0.0,
         0.1,
     ),
-    live("failure_cost", -1.0, "s that a failure costs; below 0: the domain's time limit", -1.0, MOST_WEIGHT),
-    Parameter("deadline", 0.05, "real s after which the best chain found is the answer", 0.001, 60.0),
+    live(
+        "failure_cost",
+        -1.0,
+        "s that a failure costs; below 0: the domain's time limit",
+        -1.0,
+        MOST_WEIGHT,
+    ),
+    Parameter(
+        "deadline", 0.05, "real s after which the best chain found is the answer", 0.001, 60.0
+    ),
 )
 
 _LONGEST_REASON = 500
@@ -82,11 +90,12 @@ class RefinementNode(Node):
     """Sets the free variables of TOP chains so that the whole chain performs best.
 
     Services
-        refine_subgoal (ator_interfaces/RefineSubgoal): the refined chain, or the chain as it was sent, with
-        the reason. A request that cannot be evaluated is answered with accepted = false. Requests are
-        answered one by one. After `deadline` the answer is the best chain found, and cut_short is true.
-        plan_chains (ator_interfaces/PlanChains): chains for a goal, from the conditions of the TOPs.
-        predict_durations (ator_interfaces/PredictDurations): how long steps take from several situations.
+        refine_subgoal (ator_interfaces/RefineSubgoal): the refined chain, or the chain as it was
+        sent, with the reason. A request that cannot be evaluated is answered with accepted = false.
+        Requests are answered one by one. After `deadline` the answer is the best chain found, and
+        cut_short is true. plan_chains (ator_interfaces/PlanChains): chains for a goal, from the
+        conditions of the TOPs. predict_durations (ator_interfaces/PredictDurations): how long steps
+        take from several situations.
     Subscribes to
         /tf and /tf_static, from the first request in another frame than `frame` on.
         the topic of a map (nav_msgs/OccupancyGrid, transient local), if `map` names one.
@@ -104,7 +113,8 @@ class RefinementNode(Node):
         domain, robot = with_planner(self, self._settings, domain, robot)
         self._use(domain, robot)
         self._fence = fence_of(self._settings, robot)
-        self._ranges = self._fence.narrowed(domain.ranges, robot)  # places are searched inside the fence
+        # places are searched inside the fence
+        self._ranges = self._fence.narrowed(domain.ranges, robot)
         self._sets = LearnedSets(self, domain, self._libraries, self._settings, self._warm_up)
         follow_map(self, self._settings, domain, robot, self._take_map)
         self._goals = domain.goals(robot)
@@ -133,7 +143,9 @@ class RefinementNode(Node):
         """Compile what refinement needs, and warn of models that were learned on other routes."""
         warm_up_refinement(library, self._refiner(read, Gate()))
         grid = self._robot.grid
-        learned = {str(model.metadata["training"].get("map", "")) for model in read.models.values()} - {""}
+        learned = {
+            str(model.metadata["training"].get("map", "")) for model in read.models.values()
+        } - {""}
         for other in sorted(learned):
             if grid is not None and (PATHS_OF in other) != (grid.planner is not None):
                 self.get_logger().warning(
@@ -169,10 +181,14 @@ class RefinementNode(Node):
         except Exception as error:  # a defect must not end the node
             if isinstance(error, MessageError | RefinementError | PlanningError):
                 reason = printable(str(error), _LONGEST_REASON)
-                self.get_logger().warning(f"refused: {reason}", throttle_duration_sec=WARNING_PERIOD)
+                self.get_logger().warning(
+                    f"refused: {reason}", throttle_duration_sec=WARNING_PERIOD
+                )
             else:
                 reason = f"internal error: {printable(repr(error), _LONGEST_REASON)}"
-                self.get_logger().error(traceback.format_exc(), throttle_duration_sec=WARNING_PERIOD)
+                self.get_logger().error(
+                    traceback.format_exc(), throttle_duration_sec=WARNING_PERIOD
+                )
             self._last_error = response.reason = reason
             if isinstance(request, RefineSubgoal.Request):
                 response = messages.refused(reason, request.chain)
@@ -190,7 +206,12 @@ class RefinementNode(Node):
         gains = self._sets.gains.of(action_set)
         refiner = self._refiner(present, self._gate(request, gains))
         choice = refine_request(
-            request, refiner, library, frame=frame, fence=self._fence, deadline=lambda: time.monotonic() > end
+            request,
+            refiner,
+            library,
+            frame=frame,
+            fence=self._fence,
+            deadline=lambda: time.monotonic() > end,
         )
         self._answered += 1
         self._cut_short += not choice.refinement.complete
@@ -216,8 +237,12 @@ class RefinementNode(Node):
         return PlanChains.Response(
             accepted=True,
             holds=not chains,
-            reason=f"{len(chains)} chain{'s' * (len(chains) > 1)}" if chains else "the goal holds already",
-            chains=[messages.chain_of(chain, action_set=name, frame=self._frame) for chain in chains],
+            reason=f"{len(chains)} chain{'s' * (len(chains) > 1)}"
+            if chains
+            else "the goal holds already",
+            chains=[
+                messages.chain_of(chain, action_set=name, frame=self._frame) for chain in chains
+            ],
         )
 
     def _predict(self, request: PredictDurations.Request) -> PredictDurations.Response:
@@ -259,8 +284,8 @@ def refine_request(
 ) -> Selection:
     """Refine the chain of a request and its alternatives, and choose the best.
 
-    Raises MessageError or RefinementError if the request cannot be read, its chain leads out of the fence, or
-    none of its chains is a valid plan from its situation.
+    Raises MessageError or RefinementError if the request cannot be read, its chain leads out of the
+    fence, or none of its chains is a valid plan from its situation.
     """
     world = world_from(request.situation, frame=frame)
     chain = messages.chain_from(request.chain, library, frame=frame, fence=fence)

@@ -31,7 +31,10 @@ _LEAST_PERIOD = 0.05  # real s between two of them
 
 
 class RemoteServers:
-    """The servers of a domain's remote actions; faults are logged once. States are in the frame `frame`."""
+    """The servers of a domain's remote actions.
+
+    Faults are logged once. States are in the frame `frame`.
+    """
 
     def __init__(self, node: Node, domain: Domain, frame: str) -> None:
         self._domain = domain
@@ -39,7 +42,9 @@ class RemoteServers:
         for spec in chain.from_iterable(domain.action_sets.values()):
             if spec.remote is not None:
                 callers.setdefault(spec.remote, set()).add(spec.name)
-        self._servers = {call: RemoteServer(node, call, frame) for call in sorted(callers, key=repr)}
+        self._servers = {
+            call: RemoteServer(node, call, frame) for call in sorted(callers, key=repr)
+        }
         self.problem = "; ".join(
             f"{server.fault}; without it {', '.join(sorted(callers[call]))} cannot be executed"
             for call, server in self._servers.items()
@@ -73,8 +78,9 @@ class RemoteServers:
 class RemoteAction(Action):
     """Lets an action server move the robot.
 
-    The goal is sent once the robot was commanded to stop and stands. From then on no velocity is commanded
-    until the server has ended. No method waits; the times of `Timeouts` are checked in each tick.
+    The goal is sent once the robot was commanded to stop and stands. From then on no velocity is
+    commanded until the server has ended. No method waits; the times of `Timeouts` are checked in
+    each tick.
     """
 
     name = "remote"
@@ -112,7 +118,9 @@ class RemoteAction(Action):
             return Step(STOP, Status.RUNNING, f"stopping, before {server.name} takes over")
         if unusable := server.unusable():
             late = now - self._since > server.timeouts.server
-            return finished(Status.REFUSED, unusable) if late else Step(STOP, Status.RUNNING, unusable)
+            return (
+                finished(Status.REFUSED, unusable) if late else Step(STOP, Status.RUNNING, unusable)
+            )
         assert self._goal is not None
         self._sent, self._since = server.send(self._goal), now
         return Step(None, Status.RUNNING, f"sent to {server.name}")
@@ -176,12 +184,19 @@ class RemoteServer:
         return not self.present() and time.monotonic() - self._present_at > self.timeouts.server
 
     def unusable(self) -> str:
-        """Return why no goal can be sent now; empty if one can. DDS lists killed servers for up to 20 s."""
+        """Return why no goal can be sent now.
+
+        Empty if one can. DDS lists killed servers for up to 20 s.
+        """
         within = f"expected one action server within {self.timeouts.server:g} s"
         if not self.present():
             return f"{self.name}: {within}, got none"
         servers = self._node.count_services(f"{self.name}/_action/send_goal")
-        return f"{self.name}: {within}, got {servers}: each would move the robot" if servers > 1 else ""
+        return (
+            f"{self.name}: {within}, got {servers}: each would move the robot"
+            if servers > 1
+            else ""
+        )
 
     def send(self, goal: Goal) -> RemoteGoal:
         """Send a goal."""
@@ -189,7 +204,10 @@ class RemoteServer:
         return RemoteGoal(self._client, message, self._cancel, self.timeouts.silence)
 
     def release(self, sent: RemoteGoal) -> None:
-        """Cancel a goal unless it is over; the server is `ending` until then, or until a timeout."""
+        """Cancel a goal unless it is over.
+
+        The server is `ending` until then, or until a timeout.
+        """
         if sent.release() and self.present():
             self._released, self._cancel_deadline = sent, time.monotonic() + self.timeouts.cancel
 
@@ -214,10 +232,11 @@ class RemoteServer:
 class RemoteGoal:
     """One goal of a server: whether it was `accepted`, None before the answer, and its `status` and `result`.
 
-    DDS lists a server that was killed for up to 20 s. Therefore the server is requested periodically, one
-    request at a time, to cancel an unknown goal. Each server answers that immediately, except one that has no
-    free thread while it drives: missing answers count only after a first one. A restarted server does not
-    answer requests to its predecessor, and does not execute the goal either.
+    DDS lists a server that was killed for up to 20 s. Therefore the server is requested
+    periodically, one request at a time, to cancel an unknown goal. Each server answers that
+    immediately, except one that has no free thread while it drives: missing answers count only
+    after a first one. A restarted server does not answer requests to its predecessor, and does not
+    execute the goal either.
     """
 
     def __init__(self, client: ActionClient, message: Any, cancel: Client, silence: float) -> None:
@@ -239,7 +258,10 @@ class RemoteGoal:
         return self.accepted is False or self.result is not None
 
     def release(self) -> bool:
-        """Cancel the goal unless it is over, now or once it is accepted; return whether it was not over."""
+        """Cancel the goal unless it is over, now or once it is accepted.
+
+        Return whether it was not over.
+        """
         if self._request is not None and not self._request.done():
             self._cancel.remove_pending_request(self._request)
         self._released = True

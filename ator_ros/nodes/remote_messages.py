@@ -30,8 +30,8 @@ class RemoteError(ValueError):
 class RemoteInterface:
     """The action type `kind` of a server, and its goals; states are in the frame `frame`.
 
-    Raises RemoteError if the type is not installed, lacks a field that is written or read, or has one that
-    cannot hold its value.
+    Raises RemoteError if the type is not installed, lacks a field that is written or read, or has
+    one that cannot hold its value.
     """
 
     def __init__(self, call: RemoteCall, frame: str) -> None:
@@ -94,13 +94,18 @@ def _pose(slot: str, frame: str, goal: Goal) -> Any:
 
 
 def _type_at(kind: Any, path: str, where: str) -> str:
-    """Return the type of the field at a path, as `get_fields_and_field_types` does; raises RemoteError."""
+    """Return the type of the field at a path, as `get_fields_and_field_types` does.
+
+    Raises RemoteError.
+    """
     slot = ""
     for name, indexed in parts(path):
         fields = {} if kind is None else kind.get_fields_and_field_types()
         if name not in fields:
             known = f"one of {', '.join(fields)}" if fields else f"nothing within {slot}"
-            raise RemoteError(f"{where}.field: expected {known}, got {quoted(name)} in {quoted(path)}")
+            raise RemoteError(
+                f"{where}.field: expected {known}, got {quoted(name)} in {quoted(path)}"
+            )
         slot = fields[name]
         if indexed:
             sequence = _SEQUENCE.fullmatch(slot)
@@ -138,9 +143,13 @@ def _fitting(value: Any, slot: str, where: str) -> Any:
     elif slot in _FLOATS:
         fits, value = number, float(value) if number else value
     elif re.fullmatch(r"u?int\d+", slot):
-        fits = number and isinstance(value, int) and np.iinfo(slot).min <= value <= np.iinfo(slot).max
+        fits = (
+            number and isinstance(value, int) and np.iinfo(slot).min <= value <= np.iinfo(slot).max
+        )
     else:
-        raise RemoteError(f"{where}: expected a field for a text, a number or a truth value, got {slot}")
+        raise RemoteError(
+            f"{where}: expected a field for a text, a number or a truth value, got {slot}"
+        )
     _require(fits, where, f"a constant of type {slot}", quoted(value))
     return value
 

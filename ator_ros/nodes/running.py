@@ -29,8 +29,16 @@ from ator_ros.resources import ResourceError
 
 _SPIN_PERIOD = 0.1  # s within which a signal ends the node
 _LAST_SPINS = 0.3  # s for which `spin_out` sends
-_LONGEST_REASON = 1000  # characters of the error with which a node ends: a part of a path may have 255
-_EXPECTED = (SetupError, ResourceError, ParameterException, NameValidationException, RuntimeError, ValueError)
+# characters of the error with which a node ends: a part of a path may have 255
+_LONGEST_REASON = 1000
+_EXPECTED = (
+    SetupError,
+    ResourceError,
+    ParameterException,
+    NameValidationException,
+    RuntimeError,
+    ValueError,
+)
 """Errors for the user; rcl's are RuntimeErrors, and rclpy raises ValueError for a parameter []."""
 
 
@@ -39,9 +47,9 @@ def run_node(
 ) -> None:
     """Run a node until Ctrl-C or SIGTERM, then end with exit code 0.
 
-    The node may have a method `stop`, which is called while it can still publish. Unusable parameters and
-    files end the process with one line and exit code 1, unknown arguments with exit code 2. ``--help`` prints
-    the documentation of the node and its `parameters`.
+    The node may have a method `stop`, which is called while it can still publish. Unusable
+    parameters and files end the process with one line and exit code 1, unknown arguments with exit
+    code 2. ``--help`` prints the documentation of the node and its `parameters`.
     """
     arguments = list(sys.argv if args is None else args)
     lines = [
@@ -55,7 +63,8 @@ def run_node(
         formatter_class=RawDescriptionHelpFormatter,
     )
     stopped: list[int] = []
-    for number in (signal.SIGINT, signal.SIGTERM):  # not restored: a second one must not interrupt `stop`
+    # not restored: a second one must not interrupt `stop`
+    for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda received, _: stopped.append(received))
     try:
         parser.parse_args(remove_ros_args(arguments)[1:])
@@ -65,9 +74,11 @@ def run_node(
         node = make()
     except _EXPECTED as error:
         rclpy.try_shutdown()
-        reason = printable(" ".join(str(error).split()), _LONGEST_REASON)  # those of rcl have several lines
+        # those of rcl have several lines
+        reason = printable(" ".join(str(error).split()), _LONGEST_REASON)
         sys.exit(f"{Path(sys.argv[0]).name}: {reason}")
-    # Libraries and models live as long as the process: scanning them for garbage would take up to 50 ms.
+    # Libraries and models live as long as the process: scanning them for garbage would take up to
+    # 50 ms.
     gc.collect()
     gc.freeze()
     executor = SingleThreadedExecutor()
@@ -85,13 +96,19 @@ def run_node(
 
 @contextmanager
 def uninterrupted() -> Iterator[None]:
-    """Delay signals until the end of the block; inside rclpy, KeyboardInterrupt would become RuntimeError."""
-    if threading.current_thread() is not threading.main_thread():  # only the main thread receives signals
+    """Delay signals until the end of the block.
+
+    Inside rclpy, KeyboardInterrupt would become RuntimeError.
+    """
+    # only the main thread receives signals
+    if threading.current_thread() is not threading.main_thread():
         yield
         return
     received: list[int] = []
     numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-    previous = {each: signal.signal(each, lambda number, _: received.append(number)) for each in numbers}
+    previous = {
+        each: signal.signal(each, lambda number, _: received.append(number)) for each in numbers
+    }
     try:
         yield
     finally:

@@ -31,7 +31,10 @@ _RING_WIDTH, _CHOSEN_WIDTH = 0.03, 0.05
 
 @dataclass(frozen=True, eq=False)
 class Segments:
-    """Straight segments: ends (n, 2, 2) and width in m, colors (n, 3); names are unique in a drawing."""
+    """Straight segments: ends (n, 2, 2) and width in m, colors (n, 3).
+
+    Names are unique in a drawing.
+    """
 
     name: str
     points: FloatArray
@@ -39,7 +42,9 @@ class Segments:
     width: float = 0.02
 
 
-def polyline(name: str, corners: Sequence[tuple[float, float]], color: Color, width: float) -> Segments:
+def polyline(
+    name: str, corners: Sequence[tuple[float, float]], color: Color, width: float
+) -> Segments:
     """Return the segments between neighboring `corners` (m)."""
     line = np.asarray(corners, dtype=float).reshape(-1, 2)
     points = np.stack([line[:-1], line[1:]], axis=1) if len(line) > 1 else np.zeros((0, 2, 2))
@@ -57,11 +62,17 @@ def _chain_shapes(name: str, start: Pose, chain: TopChain, color: Color) -> list
     """Return a line from `start` along the subgoals, and an arrow at each of them."""
     goals = [call.goal.pose for call in chain.calls]
     legs = polyline(f"{name}/legs", [pose[:2] for pose in (start, *goals)], color, _LEG_WIDTH)
-    return [legs, *(_arrow(f"{name}/subgoal{step}", pose, color) for step, pose in enumerate(goals))]
+    return [
+        legs,
+        *(_arrow(f"{name}/subgoal{step}", pose, color) for step, pose in enumerate(goals)),
+    ]
 
 
 def executed_chain_shapes(start: Pose, chain: TopChain, step: int) -> list[Segments]:
-    """Return a chain that is executed from `start`; the subgoal of the current `step`, from 0, is orange."""
+    """Return a chain that is executed from `start`.
+
+    The subgoal of the current `step`, from 0, is orange.
+    """
     shapes = _chain_shapes("chain", start, chain, BLUE)
     if step < len(chain.calls):
         shapes[step + 1] = _arrow(f"chain/subgoal{step}", chain.calls[step].goal.pose, ORANGE)
@@ -82,13 +93,17 @@ def refinement_shapes(
 def alternative_shapes(start: Pose, chains: Sequence[TopChain]) -> list[Segments]:
     """Return thin lines from `start` along the subgoals of other chains."""
     lines = ([start[:2], *(call.goal.pose[:2] for call in chain.calls)] for chain in chains)
-    return [polyline(f"alternative{i}", line, VIOLET, _ALTERNATIVE_WIDTH) for i, line in enumerate(lines)]
+    return [
+        polyline(f"alternative{i}", line, VIOLET, _ALTERNATIVE_WIDTH)
+        for i, line in enumerate(lines)
+    ]
 
 
 def costs_by_heading(curve: SubgoalCurve) -> tuple[FloatArray, FloatArray]:
     """Return the searched headings in rad, ascending in [-pi, pi), and the least cost in s through each.
 
-    Both have shape (n,), and are empty where the heading was not searched; infinite costs are left out.
+    Both have shape (n,), and are empty where the heading was not searched; infinite costs are left
+    out.
     """
     if "yaw" not in curve.names:
         return np.zeros(0), np.zeros(0)
@@ -103,8 +118,8 @@ def costs_by_heading(curve: SubgoalCurve) -> tuple[FloatArray, FloatArray]:
 def ring(chain: TopChain, curve: SubgoalCurve) -> tuple[Segments, ...]:
     """Return the ring of one subgoal of `chain`, and a mark of the chain's own heading.
 
-    Each point stands for one heading and lies on the side from which the robot then arrives: green and near
-    the subgoal if the chain is predicted to be fast, red and far if it is slow.
+    Each point stands for one heading and lies on the side from which the robot then arrives: green
+    and near the subgoal if the chain is predicted to be fast, red and far if it is slow.
     """
     headings, costs = costs_by_heading(curve)
     if len(headings) < 3:
@@ -113,7 +128,9 @@ def ring(chain: TopChain, curve: SubgoalCurve) -> tuple[Segments, ...]:
     least, most = float(costs.min()), float(costs.max())
     shares = (costs - least) / (most - least) if most > least else np.zeros(len(costs))
     reach = _RING_RADIUS + _RING_DEPTH * shares
-    points = np.stack([pose.x - reach * np.cos(headings), pose.y - reach * np.sin(headings)], axis=1)
+    points = np.stack(
+        [pose.x - reach * np.cos(headings), pose.y - reach * np.sin(headings)], axis=1
+    )
     colors = np.stack([shares, 0.8 * (1.0 - shares), np.zeros(len(shares))], axis=1)
     segments = np.stack([points, np.roll(points, -1, axis=0)], axis=1)
     ends = [pose.ahead(-_RING_RADIUS - _RING_DEPTH * share)[:2] for share in (-0.6, 1.2)]

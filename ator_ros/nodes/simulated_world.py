@@ -29,13 +29,16 @@ class SimulatedRobot:
 class SimulatedWorld:
     """One world that can be reset; every placement is checked before anything changes.
 
-    All `robots` have the description `robot`. `object_starts` are the positions in m of the objects at the
-    start and after a reset, which makes a new `simulation`. A start outside the floor or in another body
-    raises MessageError.
+    All `robots` have the description `robot`. `object_starts` are the positions in m of the objects
+    at the start and after a reset, which makes a new `simulation`. A start outside the floor or in
+    another body raises MessageError.
     """
 
     def __init__(
-        self, robot: Robot, robots: Sequence[SimulatedRobot], object_starts: Mapping[str, tuple[float, float]]
+        self,
+        robot: Robot,
+        robots: Sequence[SimulatedRobot],
+        object_starts: Mapping[str, tuple[float, float]],
     ) -> None:
         self.robot, self.robots, self._object_starts = robot, tuple(robots), object_starts
         self._idle = set[str]()
@@ -76,11 +79,16 @@ class SimulatedWorld:
     def awaited(self) -> set[int]:
         """Return the numbers (indices in `robots`) of the robots whose next command a tick waits for.
 
-        Of several robots those that were commanded to stop are left out, as the others need their odometry.
+        Of several robots those that were commanded to stop are left out, as the others need their
+        odometry.
         """
         unawaited = (None, STOP) if len(self.robots) > 1 else (None,)
         numbers = range(len(self.robots))
-        return {number for number in numbers if self.simulation.commanded(number=number) not in unawaited}
+        return {
+            number
+            for number in numbers
+            if self.simulation.commanded(number=number) not in unawaited
+        }
 
     def tick(self) -> set[str]:
         """Advance by one control tick; return the names of the robots that have come to stand."""

@@ -51,7 +51,9 @@ from ator_ros.world.state import STOP
 _COMMON = (
     *FRAMES,
     *WORLD,
-    Parameter("robots", [""], "names of the robots, namespaces of their topics and frames; '': none"),
+    Parameter(
+        "robots", [""], "names of the robots, namespaces of their topics and frames; '': none"
+    ),
     live("real_time_factor", 1.0, "simulated per real seconds; 0: as fast as possible", 0.0, 100.0),
     live(
         "command_wait",
@@ -69,8 +71,12 @@ _COMMON = (
     ),
     Parameter("seed", 0, "of the sensors' noise", 0, 2**31 - 1),
     Parameter("drift", 0.0, "odometry's position error in m after 1 m of driving", 0.0, 1.0),
-    Parameter("heading_drift", 0.0, "odometry's heading error in rad after 1 m of driving", 0.0, 1.0),
-    Parameter("latency", 0.0, "simulated s after which odom and objects come, with their stamps", 0.0, 0.3),
+    Parameter(
+        "heading_drift", 0.0, "odometry's heading error in rad after 1 m of driving", 0.0, 1.0
+    ),
+    Parameter(
+        "latency", 0.0, "simulated s after which odom and objects come, with their stamps", 0.0, 0.3
+    ),
 )
 _ERRORS = tuple(field.name for field in dataclasses.fields(ObjectErrors))
 _ASIDE = 1.0  # m between the default starts of objects, and of robots
@@ -83,30 +89,34 @@ _WORLD_FRAME = "world"  # in which the robots of one simulation start
 class SimulationNode(Node):
     """Simulates one robot, or several, in one world; 20 ticks a second of simulated time.
 
-    If `robots` names robots, each has the following topics and services in the namespace of its name, and its
-    frames start with the name. `reset`, `pause` and the objects are those of the whole world.
+    If `robots` names robots, each has the following topics and services in the namespace of its
+    name, and its frames start with the name. `reset`, `pause` and the objects are those of the
+    whole world.
 
     Subscribes to
-        cmd_vel (geometry_msgs/Twist): clipped to the robot's limits; it stands 0.5 s after the last command.
-    Publishes, every tick, as the robot's sensors observe it, stamped with the simulated time of observation
-        odom (nav_msgs/Odometry): the middle of the axle, twist in the robot's frame.
-        NAME of each object of the scene (nav_msgs/Odometry): position and velocity, both in the
-        header's frame; nothing while the object is not there.
-        joint_states (sensor_msgs/JointState), and tf (tf2_msgs/TFMessage) from the frame of odometry to the
-        robot's own, if there are subscribers; robot_description (std_msgs/String, transient local): URDF.
-        tf_static (tf2_msgs/TFMessage, transient local), of robots with names: from `world` to odometry.
-        map (nav_msgs/OccupancyGrid, transient local), if it has one: the walls that are simulated.
-        /clock (rosgraph_msgs/Clock), with `publish_clock`: every tick.
-        /diagnostics (diagnostic_msgs/DiagnosticArray): once a second.
+        cmd_vel (geometry_msgs/Twist): clipped to the robot's limits; it stands 0.5 s after the last
+        command.
+    Publishes, every tick, as the robot's sensors observe it, stamped with the simulated time of
+    observation
+        odom (nav_msgs/Odometry): the middle of the axle, twist in the robot's frame. NAME of each
+        object of the scene (nav_msgs/Odometry): position and velocity, both in the header's frame;
+        nothing while the object is not there. joint_states (sensor_msgs/JointState), and tf
+        (tf2_msgs/TFMessage) from the frame of odometry to the robot's own, if there are
+        subscribers; robot_description (std_msgs/String, transient local): URDF. tf_static
+        (tf2_msgs/TFMessage, transient local), of robots with names: from `world` to odometry. map
+        (nav_msgs/OccupancyGrid, transient local), if it has one: the walls that are simulated.
+        /clock (rosgraph_msgs/Clock), with `publish_clock`: every tick. /diagnostics
+        (diagnostic_msgs/DiagnosticArray): once a second.
     Services
         place_robot, and place_NAME of each object (ator_interfaces): teleport, with a velocity.
         reset (std_srvs/Trigger): a new world; simulated time starts at 0 again.
         pause (std_srvs/SetBool): stop and resume simulated time; a paused world is still published.
 
-    Faster than real time, and with `lockstep`, a tick waits up to `command_wait` for the next command while
-    one is in effect, which keeps the controller in step on a busy machine. With several robots it waits only
-    for those that are commanded to move, and for a shorter time the more there are. For five seconds after
-    the last command has expired, time passes no faster than in reality.
+    Faster than real time, and with `lockstep`, a tick waits up to `command_wait` for the next
+    command while one is in effect, which keeps the controller in step on a busy machine. With
+    several robots it waits only for those that are commanded to move, and for a shorter time the
+    more there are. For five seconds after the last command has expired, time passes no faster than
+    in reality.
     """
 
     def __init__(self) -> None:
@@ -115,11 +125,14 @@ class SimulationNode(Node):
         self._world = world_of(settings)
         self._paused, self._last_error = False, ""
         self._deadline = 0.0  # real time in s of the next tick
-        self._real_time_ticks = 0  # next ticks that take as long as in reality, unless a command comes
+        # next ticks that take as long as in reality, unless a command comes
+        self._real_time_ticks = 0
         self._ticks = Ticks()
         self._awaited: set[int] = set()
         is_clock = settings["publish_clock"]
-        self._clock_publisher = self.create_publisher(Clock, "/clock", SENSOR_DATA) if is_clock else None
+        self._clock_publisher = (
+            self.create_publisher(Clock, "/clock", SENSOR_DATA) if is_clock else None
+        )
         self._topics = [self._topics_of(number) for number in range(len(self._world.robots))]
         factor = settings["real_time_factor"]
         self._timer = self.create_timer(_period_at(factor), self._tick, clock=STEADY)
@@ -163,7 +176,9 @@ class SimulationNode(Node):
         else:
             self._ticks.start(now)
             for name in self._world.tick():
-                self.get_logger().debug(f"{self._world.simulation.time:.2f} s: {name or 'robot'} stands")
+                self.get_logger().debug(
+                    f"{self._world.simulation.time:.2f} s: {name or 'robot'} stands"
+                )
             self._ticks.end(time.monotonic())
             self._schedule(now)
         self._publish()
@@ -227,7 +242,9 @@ class SimulationNode(Node):
             self._world.remove_object(name)
             return f"{name} removed"
         frame = self._topics[number].frame
-        checks.expect_frame(request.position.header.frame_id, "position.header.frame_id", expected=frame)
+        checks.expect_frame(
+            request.position.header.frame_id, "position.header.frame_id", expected=frame
+        )
         point, velocity = request.position.point, request.velocity
         self._world.place_object(name, point.x, point.y, vx=velocity.x, vy=velocity.y)
         return f"{name} at x {point.x:.3f} m, y {point.y:.3f} m"
@@ -242,8 +259,13 @@ class SimulationNode(Node):
         return "paused" if self._paused else "running"
 
     def _health(self) -> Health:
-        values = {"simulated time (s)": f"{self._world.simulation.time:.2f}", "paused": self._paused}
-        return Health(values={**values, **self._ticks.diagnostics(), "last error": self._last_error})
+        values = {
+            "simulated time (s)": f"{self._world.simulation.time:.2f}",
+            "paused": self._paused,
+        }
+        return Health(
+            values={**values, **self._ticks.diagnostics(), "last error": self._last_error}
+        )
 
 
 def _period_at(factor: float) -> float:
@@ -259,27 +281,44 @@ def parameters_for(objects: Sequence[str]) -> tuple[Parameter, ...]:
         parameters += [
             Parameter(f"{name}_start", [0.0, _ASIDE * place], start),
             Parameter(f"{name}_noise", 0.0, f"error of the {name}'s coordinates in m", 0.0, 1.0),
-            Parameter(f"{name}_velocity_noise", 0.0, f"error of the {name}'s velocity in m/s", 0.0, 1.0),
-            Parameter(f"{name}_delay", 0.0, f"age of what is known of the {name} in simulated s", 0.0, 5.0),
             Parameter(
-                f"{name}_dropouts", 0.0, f"probability that the {name} is not seen in a tick", 0.0, 0.99
+                f"{name}_velocity_noise", 0.0, f"error of the {name}'s velocity in m/s", 0.0, 1.0
+            ),
+            Parameter(
+                f"{name}_delay", 0.0, f"age of what is known of the {name} in simulated s", 0.0, 5.0
+            ),
+            Parameter(
+                f"{name}_dropouts",
+                0.0,
+                f"probability that the {name} is not seen in a tick",
+                0.0,
+                0.99,
             ),
         ]
     return tuple(parameters)
 
 
 def world_of(settings: Mapping[str, Any]) -> SimulatedWorld:
-    """Return the world at its start; the sensor errors of its robots are independent. Raises SetupError."""
+    """Return the world at its start.
+
+    The sensor errors of its robots are independent. Raises SetupError.
+    """
     if topic := map_topic(settings):
         raise SetupError(f"parameter map: expected a file (.yaml), got the topic {quoted(topic)}")
     (_, robot), names = domain_and_robot(settings), settings["robots"]
-    if len(set(names)) < len(names) or not all(is_name(name) for name in names if name or len(names) > 1):
+    if len(set(names)) < len(names) or not all(
+        is_name(name) for name in names if name or len(names) > 1
+    ):
         expected = "expected different names of letters, digits and _"
         raise SetupError(f"parameter robots: {expected}, got {quoted(list(names))}")
     scene = robot.scene
-    errors = {name: {kind: settings[f"{name}_{kind}"] for kind in _ERRORS} for name in scene.objects}
+    errors = {
+        name: {kind: settings[f"{name}_{kind}"] for kind in _ERRORS} for name in scene.objects
+    }
     objects = {name: ObjectErrors(**values) for name, values in errors.items()}
-    config = SensorConfig(settings["drift"], settings["heading_drift"], settings["latency"], objects)
+    config = SensorConfig(
+        settings["drift"], settings["heading_drift"], settings["latency"], objects
+    )
     starts = _starts(settings["robot_start"], len(names), scene.area)
     robots = [
         SimulatedRobot(name, Sensors(config, settings["seed"] + number), start)
@@ -298,7 +337,11 @@ def world_of(settings: Mapping[str, Any]) -> SimulatedWorld:
 
 def _starts(numbers: Sequence[float], count: int, area: Area) -> list[Pose]:
     """Return the start of each robot: those given, then each `_ASIDE` to the left of the one before."""
-    if len(numbers) % 3 or not 3 <= len(numbers) <= 3 * count or not all(map(math.isfinite, numbers)):
+    if (
+        len(numbers) % 3
+        or not 3 <= len(numbers) <= 3 * count
+        or not all(map(math.isfinite, numbers))
+    ):
         expected = f"expected finite x, y and yaw of 1 to {count} robots"
         raise SetupError(f"parameter robot_start: {expected}, got {list(numbers)}")
     starts = [area.at(*numbers[at : at + 3]) for at in range(0, len(numbers), 3)]
@@ -310,24 +353,31 @@ def _starts(numbers: Sequence[float], count: int, area: Area) -> list[Pose]:
 class RobotTopics:
     """Publishes the observations of one robot's sensors, tf, joint states and the URDF.
 
-    Topics and frames start with the robot's name, except /tf, in which `world` is the parent of the frames.
+    Topics and frames start with the robot's name, except /tf, in which `world` is the parent of the
+    frames.
     """
 
     def __init__(
         self, node: Node, description: Robot, robot: SimulatedRobot, settings: Mapping[str, Any]
     ) -> None:
         self._robot, self._scene = robot, description.scene
-        self.frame, self.robot_frame = map(self.resolved, (settings["frame"], settings["robot_frame"]))
+        self.frame, self.robot_frame = map(
+            self.resolved, (settings["frame"], settings["robot_frame"])
+        )
         self._odom = node.create_publisher(Odometry, self.resolved("odom"), NEWEST)
         topics = {name: self.resolved(name) for name in self._scene.objects}
-        self._objects = {name: node.create_publisher(Odometry, at, NEWEST) for name, at in topics.items()}
+        self._objects = {
+            name: node.create_publisher(Odometry, at, NEWEST) for name, at in topics.items()
+        }
         self._joints = node.create_publisher(JointState, self.resolved("joint_states"), RESULTS)
         self._tf = node.create_publisher(TFMessage, "tf", RESULTS)
         if robot.name:
             self._fixed = node.create_publisher(TFMessage, "tf_static", LATCHED)
             origin = transform_of(0.0, Pose(0.0, 0.0, 0.0), frame=_WORLD_FRAME, child=self.frame)
             self._fixed.publish(TFMessage(transforms=[origin]))
-        self._description = node.create_publisher(String, self.resolved("robot_description"), LATCHED)
+        self._description = node.create_publisher(
+            String, self.resolved("robot_description"), LATCHED
+        )
         self._description.publish(String(data=robot_urdf(description)))
         if description.grid is not None:
             self._map = node.create_publisher(OccupancyGrid, self.resolved("map"), LATCHED)
@@ -342,7 +392,9 @@ class RobotTopics:
         world, state = self._robot.observed, self._robot.observed.robot
         # Objects first: subscribers that act on odom then have the objects of the same tick.
         for name, there in world.objects.items():
-            message = object_odometry_of(world.time, there, frame=self.frame, height=self._scene.radius(name))
+            message = object_odometry_of(
+                world.time, there, frame=self.frame, height=self._scene.radius(name)
+            )
             self._objects[name].publish(message)
         self._odom.publish(odometry_of(world.time, state, frame=self.frame, child=self.robot_frame))
         if self._tf.get_subscription_count():

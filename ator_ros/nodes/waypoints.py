@@ -61,10 +61,15 @@ _POSE_UNKNOWN, _POSE_TF_ERROR = 9000, 9002  # NavigateToPose, for a missed waypo
 _POSES_UNKNOWN, _POSES_FAILED_TO_LOAD_BEHAVIOR_TREE, _POSES_TF_ERROR = 9100, 9101, 9102
 
 _NO_EXECUTOR = "execute_chain: expected its action server, got none; start the executor"
-_RESTARTED = "execute_chain: the executor was restarted, or a second one was started; send the goal again"
+_RESTARTED = (
+    "execute_chain: the executor was restarted, or a second one was started; send the goal again"
+)
 _SHUTDOWN = "the node waypoints was ended"
 
-ACTIONS = {"FollowWaypoints": "~/follow_waypoints", "NavigateThroughPoses": "~/navigate_through_poses"}
+ACTIONS = {
+    "FollowWaypoints": "~/follow_waypoints",
+    "NavigateThroughPoses": "~/navigate_through_poses",
+}
 PARAMETERS = (
     *FRAMES,
     *WORLD,
@@ -76,16 +81,18 @@ PARAMETERS = (
         "indices of waypoints that keep their heading, below 0 from the end; the end of a tour always does",
         live=True,
     ),
-    Parameter("stop_on_failure", True, "whether follow_waypoints ends at the first missed one", live=True),
+    Parameter(
+        "stop_on_failure", True, "whether follow_waypoints ends at the first missed one", live=True
+    ),
 )
 
 
 class WaypointGoal:
     """A goal of FollowWaypoints (`is_follow_waypoints`) or NavigateThroughPoses, and its progress.
 
-    A *leg* is the drive to one waypoint. The legs of all loops are numbered consecutively: `leg` is the
-    current one, `end` the one after the last. `poses` are the waypoints as sent, `targets` by index those
-    that can be driven to, in the node's frame.
+    A *leg* is the drive to one waypoint. The legs of all loops are numbered consecutively: `leg` is
+    the current one, `end` the one after the last. `poses` are the waypoints as sent, `targets` by
+    index those that can be driven to, in the node's frame.
     """
 
     def __init__(self, handle: ServerGoalHandle, kind: Any) -> None:
@@ -109,7 +116,9 @@ class WaypointGoal:
 
     def next_legs(self) -> list[int]:
         """Return the legs of the next chain; none at the end."""
-        legs = (leg for leg in range(self.leg, self.end) if self.waypoint_index(leg) in self.targets)
+        legs = (
+            leg for leg in range(self.leg, self.end) if self.waypoint_index(leg) in self.targets
+        )
         return list(itertools.islice(legs, _MAX_CHAIN_STEPS))
 
     def miss(self, index: int, reason: str, *, frame: bool = False) -> tuple[int, str]:
@@ -123,7 +132,9 @@ class WaypointGoal:
             return _FW_STOP_ON_MISSED_WAYPOINT, reason
         return _POSES_TF_ERROR if frame else _POSES_UNKNOWN, reason
 
-    def send(self, client: ActionClient, chain: ChainMessage, on_feedback: Callable[[Any], None]) -> Future:
+    def send(
+        self, client: ActionClient, chain: ChainMessage, on_feedback: Callable[[Any], None]
+    ) -> Future:
         """Send the next chain; return the future of its result."""
         self._result, self._chain_goal = Future(), None
         sent = client.send_goal_async(ExecuteChain.Goal(chain=chain, refine=True), on_feedback)
@@ -133,7 +144,9 @@ class WaypointGoal:
     def _take_response(self, result: Future, sent: Future) -> None:
         self._chain_goal = handle = sent.result()
         if not handle.accepted:
-            self.abandon(Outcome.REFUSED, "execute_chain: the executor rejected the goal; see its log")
+            self.abandon(
+                Outcome.REFUSED, "execute_chain: the executor rejected the goal; see its log"
+            )
             return
         handle.get_result_async().add_done_callback(
             lambda answer: result.done() or result.set_result(answer.result().result)
@@ -157,11 +170,14 @@ class WaypointGoal:
     ) -> None:
         """Publish the current waypoint, and the time and distance that remain.
 
-        `executed` is the feedback of the chain of `legs`, `pose` the robot's in `frame_id`, `now` its stamp.
+        `executed` is the feedback of the chain of `legs`, `pose` the robot's in `frame_id`, `now`
+        its stamp.
         """
         self.leg = legs[min(executed.step, len(legs) - 1)]
         if self.is_follow_waypoints:
-            self.handle.publish_feedback(self._kind.Feedback(current_waypoint=self.waypoint_index(self.leg)))
+            self.handle.publish_feedback(
+                self._kind.Feedback(current_waypoint=self.waypoint_index(self.leg))
+            )
             return
         self._start_time = now if math.isnan(self._start_time) else self._start_time
         places = [pose, *(self.targets[leg] for leg in range(self.leg, self.end))]
@@ -169,17 +185,23 @@ class WaypointGoal:
         steps = legs[-1] + 1 - self.leg
         chain, later = sum(lengths[:steps]), sum(lengths[steps:])
         predicted = executed.predicted_remaining
-        if executed.elapsed == 0.0 or math.isnan(predicted):  # at first it is that of the chain as sent
+        # at first it is that of the chain as sent
+        if executed.elapsed == 0.0 or math.isnan(predicted):
             predicted = self._pace * chain
         elif self.leg == legs[0] and chain > 0.0:
             self._pace = predicted / chain
         feedback = self._kind.Feedback(
             navigation_time=Duration(seconds=max(0.0, now - self._start_time)).to_msg(),
-            estimated_time_remaining=Duration(seconds=max(0.0, predicted + self._pace * later)).to_msg(),
+            estimated_time_remaining=Duration(
+                seconds=max(0.0, predicted + self._pace * later)
+            ).to_msg(),
             distance_remaining=chain + later,
             number_of_poses_remaining=len(lengths),
         )
-        feedback.current_pose.header.stamp, feedback.current_pose.header.frame_id = stamp_of(now), frame_id
+        feedback.current_pose.header.stamp, feedback.current_pose.header.frame_id = (
+            stamp_of(now),
+            frame_id,
+        )
         feedback.current_pose.pose = pose_of(pose)
         self._write_statuses(feedback)
         self.handle.publish_feedback(feedback)
@@ -189,7 +211,10 @@ class WaypointGoal:
         return f"missed waypoints: {len(self._missed)}"
 
     def finish(self, code: int, reason: str) -> Any:
-        """Put the goal into its final state and return its result; without a reason it has succeeded."""
+        """Put the goal into its final state and return its result.
+
+        Without a reason it has succeeded.
+        """
         result = self._kind.Result(error_code=code, error_msg=reason)
         if self.is_follow_waypoints:
             result.missed_waypoints = [self._missed_waypoint(*missed) for missed in self._missed]
@@ -207,7 +232,9 @@ class WaypointGoal:
         nav2, pose = importlib.import_module("nav2_msgs.msg"), self.poses[index]
         if hasattr(nav2, "MissedWaypoint"):  # Jazzy
             return nav2.MissedWaypoint(index=index, goal=pose, error_code=code)
-        status = nav2.WaypointStatus(waypoint_status=_FAILED, waypoint_index=index, waypoint_pose=pose)
+        status = nav2.WaypointStatus(
+            waypoint_status=_FAILED, waypoint_index=index, waypoint_pose=pose
+        )
         status.error_code, status.error_msg = code, reason
         return status
 
@@ -231,14 +258,14 @@ class WaypointGoal:
 class WaypointsNode(Node):
     """Drives along waypoints as Nav2 does, with headings that refinement chooses.
 
-    The poses of a goal become chains of the domain's TOP that drives to a pose, of at most 8 steps each.
-    All headings are free except those of `keep_headings` and that of the last pose.
+    The poses of a goal become chains of the domain's TOP that drives to a pose, of at most 8 steps
+    each. All headings are free except those of `keep_headings` and that of the last pose.
 
     Action servers
         ~/follow_waypoints (nav2_msgs/FollowWaypoints), ~/navigate_through_poses
-        (nav2_msgs/NavigateThroughPoses): one goal at a time; a newer valid one preempts it. Poses are in any
-        frame that tf connects with `frame`. Malformed ones, and those in unknown frames or outside the fence,
-        are missed before the robot moves.
+        (nav2_msgs/NavigateThroughPoses): one goal at a time; a newer valid one preempts it. Poses
+        are in any frame that tf connects with `frame`. Malformed ones, and those in unknown frames
+        or outside the fence, are missed before the robot moves.
     Subscribes to
         odom (nav_msgs/Odometry), or /tf and /tf_static: for feedback, and poses in other frames.
         the topic of a map (nav_msgs/OccupancyGrid, transient local), if `map` names one.
@@ -288,7 +315,10 @@ class WaypointsNode(Node):
         self.get_logger().warning(text, throttle_duration_sec=WARNING_PERIOD)
 
     def _check(self) -> None:
-        """Continue `_wait_for`; end the goal if the executor is gone, or was restarted and lost the goal."""
+        """Continue `_wait_for`.
+
+        End the goal if the executor is gone, or was restarted and lost the goal.
+        """
         waiting, self._waiting = self._waiting, []
         for future in waiting:
             future.set_result(None)
@@ -326,7 +356,10 @@ class WaypointsNode(Node):
         return goal.finish(code, reason)
 
     async def _read(self, goal: WaypointGoal) -> tuple[int, str]:
-        """Read the poses; return error code and reason if the goal cannot be used, else 0 and ""."""
+        """Read the poses.
+
+        Return error code and reason if the goal cannot be used, else 0 and "".
+        """
         request, count = goal.handle.request, len(goal.poses)
         if getattr(request, "behavior_tree", ""):
             reason = f"behavior_tree: expected none, got {quoted(request.behavior_tree)}"
@@ -336,7 +369,9 @@ class WaypointsNode(Node):
             if not count:
                 return code, "poses: expected at least 1 pose"
             return code, f"goal_index: expected less than {count}, got {goal.leg}"
-        used = {goal.waypoint_index(leg) for leg in range(goal.leg, min(goal.end, goal.leg + count))}
+        used = {
+            goal.waypoint_index(leg) for leg in range(goal.leg, min(goal.end, goal.leg + count))
+        }
         with suppress(MessageError):  # reading the pose reports it
             frames = {plain_frame(goal.poses[index].header.frame_id) for index in used}
             frames -= {"", plain_frame(self._frame)}
@@ -350,11 +385,16 @@ class WaypointsNode(Node):
             except MessageError as error:
                 self._warn(str(error))
                 end = goal.miss(index, str(error), frame=isinstance(error, FrameError))
-        continues = goal.targets and goal.is_follow_waypoints and not self._settings["stop_on_failure"]
+        continues = (
+            goal.targets and goal.is_follow_waypoints and not self._settings["stop_on_failure"]
+        )
         return (0, "") if continues else end
 
     def _target(self, stamped: PoseStamped, where: str) -> Pose:
-        """Read a pose into the node's frame; raises MessageError, also if it lies outside the fence."""
+        """Read a pose into the node's frame.
+
+        Raises MessageError, also if it lies outside the fence.
+        """
         pose, other = pose_from(stamped.pose, f"{where}.pose"), stamped.header.frame_id
         if (origin := self._tf.base(self._frame, other)) is not None:
             pose = origin.compose(pose)
@@ -366,25 +406,36 @@ class WaypointsNode(Node):
         return pose
 
     def _call(self, pose: Pose, *, free: bool = False) -> TopCall:
-        return TopCall(self._top, self._library.goal(self._top, pose), _FREE if free else frozenset())
+        return TopCall(
+            self._top, self._library.goal(self._top, pose), _FREE if free else frozenset()
+        )
 
     def _chain(self, goal: WaypointGoal, legs: Sequence[int]) -> ChainMessage:
         count, calls = len(goal.poses), []
-        kept = {index % count for index in self._settings["keep_headings"] if -count <= index < count}
+        kept = {
+            index % count for index in self._settings["keep_headings"] if -count <= index < count
+        }
         for leg in legs:
             index = goal.waypoint_index(leg)
-            calls.append(self._call(goal.targets[index], free=index not in kept and leg < goal.end - 1))
+            calls.append(
+                self._call(goal.targets[index], free=index not in kept and leg < goal.end - 1)
+            )
         return chain_of(TopChain(tuple(calls)), action_set="", frame=self._frame)
 
     async def _execute_chains(self, goal: WaypointGoal) -> tuple[int, str]:
-        """Execute a goal chain by chain; return error code and reason, or 0 and "" after the last chain."""
+        """Execute a goal chain by chain.
+
+        Return error code and reason, or 0 and "" after the last chain.
+        """
         unknown = _FW_UNKNOWN if goal.is_follow_waypoints else _POSES_UNKNOWN
         while legs := goal.next_legs():
             if not await self._wait_for(self._chains.server_is_ready, _SERVER_TIMEOUT):
                 return unknown, _NO_EXECUTOR
             if reason := self._interruption(goal):
                 return unknown, reason
-            result = await goal.send(self._chains, self._chain(goal, legs), partial(self._report, goal, legs))
+            result = await goal.send(
+                self._chains, self._chain(goal, legs), partial(self._report, goal, legs)
+            )
             outcome = result.outcome
             if outcome.code == Outcome.SUCCEEDED:
                 goal.leg = legs[-1] + 1
@@ -393,7 +444,11 @@ class WaypointsNode(Node):
                 return unknown, reason
             if outcome.code == Outcome.REFUSED:
                 return unknown, printable(outcome.reason, _LONGEST_REASON)
-            reached = [each.step for each in result.record.actions if each.outcome.code == Outcome.SUCCEEDED]
+            reached = [
+                each.step
+                for each in result.record.actions
+                if each.outcome.code == Outcome.SUCCEEDED
+            ]
             goal.leg = legs[min(max(reached, default=-1) + 1, len(legs) - 1)]
             index = goal.waypoint_index(goal.leg)
             end = goal.miss(index, f"poses[{index}]: {outcome.reason}")

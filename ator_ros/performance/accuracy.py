@@ -21,7 +21,9 @@ RESAMPLES = 5000
 def resampled_means(table: FloatArray) -> FloatArray:
     """Return means, shape (k, RESAMPLES), over columns of a table (k, n) drawn with replacement."""
     count = table.shape[1]
-    weights = np.random.default_rng(0).multinomial(count, np.full(count, 1.0 / count), size=RESAMPLES)
+    weights = np.random.default_rng(0).multinomial(
+        count, np.full(count, 1.0 / count), size=RESAMPLES
+    )
     return np.asarray(table @ weights.T / count)
 
 
@@ -36,8 +38,9 @@ def accuracy(model: PerformanceModel, starts: pd.DataFrame, *, seed: int) -> dic
     Returns
     -------
     dict
-        mae_s, rmse_s with their _ci95, bias_s, mean_duration_s, relative_error (MAE over mean duration),
-        median_relative_error; the number of episodes, which are those that succeeded, and their seed.
+        mae_s, rmse_s with their _ci95, bias_s, mean_duration_s, relative_error (MAE over mean
+        duration), median_relative_error; the number of episodes, which are those that succeeded,
+        and their seed.
     """
     starts = starts[starts["success"]]
     actual = starts["duration"].to_numpy(dtype=float)
@@ -80,5 +83,9 @@ def kinds(starts: pd.DataFrame, robot: Robot) -> dict[str, pd.DataFrame]:
     """Return the starts at rest and not near the goal, those near it, and those in motion."""
     rest = (starts["v"].abs() <= AT_REST.v).to_numpy()
     near = Geometry(direct_of(starts), robot).dist < SHORT
-    masks = {"at rest": rest & ~near, f"turns, and drives below {SHORT:g} m": rest & near, "in motion": ~rest}
+    masks = {
+        "at rest": rest & ~near,
+        f"turns, and drives below {SHORT:g} m": rest & near,
+        "in motion": ~rest,
+    }
     return {name: starts[mask] for name, mask in masks.items()}

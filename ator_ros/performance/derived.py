@@ -13,7 +13,20 @@ from ator_ros.compiled import compiled
 from ator_ros.geometry import FloatArray
 from ator_ros.motion.durations import turn_time
 from ator_ros.motion.shapes import fastest_paths
-from ator_ros.performance.direct import HOLD, SPEEDG, XG, YAW, YAWG, YG, Direct, V, W, X, Y, direct_table
+from ator_ros.performance.direct import (
+    HOLD,
+    SPEEDG,
+    XG,
+    YAW,
+    YAWG,
+    YG,
+    Direct,
+    V,
+    W,
+    X,
+    Y,
+    direct_table,
+)
 from ator_ros.performance.driving import DrivingStyle, plain_driving
 from ator_ros.robot.description import Robot
 from ator_ros.world.state import AT_REST
@@ -45,7 +58,8 @@ def wrapped(angle: float) -> float:
 
 NEAR = 0.04
 """Distance in m from the goal within which a robot at rest only has to turn to the goal's heading."""
-_NEAR_PULL = 20.0  # weight of the goal's heading in the bearing of a goal within `NEAR`, which is noise
+# weight of the goal's heading in the bearing of a goal within `NEAR`, which is noise
+_NEAR_PULL = 20.0
 
 # The direct variables `direct` have the shape (10 or more, n), `rows` has the shape (ROWS, n).
 
@@ -54,19 +68,30 @@ _NEAR_PULL = 20.0  # weight of the goal's heading in the bearing of a goal withi
 def _write_rows(direct: FloatArray, hold: float, aw: float, rows: FloatArray) -> None:
     """Write all rows but those of the path; `hold` in m.
 
-    In the opening the robot loses its rotation at up to `aw` (rad/s^2), while its speed stays the same.
+    In the opening the robot loses its rotation at up to `aw` (rad/s^2), while its speed stays the
+    same.
     """
     for at in range(direct.shape[1]):
         speed, rotation, yaw = direct[V, at], direct[W, at], direct[YAW, at]
         from_x, from_y, heading = direct[X, at], direct[Y, at], direct[YAWG, at]
         rows[FROM_X, at], rows[FROM_Y, at], rows[FROM_YAW, at] = from_x, from_y, yaw
-        rows[GOAL_X, at], rows[GOAL_Y, at], rows[GOAL_YAW, at] = direct[XG, at], direct[YG, at], heading
+        rows[GOAL_X, at], rows[GOAL_Y, at], rows[GOAL_YAW, at] = (
+            direct[XG, at],
+            direct[YG, at],
+            heading,
+        )
         cos, sin = math.cos(heading), math.sin(heading)
         back = hold * direct[HOLD, at]
         x, y = direct[XG, at] - back * cos, direct[YG, at] - back * sin
         dx, dy = x - from_x, y - from_y
         dist = math.sqrt(dx * dx + dy * dy)
-        rows[TO_X, at], rows[TO_Y, at], rows[DX, at], rows[DY, at], rows[DIST, at] = x, y, dx, dy, dist
+        rows[TO_X, at], rows[TO_Y, at], rows[DX, at], rows[DY, at], rows[DIST, at] = (
+            x,
+            y,
+            dx,
+            dy,
+            dist,
+        )
         pull = _NEAR_PULL * max(NEAR - dist, 0.0)
         bearing = math.atan2(dy + pull * sin, dx + pull * cos)
         to, there = wrapped(bearing - yaw), wrapped(heading - bearing)
@@ -100,11 +125,14 @@ ALIGNED = 0.1
 def _write_paths(rows: FloatArray, paths: FloatArray, w: float, aw: float) -> None:
     """Write the paths with their openings; `paths`, shape (2, n), are those after the openings.
 
-    A robot at rest within `NEAR` of its goal turns on the spot, with an object in front up to `ALIGNED` only,
-    at rates up to `w` (rad/s) and `aw` (rad/s^2).
+    A robot at rest within `NEAR` of its goal turns on the spot, with an object in front up to
+    `ALIGNED` only, at rates up to `w` (rad/s) and `aw` (rad/s^2).
     """
     for at in range(rows.shape[1]):
-        rows[PATH_TIME, at], rows[PATH_TURN, at] = paths[0, at] + rows[OPENING + 3, at], paths[1, at]
+        rows[PATH_TIME, at], rows[PATH_TURN, at] = (
+            paths[0, at] + rows[OPENING + 3, at],
+            paths[1, at],
+        )
         angle = rows[ANGLE_BETWEEN, at]
         free = rows[HOLDS, at] < 0.5 or angle <= ALIGNED
         if free and rows[RESTS, at] > 0.5 and rows[DIST, at] < NEAR:
@@ -126,7 +154,11 @@ class Geometry:
     """
 
     def __init__(
-        self, direct: Direct, robot: Robot, driving: DrivingStyle | None = None, further: Iterable[str] = ()
+        self,
+        direct: Direct,
+        robot: Robot,
+        driving: DrivingStyle | None = None,
+        further: Iterable[str] = (),
     ) -> None:
         self.direct = direct_table(direct, further)
         self._table = self.direct.table
@@ -147,7 +179,10 @@ class Geometry:
 
     @cached_property
     def rows(self) -> FloatArray:
-        """The quantities of `BASICS` and those after them, shape (ROWS, n); `path` writes its own."""
+        """The quantities of `BASICS` and those after them, shape (ROWS, n).
+
+        `path` writes its own.
+        """
         rows = np.empty((ROWS, self._table.shape[1]))
         _write_rows(self._table, self.robot.hold, self.robot.limits.aw, rows)
         return rows
@@ -184,10 +219,14 @@ class Geometry:
         driving = self._driving or plain_driving(self.robot)
         holding = self.rows[HOLDS] > 0.5
         held = np.count_nonzero(holding)
-        hold, shapes = (self.robot.hold, driving.approach_paths) if held else (0.0, driving.drive_paths)
+        hold, shapes = (
+            (self.robot.hold, driving.approach_paths) if held else (0.0, driving.drive_paths)
+        )
         paths = fastest_paths(self.ends, shapes, hold=hold)
         if driving.approaches and 0 < held < len(holding):
-            paths = np.where(holding, paths, fastest_paths(self.ends, driving.drive_paths, hold=hold))
+            paths = np.where(
+                holding, paths, fastest_paths(self.ends, driving.drive_paths, hold=hold)
+            )
         _write_paths(self.rows, paths, driving.limits.w, driving.limits.aw)
         return self.rows[PATH_TIME:]
 

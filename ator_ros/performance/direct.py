@@ -69,6 +69,10 @@ def direct_table(direct: Direct, further: Iterable[str] = ()) -> DirectTable:
         return direct
     missing = [name for name in names if name not in direct]
     if missing:
-        raise ValueError(f"direct variables: expected {', '.join(names)}; missing: {', '.join(missing)}")
-    given = np.broadcast_arrays(*(np.asarray(direct[name], dtype=float).reshape(-1) for name in names))
+        raise ValueError(
+            f"direct variables: expected {', '.join(names)}; missing: {', '.join(missing)}"
+        )
+    given = np.broadcast_arrays(
+        *(np.asarray(direct[name], dtype=float).reshape(-1) for name in names)
+    )
     return DirectTable(names, np.stack(given))

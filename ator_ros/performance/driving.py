@@ -36,16 +36,16 @@ class DrivingStyle:
     free_heading : bool
         Whether it ends at any heading, as a shot does: its paths have no last turn.
     run : float
-        Length in m of the straight run up to the object held at the goal. If the action only drives forward,
-        the run is as long as its change of speed needs.
+        Length in m of the straight run up to the object held at the goal. If the action only drives
+        forward, the run is as long as its change of speed needs.
     passing : float
         Distance in m that a straight drive keeps from the object held at the goal.
     backward_above : float
-        Angle in rad to the destination above which it drives backward; pi if it never does, if no angle
-        separates such drives from the others, or if the distances driven are unknown.
+        Angle in rad to the destination above which it drives backward; pi if it never does, if no
+        angle separates such drives from the others, or if the distances driven are unknown.
     drives, approaches : tuple
-        Groups of shapes of paths, the fastest of which counts: to a pose, and to a pose at which the robot
-        holds an object. Without approaches, the drives hold for both.
+        Groups of shapes of paths, the fastest of which counts: to a pose, and to a pose at which
+        the robot holds an object. Without approaches, the drives hold for both.
     """
 
     limits: Limits
@@ -59,15 +59,27 @@ class DrivingStyle:
 
     def __post_init__(self) -> None:
         """Check the shapes."""
-        require(bool(self.drives) and all((*self.drives, *self.approaches)), "drives", "shapes of paths", 0)
+        require(
+            bool(self.drives) and all((*self.drives, *self.approaches)),
+            "drives",
+            "shapes of paths",
+            0,
+        )
         for shape in itertools.chain(*self.drives, *self.approaches):
-            require(len(shape) == _NUMBERS, "drives, approaches", f"shapes of {_NUMBERS} numbers", len(shape))
+            require(
+                len(shape) == _NUMBERS,
+                "drives, approaches",
+                f"shapes of {_NUMBERS} numbers",
+                len(shape),
+            )
 
     @cached_property
     def drive_paths(self) -> ShapeSet:
         """The paths to a pose."""
         run = math.nan if self.forward else 0.0
-        rules = Rules(rates_of(self.limits), run, forward=self.forward, free_heading=self.free_heading)
+        rules = Rules(
+            rates_of(self.limits), run, forward=self.forward, free_heading=self.free_heading
+        )
         return shape_set(_restored(self.drives), rules)
 
     @cached_property
@@ -77,24 +89,31 @@ class DrivingStyle:
             return self.drive_paths
         run = math.nan if self.forward else self.run
         return shape_set(
-            _restored(self.approaches), Rules(rates_of(self.limits), run, self.passing, self.forward)
+            _restored(self.approaches),
+            Rules(rates_of(self.limits), run, self.passing, self.forward),
         )
 
 
 def _restored(groups: StoredGroups) -> list[list[Shape]]:
     return [
-        [Shape(*(math.nan if number is None else number for number in numbers)) for numbers in group]
+        [
+            Shape(*(math.nan if number is None else number for number in numbers))
+            for numbers in group
+        ]
         for group in groups
     ]
 
 
 # What candidates are chosen from; all numbers are shares of the limits.
 _CHANGES = (-1.0, -0.6, -0.25, 0.0, 0.25, 0.6, 1.0)  # of speed in a turn
-RUNS = (0.0, 0.35, 0.8, 1.0)  # speeds at which a run of given length begins, from the least to the greatest
+# speeds at which a run of given length begins, from the least to the greatest
+RUNS = (0.0, 0.35, 0.8, 1.0)
 _GAINS = _LOSSES = (0.0, 0.25, 0.5, 0.75, 1.0)  # of speed, of actions that only drive forward
 _LEADS = (0.05, 0.1, 0.15, 0.2, 0.35, 0.55, 0.8, 1.0)  # speeds to reach before the first turn
-_ARRIVALS = (0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.5, 0.6, 0.75, 0.95, 1.0)  # after the last
-_LEAST = (0.0, 0.25, 0.5, 0.75)  # speeds at start or goal that decide how fast the robot may turn there
+# after the last
+_ARRIVALS = (0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.5, 0.6, 0.75, 0.95, 1.0)
+# speeds at start or goal that decide how fast the robot may turn there
+_LEAST = (0.0, 0.25, 0.5, 0.75)
 _SLOWEST = 0.1  # share of the turn rate below which no turn is tried
 _DRAWN, _SEED = 2000, 5
 _PLAIN = 50  # pairs of ends assumed for an action that was not observed
@@ -107,7 +126,9 @@ def free_shapes(limits: Limits, runs: Iterable[float] = (0.0,)) -> list[Shape]:
     """Return the shapes of paths of a base that turns at its limit at any speed, and drives backward too."""
     return [
         Shape(first * limits.a, limits.w, last * limits.a, limits.w, share, direction=direction)
-        for first, last, direction, share in itertools.product(_CHANGES, _CHANGES, (1.0, -1.0), runs)
+        for first, last, direction, share in itertools.product(
+            _CHANGES, _CHANGES, (1.0, -1.0), runs
+        )
     ]
 
 
@@ -136,15 +157,21 @@ def forward_shapes(
     ]
 
 
-def chosen_shapes(shapes: Sequence[Shape], rules: Rules, ends: FloatArray, *, hold: float) -> StoredGroups:
+def chosen_shapes(
+    shapes: Sequence[Shape], rules: Rules, ends: FloatArray, *, hold: float
+) -> StoredGroups:
     """Return the groups of `shapes` whose paths are about as fast as those of all shapes.
 
-    Times are compared between ends like `ends`, shape (5, n), see `ator_ros.motion.shapes.drawn_ends`.
+    Times are compared between ends like `ends`, shape (5, n), see
+    `ator_ros.motion.shapes.drawn_ends`.
     """
     drawn = drawn_ends(ends, _DRAWN, np.random.default_rng(_SEED))
     grid = shape_set([[shape] for shape in shapes], rules)
     return tuple(
-        tuple(tuple(None if math.isnan(value) else value for value in shapes[number]) for number in group)
+        tuple(
+            tuple(None if math.isnan(value) else value for value in shapes[number])
+            for number in group
+        )
         for group in needed_shapes(grid, drawn, hold=hold)
     )
 
@@ -155,5 +182,9 @@ def plain_driving(robot: Robot) -> DrivingStyle:
     limits = robot.limits
     speeds = np.linspace(0.0, limits.v, _PLAIN) * (np.arange(_PLAIN) % 2)
     unturned = np.zeros(_PLAIN)
-    ends = np.stack((np.linspace(0.1, 5.0, _PLAIN), unturned, unturned, speeds, np.roll(speeds, _PLAIN // 2)))
-    return DrivingStyle(limits, chosen_shapes(free_shapes(limits), Rules(rates_of(limits)), ends, hold=0.0))
+    ends = np.stack(
+        (np.linspace(0.1, 5.0, _PLAIN), unturned, unturned, speeds, np.roll(speeds, _PLAIN // 2))
+    )
+    return DrivingStyle(
+        limits, chosen_shapes(free_shapes(limits), Rules(rates_of(limits)), ends, hold=0.0)
+    )

@@ -1,8 +1,9 @@
 """The errors of a model as a Gaussian process over its features (Rasmussen and Williams 2006, chapter 2).
 
-It is fitted to errors on episodes that the model was not learned from. Where similar episodes have an error,
-the same error is expected; where there are none, its mean is 0 and its deviation `signal`. The spread of
-models of resampled episodes would not show such errors, because models of the same form share them.
+It is fitted to errors on episodes that the model was not learned from. Where similar episodes have
+an error, the same error is expected; where there are none, its mean is 0 and its deviation
+`signal`. The spread of models of resampled episodes would not show such errors, because models of
+the same form share them.
 """
 
 from __future__ import annotations
@@ -20,14 +21,16 @@ from ator_ros.compiled import compiled
 from ator_ros.geometry import FloatArray
 from ator_ros.schema import Within, require
 
-_MOST_EPISODES = 300  # episodes kept, evenly spaced: more hardly change the result, and make a request slower
+# episodes kept, evenly spaced: more hardly change the result, and make a request slower
+_MOST_EPISODES = 300
 _CLIPPED_AT, _NEIGHBORS = 4.0, 7
 """Standard deviations from the median of similar episodes at which an error is clipped, as an accident."""
 _LEAST_SIGNAL_RATIO = 0.5
 """Least ratio of `ErrorProcess.signal` to the standard deviation of the errors that it is fitted to.
 
 Without it, a few episodes whose errors do not depend on the features by chance give almost no uncertainty."""
-_LENGTHS = (0.2, 1.0)  # least and greatest length of the process in standard deviations of a single feature
+# least and greatest length of the process in standard deviations of a single feature
+_LENGTHS = (0.2, 1.0)
 _DIGITS = 4
 _Positive = Annotated[float, Within(1e-9)]
 
@@ -64,11 +67,15 @@ class ErrorProcess:
     def __post_init__(self) -> None:
         """Check the shapes."""
         k = len(self.features)
-        alike = len(self.center) == len(self.scale) == k and all(len(each) == k for each in self.points)
+        alike = len(self.center) == len(self.scale) == k and all(
+            len(each) == k for each in self.points
+        )
         require(alike, "points", f"{k} numbers each, as center and scale have", "others")
         few = 1 <= len(self.points) <= _MOST_EPISODES
         require(few, "points", f"1 to {_MOST_EPISODES} episodes", len(self.points))
-        require(len(self.errors) == len(self.points), "errors", "one for each point", len(self.errors))
+        require(
+            len(self.errors) == len(self.points), "errors", "one for each point", len(self.errors)
+        )
 
     def of_sum(self, features: FloatArray, signs: FloatArray) -> tuple[float, float]:
         """Return the expected error of a signed sum of durations in s, and its variance in s².
@@ -84,9 +91,14 @@ class ErrorProcess:
 
     @cached_property
     def _solved(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Points (n, k), inverse of their covariances (n, n), weights of their kernels; center and scale."""
+        """Points (n, k), inverse of their covariances (n, n), weights of their kernels.
+
+        Center and scale.
+        """
         known = np.array(self.points)
-        covariances = _kernel(known, known, self.signal, self.length) + self.noise**2 * np.eye(len(known))
+        covariances = _kernel(known, known, self.signal, self.length) + self.noise**2 * np.eye(
+            len(known)
+        )
         inverse: FloatArray = np.asarray(np.linalg.inv(covariances), dtype=float)
         weights = inverse @ _clipped(np.array(self.errors), known)
         return known, inverse, weights, np.array(self.center), np.array(self.scale)
@@ -106,7 +118,9 @@ def _kernel(one: FloatArray, other: FloatArray, signal: float, length: float) ->
     return found
 
 
-def fit_error_process(names: Sequence[str], features: FloatArray, errors: FloatArray) -> ErrorProcess:
+def fit_error_process(
+    names: Sequence[str], features: FloatArray, errors: FloatArray
+) -> ErrorProcess:
     """Return the process of greatest likelihood for errors (n,) in s of episodes with features (n, k)."""
     # Only learning needs scikit-learn; nodes start without it.
     from sklearn.exceptions import ConvergenceWarning

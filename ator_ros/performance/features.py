@@ -107,7 +107,8 @@ def _of_straight(geometry: Geometry) -> FloatArray:
     dist, to, at = geometry.rows[[DIST, ANGLE_TO, ANGLE_AT]]
     backward = to > geometry.backward_above
     return np.stack(
-        [np.where(backward, np.pi - angle, angle) for angle in (to, at)] + [backward, backward * dist]
+        [np.where(backward, np.pi - angle, angle) for angle in (to, at)]
+        + [backward, backward * dist]
     )
 
 
@@ -121,7 +122,9 @@ OF_STRAIGHT = (
 
 See `DrivingStyle.backward_above`; candidates of `ator_ros.performance.training.duration_features`."""
 
-GENERAL: dict[str, Feature] = {each.name: each for each in (*PAPER_11, *SIGNED, *PATHS, *OF_STRAIGHT)}
+GENERAL: dict[str, Feature] = {
+    each.name: each for each in (*PAPER_11, *SIGNED, *PATHS, *OF_STRAIGHT)
+}
 """The features that every domain has, by name."""
 
 CANDIDATES: tuple[Feature, ...] = (*PAPER_3, *SIGNED, *PATHS)
@@ -129,7 +132,10 @@ CANDIDATES: tuple[Feature, ...] = (*PAPER_3, *SIGNED, *PATHS)
 
 
 def _on_route(geometry: Geometry) -> FloatArray:
-    """Return the features of routes but their times, shape (5, n); straight ones have those of `PAPER_3`."""
+    """Return the features of routes but their times, shape (5, n).
+
+    Straight ones have those of `PAPER_3`.
+    """
     rows, routes = geometry.rows, routes_of(geometry.robot)
     assert routes is not None
     route = routes.between(rows[FROM_X], rows[FROM_Y], rows[TO_X], rows[TO_Y])
@@ -144,7 +150,9 @@ def _route_time(geometry: Geometry) -> FloatArray:
     """Return the times of routes at the robot's limits, with turns on the spot at both ends."""
     length, turn, _, to, at = geometry.once(_on_route)
     rows, limits = geometry.rows, geometry.robot.limits
-    turns = turn_time(to, limits.w, limits.aw) + turn_time(at, limits.w, limits.aw) + turn / limits.w
+    turns = (
+        turn_time(to, limits.w, limits.aw) + turn_time(at, limits.w, limits.aw) + turn / limits.w
+    )
     return np.asarray(turns + drive_time(length, rows[SPEED], rows[ARRIVAL], limits))
 
 
@@ -153,7 +161,9 @@ ROUTE_FEATURES = (
     Feature("route_turn", "rad", variables(_PLACES), lambda g: g.once(_on_route)[1]),
     Feature("route_clearance", "m", variables(_PLACES), lambda g: g.once(_on_route)[2]),
     Feature("route_angle_to", "rad", variables(_POSES), lambda g: g.once(_on_route)[3]),
-    ROUTE_ANGLE_AT := Feature("route_angle_at", "rad", variables(_PLACES), lambda g: g.once(_on_route)[4]),
+    ROUTE_ANGLE_AT := Feature(
+        "route_angle_at", "rad", variables(_PLACES), lambda g: g.once(_on_route)[4]
+    ),
     ROUTE_TIME := Feature("route_time", "s", _MOTION, _route_time),
 )
 """The features of the routes on the robot's map."""

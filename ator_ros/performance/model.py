@@ -81,8 +81,8 @@ class Arrival:
     Attributes
     ----------
     dist, angle : float
-        Distance in m that is left on the line from the start to the goal, and angle in rad that is left of
-        the turn to the goal's heading.
+        Distance in m that is left on the line from the start to the goal, and angle in rad that is
+        left of the turn to the goal's heading.
     """
 
     dist: Annotated[float, Within(0.0)]
@@ -137,14 +137,16 @@ class PerformanceModel:
     @cached_property
     def declared_variables(self) -> tuple[str, ...]:
         """The direct variables of the trees that are goal variables declared by the action."""
-        return declared_by(self.features[name] for tree in self.trees.values() for name in tree.names)
+        return declared_by(
+            self.features[name] for tree in self.trees.values() for name in tree.names
+        )
 
     @cached_property
     def experience(self) -> Mapping[str, tuple[float, float]]:
         """Least and greatest value of each quantity at the starts that it was learned from, if known.
 
-        Places are in the robot's area, while those of the file are relative to the area's center; see
-        `ator_ros.performance.training.start_ranges`.
+        Places are in the robot's area, while those of the file are relative to the area's center;
+        see `ator_ros.performance.training.start_ranges`.
         """
         ranges = self.metadata.get("training", {}).get("starts", {})
         area = self.robot.scene.area
@@ -155,7 +157,10 @@ class PerformanceModel:
         }
 
     def predict(
-        self, direct: Direct, measures: tuple[str, ...] = ("duration",), signs: FloatArray | None = None
+        self,
+        direct: Direct,
+        measures: tuple[str, ...] = ("duration",),
+        signs: FloatArray | None = None,
     ) -> Prediction:
         """Predict the performance of n situations at once.
 
@@ -182,13 +187,19 @@ class PerformanceModel:
                 fields["spread"] = tree.spread.take(leaf)
                 if (there := self.at_goal) is not None:
                     place, result = (there.dist, there.angle), (there.duration, there.spread)
-                    _write_at_goal(geometry.rows, place, result, fields["duration"], fields["spread"])
+                    _write_at_goal(
+                        geometry.rows, place, result, fields["duration"], fields["spread"]
+                    )
             else:
                 np.clip(fields[name], 0.0, 1.0 if name == "success" else None, out=fields[name])
         error = None
         if signs is not None:
             known = self.errors
-            error = known.of_sum(self._rows(geometry, known.features).T, signs) if known else (0.0, math.inf)
+            error = (
+                known.of_sum(self._rows(geometry, known.features).T, signs)
+                if known
+                else (0.0, math.inf)
+            )
         return Prediction(**fields, error_of_sum=error)
 
     def rules(self, measure: str = "duration") -> str:
@@ -232,7 +243,11 @@ def _write_at_goal(
 ) -> None:
     """Write a duration and a spread for robots at rest within a distance (m) and angle (rad) of the goal."""
     for at in range(rows.shape[1]):
-        if rows[RESTS, at] > 0.5 and rows[DIST, at] <= place[0] and rows[ANGLE_BETWEEN, at] <= place[1]:
+        if (
+            rows[RESTS, at] > 0.5
+            and rows[DIST, at] <= place[0]
+            and rows[ANGLE_BETWEEN, at] <= place[1]
+        ):
             durations[at], spreads[at] = result
 
 
@@ -243,4 +258,6 @@ def narrowed(tree: ModelTree) -> ModelTree:
     number = np.zeros(len(tree.names), dtype=np.intp)
     number[columns] = np.arange(len(columns))
     coefficients = np.ascontiguousarray(tree.coefficients[:, columns])
-    return dataclasses.replace(tree, names=used, feature=number[tree.feature], coefficients=coefficients)
+    return dataclasses.replace(
+        tree, names=used, feature=number[tree.feature], coefficients=coefficients
+    )

@@ -26,7 +26,10 @@ KIND = "performance model"
 
 @dataclass(frozen=True)
 class _ModelFile:
-    """The fields of a model file: `features` are units by name; `accuracy` is empty if not measured."""
+    """The fields of a model file: `features` are units by name.
+
+    `accuracy` is empty if not measured.
+    """
 
     action: str
     action_set: str
@@ -36,7 +39,9 @@ class _ModelFile:
     versions: dict[str, Any]
     accuracy: dict[str, Any]
     at_goal: AtGoal | None
-    trees: dict[Annotated[str, Must(f"one of {', '.join(MEASURES)}", MEASURES.__contains__)], StoredTree]
+    trees: dict[
+        Annotated[str, Must(f"one of {', '.join(MEASURES)}", MEASURES.__contains__)], StoredTree
+    ]
     errors: ErrorProcess | None
     driving: DrivingStyle | None = None
     arrival: Arrival | None = None
@@ -46,14 +51,26 @@ class _ModelFile:
         require("duration" in self.trees, "trees.duration", "a tree", None)
         for measure, tree in self.trees.items():
             unknown = sorted(set(tree.features) - self.features.keys())
-            require(not unknown, f"trees.{measure}.features", "features that the file lists", unknown)
-        others = sorted(set(self.errors.features) - self.features.keys()) if self.errors is not None else []
+            require(
+                not unknown, f"trees.{measure}.features", "features that the file lists", unknown
+            )
+        others = (
+            sorted(set(self.errors.features) - self.features.keys())
+            if self.errors is not None
+            else []
+        )
         require(not others, "errors.features", "features that the file lists", others)
         starts = self.training.get("starts", {})
         require(isinstance(starts, dict), "training.starts", "ranges by name", starts)
         for name, bounds in starts.items():
-            numbers = isinstance(bounds, list | tuple) and len(bounds) == 2 and all(map(_is_finite, bounds))
-            sound = numbers and bounds[0] <= bounds[1] and not (name == "braking" and bounds[0] < 0.0)
+            numbers = (
+                isinstance(bounds, list | tuple)
+                and len(bounds) == 2
+                and all(map(_is_finite, bounds))
+            )
+            sound = (
+                numbers and bounds[0] <= bounds[1] and not (name == "braking" and bounds[0] < 0.0)
+            )
             place = f"training.starts.{printable(name)}"
             require(sound, place, "a least and a greatest number", bounds)
         for name in ("mae_s", "rmse_s") if self.accuracy else ():
@@ -86,7 +103,10 @@ def models_folder(top: Path, action_set: str = DEFAULT_SET) -> Path:
 
 
 def save_model(path: Path | str, model: PerformanceModel) -> None:
-    """Write `model`, with the action_set, training, versions and accuracy of its metadata; atomic."""
+    """Write `model`, with the action_set, training, versions and accuracy of its metadata.
+
+    Atomic.
+    """
     names = dict.fromkeys(name for tree in model.trees.values() for name in tree.names)
     names.update(dict.fromkeys(model.errors.features if model.errors is not None else ()))
     file = _ModelFile(
@@ -112,7 +132,8 @@ def load_model(path: Path | str, robot: Robot, features: Mapping[str, Feature]) 
     Parameters
     ----------
     robot : Robot
-        The robot to predict for; a RobotMismatchWarning is raised if the model was learned with another one.
+        The robot to predict for; a RobotMismatchWarning is raised if the model was learned with
+        another one.
     features : mapping of str to Feature
         All features that the file may name; see `Domain.known_features`.
 
@@ -134,7 +155,9 @@ def load_model(path: Path | str, robot: Robot, features: Mapping[str, Feature]) 
     for name, unit in file.features.items():
         if units.get(name) != unit:
             known = f"in {units[name]!r}" if name in units else f"one of {', '.join(features)}"
-            raise FileError(f"{path}: features.{name}: expected a feature {known}, got unit {quoted(unit)}")
+            raise FileError(
+                f"{path}: features.{name}: expected a feature {known}, got unit {quoted(unit)}"
+            )
     if file.robot_digest != robot.digest():
         warnings.warn(
             f"{path}: robot_digest: this model of {file.action} was learned with ANOTHER ROBOT "
@@ -164,7 +187,8 @@ def load_models(
 ) -> dict[str, PerformanceModel]:
     """Read all models of an action set, by action; `folder` is the shipped models/ by default.
 
-    Raises NoModelsError if there are none, and FileError if one of them, or the folder, cannot be used.
+    Raises NoModelsError if there are none, and FileError if one of them, or the folder, cannot be
+    used.
     """
     top = folder if folder is not None else resource_path("models")
     if not top.is_dir():
@@ -172,7 +196,9 @@ def load_models(
     place = models_folder(top, action_set)
     models = {file.stem: load_model(file, robot, features) for file in sorted(place.glob("*.json"))}
     if not models:
-        raise NoModelsError(f"{place}: expected model files such as goToPose.json: run train to make them")
+        raise NoModelsError(
+            f"{place}: expected model files such as goToPose.json: run train to make them"
+        )
     for name, model in models.items():
         for field, expected in (("action", name), ("action_set", action_set)):
             if model.metadata[field] != expected:

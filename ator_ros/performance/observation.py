@@ -1,8 +1,9 @@
 """How an action drives, estimated from odometry and durations: its limits, turns, and approach of objects.
 
-A path turns, drives straight and turns again. The episodes of an action show at which speeds it turns, and
-how fast: a robot that pushes a ball turns more slowly while it brakes, and some servers turn on the spot.
-The shapes of paths, whose times are features, consist of these turns (`ator_ros.performance.driving`).
+A path turns, drives straight and turns again. The episodes of an action show at which speeds it
+turns, and how fast: a robot that pushes a ball turns more slowly while it brakes, and some servers
+turn on the spot. The shapes of paths, whose times are features, consist of these turns
+(`ator_ros.performance.driving`).
 """
 
 from __future__ import annotations
@@ -31,17 +32,21 @@ from ator_ros.performance.driving import (
 from ator_ros.robot.description import GREATEST, LEAST, Limits, Robot
 
 _SPEED_QUANTILE = 0.995  # of the speeds: taken as the greatest speed
-_CHANGE_QUANTILE = 0.95  # of the accelerations, whose noise is larger: taken as the greatest acceleration
+# of the accelerations, whose noise is larger: taken as the greatest acceleration
+_CHANGE_QUANTILE = 0.95
 _LEAST_SAMPLES = 10  # for a quantile
 _LEAST_SHARE = 0.05  # of the base's limit; smaller quantiles are noise, not limits
-_BACKWARD = (-0.1, 0.01)  # m/s, and the share of rows that are faster backward in an action that drives so
-_MOST_WRONG = 0.02  # share of the drives on the wrong side of the angle above which they are backward
+# m/s, and the share of rows that are faster backward in an action that drives so
+_BACKWARD = (-0.1, 0.01)
+# share of the drives on the wrong side of the angle above which they are backward
+_MOST_WRONG = 0.02
 _TURNING = 0.1  # share of the greatest turn rate above which the robot turns
 _LEAST_DRIVEN = 0.1  # m, forward minus backward; below this the direction of a drive is unknown
 _SPEEDS: FloatArray = np.array([0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.65, 0.8, 1.0])
 _CHANGES: FloatArray = np.array([-1.0, -0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75, 1.0])
 """Speeds, and changes of speed, for which turn rates are kept; shares of the limits."""
-_SLOWER, _FASTER, _OTHER = 0.04, 0.02, 0.1  # by how much alike turns may differ in speed and in its change
+# by how much alike turns may differ in speed and in its change
+_SLOWER, _FASTER, _OTHER = 0.04, 0.02, 0.1
 _FEWEST = 3  # alike turns, or drives
 _USUAL = 0.6  # quantile of the rates of alike turns
 _RUN_LENGTHS = (0.0, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5)  # m
@@ -70,7 +75,8 @@ def observed_driving(rows: pd.DataFrame, robot: Robot) -> DrivingStyle:
         turns = _turns(rows, limits)
         first, last = _rates(turns.start, turns.gain, turns), _rates(turns.end, turns.loss, turns)
         known = np.isfinite(starts[["position_error", "heading_error"]]).any()
-        same_point = holding.all() or not holding.any()  # all goals are for the hold, or all for the axle
+        # all goals are for the hold, or all for the axle
+        same_point = holding.all() or not holding.any()
         free_heading = bool(same_point and known["position_error"] and not known["heading_error"])
         shapes = forward_shapes(limits, first, last, free_heading=free_heading)
         if not shapes:  # the odometry shows no turns
@@ -88,7 +94,10 @@ def observed_driving(rows: pd.DataFrame, robot: Robot) -> DrivingStyle:
 
 
 def backward_above(starts: pd.DataFrame, robot: Robot) -> float:
-    """Return the `angle_to_dest` in rad above which drives are backward; pi if none separates them."""
+    """Return the `angle_to_dest` in rad above which drives are backward.
+
+    Pi if none separates them.
+    """
     driven, geometry = starts["driven"].to_numpy(dtype=float), _geometry(starts, robot)
     used = (np.abs(driven) > _LEAST_DRIVEN) & (geometry.dist > NEAR_GOAL)
     angles, backward = geometry.rows[ANGLE_TO][used], driven[used] < 0.0
@@ -119,7 +128,10 @@ def _geometry(starts: pd.DataFrame, robot: Robot, driving: DrivingStyle | None =
 
 
 def _observed_limits(rows: pd.DataFrame, robot: Robot) -> Limits:
-    """Return the greatest speeds and accelerations; glitches count as at most the bounds of `Limits`."""
+    """Return the greatest speeds and accelerations.
+
+    Glitches count as at most the bounds of `Limits`.
+    """
     v, w, time, after = _series(rows)
     step = time[after] - time[after - 1]
     change = (np.abs(v[after]) - np.abs(v[after - 1])) / step
@@ -150,8 +162,8 @@ def _quantile(values: FloatArray, share: float, otherwise: float) -> float:
 class _Turns(NamedTuple):
     """The turns of an action as shares of its limits, arrays of shape (n,).
 
-    start, end: speeds; gain, loss: changes of speed in the first and second half of the turn; rate: greatest
-    turn rate; full: whether the turn is long enough for the greatest rate of the base.
+    start, end: speeds; gain, loss: changes of speed in the first and second half of the turn; rate:
+    greatest turn rate; full: whether the turn is long enough for the greatest rate of the base.
     """
 
     start: FloatArray
@@ -168,10 +180,12 @@ def _turns(rows: pd.DataFrame, limits: Limits) -> _Turns:
     Each also has the row before and the row after it, if these belong to its episode.
     """
     v, w, time, after = _series(rows)
-    follows = np.zeros(len(v), dtype=bool)  # (rows,): the row follows the previous one of its episode
+    # (rows,): the row follows the previous one of its episode
+    follows = np.zeros(len(v), dtype=bool)
     follows[after] = True
     turning = np.abs(w) > _TURNING * limits.w
-    continues = np.zeros(len(v), dtype=bool)  # (rows,): the row continues the turn of the previous one
+    # (rows,): the row continues the turn of the previous one
+    continues = np.zeros(len(v), dtype=bool)
     continues[1:] = follows[1:] & turning[1:] & turning[:-1] & (w[1:] * w[:-1] > 0.0)
     # Index of the first and of the last row of each turn, shape (turns,).
     begins = np.flatnonzero(turning & ~continues)
@@ -194,15 +208,16 @@ def _turns(rows: pd.DataFrame, limits: Limits) -> _Turns:
         rate, angle = np.max(np.abs(w[part])) / limits.w, abs(np.trapezoid(w[part], time[part]))
         found.append((*speeds, gain, loss, rate, angle))
     start, end_speed, gains, losses, rates, angles = np.array(found, dtype=float).reshape(-1, 6).T
-    full = angles > limits.w**2 / limits.aw  # rad in which the base reaches its turn rate and stops again
+    # rad in which the base reaches its turn rate and stops again
+    full = angles > limits.w**2 / limits.aw
     return _Turns(start, end_speed, gains, losses, rates, full)
 
 
 def _rates(speeds: FloatArray, changes: FloatArray, turns: _Turns) -> TurnRates:
     """Return the usual turn rate as a function of the speed and its change at one end of a turn.
 
-    A rate at one speed is assumed at higher ones too, up to the highest observed, and a rate while the speed
-    falls also while it falls less.
+    A rate at one speed is assumed at higher ones too, up to the highest observed, and a rate while
+    the speed falls also while it falls less.
     """
     full = turns.full if turns.full.any() else ~turns.full
     speeds, changes, rates = speeds[full], changes[full], turns.rate[full]
@@ -217,7 +232,9 @@ def _rates(speeds: FloatArray, changes: FloatArray, turns: _Turns) -> TurnRates:
     table[:, highest + 2 :] = 0.0
 
     def rate(speed: float, change: float) -> float:
-        return float(np.interp(change, _CHANGES, [np.interp(speed, _SPEEDS, each) for each in table]))
+        return float(
+            np.interp(change, _CHANGES, [np.interp(speed, _SPEEDS, each) for each in table])
+        )
 
     return rate
 
@@ -227,7 +244,9 @@ def _best_approach(driving: DrivingStyle, starts: pd.DataFrame, robot: Robot) ->
     shapes, ends = free_shapes(driving.limits, RUNS), _geometry(starts, robot).ends
 
     def approaching(run: float) -> DrivingStyle:
-        approaches = chosen_shapes(shapes, Rules(rates_of(driving.limits), run), ends, hold=robot.hold)
+        approaches = chosen_shapes(
+            shapes, Rules(rates_of(driving.limits), run), ends, hold=robot.hold
+        )
         return dataclasses.replace(driving, run=run, approaches=approaches)
 
     best = first = approaching(_RUN_LENGTHS[len(_RUN_LENGTHS) // 2])

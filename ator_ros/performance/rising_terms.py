@@ -1,7 +1,7 @@
 """Durations as a sum of rising functions of single features, whose bends are thresholds and dead zones.
 
-Each function is piecewise linear and never falls: a longer path, or a larger turn, takes no less time. In
-rules, a dead zone of 40° is a term such as ``0.0147*max(0, angle_to_dest - 40°)``.
+Each function is piecewise linear and never falls: a longer path, or a larger turn, takes no less
+time. In rules, a dead zone of 40° is a term such as ``0.0147*max(0, angle_to_dest - 40°)``.
 """
 
 from __future__ import annotations
@@ -19,10 +19,18 @@ from ator_ros.performance.error_process import robust_spread
 from ator_ros.performance.tree.linear_models import corrected_error
 from ator_ros.performance.tree.nodes import Hinge
 
-_ANGLES: FloatArray = np.radians([0.0, 10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 75.0, 90.0, 120.0, 150.0])
-_TURN_ANGLES: FloatArray = np.radians([*range(0, 60, 5), 60.0, 67.5, 75.0, 90.0, 105.0, 120.0, 135.0, 150.0])
+_ANGLES: FloatArray = np.radians(
+    [0.0, 10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 75.0, 90.0, 120.0, 150.0]
+)
+_TURN_ANGLES: FloatArray = np.radians(
+    [*range(0, 60, 5), 60.0, 67.5, 75.0, 90.0, 105.0, 120.0, 135.0, 150.0]
+)
 """Angles at which whole durations may bend, and finer ones for times of turns, which vary less."""
-RISING: dict[str, FloatArray] = {"dist": np.zeros(1), "angle_to_dest": _ANGLES, "angle_at_dest": _ANGLES}
+RISING: dict[str, FloatArray] = {
+    "dist": np.zeros(1),
+    "angle_to_dest": _ANGLES,
+    "angle_at_dest": _ANGLES,
+}
 """Features that durations rise with, and where each may bend, in m and rad. Thresholds are mostly small.
 
 The first is the distance, the last two are the turns before and after the straight; so in those below."""
@@ -41,7 +49,8 @@ _ON_MAP: dict[str, FloatArray] = {
     "route_angle_at": _ANGLES,
 }
 """Those of a domain with a map."""
-_TERM_COST = 0.75  # of a segment in the corrected error; more makes shorter rules, which refine less well
+# of a segment in the corrected error; more makes shorter rules, which refine less well
+_TERM_COST = 0.75
 _CLIPPED_AT, _ROUNDS = 3.0, 3
 """Standard deviations at which residuals are clipped, in rounds: now and then a drive takes much longer."""
 _SAMPLING = 0.1  # s between the rows of drives; smaller residuals are never clipped
@@ -66,10 +75,10 @@ def sum_of(base: tuple[Hinge, ...], table: pd.DataFrame) -> FloatArray:
 def rising_terms(table: pd.DataFrame, parts: FloatArray) -> tuple[Hinge, ...]:
     """Return the terms that fit the durations of drives best, without the constant.
 
-    `parts` are the times in s of the parts of each drive, shape (n, 3), see `part_times`, or its whole
-    duration, shape (n, 1). The terms of each part are found alone: fifty drives then show beyond which
-    angle an action turns on the spot, whatever else makes durations vary. `table` has the features
-    `rising_in`.
+    `parts` are the times in s of the parts of each drive, shape (n, 3), see `part_times`, or its
+    whole duration, shape (n, 1). The terms of each part are found alone: fifty drives then show
+    beyond which angle an action turns on the spot, whatever else makes durations vary. `table` has
+    the features `rising_in`.
     """
     rising = rising_in(table.columns)
     *_, first, last = rising
@@ -87,13 +96,17 @@ def rising_terms(table: pd.DataFrame, parts: FloatArray) -> tuple[Hinge, ...]:
 _Bend = tuple[str, float]  # feature and place of a change of slope
 
 
-def _fitted(table: pd.DataFrame, rising: dict[str, FloatArray], durations: FloatArray) -> dict[_Bend, float]:
+def _fitted(
+    table: pd.DataFrame, rising: dict[str, FloatArray], durations: FloatArray
+) -> dict[_Bend, float]:
     """Return the changes of slope that fit durations (n,) in s best.
 
-    It is a non-negative least-squares fit on the segments between bends. Bends are removed, those first that
-    are worth least, while the corrected error of M5' does not grow.
+    It is a non-negative least-squares fit on the segments between bends. Bends are removed, those
+    first that are worth least, while the corrected error of M5' does not grow.
     """
-    segments = np.hstack([_segments(table[name].to_numpy(), bends) for name, bends in rising.items()])
+    segments = np.hstack(
+        [_segments(table[name].to_numpy(), bends) for name, bends in rising.items()]
+    )
     centered = segments - segments.mean(axis=0)
     target = durations - durations.mean()
     for _ in range(_ROUNDS):
@@ -102,7 +115,8 @@ def _fitted(table: pd.DataFrame, rising: dict[str, FloatArray], durations: Float
         most = max(_CLIPPED_AT * robust_spread(error), _SAMPLING)
         target = fitted + np.clip(error, -most, most)
         target -= target.mean()
-    # Fits to the rows of the triangular factor have the same squared errors; its last column is the target.
+    # Fits to the rows of the triangular factor have the same squared errors; its last column is the
+    # target.
     factor: FloatArray = np.asarray(np.linalg.qr(np.column_stack([centered, target]), mode="r"))
     begins = [(name, float(bend)) for name, bends in rising.items() for bend in bends]
     groups = [[[at] for at, (other, _) in enumerate(begins) if other == name] for name in rising]
@@ -127,7 +141,11 @@ def _segments(values: FloatArray, bends: FloatArray) -> FloatArray:
 def _merged(groups: _Groups) -> list[_Groups]:
     """Return all groups that have one bend less than these."""
     return [
-        [*groups[:number], [*runs[:at], runs[at] + runs[at + 1], *runs[at + 2 :]], *groups[number + 1 :]]
+        [
+            *groups[:number],
+            [*runs[:at], runs[at] + runs[at + 1], *runs[at + 2 :]],
+            *groups[number + 1 :],
+        ]
         for number, runs in enumerate(groups)
         for at in range(len(runs) - 1)
     ]

@@ -62,10 +62,12 @@ SMALL_LEAF = 50  # least number of episodes at a leaf of the trees of `OUTCOMES`
 _NEAREST = 0.01  # m, least distance
 _AT_GOAL = ((0.02, 0.05), (0.03, 0.08))  # m and rad to the goal that may count as being there
 _LEAST_AT_GOAL = 3  # episodes that show how long an action takes there
-_MOSTLY, _STOPPING = 0.95, 0.2  # share of starts, m/s: a robot may still be stopping when an action starts
+# share of starts, m/s: a robot may still be stopping when an action starts
+_MOSTLY, _STOPPING = 0.95, 0.2
 _TURNED = 0.5  # rad, least turn at the goal for which the angle that is left is measured
 _ALIKE = 0.15  # greatest difference in s of durations that count as the same there: three ticks
-_BRAKING_EPISODES, _BRAKING_SHARE = 15, 0.05  # episodes, or at most a share, that make a deceleration known
+# episodes, or at most a share, that make a deceleration known
+_BRAKING_EPISODES, _BRAKING_SHARE = 15, 0.05
 
 
 def train(
@@ -73,8 +75,9 @@ def train(
 ) -> PerformanceModel:
     """Learn the performance model of `action`.
 
-    The success is learned from all episodes: its rate if no tree is better. Durations are learned from those
-    that succeeded, and so are the errors at the goal, if enough episodes have them; see `without_errors`.
+    The success is learned from all episodes: its rate if no tree is better. Durations are learned
+    from those that succeeded, and so are the errors at the goal, if enough episodes have them; see
+    `without_errors`.
 
     Parameters
     ----------
@@ -94,7 +97,9 @@ def train(
         missing = rows[name].isna().sum() if name in rows else len(rows)
         if missing:
             expected = "expected a value in each row of experience"
-            raise ExperienceError(f"{action}: {name}: {expected}, {missing} of {len(rows)} have none")
+            raise ExperienceError(
+                f"{action}: {name}: {expected}, {missing} of {len(rows)} have none"
+            )
     starts = rows[rows["t"] == 0.0]
     starts = starts[routed(starts, robot, features)]
     good_starts = starts[starts["success"]]
@@ -110,7 +115,9 @@ def train(
     good = table(good_starts, features=of_durations)
     parts = part_times(good_starts) if robot.grid is None else None
     duration, errors = duration_tree(good, durations, parts)
-    success = _success_tree(starts["success"].to_numpy(dtype=float), table(starts, features=features))
+    success = _success_tree(
+        starts["success"].to_numpy(dtype=float), table(starts, features=features)
+    )
     trees = {"duration": duration, "success": success}
     for measure in ("accuracy", "heading"):
         values = good_starts[OUTCOMES[measure]].to_numpy(dtype=float)
@@ -151,7 +158,9 @@ def routed(rows: pd.DataFrame, robot: Robot, features: Sequence[Feature]) -> Boo
 def without_routes(rows: pd.DataFrame, robot: Robot, features: Sequence[Feature]) -> list[str]:
     """Return a remark on episodes without a route on the map, if there are any."""
     found = routed(rows[rows["t"] == 0.0], robot, features)
-    text = "have no route on the map and are left out: is it the map of these drives, in their frame?"
+    text = (
+        "have no route on the map and are left out: is it the map of these drives, in their frame?"
+    )
     return [] if found.all() else [f": {(~found).sum()} of {len(found)} episodes {text}"]
 
 
@@ -160,8 +169,8 @@ def duration_features(
 ) -> tuple[Feature, ...]:
     """Return the candidates for durations: `features`, and `OF_STRAIGHT` if straights may be backward.
 
-    The latter only without a map, and if the action, whose episodes have these `starts`, drives from rest to
-    rest.
+    The latter only without a map, and if the action, whose episodes have these `starts`, drives
+    from rest to rest.
     """
     may_reverse = driving is not None and driving.backward_above < math.pi
     names = {*names_of(features)}
@@ -191,11 +200,12 @@ def duration_tree(
     The tree predicts, in the first of these cases that holds:
 
     - the whole duration, if path times are not among the features;
-    - the difference to a sum of rising terms, if the robot stands at both ends: the sum has no jumps at
-      thresholds that a search could exploit, except where the robot begins to drive backward;
+    - the difference to a sum of rising terms, if the robot stands at both ends: the sum has no
+      jumps at thresholds that a search could exploit, except where the robot begins to drive
+      backward;
     - the whole duration, if the action does not follow its path to the end, such as a shot;
-    - the difference to the time of the path: linear models of whole durations would fall below it where
-      the robot can hardly brake or turn in time, and a search selects such predictions.
+    - the difference to the time of the path: linear models of whole durations would fall below it
+      where the robot can hardly brake or turn in time, and a search selects such predictions.
 
     `parts` are those of the drives, shape (n, 3), NaN where unknown; see `part_times`.
     """
@@ -205,7 +215,9 @@ def duration_tree(
         tree, errors = _on_sum(table, durations, parts)
     else:
         late = durations - table[_PATH].to_numpy()
-        faster = np.quantile(late, _FASTER_SHARE, method="lower") < -_FASTER_BY * np.median(durations)
+        faster = np.quantile(late, _FASTER_SHARE, method="lower") < -_FASTER_BY * np.median(
+            durations
+        )
         tree, errors = _best_learning(table, durations, _whole if faster else _minus_path)
     return narrowed(tree), errors
 
@@ -224,15 +236,21 @@ def _on_sum(
     # By parts, the terms have the thresholds of the turns: the tree splits by distance only.
     terms_by_parts = partial(_minus_terms, parts=pd.DataFrame(parts, table.index))
     by_parts = learn(terms_by_parts, tree_features=basic.columns[:1])
-    by_whole = _on_sum(table.drop(columns=list(names_of(OF_STRAIGHT)), errors="ignore"), durations, None)
+    by_whole = _on_sum(
+        table.drop(columns=list(names_of(OF_STRAIGHT)), errors="ignore"), durations, None
+    )
     error, error_by_whole = (np.abs(errors[drives]).mean() for _, errors in (by_parts, by_whole))
     mostly_known = 2 * (drives & known).sum() >= drives.sum()
-    return by_parts if error < (_MOST_BY_PARTS if mostly_known else 1.0) * error_by_whole else by_whole
+    return (
+        by_parts if error < (_MOST_BY_PARTS if mostly_known else 1.0) * error_by_whole else by_whole
+    )
 
 
 def _stands(table: pd.DataFrame) -> bool:
     """Return whether the robot stands at both ends of episodes, and their features show that."""
-    return {*rising_in(table.columns), _PATH, "v", "speedg"} <= set(table.columns) and _is_at_rest(table)
+    return {*rising_in(table.columns), _PATH, "v", "speedg"} <= set(table.columns) and _is_at_rest(
+        table
+    )
 
 
 def _is_at_rest(rows: pd.DataFrame) -> bool:
@@ -316,14 +334,17 @@ def small_tree(table: pd.DataFrame, values: FloatArray, *, leaf: int = SMALL_LEA
 
 def _success_tree(happened: FloatArray, table: pd.DataFrame) -> ModelTree:
     """Learn the probability of success: the rate of all episodes, unless a tree predicts it better."""
-    # A few failures make leaves of any shape, and refinement would avoid each, as failures cost much. So the
-    # tree must have a smaller squared error (Brier score) in cross-validation, by two standard errors.
+    # A few failures make leaves of any shape, and refinement would avoid each, as failures cost
+    # much. So the tree must have a smaller squared error (Brier score) in cross-validation, by two
+    # standard errors.
     fold, gains = np.arange(len(happened)) % _FOLDS, np.zeros(len(happened))
     for number in range(_FOLDS if happened.min() < happened.max() else 0):
         held, seen = fold == number, fold != number
         tree = small_tree(table[seen], happened[seen])
         predicted = tree.predict(table.loc[held, list(tree.names)].to_numpy()).clip(0.0, 1.0)
-        gains[held] = (happened[seen].mean() - happened[held]) ** 2 - (predicted - happened[held]) ** 2
+        gains[held] = (happened[seen].mean() - happened[held]) ** 2 - (
+            predicted - happened[held]
+        ) ** 2
     if gains.mean() > 2.0 * gains.std() / math.sqrt(len(gains)):
         return small_tree(table, happened)
     return small_tree(table, np.full(len(happened), happened.mean()))
@@ -331,7 +352,8 @@ def _success_tree(happened: FloatArray, table: pd.DataFrame) -> ModelTree:
 
 def _observed_at_goal(starts: pd.DataFrame, robot: Robot) -> AtGoal | None:
     """Return how long an action takes at its goal, from first rows of episodes that succeeded."""
-    # The bounds are the widest within which durations hardly differ; if they differ next to the goal, None.
+    # The bounds are the widest within which durations hardly differ; if they differ next to the
+    # goal, None.
     geometry = Geometry(direct_of(starts), robot)
     durations = starts["duration"].to_numpy(dtype=float)
     angle, at_rest = geometry.rows[ANGLE_BETWEEN], geometry.rows[RESTS] > 0.5
@@ -342,7 +364,9 @@ def _observed_at_goal(starts: pd.DataFrame, robot: Robot) -> AtGoal | None:
             continue
         if np.ptp(within) > _ALIKE:
             return None if dist == UNOBSERVED.dist else found
-        mean, spread = (max(float(value), CONTROL_PERIOD) for value in (within.mean(), within.std()))
+        mean, spread = (
+            max(float(value), CONTROL_PERIOD) for value in (within.mean(), within.std())
+        )
         found = AtGoal(dist, most, mean, spread)
     return found
 
@@ -370,9 +394,9 @@ def direct_of(rows: pd.DataFrame) -> dict[str, np.ndarray]:
 def start_ranges(rows: pd.DataFrame, robot: Robot) -> dict[str, list[float]]:
     """Return the least and the greatest value of the direct variables at the starts of episodes.
 
-    Places are relative to the center of the robot's area. `way` is the distance in m to the goal's place from
-    the axle or the hold, whichever the goal is for; `turn` is the angle in rad between both headings;
-    `braking` are decelerations in m/s^2 that enough episodes needed, see `_braking`.
+    Places are relative to the center of the robot's area. `way` is the distance in m to the goal's
+    place from the axle or the hold, whichever the goal is for; `turn` is the angle in rad between
+    both headings; `braking` are decelerations in m/s^2 that enough episodes needed, see `_braking`.
     """
     starts = rows[rows["t"] == 0.0]
     names = (name for name in DIRECT_VARIABLES if name not in ("yaw", "yawg", "hold"))
@@ -387,10 +411,12 @@ def start_ranges(rows: pd.DataFrame, robot: Robot) -> dict[str, list[float]]:
 
 def _braking(starts: pd.DataFrame, robot: Robot) -> float:
     """Return the deceleration in m/s^2 that enough episodes needed for a straight drive to the goal."""
-    # If there is hardly room to brake, the robot makes a detour, and models err by seconds. Such starts are
-    # too rare to influence trees or spreads.
+    # If there is hardly room to brake, the robot makes a detour, and models err by seconds. Such
+    # starts are too rare to influence trees or spreads.
     squares = starts["v"].to_numpy(dtype=float) ** 2 - starts["speedg"].to_numpy(dtype=float) ** 2
-    needed = np.sort(np.maximum(squares, 0.0) / (2.0 * np.maximum(_distances(starts, robot), _NEAREST)))
+    needed = np.sort(
+        np.maximum(squares, 0.0) / (2.0 * np.maximum(_distances(starts, robot), _NEAREST))
+    )
     beyond = min(_BRAKING_EPISODES, math.ceil(_BRAKING_SHARE * len(needed)))
     return float(needed[-beyond]) if beyond else 0.0
 

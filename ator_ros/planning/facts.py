@@ -1,7 +1,8 @@
 """Facts: clauses of conditions for the goal of a TOP, and whether they hold after a TOP.
 
-A goal variable is bound to a symbol: a number, the present value of a state variable ("object.x" before the
-TOP), or a place that is chosen later. Variables with the same symbol have the same value.
+A goal variable is bound to a symbol: a number, the present value of a state variable ("object.x"
+before the TOP), or a place that is chosen later. Variables with the same symbol have the same
+value.
 """
 
 from __future__ import annotations
@@ -90,8 +91,13 @@ def difference(variable: str, value: Value, target: Value) -> float | None:
     return wrap_angle(apart) if variable.endswith("yaw") else apart
 
 
-def _satisfied(term: Statement, values: Mapping[str, Value], binding: Binding, *, surely: bool) -> bool:
-    value, target = values.get(term.variable, Value(term.variable)), target_of(term, values, binding, "")
+def _satisfied(
+    term: Statement, values: Mapping[str, Value], binding: Binding, *, surely: bool
+) -> bool:
+    value, target = (
+        values.get(term.variable, Value(term.variable)),
+        target_of(term, values, binding, ""),
+    )
     apart = difference(term.variable, value, target)
     if apart is None:
         return False
@@ -107,12 +113,15 @@ def _satisfied(term: Statement, values: Mapping[str, Value], binding: Binding, *
 class Fact:
     """A clause of a condition for a goal.
 
-    It must hold for projected values or, if `surely`, within all tolerances of a TOP, as the goal of a plan.
+    It must hold for projected values or, if `surely`, within all tolerances of a TOP, as the goal
+    of a plan.
     """
 
     clause: Statement | Relation
-    binding: tuple[tuple[str, Symbol], ...] = ()  # names and symbols of the goal variables in the clause
-    region: str = ""  # name of the region of places at which it holds; empty if no place is chosen for it
+    # names and symbols of the goal variables in the clause
+    binding: tuple[tuple[str, Symbol], ...] = ()
+    # name of the region of places at which it holds; empty if no place is chosen for it
+    region: str = ""
     surely: bool = False
 
     @property
@@ -121,7 +130,9 @@ class Fact:
             places = [place for place in self.clause.places if place != "goal"]
             return frozenset(f"{name}.{axis}" for name in places for axis in "xy")
         sides = (self.clause.variable, self.clause.target)
-        return frozenset(side for side in sides if isinstance(side, str) and not side.startswith("goal."))
+        return frozenset(
+            side for side in sides if isinstance(side, str) and not side.startswith("goal.")
+        )
 
     @property
     def depends(self) -> frozenset[str]:
@@ -161,13 +172,17 @@ class Fact:
 
 def resolved(binding: Binding, state: State) -> dict[str, float]:
     """Return the goal variables whose values are known in `state`."""
-    values = {name: state.get(each) if isinstance(each, str) else each for name, each in binding.items()}
+    values = {
+        name: state.get(each) if isinstance(each, str) else each for name, each in binding.items()
+    }
     return {name: value for name, value in values.items() if value is not None}
 
 
 def region_name(top: Top, binding: Binding, thing: str) -> str:
     """Return a name for the places of `thing` from which a TOP with this goal may start."""
-    there = ", ".join(f"{name} {symbol}" for name, symbol in sorted(binding.items()) if name in "xy")
+    there = ", ".join(
+        f"{name} {symbol}" for name, symbol in sorted(binding.items()) if name in "xy"
+    )
     return f"place of {thing} for {top.name} ({there})"
 
 

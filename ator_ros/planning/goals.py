@@ -42,15 +42,25 @@ def check_goal(goal: Sequence[GoalStatement], known: Sequence[str]) -> None:
 
 
 def statement_from(text: str) -> GoalStatement:
-    """Read VARIABLE=VALUE or VARIABLE=VALUE:LOW:HIGH; raise PlanningError if the text is none of these."""
+    """Read VARIABLE=VALUE or VARIABLE=VALUE:LOW:HIGH.
+
+    Raise PlanningError if the text is none of these.
+    """
     variable, _, rest = text.partition("=")
     target, *bounds = rest.split(":")
     try:
         numbers = [float(bound) for bound in bounds]
     except ValueError:
         numbers = [math.nan]
-    if not variable or not target or len(numbers) not in (0, 2) or not all(map(math.isfinite, numbers)):
-        raise PlanningError(f"goal: expected VARIABLE=VALUE or VARIABLE=VALUE:LOW:HIGH, got {quoted(text)}")
+    if (
+        not variable
+        or not target
+        or len(numbers) not in (0, 2)
+        or not all(map(math.isfinite, numbers))
+    ):
+        raise PlanningError(
+            f"goal: expected VARIABLE=VALUE or VARIABLE=VALUE:LOW:HIGH, got {quoted(text)}"
+        )
     about: float | str = target
     with suppress(ValueError):
         about = float(target)
@@ -59,5 +69,7 @@ def statement_from(text: str) -> GoalStatement:
     if not numbers:
         return Unspecified(variable, about)
     if numbers[0] > numbers[1]:
-        raise PlanningError(f"goal: {variable}: expected LOW <= HIGH, got {numbers[0]:g} and {numbers[1]:g}")
+        raise PlanningError(
+            f"goal: {variable}: expected LOW <= HIGH, got {numbers[0]:g} and {numbers[1]:g}"
+        )
     return Region(variable, about, numbers[0], numbers[1])

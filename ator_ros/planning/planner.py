@@ -1,6 +1,7 @@
 """Chains for a goal, from the conditions of the TOPs in a library.
 
-Goal variables that the plan does not determine are open; refinement replaces their preliminary values.
+Goal variables that the plan does not determine are open; refinement replaces their preliminary
+values.
 """
 
 from __future__ import annotations
@@ -16,7 +17,13 @@ from ator_ros.execution.fence import Fence
 from ator_ros.geometry import FloatArray
 from ator_ros.planning.facts import Fact, placed_thing, resolved
 from ator_ros.planning.goals import GoalStatement, PlanningError, check_goal
-from ator_ros.planning.problem import PlannedStep, PlanningProblem, facts_of, planning_problem, steps_for
+from ator_ros.planning.problem import (
+    PlannedStep,
+    PlanningProblem,
+    facts_of,
+    planning_problem,
+    steps_for,
+)
 from ator_ros.refinement.refiner import LONGEST_CHAIN, MOST_ALTERNATIVES
 from ator_ros.tops.chain import Top, TopCall, TopChain, projected
 from ator_ros.tops.conditions import State, state_of, state_variables
@@ -26,7 +33,8 @@ from ator_ros.tops.ranges import USUAL_RANGES
 from ator_ros.world.state import World
 
 _MOST_PLANS = 16  # symbolic plans that are searched; for some of them there is no place for a step
-_SPACING, _MOST_INTERVALS = 0.1, 400  # of the grid of candidate places: m, and along a side of the area
+# of the grid of candidate places: m, and along a side of the area
+_SPACING, _MOST_INTERVALS = 0.1, 400
 _LEAST_DISTANCE = 0.5  # m: preferred least distance of a place from the present one
 
 
@@ -51,8 +59,8 @@ def chains_for(
     Raises
     ------
     PlanningError
-        The goal cannot be used, or there is no plan inside the fence. The message names the condition that
-        no TOP achieves, or why no plan can be used.
+        The goal cannot be used, or there is no plan inside the fence. The message names the
+        condition that no TOP achieves, or why no plan can be used.
     """
     robot = library.robot
     check_goal(goal, state_variables(objects, holder=robot.holder is not None))
@@ -83,7 +91,11 @@ def chains_for(
 
 
 def _valid_chain(
-    steps: Sequence[PlannedStep], goal: Sequence[Fact], world: World, library: TopLibrary, fence: Fence
+    steps: Sequence[PlannedStep],
+    goal: Sequence[Fact],
+    world: World,
+    library: TopLibrary,
+    fence: Fence,
 ) -> TopChain:
     """Return the chain of a plan; raise PlanningError if it is not valid in the situation."""
     robot = library.robot
@@ -113,14 +125,20 @@ def _why_unreachable(problem: PlanningProblem) -> str:
         if step := problem.steps[number]:
             for need in sorted(problem.operators[number].needs):
                 needed.setdefault(need, f", which {step.top.name} needs")
-    unmet = {need: why for need, why in needed.items() if need not in met and need < len(problem.facts)}
+    unmet = {
+        need: why for need, why in needed.items() if need not in met and need < len(problem.facts)
+    }
     if unmet:
-        return "; ".join(f"no TOP achieves {problem.facts[need]}{why}" for need, why in unmet.items())
+        return "; ".join(
+            f"no TOP achieves {problem.facts[need]}{why}" for need, why in unmet.items()
+        )
     goal = " and ".join(str(problem.facts[number]) for number in sorted(problem.goal))
     return f"each condition can be achieved, but no sequence of TOPs ends with {goal}"
 
 
-def _call(step: PlannedStep, world: World, library: TopLibrary, fence: Fence, *, last: bool) -> TopCall:
+def _call(
+    step: PlannedStep, world: World, library: TopLibrary, fence: Fence, *, last: bool
+) -> TopCall:
     robot, state = library.robot, state_of(world, library.robot)
     known = resolved(dict(step.binding), state)
     goal = library.goal(step.top, world.robot.pose)
@@ -153,7 +171,8 @@ def _place_in(
 ) -> tuple[float, float] | None:
     """Return the place (m) in a region, and in `edges`, that is nearest to the present one of its thing.
 
-    If possible it keeps the tolerance of the TOP that brings the thing there from the edge of the region.
+    If possible it keeps the tolerance of the TOP that brings the thing there from the edge of the
+    region.
     """
     thing = placed_thing(region[0].clause)
     places = _candidates(edges, resolved(dict(region[0].binding), state))

@@ -37,8 +37,10 @@ class PlannedStep:
     """A TOP with a goal."""
 
     top: Top
-    binding: tuple[tuple[str, Symbol], ...] = ()  # names and symbols; missing variables are chosen later
-    region: tuple[Fact, ...] = ()  # that a later TOP needs at the chosen place; empty if none is chosen
+    # names and symbols; missing variables are chosen later
+    binding: tuple[tuple[str, Symbol], ...] = ()
+    # that a later TOP needs at the chosen place; empty if none is chosen
+    region: tuple[Fact, ...] = ()
 
     def needs(self) -> list[Fact]:
         """Return its preconditions."""
@@ -50,12 +52,17 @@ class PlannedStep:
 
 
 def facts_of(goal: Sequence[GoalStatement], tops: Sequence[Top]) -> list[Fact]:
-    """Return a goal as facts; statements without a tolerance get the smallest that `tops` achieve."""
+    """Return a goal as facts.
+
+    Statements without a tolerance get the smallest that `tops` achieve.
+    """
     facts = []
     for statement in goal:
         if isinstance(statement, Unspecified):
             values = [value for top in tops if (value := _achieved(statement, top)) is not None]
-            ranges = [(each.low, each.high) for each in values if math.isfinite(each.high - each.low)]
+            ranges = [
+                (each.low, each.high) for each in values if math.isfinite(each.high - each.low)
+            ]
             low, high = min(ranges, key=lambda ends: ends[1] - ends[0], default=(0.0, 0.0))
             statement = Region(statement.variable, statement.target, low, high)
         facts.append(Fact(statement, surely=True))
@@ -63,7 +70,10 @@ def facts_of(goal: Sequence[GoalStatement], tops: Sequence[Top]) -> list[Fact]:
 
 
 def _achieved(statement: Unspecified, top: Top) -> Value | None:
-    """Return the variable after a TOP relative to the target; None if the TOP does not bring it there."""
+    """Return the variable after a TOP relative to the target.
+
+    None if the TOP does not bring it there.
+    """
     for binding in ({}, _reaching([statement], top)):
         values = after(top, binding)
         value, target = values.get(statement.variable), values.get(str(statement.target))
@@ -81,7 +91,11 @@ def _reaching(goal: Sequence[GoalStatement], top: Top) -> dict[str, Symbol]:
     for statement in goal:
         symbol = values[statement.variable].symbol if statement.variable in values else ""
         name = str(symbol).removeprefix("goal.")
-        if symbol == f"goal.{name}" and name in names and not str(statement.target).startswith(_MOVING):
+        if (
+            symbol == f"goal.{name}"
+            and name in names
+            and not str(statement.target).startswith(_MOVING)
+        ):
             target = statement.target
             found.setdefault(name, target if isinstance(target, str) else float(target))
     return found
@@ -90,19 +104,25 @@ def _reaching(goal: Sequence[GoalStatement], top: Top) -> dict[str, Symbol]:
 def steps_for(goal: Sequence[Fact], tops: Sequence[Top]) -> list[PlannedStep]:
     """Return candidate steps: TOPs with goals.
 
-    The goal of a TOP is the place of the object that it follows, a place in the goal of the plan, or a place
-    from which another of these steps may start.
+    The goal of a TOP is the place of the object that it follows, a place in the goal of the plan,
+    or a place from which another of these steps may start.
     """
     groups: dict[str, list[Statement]] = {}  # by robot, hold or object
     for fact in goal:
         if isinstance(fact.clause, Statement):
             groups.setdefault(fact.clause.variable.partition(".")[0], []).append(fact.clause)
-    direct = [PlannedStep(top, binding) for top in tops for binding in _bindings(top, list(groups.values()))]
+    direct = [
+        PlannedStep(top, binding)
+        for top in tops
+        for binding in _bindings(top, list(groups.values()))
+    ]
     near = [step for top in tops for target in direct for step in _toward(top, target)]
     return list(dict.fromkeys((*direct, *near)))
 
 
-def _bindings(top: Top, groups: Sequence[Sequence[Statement]]) -> Iterator[tuple[tuple[str, Symbol], ...]]:
+def _bindings(
+    top: Top, groups: Sequence[Sequence[Statement]]
+) -> Iterator[tuple[tuple[str, Symbol], ...]]:
     """Yield goals of `top`: at the object that it follows, if any, and one for each group that it reaches."""
     name = followed(top)
     own: dict[str, Symbol] = {} if name is None else {"x": f"{name}.x", "y": f"{name}.y"}
@@ -142,7 +162,8 @@ class PlanningProblem:
     """A STRIPS problem: operators, and the numbers of the facts that hold initially and of the goal."""
 
     facts: tuple[Fact, ...]  # by number; higher numbers: a region contains an object from the start
-    steps: tuple[PlannedStep | None, ...]  # of each operator; None if it leaves an object in its region
+    # of each operator; None if it leaves an object in its region
+    steps: tuple[PlannedStep | None, ...]
     operators: tuple[Operator, ...]
     initial: frozenset[int]
     goal: frozenset[int]
@@ -166,8 +187,9 @@ class PlanningProblem:
     def plans(self, most: int) -> list[Plan]:
         """Return up to `most` plans, those with fewest operators first.
 
-        Each further plan excludes an operator of each plan before. The sets of excluded operators form the
-        hitting-set tree of Reiter (1987), which finds all plans that contain no other plan.
+        Each further plan excludes an operator of each plan before. The sets of excluded operators
+        form the hitting-set tree of Reiter (1987), which finds all plans that contain no other
+        plan.
 
         Raises
         ------
@@ -199,9 +221,14 @@ class PlanningProblem:
         return sorted(found, key=len)
 
     def _best(self, usable: Sequence[int]) -> Plan | None:
-        """Return a plan with the fewest operators; of several, one that deletes fewest facts of the goal."""
+        """Return a plan with the fewest operators.
+
+        Of several, one that deletes fewest facts of the goal.
+        """
         ages = itertools.count()
-        waiting: list[tuple[int, int, int, frozenset[int], Plan]] = [(0, 0, next(ages), self.initial, ())]
+        waiting: list[tuple[int, int, int, frozenset[int], Plan]] = [
+            (0, 0, next(ages), self.initial, ())
+        ]
         done = set[frozenset[int]]()
         while waiting:
             _, undone, _, state, plan = heapq.heappop(waiting)
@@ -211,7 +238,9 @@ class PlanningProblem:
                 continue
             done.add(state)
             if len(done) > _MOST_STATES:
-                raise PlanningError(f"goal: expected at most {_MOST_STATES} states to search, got more")
+                raise PlanningError(
+                    f"goal: expected at most {_MOST_STATES} states to search, got more"
+                )
             for number in usable:
                 operator = self.operators[number]
                 if operator.needs <= state:
@@ -222,18 +251,25 @@ class PlanningProblem:
         return None
 
 
-def planning_problem(goal: Sequence[Fact], steps: Sequence[PlannedStep], state: State) -> PlanningProblem:
+def planning_problem(
+    goal: Sequence[Fact], steps: Sequence[PlannedStep], state: State
+) -> PlanningProblem:
     """Return the symbolic problem of a goal from the state variables at the start, see `state_of`.
 
-    Leaving an object in its region is an operator of its own, so that plans that move it are alternatives.
+    Leaving an object in its region is an operator of its own, so that plans that move it are
+    alternatives.
     """
     needs = [fact for step in steps for fact in step.needs()]
     facts = list(dict.fromkeys((*goal, *needs)))
     numbers = {fact: number for number, fact in enumerate(facts)}
     true = {number for fact, number in numbers.items() if fact.violation(state) is None}
     names = dict.fromkeys(fact.region for fact in facts if fact.region)
-    regions = [frozenset(number for fact, number in numbers.items() if fact.region == name) for name in names]
-    # Numbers of the facts that a region contains an object from the start, with the facts of the region.
+    regions = [
+        frozenset(number for fact, number in numbers.items() if fact.region == name)
+        for name in names
+    ]
+    # Numbers of the facts that a region contains an object from the start, with the facts of the
+    # region.
     contained = dict(enumerate((region for region in regions if region <= true), start=len(facts)))
     operators: dict[Operator, PlannedStep | None] = {}
     for step in steps:
@@ -249,4 +285,6 @@ def planning_problem(goal: Sequence[Fact], steps: Sequence[PlannedStep], state: 
         operators.setdefault(Operator(frozenset({number}), group, frozenset()), None)
     initial = frozenset(true).difference(*contained.values()) | frozenset(contained)
     wanted = frozenset(numbers[fact] for fact in goal)
-    return PlanningProblem(tuple(facts), tuple(operators.values()), tuple(operators), initial, wanted)
+    return PlanningProblem(
+        tuple(facts), tuple(operators.values()), tuple(operators), initial, wanted
+    )

@@ -1,8 +1,8 @@
 """The predicted performance of a whole chain as a function of its free variables (paper, section 4.3).
 
-`StepRows` computes the situations in which the actions of a chain start and end: at the subgoals (paper,
-section 4.1), or as far short of them as the action usually stops. `ChainModel` predicts the actions in these
-situations and adds up their costs.
+`StepRows` computes the situations in which the actions of a chain start and end: at the subgoals
+(paper, section 4.1), or as far short of them as the action usually stops. `ChainModel` predicts the
+actions in these situations and adds up their costs.
 """
 
 from __future__ import annotations
@@ -19,7 +19,18 @@ from ator_ros.actions.base import Goal, Point
 from ator_ros.actions.goal_variables import direct_name, goal_values
 from ator_ros.geometry import FloatArray, wrap_angles
 from ator_ros.motion.routes import arrival_heading, routes_of
-from ator_ros.performance.direct import DIRECT_VARIABLES, SPEEDG, XG, YAW, YAWG, YG, DirectTable, V, X, Y
+from ator_ros.performance.direct import (
+    DIRECT_VARIABLES,
+    SPEEDG,
+    XG,
+    YAW,
+    YAWG,
+    YG,
+    DirectTable,
+    V,
+    X,
+    Y,
+)
 from ator_ros.performance.model import Arrival
 from ator_ros.refinement.objective import Objective
 from ator_ros.refinement.search import Pairs, StepCosts
@@ -46,18 +57,22 @@ class PredictsPerformance(Protocol):
     def used_variables(self) -> frozenset[str]:
         """Direct variables that the prediction depends on."""
 
-    def predict(self, direct: Mapping[str, Any], measures: tuple[str, ...], signs: FloatArray | None) -> Any:
+    def predict(
+        self, direct: Mapping[str, Any], measures: tuple[str, ...], signs: FloatArray | None
+    ) -> Any:
         """Return a prediction whose fields named in `measures` are arrays of shape (n,).
 
-        With `signs`, shape (n,), it has `error_of_sum`: the expected error in s of the sum of the durations
-        with these signs, and its variance in s².
+        With `signs`, shape (n,), it has `error_of_sum`: the expected error in s of the sum of the
+        durations with these signs, and its variance in s².
         """
 
 
 # The situations of a chain
 
 
-def columns_after(goal: Mapping[str, Any], point: Point, robot: Robot) -> dict[str, float | FloatArray]:
+def columns_after(
+    goal: Mapping[str, Any], point: Point, robot: Robot
+) -> dict[str, float | FloatArray]:
     """Return the start variables x, y, yaw, v, w of the action after a subgoal that is reached exactly.
 
     They are numbers, or arrays (n,) for n candidates, as the variables of the goal are.
@@ -103,20 +118,28 @@ class StepRows:
         values = goal.speed, goal.point is Point.HOLD, *(goal.values[name] for name in declared)
         self._fixed = np.array([*start, *goal.pose, *values], dtype=float)
         self._of_goal = [
-            (_GOAL_ROWS[name] if name in _GOAL_ROWS else self.names.index(direct_name(name)), column)
+            (
+                _GOAL_ROWS[name] if name in _GOAL_ROWS else self.names.index(direct_name(name)),
+                column,
+            )
             for column, name in enumerate(names)
         ]
         self._of_start = [
-            (_START_ROWS[name], column) for column, name in enumerate(previous_names) if name in _START_ROWS
+            (_START_ROWS[name], column)
+            for column, name in enumerate(previous_names)
+            if name in _START_ROWS
         ]
-        self._held = previous.pose if previous is not None and previous.point is Point.HOLD else None
+        self._held = (
+            previous.pose if previous is not None and previous.point is Point.HOLD else None
+        )
         self._hold = hold
         self._arrival, self._bearing = arrival, bearing
 
     def values(self, before: FloatArray, after: FloatArray) -> FloatArray:
         """Return the direct variables, shape (names, ...), for candidates (..., k), broadcast together.
 
-        They are of the subgoals before and after the step; those that change no variable count as one.
+        They are of the subgoals before and after the step; those that change no variable count as
+        one.
         """
         columns: dict[int, Any] = {row: before[..., column] for row, column in self._of_start}
         if self._held is not None and columns:
@@ -126,7 +149,10 @@ class StepRows:
         if self._arrival is not None:
             x, y, yaw = (columns.get(row, self._fixed[row]) for row in (X, Y, YAW))
             dist, angle = self._arrival.dist, self._arrival.angle
-            columns[X], columns[Y] = x - dist * math.cos(self._bearing), y - dist * math.sin(self._bearing)
+            columns[X], columns[Y] = (
+                x - dist * math.cos(self._bearing),
+                y - dist * math.sin(self._bearing),
+            )
             columns[YAW] = yaw - wrap_angles(yaw - self._bearing).clip(-angle, angle)
         columns |= {row: after[..., column] for row, column in self._of_goal}
         table = np.empty((len(self._fixed), *np.broadcast(*columns.values()).shape))
@@ -143,7 +169,10 @@ def step_rows(
     names: Sequence[Sequence[str]],
     models: Mapping[str, PredictsPerformance],
 ) -> list[StepRows]:
-    """Return the direct variables of each action of `chain`; `names` are the subgoals' free variables."""
+    """Return the direct variables of each action of `chain`.
+
+    `names` are the subgoals' free variables.
+    """
     state, rows = world.robot, []
     start: Sequence[Any] = (*state.pose, state.v, state.w)
     previous: Goal | None = None
@@ -151,7 +180,9 @@ def step_rows(
     arrival, bearing = None, 0.0
     stays = any(not call.top.arrives for call in chain.calls[:-1])
     for index, call in enumerate(chain.calls):
-        rows.append(StepRows(start, call.goal, names[index], previous, before, robot.hold, arrival, bearing))
+        rows.append(
+            StepRows(start, call.goal, names[index], previous, before, robot.hold, arrival, bearing)
+        )
         if stays:
             world = projected(world, call, robot)
         if call.top.arrives:
@@ -171,7 +202,9 @@ def chain_situations(
 ) -> list[DirectTable]:
     """Return the direct variables of each action of `chain` with its own values."""
     rows = step_rows(world, chain, robot, [()] * len(chain.calls), models)
-    return [DirectTable(step.names, step.values(np.zeros(0), np.zeros(0))[:, None]) for step in rows]
+    return [
+        DirectTable(step.names, step.values(np.zeros(0), np.zeros(0))[:, None]) for step in rows
+    ]
 
 
 # The prediction
@@ -184,8 +217,9 @@ class ChainPrediction:
     Attributes
     ----------
     actions : tuple of mapping
-        For each action the predicted fields of `REPORTED`, as in `Prediction`, and those of the objective.
-        Fields that the model does not predict are left out; an action without a model has none.
+        For each action the predicted fields of `REPORTED`, as in `Prediction`, and those of the
+        objective. Fields that the model does not predict are left out; an action without a model
+        has none.
     cost : float
         The objective summed over the actions that have a model.
     """
@@ -245,7 +279,8 @@ class ChainModel:
     def step_costs(self, steps: Sequence[Pairs]) -> list[FloatArray]:
         """Return the costs of actions, see `ator_ros.refinement.search.StepCosts`."""
         tables = [(index, self.rows[index].values(before, after)) for index, before, after in steps]
-        costs = [np.zeros(table.shape[1:]) for _, table in tables]  # an action without a model costs nothing
+        # an action without a model costs nothing
+        costs = [np.zeros(table.shape[1:]) for _, table in tables]
         for places, prediction in self._predictions(tables, self.objective.needs, None):
             cost = self._cost(prediction)
             for place in places:
@@ -261,7 +296,10 @@ class ChainModel:
         return lambda steps: self.step_costs([(index, before, after) for _, before, after in steps])
 
     def predict(self) -> ChainPrediction:
-        """Return the prediction for the chain's own values; its cost is infinite if that of a step is NaN."""
+        """Return the prediction for the chain's own values.
+
+        Its cost is infinite if that of a step is NaN.
+        """
         return self._predicted((self.given,), None)[0][0]
 
     def compare(
@@ -269,10 +307,12 @@ class ChainModel:
     ) -> tuple[ChainPrediction, ChainPrediction, float]:
         """Return the predictions of two chains, and the uncertainty of the second's gain in duration (s).
 
-        It is the error of the models, from their errors on episodes that they were not learned from; the
-        difference between single runs is `ChainPrediction.spread`.
+        It is the error of the models, from their errors on episodes that they were not learned
+        from; the difference between single runs is `ChainPrediction.spread`.
         """
-        (first, second), uncertainty = self._predicted((before, after), np.repeat((1.0, -1.0), len(before)))
+        (first, second), uncertainty = self._predicted(
+            (before, after), np.repeat((1.0, -1.0), len(before))
+        )
         return first, second, uncertainty
 
     def _predicted(
@@ -282,13 +322,18 @@ class ChainModel:
         error = variance = 0.0
         count = len(self._actions)
         pairs = [pair for chain in chains for pair in itertools.pairwise((np.zeros(0), *chain))]
-        tables = [(at % count, self.rows[at % count].values(*pair)) for at, pair in enumerate(pairs)]
+        tables = [
+            (at % count, self.rows[at % count].values(*pair)) for at, pair in enumerate(pairs)
+        ]
         actions: list[dict[str, float]] = [{} for _ in tables]
         costs = np.zeros(len(tables))
         fields = tuple(dict.fromkeys(REPORTED + self.objective.needs))
         for places, prediction in self._predictions(tables, fields, signs):
             if signs is not None:
-                error, variance = error + prediction.error_of_sum[0], variance + prediction.error_of_sum[1]
+                error, variance = (
+                    error + prediction.error_of_sum[0],
+                    variance + prediction.error_of_sum[1],
+                )
             columns = {name: getattr(prediction, name, None) for name in fields}
             known = {name: each.tolist() for name, each in columns.items() if each is not None}
             costs[places] = self._cost(prediction)
@@ -300,7 +345,10 @@ class ChainModel:
         return predictions, math.sqrt(error**2 + variance)
 
     def _predictions(
-        self, tables: Sequence[tuple[int, FloatArray]], fields: tuple[str, ...], signs: FloatArray | None
+        self,
+        tables: Sequence[tuple[int, FloatArray]],
+        fields: tuple[str, ...],
+        signs: FloatArray | None,
     ) -> Iterator[tuple[list[int], Any]]:
         """Yield for each action which of the tables are its own, and the prediction for all of them.
 
@@ -333,8 +381,11 @@ def predict_chain(
 ) -> ChainPrediction:
     """Return the prediction for `chain` with its own values, from the state `world`.
 
-    `models` has a model for each action of the chain; `objective` defines the cost, by default the duration.
+    `models` has a model for each action of the chain; `objective` defines the cost, by default the
+    duration.
     """
     names: list[tuple[str, ...]] = [()] * len(chain.calls)
     objective = objective or Objective()
-    return ChainModel(world, chain, robot, models=models, names=names, objective=objective).predict()
+    return ChainModel(
+        world, chain, robot, models=models, names=names, objective=objective
+    ).predict()

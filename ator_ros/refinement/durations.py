@@ -32,14 +32,18 @@ class Durations(NamedTuple):
 
 
 def predict_durations(
-    worlds: Sequence[World], calls: Sequence[TopCall], robot: Robot, models: Mapping[str, PredictsPerformance]
+    worlds: Sequence[World],
+    calls: Sequence[TopCall],
+    robot: Robot,
+    models: Mapping[str, PredictsPerformance],
 ) -> Durations:
     """Predict each of m steps from each of n situations.
 
     Parameters
     ----------
     worlds : sequence of World
-        The n situations in which a step would start, in the goals' frame; only the robot's state counts.
+        The n situations in which a step would start, in the goals' frame; only the robot's state
+        counts.
     calls : sequence of TopCall
         The m steps, with their own goals; pre-conditions are not checked.
     robot : Robot

@@ -1,11 +1,11 @@
 """The free variables of a chain's subgoals and their bounds (paper, section 4.2): computed, not listed.
 
-A goal variable is free if the plan opens it, it has a range, no condition binds it, every action whose
-performance it may change has a performance model, and one of these models uses a direct variable that it
-changes.
+A goal variable is free if the plan opens it, it has a range, no condition binds it, every action
+whose performance it may change has a performance model, and one of these models uses a direct
+variable that it changes.
 
-Free variables are bounded by their ranges, by the regions of conditions, and by the experience of the models:
-values well outside the starts and goals that a model was trained on are not searched.
+Free variables are bounded by their ranges, by the regions of conditions, and by the experience of
+the models: values well outside the starts and goals that a model was trained on are not searched.
 """
 
 from __future__ import annotations
@@ -21,7 +21,11 @@ import numpy as np
 from ator_ros.actions.base import Point
 from ator_ros.actions.goal_variables import GOAL_VARIABLES, direct_name, goal_values
 from ator_ros.geometry import BoolArray, FloatArray, Pose, wrap_angle
-from ator_ros.refinement.chain_prediction import PredictsPerformance, chain_situations, columns_after
+from ator_ros.refinement.chain_prediction import (
+    PredictsPerformance,
+    chain_situations,
+    columns_after,
+)
 from ator_ros.refinement.search import Allowed, spread_points
 from ator_ros.robot.description import Robot
 from ator_ros.tops.bindings import bindings
@@ -33,7 +37,8 @@ from ator_ros.world.state import World
 NEGLIGIBLE = 0.02
 """Share of a range below which a cut is ignored: random starts never reach the ends of their ranges."""
 _POINTS = 2048
-_SLACK = 0.05  # m, rad or m/s by which a value may leave the experience, besides `_ROOM` of its range
+# m, rad or m/s by which a value may leave the experience, besides `_ROOM` of its range
+_SLACK = 0.05
 _ROOM = 0.05  # share by which the extent of the points that a region allows is widened on each side
 _PLACE = frozenset("xy")
 _SAME = 1e-6  # rounding error of a conversion to a message and back, in the variable's unit
@@ -93,7 +98,10 @@ def _start_variables(name: str, point: Point) -> frozenset[str]:
 
 
 def analyze(
-    chain: TopChain, models: Mapping[str, PredictsPerformance], robot: Robot, ranges: Ranges = USUAL_RANGES
+    chain: TopChain,
+    models: Mapping[str, PredictsPerformance],
+    robot: Robot,
+    ranges: Ranges = USUAL_RANGES,
 ) -> Analysis:
     """Compute the free variables of a chain.
 
@@ -164,18 +172,18 @@ class _Rule(NamedTuple):
 class Regions:
     """The regions that bound the candidates of a chain's subgoals.
 
-    A condition on a distance, or on the range of a variable, binds no goal variable. It limits the candidates
-    to those from which the next step may start, with a margin for the tolerance of the step before. The
-    distance to drive is limited to the experience of the action's model, unless the place at which the step
-    starts is free too: then each place is bounded separately.
+    A condition on a distance, or on the range of a variable, binds no goal variable. It limits the
+    candidates to those from which the next step may start, with a margin for the tolerance of the
+    step before. The distance to drive is limited to the experience of the action's model, unless
+    the place at which the step starts is free too: then each place is bounded separately.
 
     Parameters
     ----------
     names : sequence of tuple of str, one per subgoal
         The free variables.
     models : mapping
-        Action name to performance model, which has the range of experienced distances; an action may lack
-        one.
+        Action name to performance model, which has the range of experienced distances; an action
+        may lack one.
     """
 
     def __init__(
@@ -193,10 +201,15 @@ class Regions:
         for call in chain.calls if bounded else ():
             self._states.append(state_of(world, robot))
             world = projected(world, call, robot)
-        self._bounds = [self._bounds_of(index) if bounded else [] for index in range(len(chain.calls))]
+        self._bounds = [
+            self._bounds_of(index) if bounded else [] for index in range(len(chain.calls))
+        ]
 
     def allowing(self) -> Allowed | None:
-        """Return the predicate for candidates of the chain's subgoals; None if nothing limits them."""
+        """Return the predicate for candidates of the chain's subgoals.
+
+        None if nothing limits them.
+        """
         return self.allowed if any(self._bounds) else None
 
     def of_subgoal(self, chain: TopChain, index: int, names: tuple[str, ...]) -> Allowed | None:
@@ -221,7 +234,9 @@ class Regions:
                 good &= np.asarray(self._clearance(rule, index, after, own) >= rule.room)
         return good
 
-    def _clearance(self, rule: _Rule, index: int, after: Mapping[str, Any], own: Mapping[str, Any]) -> Any:
+    def _clearance(
+        self, rule: _Rule, index: int, after: Mapping[str, Any], own: Mapping[str, Any]
+    ) -> Any:
         state = self._states[index] if rule.before else after
         margin = rule.bound.clearance(state, own if rule.goal is None else rule.goal)
         return math.inf if margin is None else margin
@@ -246,7 +261,9 @@ class Regions:
                 yield _Rule(f"pre-condition {step}", bound, before=True)
             distances = experience_of(self._models.get(call.top.action)).get("way")
             if distances is not None:
-                bound = Distance("hold" if call.goal.point is Point.HOLD else "robot", "goal", *distances)
+                bound = Distance(
+                    "hold" if call.goal.point is Point.HOLD else "robot", "goal", *distances
+                )
                 yield _Rule(f"experience of {call.top.action}", bound, before=True)
         if index + 1 == len(self._calls):
             return
@@ -272,7 +289,9 @@ class Regions:
             there = columns_after(goal, call.goal.point, self._robot)
             arrival = {f"robot.{name}": value for name, value in there.items()}
             at_goal = call.goal.point is Point.HOLD  # whatever the heading
-            arrival |= {"hold.x": goal["x"], "hold.y": goal["y"]} if at_goal else self._hold(arrival)
+            arrival |= (
+                {"hold.x": goal["x"], "hold.y": goal["y"]} if at_goal else self._hold(arrival)
+            )
         state = post.apply({**self._states[index], **arrival}, goal) | arrival
         if not call.top.arrives and any(term.variable.startswith("robot.") for term in post.terms):
             state |= self._hold(state)
@@ -349,13 +368,17 @@ def _outside_experience(
 
 
 def within_experience(
-    analysis: Analysis, world: World, chain: TopChain, models: Mapping[str, PredictsPerformance], robot: Robot
+    analysis: Analysis,
+    world: World,
+    chain: TopChain,
+    models: Mapping[str, PredictsPerformance],
+    robot: Robot,
 ) -> Analysis:
     """Return `analysis` with the ranges narrowed to the goals that the models were trained on.
 
-    A variable whose range lies outside the experience is not free. Neither is a variable next to a step whose
-    distance lies outside, since its predictions are extrapolated. Distances, turns and speeds that no open
-    variable changes are compared with those at the starts of the episodes.
+    A variable whose range lies outside the experience is not free. Neither is a variable next to a
+    step whose distance lies outside, since its predictions are extrapolated. Distances, turns and
+    speeds that no open variable changes are compared with those at the starts of the episodes.
     """
     outside, far = _outside_experience(world, chain, models, robot)
     free, not_free = [], list(analysis.not_free)
@@ -380,13 +403,17 @@ def within_experience(
 def _experience_bounds(
     variable: FreeVariable, chain: TopChain, models: Mapping[str, PredictsPerformance]
 ) -> Iterator[tuple[float, float, str]]:
-    """Yield the bounds of a variable by experience: low, high and a description; a heading has none."""
+    """Yield the bounds of a variable by experience: low, high and a description.
+
+    A heading has none.
+    """
     if variable.domain.periodic:
         return
     call, *following = chain.calls[variable.subgoal : variable.subgoal + 2]
     affected = [(call.top.action, direct_name(variable.name))]
     for after in following:
-        # The place at which the next action starts does not count: only that relative to its goal matters.
+        # The place at which the next action starts does not count: only that relative to its goal
+        # matters.
         starts = _start_variables(variable.name, call.goal.point) - {"x", "y", "yaw"}
         affected += [(after.top.action, direct) for direct in sorted(starts)]
     for action, direct in affected:
@@ -395,15 +422,20 @@ def _experience_bounds(
             low, high = known[direct]
             yield low, high, f"experience of {action}: {direct} from {low:.2f} to {high:.2f}"
     for after in following if variable.name == "speed" else ():
-        # From faster arrivals the next action cannot brake to its goal's speed. The distance to brake is
-        # unknown if a place is free, or if the goals are for different points of the robot.
+        # From faster arrivals the next action cannot brake to its goal's speed. The distance to
+        # brake is unknown if a place is free, or if the goals are for different points of the
+        # robot.
         braking = experience_of(models.get(after.top.action)).get("braking")
         moved = any(step.opens(name) for step in (call, after) for name in ("x", "y"))
         if braking is None or moved or call.goal.point != after.goal.point:
             continue
         left = 0.0 if after.opens("speed") else after.goal.speed
         fastest = math.sqrt(left**2 + 2.0 * braking[1] * call.goal.pose.distance(after.goal.pose))
-        yield 0.0, fastest, f"experience of {after.top.action}: braking at up to {braking[1]:.2f} m/s^2"
+        yield (
+            0.0,
+            fastest,
+            f"experience of {after.top.action}: braking at up to {braking[1]:.2f} m/s^2",
+        )
 
 
 def within_regions(analysis: Analysis, regions: Regions, chain: TopChain) -> Analysis:
@@ -419,7 +451,9 @@ def within_regions(analysis: Analysis, regions: Regions, chain: TopChain) -> Ana
         if not limits:
             free += variables
             continue
-        low, high = np.array([(variable.domain.low, variable.domain.high) for variable in variables]).T
+        low, high = np.array(
+            [(variable.domain.low, variable.domain.high) for variable in variables]
+        ).T
         points = low + (high - low) * spread_points(len(variables), 0, _POINTS)
         points = points[regions.allowed(index, points)]
         if not len(points):
@@ -430,12 +464,16 @@ def within_regions(analysis: Analysis, regions: Regions, chain: TopChain) -> Ana
             room = _ROOM * float(np.ptp(column))
             narrowed = variable
             if not variable.domain.periodic:
-                narrowed = _narrowed(variable, float(column.min()) - room, float(column.max()) + room, limits)
+                narrowed = _narrowed(
+                    variable, float(column.min()) - room, float(column.max()) + room, limits
+                )
             free.append(narrowed)
     return dataclasses.replace(analysis, free=tuple(free), not_free=tuple(not_free))
 
 
-def _narrowed(variable: FreeVariable, low: float, high: float, limits: tuple[str, ...]) -> FreeVariable:
+def _narrowed(
+    variable: FreeVariable, low: float, high: float, limits: tuple[str, ...]
+) -> FreeVariable:
     """Return the variable with its range cut to `low` to `high`, unless the cut is negligible."""
     domain = variable.domain
     width = domain.high - domain.low
@@ -444,7 +482,9 @@ def _narrowed(variable: FreeVariable, low: float, high: float, limits: tuple[str
     if cut <= NEGLIGIBLE * width or low >= high:
         return variable
     return dataclasses.replace(
-        variable, domain=dataclasses.replace(domain, low=low, high=high), limits=variable.limits + limits
+        variable,
+        domain=dataclasses.replace(domain, low=low, high=high),
+        limits=variable.limits + limits,
     )
 
 
@@ -456,8 +496,9 @@ def allowed_changes(
 ) -> list[dict[str, float]]:
     """Return, step by step, the goal variables that `refined` changes, with their new values.
 
-    Raises InvalidChainError if it has other steps or goal variables than `plan`, it changes a variable that
-    `plan` does not open or that a condition binds, or a value is not in the variable's range.
+    Raises InvalidChainError if it has other steps or goal variables than `plan`, it changes a
+    variable that `plan` does not open or that a condition binds, or a value is not in the
+    variable's range.
     """
     if [call.top for call in plan.calls] != [call.top for call in refined.calls]:
         raise InvalidChainError("expected the steps of the question")
@@ -468,7 +509,11 @@ def allowed_changes(
             where = f"step {step + 1} ({old.top.name})"
             raise InvalidChainError(f"{where}: expected the goal variables of the question")
         planned, values = goal_values(old.goal), goal_values(new.goal)
-        values = {name: value for name, value in values.items() if not same_value(name, planned[name], value)}
+        values = {
+            name: value
+            for name, value in values.items()
+            if not same_value(name, planned[name], value)
+        }
         for name, value in values.items():
             where = f"{name} of step {step + 1} ({old.top.name})"
             allowed = ranges[name](robot, old.goal) if name in ranges else None
@@ -490,4 +535,7 @@ def allowed_changes(
 def same_value(name: str, old: float, new: float) -> bool:
     """Return whether two values of a goal variable are the same, headings up to whole turns."""
     difference = new - old if math.isfinite(new) else math.inf
-    return abs(wrap_angle(difference) if name == "yaw" and difference < math.inf else difference) <= _SAME
+    return (
+        abs(wrap_angle(difference) if name == "yaw" and difference < math.inf else difference)
+        <= _SAME
+    )

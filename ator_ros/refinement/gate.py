@@ -21,7 +21,8 @@ class MeasuredGain:
     refined, compared : int
         Numbers of chains.
     predicted : float
-        Mean predicted gain in duration of the refined ones, in s; it may be negative with other objectives.
+        Mean predicted gain in duration of the refined ones, in s; it may be negative with other
+        objectives.
     mean, low, high : float
         Mean gain in s, and its 95 % interval; NaN until two chains of each kind were executed.
     """
@@ -43,7 +44,8 @@ class MeasuredGain:
         """Return it in words."""
         if math.isnan(self.mean):
             return (
-                f"unknown: {self.refined} refined chains and {self.compared} as planned; two of each needed"
+                f"unknown: {self.refined} refined chains and {self.compared} as planned; "
+                "two of each needed"
             )
         return (
             f"{self.mean:.2f} s ({self.low:.2f} to {self.high:.2f}), predicted {self.predicted:.2f} s, "
@@ -68,8 +70,8 @@ class Gate:
     measured : MeasuredGain
         The gain of refined chains; if it is too low, the gate is closed.
     drawn : bool
-        Whether this chain was drawn for the opposite decision, to measure the gain: as planned although it
-        would be refined, or refined although the gate is closed.
+        Whether this chain was drawn for the opposite decision, to measure the gain: as planned
+        although it would be refined, or refined although the gate is closed.
     """
 
     least: float = CONTROL_PERIOD

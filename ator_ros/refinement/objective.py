@@ -22,14 +22,14 @@ LEAST_WEIGHT, MOST_WEIGHT = 1e-6, 1e6
 class Objective:
     """Weights of the measures; the cost of a chain is the weighted sum over its actions.
 
-    Raises RefinementError for an unknown measure, for a weight that is neither 0 nor from LEAST_WEIGHT to
-    MOST_WEIGHT, and if no weight is above 0.
+    Raises RefinementError for an unknown measure, for a weight that is neither 0 nor from
+    LEAST_WEIGHT to MOST_WEIGHT, and if no weight is above 0.
 
     Attributes
     ----------
     weights : mapping
-        Of "duration" without unit (seconds count as they are), of "success" in s per failure, of "accuracy"
-        in s per m. By default only duration counts.
+        Of "duration" without unit (seconds count as they are), of "success" in s per failure, of
+        "accuracy" in s per m. By default only duration counts.
     where_predicted : frozenset of str
         Measures that count only for models that predict them; models must predict the others.
     """
@@ -40,7 +40,9 @@ class Objective:
     def __post_init__(self) -> None:
         for name, weight in self.weights.items():
             if name not in MEASURES:
-                raise RefinementError(f"objective: expected measures of {list(MEASURES)}, got {name!r}")
+                raise RefinementError(
+                    f"objective: expected measures of {list(MEASURES)}, got {name!r}"
+                )
             if not (weight == 0.0 or LEAST_WEIGHT <= weight <= MOST_WEIGHT):
                 raise RefinementError(
                     f"objective: expected a weight of {name} that is 0 or from {LEAST_WEIGHT:g} to "
@@ -73,7 +75,7 @@ class Objective:
 def expected_time(failure_cost: float) -> Objective:
     """Return the default objective: the duration, and the expected cost of failures.
 
-    `failure_cost` is the time in s that one failure costs, such as the time limit of a chain. It counts for
-    models that predict success.
+    `failure_cost` is the time in s that one failure costs, such as the time limit of a chain. It
+    counts for models that predict success.
     """
     return Objective({"duration": 1.0, "success": failure_cost}, frozenset({"success"}))

@@ -22,7 +22,14 @@ from ator_ros.refinement.free_variables import (
 )
 from ator_ros.refinement.gate import NO_GATE, Gate
 from ator_ros.refinement.objective import Objective, expected_time
-from ator_ros.refinement.search import Deadline, NoCandidateError, Optimum, no_deadline, search, unsearched
+from ator_ros.refinement.search import (
+    Deadline,
+    NoCandidateError,
+    Optimum,
+    no_deadline,
+    search,
+    unsearched,
+)
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.ranges import USUAL_RANGES, Ranges
@@ -55,20 +62,22 @@ class Refinement:
     refined, reason
         Whether a subgoal is changed, and why.
     original, best : TopChain
-        The reference, which is the chain of the request with naive values for placeholders, and the best
-        chain found.
+        The reference, which is the chain of the request with naive values for placeholders, and the
+        best chain found.
     before, after : ChainPrediction
         Predictions for `original` and for `best`.
     free, not_free
-        The variables that were free, and those that the plan opens and that were not, with the reasons.
+        The variables that were free, and those that the plan opens and that were not, with the
+        reasons.
     without_model : tuple of int
         The steps (from 0) whose action has no performance model.
     complete : bool
         Whether the search was completed; otherwise `best` is the best found until the deadline.
     uncertainty : float
-        Of the predicted gain in duration, in s. The prediction of the best of many candidates is optimistic,
-        for one variable by about its uncertainty. For n variables the optimism adds up, while the uncertainty
-        of the sum grows with √n only. So this is √n times that of `ChainModel.compare`.
+        Of the predicted gain in duration, in s. The prediction of the best of many candidates is
+        optimistic, for one variable by about its uncertainty. For n variables the optimism adds up,
+        while the uncertainty of the sum grows with √n only. So this is √n times that of
+        `ChainModel.compare`.
     comparison : bool
         Whether it would have been refined, but runs as planned, to measure the gain of refinement.
     """
@@ -118,9 +127,11 @@ class Refiner:
     gate : Gate, optional
         Decides from the predictions whether refinement pays; by default it always does.
     ranges : mapping, optional
-        Goal variable to its range: those of a domain are `TopLibrary.ranges`; by default the usual ones.
+        Goal variable to its range: those of a domain are `TopLibrary.ranges`; by default the usual
+        ones.
     failure_cost : float
-        Time in s that one failure costs where a request has no objective of its own, see `expected_time`.
+        Time in s that one failure costs where a request has no objective of its own, see
+        `expected_time`.
     """
 
     def __init__(
@@ -149,7 +160,8 @@ class Refiner:
     ) -> Refinement:
         """Find the best free variables of `chain` from the state `world`; the gate decides about the change.
 
-        Raises RefinementError if the chain is empty or too long, or no candidate has a finite prediction.
+        Raises RefinementError if the chain is empty or too long, or no candidate has a finite
+        prediction.
 
         Parameters
         ----------
@@ -160,22 +172,27 @@ class Refiner:
         placeholders : bool
             The values of free variables are placeholders: the reference is the naive chain.
         deadline : callable, optional
-            Returns whether time is up; then the answer is the best chain found until then. Placeholders whose
-            naive value has not been computed keep their values.
+            Returns whether time is up; then the answer is the best chain found until then.
+            Placeholders whose naive value has not been computed keep their values.
         """
         objective = objective if objective is not None else expected_time(self.failure_cost)
         analysis, regions = self.bounded(world, chain)
         if placeholders:
             chain = self._fastest_alone(world, chain, analysis.free, regions, deadline)
         names = names_of(chain, analysis.free)
-        model = ChainModel(world, chain, self.robot, models=self.models, names=names, objective=objective)
+        model = ChainModel(
+            world, chain, self.robot, models=self.models, names=names, objective=objective
+        )
         if not analysis.free:
             return self._left_alone(chain, analysis, model)
         if deadline():
             compared = model.compare(model.given, model.given)
             optimum = unsearched(model.given, compared[0].cost)
         else:
-            axes = [[v.domain for v in analysis.free if v.subgoal == index] for index in range(len(names))]
+            axes = [
+                [v.domain for v in analysis.free if v.subgoal == index]
+                for index in range(len(names))
+            ]
             optimum = search(
                 model.step_costs, axes, model.given, allowed=regions.allowing(), deadline=deadline
             )
@@ -189,10 +206,10 @@ class Refiner:
     def naive(self, world: World, chain: TopChain) -> TopChain:
         """Return the paper's reference: each subgoal is optimal for the action that leads to it alone.
 
-        Free variables with a rest value (arrival speed: 0) take it. The others take the value at which the
-        action is predicted to be fastest. A variable that affects only the action after it keeps its value,
-        and so does one that is bounded by a region in which no candidate is found. Raises RefinementError as
-        `refine` does.
+        Free variables with a rest value (arrival speed: 0) take it. The others take the value at
+        which the action is predicted to be fastest. A variable that affects only the action after
+        it keeps its value, and so does one that is bounded by a region in which no candidate is
+        found. Raises RefinementError as `refine` does.
         """
         analysis, regions = self.bounded(world, chain)
         return self._fastest_alone(world, chain, analysis.free, regions, no_deadline)
@@ -221,7 +238,9 @@ class Refiner:
             alone = [variable for variable in searched if variable.subgoal == index]
             part, objective = TopChain(chain.calls[: index + 1]), Objective()
             names = names_of(part, alone)
-            model = ChainModel(world, part, self.robot, models=self.models, names=names, objective=objective)
+            model = ChainModel(
+                world, part, self.robot, models=self.models, names=names, objective=objective
+            )
             costs, domains = model.costs_of_step(index), [[variable.domain for variable in alone]]
             allowed = regions.of_subgoal(chain, index, names[index])
             try:
@@ -230,7 +249,9 @@ class Refiner:
                 continue
             if not math.isfinite(optimum.cost):
                 top = chain.calls[index].top.name
-                raise RefinementError(f"step {index + 1} ({top}): expected a finite prediction, got none")
+                raise RefinementError(
+                    f"step {index + 1} ({top}): expected a finite prediction, got none"
+                )
             chain = replaced(chain, index, dict(zip(names[index], optimum.values[0], strict=True)))
         return chain
 
@@ -240,14 +261,18 @@ class Refiner:
         Raises RefinementError if the chain is empty or too long.
         """
         if not 1 <= len(chain.calls) <= LONGEST_CHAIN:
-            raise RefinementError(f"chain: expected 1 to {LONGEST_CHAIN} actions, got {len(chain.calls)}")
+            raise RefinementError(
+                f"chain: expected 1 to {LONGEST_CHAIN} actions, got {len(chain.calls)}"
+            )
         analysis = analyze(chain, self.models, self.robot, self._ranges)
         analysis = within_experience(analysis, world, chain, self.models, self.robot)
         regions = Regions(world, chain, self.robot, names_of(chain, analysis.free), self.models)
         if regions.allowing() is None:
             return analysis, regions
         analysis = within_regions(analysis, regions, chain)
-        return analysis, Regions(world, chain, self.robot, names_of(chain, analysis.free), self.models)
+        return analysis, Regions(
+            world, chain, self.robot, names_of(chain, analysis.free), self.models
+        )
 
     def _answer(
         self,
@@ -288,7 +313,9 @@ class Refiner:
             without_model=self._without_model(chain),
             curves=tuple(
                 SubgoalCurve(index, names, *curve)
-                for index, (names, curve) in enumerate(zip(model.names, optimum.curves, strict=True))
+                for index, (names, curve) in enumerate(
+                    zip(model.names, optimum.curves, strict=True)
+                )
                 if names
             ),
             complete=optimum.complete,
@@ -314,17 +341,22 @@ class Refiner:
         )
 
     def _without_model(self, chain: TopChain) -> tuple[int, ...]:
-        return tuple(step for step, call in enumerate(chain.calls) if call.top.action not in self.models)
+        return tuple(
+            step for step, call in enumerate(chain.calls) if call.top.action not in self.models
+        )
 
     def _remarks(self, chain: TopChain, analysis: Analysis, not_free: Sequence[NotFree]) -> str:
         """Return remarks to add to the reason; empty, or they begin with a semicolon."""
-        # Variables opened by "*" appear only in `Refinement.not_free`: few of them are expected to be free.
+        # Variables opened by "*" appear only in `Refinement.not_free`: few of them are expected to
+        # be free.
         text = ""
         named = [each for each in not_free if each.name in chain.calls[each.subgoal].open]
         if named:
             text += f"; not free: {_described(chain, named)}"
         if without_model := self._without_model(chain):
-            steps = _listed([f"step {step + 1} ({chain.calls[step].top.action})" for step in without_model])
+            steps = _listed(
+                [f"step {step + 1} ({chain.calls[step].top.action})" for step in without_model]
+            )
             text += f"; no performance model for {steps}: neither predicted nor counted"
         if analysis.outside:
             text += f"; extrapolated: {_listed(analysis.outside)}"
@@ -392,7 +424,8 @@ def choose(
     refiner, world, objective, placeholders, deadline
         As for `Refiner.refine`.
     chains : sequence of TopChain or str
-        The chains, or why one cannot be used. A chain that is no valid plan from `world` is skipped.
+        The chains, or why one cannot be used. A chain that is no valid plan from `world` is
+        skipped.
     """
     judged: list[Judged] = []
     for chain in chains:
@@ -403,7 +436,9 @@ def choose(
         else:
             try:
                 judged.append(
-                    refiner.refine(world, chain, objective, placeholders=placeholders, deadline=deadline)
+                    refiner.refine(
+                        world, chain, objective, placeholders=placeholders, deadline=deadline
+                    )
                 )
             except RefinementError as error:
                 judged.append(str(error))

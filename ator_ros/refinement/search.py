@@ -1,15 +1,16 @@
 """The search for the best subgoals of a whole chain (paper, section 4.3, for any number of variables).
 
-The cost of a chain is a sum of terms, each of which depends on two neighboring subgoals only. Dynamic
-programming therefore finds the best path through sets of candidates exactly, one set for each subgoal, with
-every term evaluated once for each pair and vectorized.
+The cost of a chain is a sum of terms, each of which depends on two neighboring subgoals only.
+Dynamic programming therefore finds the best path through sets of candidates exactly, one set for
+each subgoal, with every term evaluated once for each pair and vectorized.
 
-The first sets cover the domains. The later ones are windows around the best candidates, and shrink from round
-to round. Neighboring subgoals take turns: one has windows while the other has its best candidates only, as
-pairs of windows would cost more than they gain. Nothing is random: the same request has the same answer.
+The first sets cover the domains. The later ones are windows around the best candidates, and shrink
+from round to round. Neighboring subgoals take turns: one has windows while the other has its best
+candidates only, as pairs of windows would cost more than they gain. Nothing is random: the same
+request has the same answer.
 
-The caller passes a `Deadline`, which is checked between blocks of candidates. Once time is up, the subgoals
-that have not been searched keep their values.
+The caller passes a `Deadline`, which is checked between blocks of candidates. Once time is up, the
+subgoals that have not been searched keep their values.
 """
 
 from __future__ import annotations
@@ -41,15 +42,19 @@ BLOCK = 512
 
 # By the number of a subgoal's free variables, from 0; the last entry is for all that have more
 _FIRST_ALONE = (1, 40, 108, 256, 400)  # first candidates: 9 degrees of an angle
-_FIRST_BESIDE = (1, 30, 24, 36, 48)  # beside another subgoal with free variables: all pairs are evaluated
+# beside another subgoal with free variables: all pairs are evaluated
+_FIRST_BESIDE = (1, 30, 24, 36, 48)
 _IN_WINDOW = (0, 6, 10, 15, 20)  # candidates of a window, besides its center
 _ROUNDS = 4  # most rounds for each free variable of a subgoal: more variables need more moves
-_ON_GRID = 2  # free variables up to which the first candidates form a grid, which has the ends of ranges
+# free variables up to which the first candidates form a grid, which has the ends of ranges
+_ON_GRID = 2
 _LEAST_STEPS = 3  # of a grid in each direction
 _APART = 0.5  # least distance between the two candidates that have windows, in half widths
-_GAIN = 1e-3  # least gain of a round that counts, as a share of the mean cost of a step: 5 ms of 5 s
+# least gain of a round that counts, as a share of the mean cost of a step: 5 ms of 5 s
+_GAIN = 1e-3
 _SHRINKS = 0.5  # least factor by which a window shrinks in a round
-_REACH = 2.0  # least half width of a window in multiples of the last move: windows follow a bent valley
+# least half width of a window in multiples of the last move: windows follow a bent valley
+_REACH = 2.0
 _TRIES = 40  # points tested for each candidate in a region, of _POINTS
 _POINTS = 1 << 13
 
@@ -125,12 +130,13 @@ def search(
     axes : sequence, one item per subgoal
         Domains of the subgoal's free variables; empty where none is free.
     given : sequence, one item per subgoal, optional
-        Values of each subgoal, shape (k,), that are among the candidates, so that the result is never worse.
+        Values of each subgoal, shape (k,), that are among the candidates, so that the result is
+        never worse.
     allowed : callable, optional
         Limits the candidates, but for given values.
     deadline : callable, optional
-        Once it has passed, subgoals that have not been searched keep their given values. Without given
-        values, all first candidates are evaluated nevertheless.
+        Once it has passed, subgoals that have not been searched keep their given values. Without
+        given values, all first candidates are evaluated nevertheless.
     """
     free = [0, *map(len, axes), 0]
     windows = [
@@ -140,7 +146,9 @@ def search(
     candidates = [window.first for window in windows]
     if given is not None:
         pairs = zip(given, candidates, strict=True)
-        candidates = [np.vstack((values, others)) if len(values) else others for values, others in pairs]
+        candidates = [
+            np.vstack((values, others)) if len(values) else others for values, others in pairs
+        ]
     elif not all(map(len, candidates)):
         raise NoCandidateError("expected candidates of every subgoal, got none")
     path = least_path(step_costs, candidates, deadline if given is not None else no_deadline)
@@ -149,16 +157,22 @@ def search(
     without_gain = 0
     for number in range(turns * _ROUNDS * max(free)):
         if without_gain == turns * max(free):
-            break  # most valleys are narrow in one variable only, which the last rounds may have missed
+            # most valleys are narrow in one variable only, which the last rounds may have missed
+            break
         if not path.complete or deadline():
             return dataclasses.replace(path, curves=curves, complete=False)
         centers, cost = path.values, path.cost
         candidates = []
-        known: list[FloatArray | None] = []  # costs of steps between subgoals that get no new candidates
+        # costs of steps between subgoals that get no new candidates
+        known: list[FloatArray | None] = []
         before, keeps_before = [0], True
-        for window, row, curve, costs in zip(windows, path.rows, path.curves, path.costs, strict=True):
+        for window, row, curve, costs in zip(
+            windows, path.rows, path.curves, path.costs, strict=True
+        ):
             best, keeps = window.best(row, curve), not window.has_new(number)
-            known.append(costs.take(before, axis=0).take(best, axis=1) if keeps and keeps_before else None)
+            known.append(
+                costs.take(before, axis=0).take(best, axis=1) if keeps and keeps_before else None
+            )
             around = curve.values.take(best, axis=0)
             candidates.append(around if keeps else window.around(around, number))
             before, keeps_before = best, keeps
@@ -186,7 +200,8 @@ def least_path(
 ) -> Optimum:
     """Find the best candidate of each subgoal; after the deadline, later subgoals keep the first one.
 
-    `known` are the costs (n, m) of each step, None where they must be evaluated; by default all must be.
+    `known` are the costs (n, m) of each step, None where they must be evaluated; by default all
+    must be.
     """
     costs = _evaluated(step_costs, candidates, known or [None] * len(candidates), deadline)
     late = len(candidates) - len(costs)
@@ -212,9 +227,15 @@ def least_path(
 
 
 def _evaluated(
-    evaluate: StepCosts, offered: Sequence[FloatArray], known: Sequence[FloatArray | None], deadline: Deadline
+    evaluate: StepCosts,
+    offered: Sequence[FloatArray],
+    known: Sequence[FloatArray | None],
+    deadline: Deadline,
 ) -> list[FloatArray]:
-    """Return the costs (n, m) of each step, evaluated if they are not known; of fewer if time is up."""
+    """Return the costs (n, m) of each step, evaluated if they are not known.
+
+    Of fewer if time is up.
+    """
     found: list[FloatArray] = []
     blocks: list[list[Pairs]] = []
     parts: list[FloatArray] = []  # of `found`, for the pairs in the blocks
@@ -245,11 +266,13 @@ def _evaluated(
 class _Windows:
     """The candidates of one subgoal: the first ones (n, k), and windows that shrink around the best.
 
-    `ranges` are those of its k free variables, `allowed` limits the candidates to its region, and `beside`
-    is whether a neighboring subgoal has free variables.
+    `ranges` are those of its k free variables, `allowed` limits the candidates to its region, and
+    `beside` is whether a neighboring subgoal has free variables.
     """
 
-    def __init__(self, index: int, ranges: Sequence[Range], allowed: Allowed | None, *, beside: bool) -> None:
+    def __init__(
+        self, index: int, ranges: Sequence[Range], allowed: Allowed | None, *, beside: bool
+    ) -> None:
         self._index, self._ranges, self._allowed, self._beside = index, ranges, allowed, beside
         rows = [(each.low, each.high, each.periodic) for each in ranges]
         low, high, periodic = np.array(rows).reshape(-1, 3).T
@@ -303,15 +326,19 @@ class _Windows:
 def _grid(domains: tuple[Range, ...], count: int) -> tuple[FloatArray, FloatArray]:
     """Return about `count` candidates, shape (n, k), that form a grid, and its steps, shape (k,)."""
     lines: dict[int, FloatArray] = {}
-    for number in sorted(range(len(domains)), key=lambda each: domains[each].steps):  # the coarsest first
+    # the coarsest first
+    for number in sorted(range(len(domains)), key=lambda each: domains[each].steps):
         others = [each for each in range(len(domains)) if each not in lines]
         product = float(np.prod([domains[each].steps for each in others]))
         left = count / np.prod([len(line) for line in lines.values()])
-        steps = max(_LEAST_STEPS, round(domains[number].steps * (left / product) ** (1.0 / len(others))))
+        steps = max(
+            _LEAST_STEPS, round(domains[number].steps * (left / product) ** (1.0 / len(others)))
+        )
         low, high = domains[number].low, domains[number].high
         lines[number] = np.linspace(low, high, steps, endpoint=not domains[number].periodic)
     axes = np.meshgrid(*(lines[number] for number in range(len(domains))), indexing="ij")
-    # The last variable, usually a speed, varies slowest: path times take longer where speeds change.
+    # The last variable, usually a speed, varies slowest: path times take longer where speeds
+    # change.
     grid = np.stack([axis.ravel("F") for axis in axes], axis=1) if domains else np.zeros((1, 0))
     return grid, np.array([lines[number][1] - lines[number][0] for number in range(len(domains))])
 
@@ -323,13 +350,18 @@ def _of(table: Sequence[int], free: int) -> int:
 
 @compiled
 def _in_windows(
-    points: FloatArray, centers: FloatArray, each: int, radius: FloatArray, bounds: FloatArray, number: int
+    points: FloatArray,
+    centers: FloatArray,
+    each: int,
+    radius: FloatArray,
+    bounds: FloatArray,
+    number: int,
 ) -> FloatArray:
     """Return points (n, k) of the unit cube moved to windows, `each` of them to that about one center."""
     moved = np.empty(points.shape)
     for row, column in np.ndindex(points.shape):
-        # Every second candidate differs in one variable only: a variable that is aligned exactly, or at the
-        # end of its range, remains so while another one changes.
+        # Every second candidate differs in one variable only: a variable that is aligned exactly,
+        # or at the end of its range, remains so while another one changes.
         differs = row % 2 == 1 or column == (row // 2 + number) % len(radius)
         offset = 2.0 * points[row, column] - 1.0 if differs else 0.0
         value = centers[row // each, column] + radius[column] * offset
@@ -343,7 +375,10 @@ def _in_windows(
 def _best_apart(
     values: FloatArray, totals: FloatArray, row: int, reach: FloatArray, period: FloatArray
 ) -> int:
-    """Return the row of the best candidate (n, k) beyond `reach` (k,) of candidate `row`; -1 if none is."""
+    """Return the row of the best candidate (n, k) beyond `reach` (k,) of candidate `row`.
+
+    -1 if none is.
+    """
     found, least = -1, np.inf
     for number in range(len(values)):
         if totals[number] < least:

@@ -56,7 +56,10 @@ class Limits:
 
 @dataclass(frozen=True, slots=True)
 class Holder:
-    """Two parallel fingers at the robot's front, which hold a round object from the sides; sizes in m."""
+    """Two parallel fingers at the robot's front, which hold a round object from the sides.
+
+    Sizes in m.
+    """
 
     length: Size
     gap: Size  # between the inner sides of the fingers
@@ -80,7 +83,8 @@ class Holder:
 class StopBraking:
     """Deceleration of a base on a command to stop, which exceeds that of `Limits`."""
 
-    forward: Annotated[float, Within(LEAST, GREATEST["brake"])] = 4.0  # m/s^2; above 4.5 a small base tips
+    # m/s^2; above 4.5 a small base tips
+    forward: Annotated[float, Within(LEAST, GREATEST["brake"])] = 4.0
     backward: Annotated[float, Within(LEAST, GREATEST["brake"])] = 5.0  # m/s^2; driving backward
     turning: Annotated[float, Within(LEAST, GREATEST["aw"])] = 12.0  # rad/s^2
 
@@ -89,11 +93,13 @@ class StopBraking:
 class Build:
     """Details of the body for the simulation; `simulation.urdf` derives those that are None."""
 
-    mass_behind: Annotated[float, Within(0.0, 10.0)] | None = None  # m; center of mass, behind the axle
+    # m; center of mass, behind the axle
+    mass_behind: Annotated[float, Within(0.0, 10.0)] | None = None
     mass_height: Size | None = None  # m; center of mass, above the floor
     caster_behind: Size | None = None  # m; from the axle back to the caster
     wheel_mass: Mass | None = None  # kg; of each wheel
-    # kg m^2; of each wheel with its motor at the wheel. 1 g and 1 cm have 1e-7, 100 kg and 1 m have 100.
+    # kg m^2; of each wheel with its motor at the wheel. 1 g and 1 cm have 1e-7, 100 kg and 1 m have
+    # 100.
     wheel_inertia: Annotated[float, Within(1e-7, 100.0)] | None = None
     front_friction: Annotated[float, Within(0.0, 10.0)] = 0.15  # between the front and an object
 
@@ -102,9 +108,9 @@ class Build:
 class Base:
     """A differential-drive robot with or without a holder: the section `robot` of a description.
 
-    Lengths in m from the middle of the axle, mass in kg, torque in N m, time in s. `grip` is the centripetal
-    acceleration in m/s^2 above which its wheels may slide: rubber on a hard floor holds about 0.6 g, and two
-    driven wheels carry about 0.7 of the weight.
+    Lengths in m from the middle of the axle, mass in kg, torque in N m, time in s. `grip` is the
+    centripetal acceleration in m/s^2 above which its wheels may slide: rubber on a hard floor holds
+    about 0.6 g, and two driven wheels carry about 0.7 of the weight.
     """
 
     name: str
@@ -114,8 +120,8 @@ class Base:
     front: Size
     rear: Size
     half_width: Size
-    # Torques from a toy's to a 10 t vehicle's. A time constant of 0.1 ms is below the simulation's step, and
-    # with 10 s a base does not follow its commands. `grip` up to 10 g.
+    # Torques from a toy's to a 10 t vehicle's. A time constant of 0.1 ms is below the simulation's
+    # step, and with 10 s a base does not follow its commands. `grip` up to 10 g.
     wheel_torque: Annotated[float, Within(0.001, 10_000.0)]
     motor_time_constant: Annotated[float, Within(0.0001, 10.0)]
     limits: Limits
@@ -136,14 +142,24 @@ class Robot(Base):
         """Raise ConfigError if sizes, masses or torques contradict each other."""
         build, holder = self.build, self.holder
         caster = self.rear if build.caster_behind is None else build.caster_behind
-        width, torque = 2.0 * self.half_width, least_torque(self.mass, self.wheel_radius, self.limits)
-        _at_most("build.wheel_mass", build.wheel_mass, _MOST_WHEEL * self.mass, "as the body has a mass")
+        width, torque = (
+            2.0 * self.half_width,
+            least_torque(self.mass, self.wheel_radius, self.limits),
+        )
+        _at_most(
+            "build.wheel_mass", build.wheel_mass, _MOST_WHEEL * self.mass, "as the body has a mass"
+        )
         _at_most("build.caster_behind", build.caster_behind, self.rear, "where the robot ends")
         _at_most("build.mass_behind", build.mass_behind, caster, "where the robot is supported")
-        _at_least("wheel_torque", self.wheel_torque, torque, f"which {self.mass:g} kg need to accelerate")
+        _at_least(
+            "wheel_torque", self.wheel_torque, torque, f"which {self.mass:g} kg need to accelerate"
+        )
         _at_most("track", self.track, width, "the width of the robot with its wheels")
         if holder is not None:
-            least, most = _rounded_up(holder.held_width), math.floor(1e4 * _LOOSE * holder.held_width) / 1e4
+            least, most = (
+                _rounded_up(holder.held_width),
+                math.floor(1e4 * _LOOSE * holder.held_width) / 1e4,
+            )
             _at_least("holder.gap", holder.gap, least, "the width of the held object")
             _at_most("holder.gap", holder.gap, most, "as the fingers must hold the object")
 
@@ -188,7 +204,10 @@ class Robot(Base):
         return pose.ahead(self.hold)
 
     def hold_offset(self, world: World, name: str) -> float:
-        """Return the distance in m from an object to the hold; infinite if the object is unknown."""
+        """Return the distance in m from an object to the hold.
+
+        Infinite if the object is unknown.
+        """
         state = world.objects.get(name)
         if state is None:
             return math.inf
@@ -204,11 +223,16 @@ class Robot(Base):
         content = self._content()
         scene = content.pop("scene")
         defaults = {field.name: field.default for field in dataclasses.fields(self)}
-        robot = {name: value for name, value in content.items() if getattr(self, name) != defaults[name]}
+        robot = {
+            name: value for name, value in content.items() if getattr(self, name) != defaults[name]
+        }
         return {"robot": robot, "scene": scene}
 
     def digest(self) -> str:
-        """Return a short digest of base and holder, without name, scene and map; learned files contain it."""
+        """Return a short digest of base and holder, without name, scene and map.
+
+        Learned files contain it.
+        """
         content = self._content()
         del content["name"], content["scene"]
         return _digest_of(content)
@@ -249,7 +273,9 @@ def load_robot(path: Path | str | None = None) -> Robot:
     try:
         data = content_with_optional_header(read_yaml(file, largest=_LARGEST), KIND)
         read = structured(data, Description)
-        fields = {item.name: getattr(read.robot, item.name) for item in dataclasses.fields(read.robot)}
+        fields = {
+            item.name: getattr(read.robot, item.name) for item in dataclasses.fields(read.robot)
+        }
         robot = Robot(**fields, scene=read.scene)
         _check_held(robot)
     except FileError as error:
@@ -275,7 +301,10 @@ def least_torque(mass: float, wheel_radius: float, limits: Limits) -> float:
 
 
 def _check_held(robot: Robot) -> None:
-    """Raise ConfigError if the holder fits no object of the scene; without objects, the domain adds them."""
+    """Raise ConfigError if the holder fits no object of the scene.
+
+    Without objects, the domain adds them.
+    """
     holder, radii = robot.holder, {name: each.radius for name, each in robot.scene.objects.items()}
     if holder is None or not radii:
         return

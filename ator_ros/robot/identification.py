@@ -55,13 +55,19 @@ class BaseEstimate:
 
     @property
     def limits(self) -> Limits:
-        """Greatest speeds and accelerations; for turning the lower one of gaining and losing speed."""
+        """Greatest speeds and accelerations.
+
+        For turning the lower one of gaining and losing speed.
+        """
         v, w = self.driving.response, self.turning.response
         return Limits(v=v.limit, w=w.limit, a=v.gain, brake=v.loss, aw=min(w.gain, w.loss))
 
 
 def identify(samples: Sequence[DriveSample]) -> BaseEstimate:
-    """Estimate the response of a base from the samples of a probe drive; DriveError if a part is missing."""
+    """Estimate the response of a base from the samples of a probe drive.
+
+    DriveError if a part is missing.
+    """
     return BaseEstimate(
         _axis(samples, DrivePart.SPRINT_V, DrivePart.CREEP_V, lambda s: (s.command.v, s.v)),
         _axis(samples, DrivePart.SPRINT_W, DrivePart.CREEP_W, lambda s: (s.command.w, s.w)),
@@ -77,7 +83,9 @@ def _axis(
     fast = [sample for sample in samples if sample.part is sprint]
     slow = [sample for sample in samples if sample.part is creep]
     if not fast or not slow:
-        raise DriveError(f"samples: expected those of the parts {sprint.value} and {creep.value}, got none")
+        raise DriveError(
+            f"samples: expected those of the parts {sprint.value} and {creep.value}, got none"
+        )
     times = [sample.time for sample in fast]
     commands, speeds = np.array([of(sample) for sample in fast]).T
     response = _fitted(times, commands, speeds)
@@ -100,22 +108,33 @@ def _fitted(times: Sequence[float], commands: FloatArray, speeds: FloatArray) ->
     top = float(np.abs(speeds).max())
     # The 90th percentile of the change of speed over 0.2 s, in m/s^2 or rad/s^2.
     pairs = enumerate(np.searchsorted(times, np.add(times, 0.2 - 1e-6)))
-    slopes = [abs(speeds[j] - speeds[i]) / (times[j] - times[i]) for i, j in pairs if j < len(times)]
+    slopes = [
+        abs(speeds[j] - speeds[i]) / (times[j] - times[i]) for i, j in pairs if j < len(times)
+    ]
     rate = max(0.05, float(np.percentile(slopes, 90)) if slopes else 0.0)
     starts = [
-        np.clip([latency, lag, top, rate, rate, 4.0 * rate], np.add(_LOWER, 1e-6), np.subtract(_UPPER, 1e-6))
+        np.clip(
+            [latency, lag, top, rate, rate, 4.0 * rate],
+            np.add(_LOWER, 1e-6),
+            np.subtract(_UPPER, 1e-6),
+        )
         for latency, lag in product(_LATENCIES, _LAGS)
     ]
     starts.sort(key=lambda start: float(np.sum(errors(start) ** 2)))
     fits = [
-        least_squares(errors, start, bounds=(_LOWER, _UPPER), x_scale=(0.05, 0.05, top, rate, rate, rate))
+        least_squares(
+            errors, start, bounds=(_LOWER, _UPPER), x_scale=(0.05, 0.05, top, rate, rate, rate)
+        )
         for start in starts[:_STARTS]
     ]
     return AxisResponse(*min(fits, key=lambda fit: float(fit.cost)).x.tolist())
 
 
 def _dead_zone(creep: Sequence[tuple[float, float, float]]) -> float:
-    """Return the greatest creeping command to which the base does not respond; 0 if it responds to all."""
+    """Return the greatest creeping command to which the base does not respond.
+
+    0 if it responds to all.
+    """
     by_command: dict[float, list[tuple[float, float]]] = {}
     for time, command, speed in creep:
         by_command.setdefault(command, []).append((time, speed))

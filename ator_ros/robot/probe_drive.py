@@ -56,7 +56,8 @@ class ProbeDrive:
     v, w : float
         Greatest commands in m/s and rad/s; above the limits of the base, so that these are reached.
     space : float
-        Free distance ahead of the robot in m. It also needs half a meter behind it, and space to turn.
+        Free distance ahead of the robot in m. It also needs half a meter behind it, and space to
+        turn.
     """
 
     def __init__(self, *, v: float, w: float, space: float) -> None:
@@ -67,7 +68,10 @@ class ProbeDrive:
         self._part = DrivePart.CREEP_V
 
     def command(self, time: float, robot: RobotState) -> Command | None:
-        """Return the command for the state at `time` (s), None at the end; DriveError if nothing moves."""
+        """Return the command for the state at `time` (s), None at the end.
+
+        DriveError if nothing moves.
+        """
         self._states.append((time, robot))
         while self._states[0][0] < time - _WINDOW - 1e-6:
             self._states.popleft()
@@ -143,7 +147,8 @@ class ProbeDrive:
     def _steady(self) -> bool:
         """Whether the base moves and its mean speeds in both halves of the window are the same."""
         half = len(self._states) // 2
-        covered = self._time - self._states[0][0]  # s; up to one period of odometry less than the window
+        # s; up to one period of odometry less than the window
+        covered = self._time - self._states[0][0]
         if not self._moving or covered < _WINDOW - _LONGEST_PERIOD or not half:
             return False
         states = [state for _, state in self._states]

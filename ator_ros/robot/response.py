@@ -14,7 +14,9 @@ from ator_ros.robot.description import Limits, Robot, StopBraking
 from ator_ros.world.state import STOP, Command, RobotState, World
 
 
-def ramped(speeds: Command, target: Command, dt: float, limits: Limits, stop: StopBraking) -> Command:
+def ramped(
+    speeds: Command, target: Command, dt: float, limits: Limits, stop: StopBraking
+) -> Command:
     """Return the velocities of a base `dt` s after `speeds` if it is commanded to `target`."""
     if target == STOP:
         most = Command(_braking(speeds.v, stop), stop.turning)
@@ -22,7 +24,8 @@ def ramped(speeds: Command, target: Command, dt: float, limits: Limits, stop: St
         losing = abs(target.v) < abs(speeds.v) or target.v * speeds.v < 0.0
         most = Command(limits.brake if losing else limits.a, limits.aw)
     return Command(
-        speeds.v + clip(target.v - speeds.v, most.v * dt), speeds.w + clip(target.w - speeds.w, most.w * dt)
+        speeds.v + clip(target.v - speeds.v, most.v * dt),
+        speeds.w + clip(target.w - speeds.w, most.w * dt),
     )
 
 
@@ -57,7 +60,8 @@ class AxisResponse:
     def speeds(self, times: Sequence[float], commands: Sequence[float]) -> FloatArray:
         """Return the speeds, shape (n,), of an axis that stands at the first of `times`.
 
-        `times` are the ascending stamps of n states in s, `commands` the responses to them (m/s or rad/s).
+        `times` are the ascending stamps of n states in s, `commands` the responses to them (m/s or
+        rad/s).
         """
         found = np.zeros(len(times))
         state, now, command, following = (0.0, 0.0), times[0], 0.0, 0
@@ -70,7 +74,9 @@ class AxisResponse:
             found[number] = state[1]
         return found
 
-    def _after(self, state: tuple[float, float], command: float, seconds: float) -> tuple[float, float]:
+    def _after(
+        self, state: tuple[float, float], command: float, seconds: float
+    ) -> tuple[float, float]:
         """Return set and measured speed after `seconds` under one command, in closed form."""
         setpoint, speed = state
         while seconds > 0.0:
@@ -98,9 +104,9 @@ _PROMPT = 0.02  # s within which a command counts as computed immediately
 class Foresight:
     """Predicts a state forward to the time at which the command for it moves the base (Smith predictor).
 
-    Until then the robot follows the commands already sent. Without the delay in the control loop, plans may
-    brake as hard as the base can. `latency` is the time in s from the stamp of a state until the command for
-    it moves the base; 0: no prediction.
+    Until then the robot follows the commands already sent. Without the delay in the control loop,
+    plans may brake as hard as the base can. `latency` is the time in s from the stamp of a state
+    until the command for it moves the base; 0: no prediction.
     """
 
     def __init__(self, robot: Robot, latency: float) -> None:
@@ -127,8 +133,9 @@ class Foresight:
     def punctual(self, robot: RobotState, command: Command | None, took: float) -> Command | None:
         """Return `command`, which took `took` s to compute, or a stop if it comes too late for `robot`.
 
-        A late command does not start a robot at rest, because the prediction would be ahead of the motion.
-        The robot starts with the command for the next state, even if that is late too, as on a slow computer.
+        A late command does not start a robot at rest, because the prediction would be ahead of the
+        motion. The robot starts with the command for the next state, even if that is late too, as
+        on a slow computer.
         """
         late = command is not None and self._latency > 0.0 and robot.is_still and took > _PROMPT
         self._held_back = late and not self._held_back

@@ -75,7 +75,11 @@ def make_bay(client: BulletClient, bay: Bay) -> list[int]:
     beside = half_width + WALL_THICKNESS / 2
     left, right = (beside, -beside) if c >= 0.0 else (-beside, beside)
     behind, walls = bay.depth + WALL_THICKNESS / 2, []
-    for shape, ahead, aside in (side, half_depth, left), (side, half_depth, right), (back, behind, 0.0):
+    for shape, ahead, aside in (
+        (side, half_depth, left),
+        (side, half_depth, right),
+        (back, behind, 0.0),
+    ):
         place = [bay.x + c * ahead - s * aside, bay.y + s * ahead + c * aside, WALL_HEIGHT / 2]
         walls.append(int(client.createMultiBody(0, shape, -1, place, quaternion_from_yaw(turned))))
     return walls

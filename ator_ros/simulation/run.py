@@ -19,11 +19,16 @@ def place(simulation: Simulation, world: World) -> None:
     """Put the robot and the objects of `world` that have a size into the simulation."""
     simulation.place_robot(world.robot.pose, v=world.robot.v, w=world.robot.w)
     known = simulation.robot.scene.objects
-    simulation.place_objects({name: there for name, there in world.objects.items() if name in known})
+    simulation.place_objects(
+        {name: there for name, there in world.objects.items() if name in known}
+    )
 
 
 def run(simulation: Simulation, step: Callable[[World], Step], *, ticks: int) -> Step | None:
-    """Execute the steps that `step` returns until one is not RUNNING; return it, or None after `ticks`."""
+    """Execute the steps that `step` returns until one is not RUNNING.
+
+    Return it, or None after `ticks`.
+    """
     for _ in range(ticks):
         done = step(simulation.world())
         if done.status is not Status.RUNNING:
@@ -35,7 +40,10 @@ def run(simulation: Simulation, step: Callable[[World], Step], *, ticks: int) ->
 
 
 def _settle(simulation: Simulation, top: Top, goal: Goal) -> World:
-    """Stop until the post-condition holds, its objects rest or `top.settles` is over; return the state."""
+    """Stop until the post-condition holds, its objects rest or `top.settles` is over.
+
+    Return the state.
+    """
     world = simulation.world()
     for _ in range(round(top.settles * CONTROL_RATE)):
         if not top.may_settle(world) or not top.unmet(world, goal, simulation.robot):
@@ -50,8 +58,8 @@ def _settle(simulation: Simulation, top: Top, goal: Goal) -> World:
 class Judgment:
     """How a TOP ended, by the true state.
 
-    `error` is the distance in m of the robot's point from the goal if the TOP places it there; else the
-    greatest violation of the post-condition, in the unit of the variable.
+    `error` is the distance in m of the robot's point from the goal if the TOP places it there; else
+    the greatest violation of the post-condition, in the unit of the variable.
     """
 
     success: bool  # the action succeeded, and the post-condition holds

@@ -30,15 +30,17 @@ class ObjectErrors:
 class SensorConfig:
     """Errors of all sensors; by default none.
 
-    Drifts are standard deviations of the odometry after 1 m of driving, and grow with the square root of the
-    distance. `latency` is the time from a state to its messages, which have the time of the state, rounded up
-    to a tick; `ObjectErrors.delay` is added to it. The first state, also after a reset, arrives at once.
+    Drifts are standard deviations of the odometry after 1 m of driving, and grow with the square
+    root of the distance. `latency` is the time from a state to its messages, which have the time of
+    the state, rounded up to a tick; `ObjectErrors.delay` is added to it. The first state, also
+    after a reset, arrives at once.
     """
 
     drift: float = 0.0  # m, of the position
     heading_drift: float = 0.0  # rad
     latency: float = 0.0  # s
-    objects: Mapping[str, ObjectErrors] = field(default_factory=dict, hash=False)  # others have no errors
+    # others have no errors
+    objects: Mapping[str, ObjectErrors] = field(default_factory=dict, hash=False)
 
     @property
     def exact(self) -> bool:
@@ -52,7 +54,8 @@ class _ObservedObject:
 
     def __init__(self, errors: ObjectErrors, rng: np.random.Generator) -> None:
         self._errors, self._rng = errors, rng
-        self._observed: deque[tuple[float, ObjectState]] = deque()  # the known one first, then delayed ones
+        # the known one first, then delayed ones
+        self._observed: deque[tuple[float, ObjectState]] = deque()
 
     def observe(
         self, time: float, there: ObjectState | None, robot: Pose, odometry: Pose
@@ -70,7 +73,9 @@ class _ObservedObject:
         last, state = self._observed[0]
         return state.after(time - last)
 
-    def _measured(self, there: ObjectState, numbers: list[float], robot: Pose, odometry: Pose) -> ObjectState:
+    def _measured(
+        self, there: ObjectState, numbers: list[float], robot: Pose, odometry: Pose
+    ) -> ObjectState:
         """Return the object in the frame of odometry, with noise; `robot` is the true pose."""
         errors, (x, y, vx, vy) = self._errors, numbers
         moving = Pose(robot.x + there.vx, robot.y + there.vy, robot.yaw)
@@ -124,8 +129,13 @@ class Sensors:
             state = item.observe(world.time, world.objects.get(name), pose, self._odometry)
             if state is not None:
                 known[name] = state
-        self._delayed.append(World(world.time, dataclasses.replace(world.robot, pose=self._odometry), known))
-        while len(self._delayed) > 1 and world.time - self._delayed[1].time >= self.config.latency - 1e-9:
+        self._delayed.append(
+            World(world.time, dataclasses.replace(world.robot, pose=self._odometry), known)
+        )
+        while (
+            len(self._delayed) > 1
+            and world.time - self._delayed[1].time >= self.config.latency - 1e-9
+        ):
             self._delayed.popleft()
         return self._delayed[0]
 

@@ -14,15 +14,17 @@ from ator_ros.world.state import STOP, Command, RobotState
 COMMAND_TIMEOUT = 0.15
 """Time in s that a command holds: three ticks."""
 _ROUNDING = 1e-6
-_BLOCKED_BELOW = 0.05  # rad/s; the firmware holds the position of a wheel below this whose setpoint is 0
+# rad/s; the firmware holds the position of a wheel below this whose setpoint is 0
+_BLOCKED_BELOW = 0.05
 _HOLDING_GAIN = 0.1
 
 
 class SimulatedBase:
     """A base with two driven wheels, and the firmware that converts velocity commands to wheel speeds.
 
-    It brakes as hard as it can without tipping for the command 0, and without a command for 0.15 s. So it
-    stands 0.5 s after the last command. `period` is the time of a physics step in s, `body` the body id.
+    It brakes as hard as it can without tipping for the command 0, and without a command for 0.15 s.
+    So it stands 0.5 s after the last command. `period` is the time of a physics step in s, `body`
+    the body id.
     """
 
     def __init__(self, client: BulletClient, robot: Robot, *, period: float) -> None:
@@ -44,7 +46,10 @@ class SimulatedBase:
                     self._bullet.setCollisionFilterPair(self.body, other, wheel, link, 0)
 
     def place(self, pose: Pose, v: float, w: float) -> None:
-        """Put the axle at `pose`, moving at v (m/s) and w (rad/s); it slows down unless commanded."""
+        """Put the axle at `pose`, moving at v (m/s) and w (rad/s).
+
+        It slows down unless commanded.
+        """
         c, s = math.cos(pose.yaw), math.sin(pose.yaw)
         velocity = (c * v - s * w * self._com[0], s * v + c * w * self._com[0], 0.0)
         self.move(pose)
@@ -60,7 +65,9 @@ class SimulatedBase:
         c, s = math.cos(pose.yaw), math.sin(pose.yaw)
         # Bullet's base position is the center of mass, not the axle.
         position = (pose.x + c * self._com[0], pose.y + s * self._com[0], self._com[2])
-        self._bullet.resetBasePositionAndOrientation(self.body, position, quaternion_from_yaw(pose.yaw))
+        self._bullet.resetBasePositionAndOrientation(
+            self.body, position, quaternion_from_yaw(pose.yaw)
+        )
 
     def command(self, command: Command, time: float) -> None:
         """Execute a command for 0.15 s from `time` (s) on."""

@@ -34,8 +34,8 @@ _DISTANCE = 8  # index in what getClosestPoints returns
 class Simulation:
     """One world: a robot or several, the objects and bays of a scene, the walls of a map, and a floor.
 
-    Deterministic: the same placements and commands give bit-identical trajectories. Robots have numbers from
-    0 on.
+    Deterministic: the same placements and commands give bit-identical trajectories. Robots have
+    numbers from 0 on.
 
     Parameters
     ----------
@@ -46,14 +46,15 @@ class Simulation:
 
     Notes
     -----
-    A control tick of 1/20 s is four ramps of three physics steps of 1/240 s: the base ramps its wheel
-    speeds within a tick as firmware does, and Bullet takes the three steps in one call.
+    A control tick of 1/20 s is four ramps of three physics steps of 1/240 s: the base ramps its
+    wheel speeds within a tick as firmware does, and Bullet takes the three steps in one call.
     """
 
     def __init__(self, robot: Robot, *, robots: int = 1) -> None:
         self.robot = robot
         self._bullet = BulletClient()
-        # The origin of the physics is the center of the area: far from it, contacts would be rounded.
+        # The origin of the physics is the center of the area: far from it, contacts would be
+        # rounded.
         self._area = robot.scene.area
         self._away = max(_AWAY, self._area.width / 2 + self._area.margin + _AWAY / 2)
         self._build(robots)
@@ -79,7 +80,9 @@ class Simulation:
             self._walls += make_walls(bullet, self.robot.grid, area)
         self._bodies = {name: make_object(bullet, item) for name, item in scene.objects.items()}
         self._present = dict.fromkeys(self._bodies, False)
-        self._bases = [SimulatedBase(bullet, self.robot, period=1.0 / PHYSICS_RATE) for _ in range(robots)]
+        self._bases = [
+            SimulatedBase(bullet, self.robot, period=1.0 / PHYSICS_RATE) for _ in range(robots)
+        ]
         for base in self._bases:
             others = [other.body for other in self._bases if other is not base]
             base.ignore(floor, (*self._bodies.values(), *self._walls, *others))
@@ -98,7 +101,9 @@ class Simulation:
         """Return a pose relative to the center of the area."""
         return Pose(pose.x - self._area.x, pose.y - self._area.y, pose.yaw)
 
-    def place_object(self, name: str, x: float, y: float, *, vx: float = 0.0, vy: float = 0.0) -> None:
+    def place_object(
+        self, name: str, x: float, y: float, *, vx: float = 0.0, vy: float = 0.0
+    ) -> None:
         """Put an object on the floor at (x, y) m, rolling at (vx, vy) m/s."""
         set_object_dynamics(self._bullet, self._bodies[name], self.robot.scene.objects[name])
         self._move_object(name, x - self._area.x, y - self._area.y, vx, vy)
@@ -118,7 +123,10 @@ class Simulation:
             return self._overlap(body)
 
     def object_overlap(self, name: str, x: float, y: float) -> str:
-        """Return which body an object at (x, y) m would overlap; empty if none. Nothing is moved."""
+        """Return which body an object at (x, y) m would overlap.
+
+        Empty if none. Nothing is moved.
+        """
         body = self._bodies[name]
         with self._restored(body):
             self._move_object(name, x - self._area.x, y - self._area.y, 0.0, 0.0)
@@ -187,7 +195,9 @@ class Simulation:
                 (vx, vy, _), _ = self._bullet.getBaseVelocity(body)
                 objects[name] = ObjectState(*self._area.at(x, y)[:2], vx, vy)
         state = self._bases[number].state()
-        return World(self.time, dataclasses.replace(state, pose=self._area.at(*state.pose)), objects)
+        return World(
+            self.time, dataclasses.replace(state, pose=self._area.at(*state.pose)), objects
+        )
 
     def wheel_angles(self, number: int = 0) -> list[float]:
         """Return the angles of a robot's left and right wheel in rad."""

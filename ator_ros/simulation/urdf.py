@@ -10,13 +10,17 @@ from ator_ros.robot.description import Holder, Robot
 WHEEL_MASS = 0.4
 """Mass in kg of a wheel; at most `WHEEL_SHARE` of the mass of a light robot."""
 WHEEL_SHARE = 0.25
-# kg m^2: that of the motor's rotor through the gear (38.3:1), 4e-6 kg m^2 * 38.3^2, exceeds the wheel's own.
+# kg m^2: that of the motor's rotor through the gear (38.3:1), 4e-6 kg m^2 * 38.3^2, exceeds the
+# wheel's own.
 WHEEL_INERTIA = 0.008
 _HEIGHT = 0.12  # m of the center of mass
-_LIGHT = 0.1  # ratio of mass times squared radius to the usual one, below which the motors are smaller
+# ratio of mass times squared radius to the usual one, below which the motors are smaller
+_LIGHT = 0.1
 _USUAL_MASS, _USUAL_RADIUS = 9.0, 0.0975  # kg, and m of a wheel
-_CENTER_OF_MASS, _CASTER = 0.06, 0.04  # m: center of mass behind the axle, caster from the body's end
-_BEHIND_SHARE = 0.3  # greatest share of the weight on the caster; `Robot.grip` assumes the rest on the wheels
+# m: center of mass behind the axle, caster from the body's end
+_CENTER_OF_MASS, _CASTER = 0.06, 0.04
+# greatest share of the weight on the caster; `Robot.grip` assumes the rest on the wheels
+_BEHIND_SHARE = 0.3
 _FINGER = (
     '<{tag}><origin xyz="{x:.6g} {side}{y:.6g} 0.12"/>'
     '<geometry><box size="{length:.6g} {thickness:.6g} 0.1"/></geometry>{material}</{tag}>'
@@ -57,10 +61,12 @@ def _built(robot: Robot) -> tuple[float, float, float, float, float]:
     """Return the parts of `Build` in their order, those that the description leaves out derived."""
     given = robot.build
     wheel_mass = min(WHEEL_MASS * max(1.0, robot.mass / _USUAL_MASS), WHEEL_SHARE * robot.mass)
-    # The wheels carry most of the weight also of a short body, so low that neither stop nor turn tips it.
+    # The wheels carry most of the weight also of a short body, so low that neither stop nor turn
+    # tips it.
     caster = _or(given.caster_behind, max(robot.rear - _CASTER, 0.5 * robot.rear))
     behind = min(_CENTER_OF_MASS, _BEHIND_SHARE * caster)
-    # With the inertia of usual motors a heavy base would lag more than described, and a light one tip over.
+    # With the inertia of usual motors a heavy base would lag more than described, and a light one
+    # tip over.
     load = robot.mass * robot.wheel_radius**2 / (_USUAL_MASS * _USUAL_RADIUS**2)
     motor_size = max(1.0, load) if load >= _LIGHT else max(load, (load / _LIGHT) ** 2)
     return (
@@ -82,7 +88,10 @@ def _fingers(tag: str, holder: Holder | None, front: float, material: str = "") 
         return ""
     sizes = {"length": holder.length, "thickness": holder.thickness}
     place = {"x": front + holder.length / 2, "y": (holder.gap + holder.thickness) / 2}
-    both = (_FINGER.format(tag=tag, side=side, material=material, **place, **sizes) for side in ("", "-"))
+    both = (
+        _FINGER.format(tag=tag, side=side, material=material, **place, **sizes)
+        for side in ("", "-")
+    )
     return "\n    ".join(both)
 
 

@@ -34,7 +34,8 @@ from ator_ros.view.backend import Backend
 from ator_ros.view.draft import Draft
 
 _LARGEST_FILE = 200_000  # bytes
-_CLEARANCE = 0.1  # m from obstacles at random goals, besides half the robot's width: localization errs
+# m from obstacles at random goals, besides half the robot's width: localization errs
+_CLEARANCE = 0.1
 _MOST_WITHOUT_EPISODE = 20  # goals in a row, such as goals outside the executor's fence
 _MOST_FAILURES = 5  # drives in a row: the robot is stuck, or the server cannot drive
 _STOPPED_BY_OTHERS = (Ending.CANCELED, Ending.PREEMPTED, Ending.SHUTDOWN)
@@ -43,17 +44,21 @@ _STOPPED_BY_OTHERS = (Ending.CANCELED, Ending.PREEMPTED, Ending.SHUTDOWN)
 class Destinations:
     """Draws the goals of drives.
 
-    Goals are at the places of `file`, a YAML file with a list of places. Without a file they are in the free
-    space of the robot's map. Without a map the domain draws them, or they are in the robot's area.
+    Goals are at the places of `file`, a YAML file with a list of places. Without a file they are in
+    the free space of the robot's map. Without a map the domain draws them, or they are in the
+    robot's area.
 
-    Raises FileError if the file cannot be used, and NoPlaceError if a place is not in free space of the map.
+    Raises FileError if the file cannot be used, and NoPlaceError if a place is not in free space of
+    the map.
     """
 
     def __init__(self, robot: Robot, file: Path | None) -> None:
         self._robot, self._routes = robot, routes_of(robot)
         self._places: tuple[DeclaredPlace, ...] = ()
         self._area = Fence(*robot.scene.area.lines)
-        self.where = "of its domain" if self._routes is None else f"in free space of {self._routes.grid}"
+        self.where = (
+            "of its domain" if self._routes is None else f"in free space of {self._routes.grid}"
+        )
         if file is None:
             return
         self.where = f"of {file}"
@@ -79,9 +84,13 @@ class Destinations:
             pose = drawn_until(
                 partial(self._pose, rng),
                 lambda pose: pose.distance(start) >= SHORT and self._is_free(pose, start),
-                lambda: f"expected places {self.where}, {SHORT:g} m from the robot and within its reach",
+                lambda: (
+                    f"expected places {self.where}, {SHORT:g} m from the robot and within its reach"
+                ),
             )
-        values = {item.name: float(rng.uniform(item.low, item.high)) for item in spec.goal_variables}
+        values = {
+            item.name: float(rng.uniform(item.low, item.high)) for item in spec.goal_variables
+        }
         return Goal(pose, 0.0, top.point, values)
 
     def _pose(self, rng: np.random.Generator) -> Pose:
@@ -99,8 +108,13 @@ class Destinations:
         if self._routes is None:
             return bool(self._places) or self._area.outside(pose.x, pose.y) == 0.0
         room = 0.0 if self._places else self._routes.radius + _CLEARANCE
-        reached = self._routes.fault(pose.x, pose.y, None if start is None else (start.x, start.y)) is None
-        return reached and bool(self._routes.clearance(np.array([pose.x]), np.array([pose.y]))[0] >= room)
+        reached = (
+            self._routes.fault(pose.x, pose.y, None if start is None else (start.x, start.y))
+            is None
+        )
+        return reached and bool(
+            self._routes.clearance(np.array([pose.x]), np.array([pose.y]))[0] >= room
+        )
 
 
 def driven_tops(domain: Domain, robot: Robot) -> dict[str, Top]:
@@ -119,9 +133,9 @@ def drives(
 ) -> Generator[pd.DataFrame, None, None]:
     """Drive with the running executor; yield the row of each episode. An interruption stops the robot.
 
-    `missing` are the action and the number of each episode. Raises ExperienceError if the user does not
-    confirm, another client controls the robot, or too many drives in a row fail, and NodesError if the
-    executor or the robot's state is missing.
+    `missing` are the action and the number of each episode. Raises ExperienceError if the user does
+    not confirm, another client controls the robot, or too many drives in a row fail, and NodesError
+    if the executor or the robot's state is missing.
     """
     if not missing:
         return
@@ -157,7 +171,9 @@ def drives(
                 row, problem = episode_row(record, number, domain, robot)
                 reason = problem or record.outcome.reason
                 goals += 1
-                failures = 0 if ending is Ending.SUCCEEDED else failures + (ending is not Ending.REFUSED)
+                failures = (
+                    0 if ending is Ending.SUCCEEDED else failures + (ending is not Ending.REFUSED)
+                )
             yield row
 
 

@@ -1,8 +1,8 @@
 """Estimate latency, motor lag, limits and dead zone of a base from half a minute of driving.
 
-Drives the base that subscribes to cmd_vel: slowly, at full speed forward and back, and turning in both
-directions. No other program may command it meanwhile. The robot needs free space ahead (--space), 0.5 m
-behind, and room to turn.
+Drives the base that subscribes to cmd_vel: slowly, at full speed forward and back, and turning in
+both directions. No other program may command it meanwhile. The robot needs free space ahead
+(--space), 0.5 m behind, and room to turn.
 """
 
 from __future__ import annotations
@@ -45,8 +45,9 @@ _STOPS = 10  # stop commands at the end, because DDS may lose some
 def calibrate(options: argparse.Namespace, words: Sequence[str]) -> None:
     """Drive the base that subscribes to cmd_vel, stop it, and write a description with the estimates.
 
-    `options` are those of `arguments`, `words` the whole command line with arguments for ROS. Raises
-    DriveError if odometry is missing, another program commands the base, or the base does not move.
+    `options` are those of `arguments`, `words` the whole command line with arguments for ROS.
+    Raises DriveError if odometry is missing, another program commands the base, or the base does
+    not move.
     """
     template = load_robot(options.robot)
     v, w = options.v or _FACTOR * template.limits.v, options.w or _FACTOR * template.limits.w
@@ -64,8 +65,12 @@ def calibrate(options: argparse.Namespace, words: Sequence[str]) -> None:
     robot = described(dataclasses.replace(template, name=options.name or template.name), estimate)
     lines = report(estimate)
     if robot.wheel_torque != template.wheel_torque:
-        lines.append(f"wheel_torque {robot.wheel_torque:g} N m: the least that {robot.mass:g} kg need")
-    comments = [f"# {line}\n" for line in ("Written by:", portable_command("calibrate", words), *lines)]
+        lines.append(
+            f"wheel_torque {robot.wheel_torque:g} N m: the least that {robot.mass:g} kg need"
+        )
+    comments = [
+        f"# {line}\n" for line in ("Written by:", portable_command("calibrate", words), *lines)
+    ]
     content = yaml.safe_dump({**header(KIND), **robot.sections()}, sort_keys=False)
     write_text(options.out, "".join(comments) + content)
     load_robot(options.out)  # raises ConfigError if an estimate is implausible
@@ -111,7 +116,9 @@ def report(estimate: BaseEstimate) -> list[str]:
 class _Driver:
     """Publishes a command of the drive for each odometry message."""
 
-    def __init__(self, node: Node, drive: ProbeDrive, robot: Robot, options: argparse.Namespace) -> None:
+    def __init__(
+        self, node: Node, drive: ProbeDrive, robot: Robot, options: argparse.Namespace
+    ) -> None:
         self._node, self._drive = node, drive
         self._commands = CommandPublisher(node, stamped=options.stamped, frame="base_link")
         self._received: float | None = None  # real s
@@ -144,12 +151,16 @@ class _Driver:
             raise DriveError(mismatch)
         if self._received is None and now - start > _START_TIMEOUT:
             cause = self._diagnosis.cause("odom", _START_TIMEOUT)
-            raise DriveError(f"odom: expected a message within {_START_TIMEOUT:g} s, got none; {cause}")
+            raise DriveError(
+                f"odom: expected a message within {_START_TIMEOUT:g} s, got none; {cause}"
+            )
         if self._received is not None and now - self._received > _ODOM_TIMEOUT:
             cause = self._diagnosis.cause("odom", _ODOM_TIMEOUT)
             raise DriveError(f"odom: expected a newer message every {_ODOM_TIMEOUT:g} s; {cause}")
         if self._node.count_publishers("cmd_vel") > 1:
-            raise DriveError("cmd_vel: expected no other publisher; stop the executor and other controllers")
+            raise DriveError(
+                "cmd_vel: expected no other publisher; stop the executor and other controllers"
+            )
 
     def _take_robot(self, stamp: float, robot: RobotState) -> None:
         if stamp <= self._stamp or self._done:
@@ -158,7 +169,9 @@ class _Driver:
         try:
             command = self._drive.command(stamp, robot)
         except DriveError as error:
-            raise DriveError("; ".join(filter(None, (str(error), self._commands.cause())))) from error
+            raise DriveError(
+                "; ".join(filter(None, (str(error), self._commands.cause())))
+            ) from error
         self._done = command is None
         self._commands.publish(command or STOP, stamp)
 
@@ -192,7 +205,10 @@ def arguments() -> argparse.ArgumentParser:
         help="whether cmd_vel is a TwistStamped; auto: what the base subscribes to (default: %(default)s)",
     )
     parser.add_argument(
-        "--frame", type=plain_frame, default="odom", help="frame of the odometry (default: %(default)s)"
+        "--frame",
+        type=plain_frame,
+        default="odom",
+        help="frame of the odometry (default: %(default)s)",
     )
     return parser
 

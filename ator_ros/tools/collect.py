@@ -20,7 +20,13 @@ from ator_ros.evaluation.trials import possible_actions
 from ator_ros.experience import collect as simulated
 from ator_ros.experience.json_lines import PartialResults
 from ator_ros.experience.parallel import progress
-from ator_ros.experience.table import Experience, ExperienceError, join, library_versions, write_experience
+from ator_ros.experience.table import (
+    Experience,
+    ExperienceError,
+    join,
+    library_versions,
+    write_experience,
+)
 from ator_ros.files import FileError
 from ator_ros.tools.command_line import (
     RESUMES,
@@ -34,15 +40,16 @@ from ator_ros.tools.command_line import (
     without_ros_arguments,
 )
 
-EPISODES = "episodes of the same seed, robot, domain, action set and versions"  # a file of partial results
+# a file of partial results
+EPISODES = "episodes of the same seed, robot, domain, action set and versions"
 
 
 @dataclass(frozen=True)
 class Attachment:
     """How to drive with nodes that are already running.
 
-    `places` is a YAML file with a list of places to drive to. Unless `confirmed`, the user must agree first.
-    `arguments` are ROS arguments, such as the namespace of the robot's nodes.
+    `places` is a YAML file with a list of places to drive to. Unless `confirmed`, the user must
+    agree first. `arguments` are ROS arguments, such as the namespace of the robot's nodes.
     """
 
     places: Path | None
@@ -63,15 +70,17 @@ def collect(
 ) -> None:
     """Execute `episodes` of each action and write their table; episodes of an interrupted call are reused.
 
-    Actions that the robot cannot execute are skipped with a message. `command` is the command line for the
-    table. With `over_ros`, a real-time factor, actions are executed over ROS; with an `attachment`, by the
-    running executor; otherwise in the simulator without ROS.
+    Actions that the robot cannot execute are skipped with a message. `command` is the command line
+    for the table. With `over_ros`, a real-time factor, actions are executed over ROS; with an
+    `attachment`, by the running executor; otherwise in the simulator without ROS.
     """
     import pyarrow.parquet  # noqa: F401 (reports a missing package before the first episode)
 
     domain, robot = source.in_domain(), source.described()
     if attachment is None:
-        _, left_out = possible_actions(domain, source.action_set, robot, over_ros=over_ros is not None)
+        _, left_out = possible_actions(
+            domain, source.action_set, robot, over_ros=over_ros is not None
+        )
     else:
         from ator_ros.tools import attached  # needs ROS
 
@@ -95,7 +104,9 @@ def collect(
         raise FileError(f"--out: {out} has the drives of a finished command; name another file")
     with PartialResults(out.with_suffix(".episodes.jsonl"), identity, EPISODES) as partial:
         frames = map(pd.DataFrame, partial.results)
-        finished = {(frame["action"].iloc[0], int(frame["episode"].iloc[0])): frame for frame in frames}
+        finished = {
+            (frame["action"].iloc[0], int(frame["episode"].iloc[0])): frame for frame in frames
+        }
         missing = [key for key in wanted if key not in finished]
         if attachment is not None:
             collected = attached.drives(domain, robot, missing, source.action_set, seed, attachment)
@@ -124,7 +135,8 @@ def collect(
                     finished[frame["action"].iloc[0], int(frame["episode"].iloc[0])] = frame
         finally:
             kept = [finished[key] for key in wanted if key in finished]
-            if len(kept) == len(wanted) or (kept and attachment is not None):  # a robot's drives are precious
+            # a robot's drives are precious
+            if len(kept) == len(wanted) or (kept and attachment is not None):
                 metadata = {**settings, "robot_digest": robot.digest(), "command": command}
                 write_experience(out, Experience(join(kept), metadata))
                 _report(join(kept))
@@ -148,8 +160,12 @@ def arguments() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="collect", description=__doc__)
     add_setting(parser)
     parser.add_argument("--actions", nargs="+", metavar="NAME", help="default: all of the domain")
-    parser.add_argument("--episodes", type=whole(1), help="per action (default: 1000; with --attach 100)")
-    parser.add_argument("--seed", type=whole(), default=101, help="the same seed gives the same table")
+    parser.add_argument(
+        "--episodes", type=whole(1), help="per action (default: 1000; with --attach 100)"
+    )
+    parser.add_argument(
+        "--seed", type=whole(), default=101, help="the same seed gives the same table"
+    )
     add_parallel_options(parser)
     parser.add_argument(
         "--over-ros", action="store_true",
@@ -165,7 +181,9 @@ def arguments() -> argparse.ArgumentParser:
         "--places", type=Path, metavar="FILE",
         help="with --attach: YAML file with a list of places to drive to, such as [{x: [1.0], y: [2.0]}]",
     )  # fmt: skip
-    parser.add_argument("--yes", action="store_true", help="with --attach: do not ask before the first drive")
+    parser.add_argument(
+        "--yes", action="store_true", help="with --attach: do not ask before the first drive"
+    )
     add_factor(parser, 0.0)
     parser.add_argument(
         "--out", type=_table, default=Path("experience.parquet"), metavar="FILE.parquet",

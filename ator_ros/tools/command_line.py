@@ -33,16 +33,26 @@ INTERRUPTED = 130  # exit code after Ctrl-C or SIGTERM
 RESUMES = "the same command resumes from here"
 _LONGEST_LINE = 1000
 _EXPECTED_ERRORS: tuple[type[Exception], ...] = (
-    *(BackendError, ConfigError, DomainError, DriveError, EvaluationError, ExperienceError, FileError),
+    *(
+        BackendError,
+        ConfigError,
+        DomainError,
+        DriveError,
+        EvaluationError,
+        ExperienceError,
+        FileError,
+    ),
     *(MessageError, NodesError, OSError, PlanningError, RefinementError, SchemaError),
 )
 
 
-def guarded(program: str, work: Callable[[], object], *, interrupted: str = "nothing was written") -> int:
+def guarded(
+    program: str, work: Callable[[], object], *, interrupted: str = "nothing was written"
+) -> int:
     """Run a command and return its exit code; report expected errors in one line instead of a traceback.
 
-    SIGTERM and SIGHUP interrupt it like Ctrl-C, unless they are ignored (nohup); `interrupted` is the message
-    then. Characters that the terminal cannot encode are escaped.
+    SIGTERM and SIGHUP interrupt it like Ctrl-C, unless they are ignored (nohup); `interrupted` is
+    the message then. Characters that the terminal cannot encode are escaped.
     """
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
@@ -100,11 +110,17 @@ def add_setting(parser: argparse.ArgumentParser, *, action_set: bool = True) -> 
         "ball in its scene, drive for any other)",
     )  # fmt: skip
     parser.add_argument(
-        "--map", default="", metavar="FILE", help="map_server file of the building (default: the domain's)"
+        "--map",
+        default="",
+        metavar="FILE",
+        help="map_server file of the building (default: the domain's)",
     )
     if action_set:
         parser.add_argument(
-            "--action-set", default=DEFAULT_SET, metavar="NAME", help="of the domain (default: %(default)s)"
+            "--action-set",
+            default=DEFAULT_SET,
+            metavar="NAME",
+            help="of the domain (default: %(default)s)",
         )
 
 
@@ -126,7 +142,11 @@ def add_factor(parser: argparse.ArgumentParser, default: float) -> None:
 def add_parallel_options(parser: argparse.ArgumentParser) -> None:
     """Add the options for parallel work: jobs and cluster."""
     parser.add_argument(
-        "--jobs", type=_jobs, default=-1, metavar="N", help="worker processes (default: -1, one per core)"
+        "--jobs",
+        type=_jobs,
+        default=-1,
+        metavar="N",
+        help="worker processes (default: -1, one per core)",
     )
     parser.add_argument(
         "--cluster", metavar="ADDRESS", help="address of a dask scheduler, such as tcp://host:8786"
@@ -139,7 +159,9 @@ def _check_names(
     for name in given:
         if name not in allowed:
             flag = f"--{option.replace('_', '-')}"
-            parser.error(f"argument {flag}: expected one of {', '.join(allowed)}, got {name[:80]!r}")
+            parser.error(
+                f"argument {flag}: expected one of {', '.join(allowed)}, got {name[:80]!r}"
+            )
 
 
 def run_tool(
@@ -162,13 +184,16 @@ def run_tool(
     needed : bool
         Whether a domain without names for one of the options in `names` is an error.
     **names : callable
-        For further options, return the names that a domain allows. The default is the first name or, if the
-        option is a plural, all names.
+        For further options, return the names that a domain allows. The default is the first name
+        or, if the option is a plural, all names.
     """
     words = list(sys.argv[1:] if argv is None else argv)
     options = parser.parse_args(words)
     if not is_cached():
-        print(f"{parser.prog}: the first start compiles code, which may take a minute", file=sys.stderr)
+        print(
+            f"{parser.prog}: the first start compiles code, which may take a minute",
+            file=sys.stderr,
+        )
     try:
         domain = domain_for(options.domain, options.robot).on_map(options.map)
     except (DomainError, FileError) as error:
@@ -181,7 +206,9 @@ def run_tool(
         choices, given, several = list(allowed(domain)), getattr(options, name), name.endswith("s")
         if needed and not choices:
             kind = f"{name.removesuffix('s')}s"
-            parser.error(f"argument --domain: expected one with {kind}, got {domain.name}, which has none")
+            parser.error(
+                f"argument --domain: expected one with {kind}, got {domain.name}, which has none"
+            )
         if given is None:
             setattr(options, name, choices if several else next(iter(choices), None))
         else:
@@ -211,7 +238,11 @@ def source_of(options: argparse.Namespace) -> ToolsetSource:
 
 def number(least: float = -math.inf, most: float = math.inf) -> Callable[[str], float]:
     """Return an argparse type: a finite number from `least` to `most`."""
-    bounds = [f" {word} {value:g}" for word, value in (("from", least), ("to", most)) if math.isfinite(value)]
+    bounds = [
+        f" {word} {value:g}"
+        for word, value in (("from", least), ("to", most))
+        if math.isfinite(value)
+    ]
 
     def read(text: str) -> float:
         with contextlib.suppress(ValueError):
@@ -229,7 +260,9 @@ def whole(least: int = 0, most: int = 10**12) -> Callable[[str], int]:
         with contextlib.suppress(ValueError):  # Python reads at most 4300 digits
             if text.isdecimal() and least <= int(text) <= most:
                 return int(text)
-        raise argparse.ArgumentTypeError(f"expected a whole number from {least} to {most}, got {text!r}")
+        raise argparse.ArgumentTypeError(
+            f"expected a whole number from {least} to {most}, got {text!r}"
+        )
 
     return read
 

@@ -58,7 +58,10 @@ class DemoSituation:
     @property
     def runs(self) -> dict[str, Run]:
         """Both executions by name."""
-        return {"naive": self.naive, "refined" if self.refined.record.refined else "unchanged": self.refined}
+        return {
+            "naive": self.naive,
+            "refined" if self.refined.record.refined else "unchanged": self.refined,
+        }
 
     @property
     def gain(self) -> float:
@@ -85,11 +88,13 @@ def table(situations: Sequence[DemoSituation]) -> str:
     rows = []
     for number, situation in enumerate(situations, start=1):
         gain = situation.gain
-        percent = 100.0 * gain / (situation.naive.duration or math.inf)  # a chain may end immediately
+        # a chain may end immediately
+        percent = 100.0 * gain / (situation.naive.duration or math.inf)
         changes = ["", "-" if math.isnan(gain) else f"{gain:+.2f} s ({percent:+.0f} %)"]
         for (name, run), change in zip(situation.runs.items(), changes, strict=True):
             rows.append({"": f"{number} {name}", **_times(situation, run), "gain": change})
-    frame, last = pd.DataFrame(rows).fillna(""), ["chain", "gain"]  # later chains may have more steps
+    # later chains may have more steps
+    frame, last = pd.DataFrame(rows).fillna(""), ["chain", "gain"]
     text = frame[[*frame.columns.difference(last, sort=False), *last]].to_string(index=False)
     return f"predicted / actual time in s\n{text}\n\n{_summary(situations)}"
 
@@ -97,7 +102,9 @@ def table(situations: Sequence[DemoSituation]) -> str:
 def _times(situation: DemoSituation, run: Run) -> dict[str, str]:
     """Return predicted and actual time of each step and of the chain."""
     predicted = situation.answer.after if run.record.refined else situation.answer.before
-    actual = itertools.chain((a.actual.duration for a in run.record.actions), itertools.repeat(math.nan))
+    actual = itertools.chain(
+        (a.actual.duration for a in run.record.actions), itertools.repeat(math.nan)
+    )
     steps = zip(situation.chain.calls, predicted, actual, strict=False)  # fewer if it failed
     cells = {
         f"{number} {call.top.name}": f"{seconds(before)} / {seconds(after)}"
@@ -122,11 +129,15 @@ def _summary(situations: Sequence[DemoSituation]) -> str:
         for name, run in (("naive", situation.naive), ("refined", situation.refined)):
             if math.isnan(run.duration):
                 lines.append(f"situation {number}, {name}: {run.record.outcome.reason}")
-    reasons = {each.refined.record.refinement for each in situations if not each.refined.record.refined}
+    reasons = {
+        each.refined.record.refinement for each in situations if not each.refined.record.refined
+    }
     return "\n".join(lines + [f"unchanged: {reason}" for reason in sorted(reasons)])
 
 
-def save_picture(file: Path, domain: Domain, robot: Robot, situations: Sequence[DemoSituation]) -> None:
+def save_picture(
+    file: Path, domain: Domain, robot: Robot, situations: Sequence[DemoSituation]
+) -> None:
     """Draw the paths of each situation in a panel, and write a PNG file."""
     rows = math.ceil(len(situations) / _COLUMNS)
     figure = Figure(figsize=(4.6 * _COLUMNS, 3.4 * rows), layout="constrained")
@@ -146,7 +157,9 @@ def save_picture(file: Path, domain: Domain, robot: Robot, situations: Sequence[
             axes.plot(*path.T, color=color, lw=1.5, label=f"{name}, {time}")
         axes.set_aspect("equal")
         axes.axis("off")
-        axes.legend(frameon=False, fontsize=8, loc="upper center", bbox_to_anchor=(0.5, 0.02), ncols=2)
+        axes.legend(
+            frameon=False, fontsize=8, loc="upper center", bbox_to_anchor=(0.5, 0.02), ncols=2
+        )
         axes.set_title(f"{number}", fontsize=9, loc="left")
     with atomic_write(file) as temporary:
         figure.savefig(temporary, format="png", dpi=130)
@@ -164,7 +177,9 @@ def _demo(options: argparse.Namespace, domain: Domain, _: str) -> None:
             print(f"{names} start on ROS domain {nodes.domain} …", flush=True)
             with connected(nodes, domain, robot, domain.remote_servers()) as backend:
                 for index in range(options.situations):
-                    trial = random_trial(domain, options.chain, library, seed=options.seed, index=index)
+                    trial = random_trial(
+                        domain, options.chain, library, seed=options.seed, index=index
+                    )
                     if "speed" in domain.variables:
                         trial = dataclasses.replace(trial, chain=open_speeds(trial.chain))
                     if index == 0:
@@ -175,7 +190,9 @@ def _demo(options: argparse.Namespace, domain: Domain, _: str) -> None:
         if finished:
             print(f"\n{table(finished)}")
             save_picture(options.out, domain, robot, finished)
-            print(f"\n{options.out.resolve()}: {_LEGEND}\nmake view shows chains live, in the browser")
+            print(
+                f"\n{options.out.resolve()}: {_LEGEND}\nmake view shows chains live, in the browser"
+            )
 
 
 def _execute(backend: Backend, trial: Trial, action_set: str) -> DemoSituation:
@@ -194,9 +211,15 @@ def arguments() -> argparse.ArgumentParser:
     """Return the command line of `demo`."""
     parser = argparse.ArgumentParser(prog="demo", description=__doc__)
     parser.add_argument(
-        "--situations", type=whole(1, _MOST_SITUATIONS), default=6, metavar="N", help="default: %(default)s"
+        "--situations",
+        type=whole(1, _MOST_SITUATIONS),
+        default=6,
+        metavar="N",
+        help="default: %(default)s",
     )
-    parser.add_argument("--seed", type=whole(), default=401, help="of the situations (default: %(default)s)")
+    parser.add_argument(
+        "--seed", type=whole(), default=401, help="of the situations (default: %(default)s)"
+    )
     add_setting(parser, action_set=False)
     parser.add_argument("--chain", metavar="NAME", help="of the domain (default: its last)")
     add_factor(parser, 0.0)

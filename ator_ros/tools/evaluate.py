@@ -9,7 +9,13 @@ from pathlib import Path
 from ator_ros.domains.domain import Domain
 from ator_ros.evaluation.policies import POLICIES, USUAL
 from ator_ros.evaluation.report import policy_table, prediction_table, write_report
-from ator_ros.evaluation.running import PARTIAL, RESULT, earlier_oracle, run_situations, write_result
+from ator_ros.evaluation.running import (
+    PARTIAL,
+    RESULT,
+    earlier_oracle,
+    run_situations,
+    write_result,
+)
 from ator_ros.evaluation.situation import Settings
 from ator_ros.evaluation.toolset import tools_of
 from ator_ros.evaluation.trials import EvaluationError
@@ -26,15 +32,22 @@ from ator_ros.tools.command_line import (
 
 
 def evaluate(
-    settings: Settings, out: Path, *, command: str, situations: int = 100, oracle_from: Path | None = None
+    settings: Settings,
+    out: Path,
+    *,
+    command: str,
+    situations: int = 100,
+    oracle_from: Path | None = None,
 ) -> None:
     """Execute situations with every policy; write `evaluation.json` and the report, and print the tables.
 
-    `command` is the command line for the result. `oracle_from` is the folder of an earlier evaluation of the
-    same situations, whose oracle is used.
+    `command` is the command line for the result. `oracle_from` is the folder of an earlier
+    evaluation of the same situations, whose oracle is used.
     """
     tools_of(settings.source)  # reports a damaged file before the first execution
-    oracles = earlier_oracle(oracle_from, settings, situations) if oracle_from else [{}] * situations
+    oracles = (
+        earlier_oracle(oracle_from, settings, situations) if oracle_from else [{}] * situations
+    )
     records = run_situations(settings, situations=situations, folder=out)
     records = [record | oracle for record, oracle in zip(records, oracles, strict=True)]
     result = write_result(out, settings, records, command)
@@ -49,8 +62,12 @@ def evaluate(
 def arguments() -> argparse.ArgumentParser:
     """Return the command line of `evaluate`."""
     parser = argparse.ArgumentParser(prog="evaluate", description=__doc__)
-    parser.add_argument("--situations", type=whole(1), default=100, metavar="N", help="default: %(default)s")
-    parser.add_argument("--seed", type=whole(), default=401, help="of the situations (default: %(default)s)")
+    parser.add_argument(
+        "--situations", type=whole(1), default=100, metavar="N", help="default: %(default)s"
+    )
+    parser.add_argument(
+        "--seed", type=whole(), default=401, help="of the situations (default: %(default)s)"
+    )
     oracle_source = parser.add_mutually_exclusive_group()
     oracle_source.add_argument(
         "--oracle", type=whole(), metavar="K", help="also execute K headings of the first open step"
@@ -121,4 +138,6 @@ def _run(options: argparse.Namespace, _: Domain, command: str) -> None:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
-    return run_tool(arguments(), _run, argv, interrupted=RESUMES, chain=lambda domain: domain.chains)
+    return run_tool(
+        arguments(), _run, argv, interrupted=RESUMES, chain=lambda domain: domain.chains
+    )

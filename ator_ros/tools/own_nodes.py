@@ -23,7 +23,13 @@ from ator_ros.evaluation.toolset import ToolsetSource
 from ator_ros.experience.collect import episode_generator
 from ator_ros.experience.records import ENDED, episode_of
 from ator_ros.experience.table import ExperienceError, episode_frame
-from ator_ros.nodes.network import RANGE, THIS_MACHINE, NodesError, free_domain, stay_on_this_machine
+from ator_ros.nodes.network import (
+    RANGE,
+    THIS_MACHINE,
+    NodesError,
+    free_domain,
+    stay_on_this_machine,
+)
 from ator_ros.nodes.remote_messages import RemoteError, RemoteInterface
 from ator_ros.nodes.running import uninterrupted
 from ator_ros.robot.description import Robot
@@ -42,7 +48,10 @@ _SHUTDOWN_TIMEOUT = 5.0  # real s after which nodes are killed
 
 
 class NodeProcesses:
-    """Starts nodes on a ROS domain; as a context manager, stops all of them at the end of the block."""
+    """Starts nodes on a ROS domain.
+
+    As a context manager, stops all of them at the end of the block.
+    """
 
     def __init__(self, domain: int) -> None:
         self.domain = domain
@@ -52,7 +61,9 @@ class NodeProcesses:
 
     def start(self, name: str, parameters: Mapping[str, object]) -> None:
         """Start an executable of this package with these parameters; raises NodesError."""
-        arguments = [word for key, value in parameters.items() for word in ("-p", f"{key}:={value}")]
+        arguments = [
+            word for key, value in parameters.items() for word in ("-p", f"{key}:={value}")
+        ]
         self._run(name, [_executable("ator_ros", name, "nodes"), "--ros-args", *arguments])
 
     def start_server(self, server: DeclaredServer) -> None:
@@ -61,8 +72,12 @@ class NodeProcesses:
         try:
             self._run(server.name, words, server.folder or None)
         except OSError as error:
-            where = "servers: command" if server.command else f"servers: executable of {server.package}"
-            raise NodesError(f"{where}: expected a program, got {server.name}: {error.strerror}") from error
+            where = (
+                "servers: command" if server.command else f"servers: executable of {server.package}"
+            )
+            raise NodesError(
+                f"{where}: expected a program, got {server.name}: {error.strerror}"
+            ) from error
 
     def _run(self, name: str, words: Sequence[str], folder: str | None = None) -> None:
         with self._log(name).open("wb") as log:
@@ -78,12 +93,20 @@ class NodeProcesses:
 
     def check(self) -> None:
         """Raise NodesError with the last output of a node that has ended."""
-        with uninterrupted():  # a KeyboardInterrupt inside `poll` may leave a lock on which `wait` blocks
+        # a KeyboardInterrupt inside `poll` may leave a lock on which `wait` blocks
+        with uninterrupted():
             codes = {name: process.poll() for name, process in self._processes.items()}
         for name, code in codes.items():
             if code is not None:
-                lines = self._log(name).read_text(encoding="utf-8", errors="replace").strip().splitlines()
-                raise NodesError(f"the node {name} ended with exit code {code}: {' | '.join(lines[-5:])}")
+                lines = (
+                    self._log(name)
+                    .read_text(encoding="utf-8", errors="replace")
+                    .strip()
+                    .splitlines()
+                )
+                raise NodesError(
+                    f"the node {name} ended with exit code {code}: {' | '.join(lines[-5:])}"
+                )
 
     def _log(self, name: str) -> Path:
         return Path(self._logs.name, f"{name.replace('/', '_')[:100]}.log")
@@ -94,7 +117,9 @@ class NodeProcesses:
     def __exit__(self, *_: object) -> None:
         """Send SIGINT to all nodes in reverse order, and kill those that do not end."""
         with uninterrupted():  # a second signal (`timeout` sends two) must not leave nodes
-            running = [process for process in reversed(self._processes.values()) if process.poll() is None]
+            running = [
+                process for process in reversed(self._processes.values()) if process.poll() is None
+            ]
             for process in running:
                 process.send_signal(signal.SIGINT)
             end = time.monotonic() + _SHUTDOWN_TIMEOUT
@@ -128,8 +153,8 @@ def all_nodes(
 ) -> Iterator[NodeProcesses]:
     """Start simulation, refinement, executor and the domain's action servers on an unused ROS domain.
 
-    `simulated` and `executed` are further parameters of simulation and executor. Raises NodesError if an
-    executable is not installed.
+    `simulated` and `executed` are further parameters of simulation and executor. Raises NodesError
+    if an executable is not installed.
     """
     domain = domain_for(source.domain, source.robot)
     files = ("robot", "domain", "models", "map")
@@ -140,7 +165,8 @@ def all_nodes(
     with free_domain() as number, NodeProcesses(number) as nodes:
         pace = {"real_time_factor": real_time_factor, "command_wait": 1.0}
         nodes.start("simulation", {**pace, **(simulated or {}), **without_models})
-        # Chains of remote actions are long, and the robot stands while the executor waits for the answer.
+        # Chains of remote actions are long, and the robot stands while the executor waits for the
+        # answer.
         deadline = {"deadline": _LONG_DEADLINE} if domain.servers else {}
         nodes.start("refinement", {**named, **deadline})
         timeouts = {"odom_timeout": _EXECUTOR_TIMEOUT, "refinement_timeout": _EXECUTOR_TIMEOUT}
@@ -179,8 +205,8 @@ def drives(
 ) -> Generator[pd.DataFrame, None, None]:
     """Drive chains of one step over ROS; yield the row of each episode.
 
-    The situations are those that `collect` draws without ROS from the same seed. `missing` are the action and
-    the number of each episode; `factor` is the number of simulated per real seconds.
+    The situations are those that `collect` draws without ROS from the same seed. `missing` are the
+    action and the number of each episode; `factor` is the number of simulated per real seconds.
     """
     if not missing:
         return
@@ -191,7 +217,9 @@ def drives(
         try:
             RemoteInterface(spec.remote, "odom")
         except RemoteError as error:
-            raise ExperienceError(f"{spec.name}: action server {spec.remote.server}: {error}") from error
+            raise ExperienceError(
+                f"{spec.name}: action server {spec.remote.server}: {error}"
+            ) from error
     servers = domain.remote_servers(source.action_set)
     with all_nodes(factor, source) as nodes, connected(nodes, domain, robot, servers) as backend:
         for action, number in missing:
@@ -214,7 +242,9 @@ def drives(
             yield row
 
 
-def episode_row(record: Any, number: int, domain: Domain, robot: Robot) -> tuple[pd.DataFrame | None, str]:
+def episode_row(
+    record: Any, number: int, domain: Domain, robot: Robot
+) -> tuple[pd.DataFrame | None, str]:
     """Return the table row of an ActionPerformance, or None and the reason why it is not an episode."""
     if record.outcome.code not in ENDED:
         return None, record.outcome.reason

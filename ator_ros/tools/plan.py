@@ -1,8 +1,8 @@
 """Print the chains of TOPs that achieve a goal with their predictions, the best one first.
 
-A goal is a name that the domain defines, or statements that must all hold: VARIABLE=VALUE, within the
-tolerance of the TOPs, or VARIABLE=VALUE:LOW:HIGH, a range around the value. VALUE is a number or another
-variable, as in object.x=hold.x:-0.1:0.1.
+A goal is a name that the domain defines, or statements that must all hold: VARIABLE=VALUE, within
+the tolerance of the TOPs, or VARIABLE=VALUE:LOW:HIGH, a range around the value. VALUE is a number
+or another variable, as in object.x=hold.x:-0.1:0.1.
 """
 
 from __future__ import annotations
@@ -31,7 +31,9 @@ def _statements(words: Sequence[str], domain: Domain, robot: Robot) -> list[Goal
     goals = domain.goals(robot)
     if words[0] not in goals:
         names = ", ".join(sorted(goals)) or "none"
-        raise PlanningError(f"goal: expected a statement or one of the names {names}, got {words[0]!r}")
+        raise PlanningError(
+            f"goal: expected a statement or one of the names {names}, got {words[0]!r}"
+        )
     return list(goals[words[0]].terms)
 
 
@@ -83,14 +85,21 @@ def arguments() -> argparse.ArgumentParser:
 
 
 def _plan(options: argparse.Namespace, domain: Domain, _: str) -> None:
-    """Print the chains that achieve a goal, the best one first; without a goal, the names of goals."""
+    """Print the chains that achieve a goal, the best one first.
+
+    Without a goal, the names of goals.
+    """
     source = source_of(options)
     if not options.goal:
-        print(f"goals of {domain.name}: {', '.join(sorted(domain.goals(source.described()))) or 'none'}")
+        print(
+            f"goals of {domain.name}: {', '.join(sorted(domain.goals(source.described()))) or 'none'}"
+        )
         return
     world = _situation(options, domain)
     tools, library = tools_of(source)
-    chains = chains_for(_statements(options.goal, domain, tools.robot), world, library, domain.objects)
+    chains = chains_for(
+        _statements(options.goal, domain, tools.robot), world, library, domain.objects
+    )
     if not chains:
         print("the goal already holds")
         return

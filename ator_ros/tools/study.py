@@ -20,20 +20,41 @@ from ator_ros.evaluation.running import RESULT
 from ator_ros.evaluation.situation import Settings
 from ator_ros.evaluation.study import open_variables, study_page
 from ator_ros.evaluation.toolset import ToolsetSource, tools_of
-from ator_ros.evaluation.trials import EvaluationError, possible_actions, possible_chain, random_trial
+from ator_ros.evaluation.trials import (
+    EvaluationError,
+    possible_actions,
+    possible_chain,
+    random_trial,
+)
 from ator_ros.experience.json_lines import PartialResults
 from ator_ros.experience.table import join, read_experience
 from ator_ros.files import load, save, write_text
 from ator_ros.performance.model_file import load_model
 from ator_ros.tools.collect import collect
-from ator_ros.tools.command_line import RESUMES, add_parallel_options, add_setting, run_tool, source_of, whole
+from ator_ros.tools.command_line import (
+    RESUMES,
+    add_parallel_options,
+    add_setting,
+    run_tool,
+    source_of,
+    whole,
+)
 from ator_ros.tools.evaluate import evaluate
 from ator_ros.tools.train import train
 
 KIND = "study"
-POLICIES = ("naive", "analytic", "refined", "gated", "analytic_speed", "refined_speed", "gated_speed")
+POLICIES = (
+    "naive",
+    "analytic",
+    "refined",
+    "gated",
+    "analytic_speed",
+    "refined_speed",
+    "gated_speed",
+)
 _MOST_EXPLAINED = 50  # situations in which open variables are explained
-_ORACLE_MARGIN = 0.5  # s: the oracle skips headings predicted to take this much longer than the best one
+# s: the oracle skips headings predicted to take this much longer than the best one
+_ORACLE_MARGIN = 0.5
 
 
 def study(options: argparse.Namespace, domain: Domain, command: str) -> None:
@@ -46,25 +67,45 @@ def study(options: argparse.Namespace, domain: Domain, command: str) -> None:
     robot, action_set = source.described(), source.action_set
     actions, left_out = possible_actions(domain, action_set, robot)
     if not actions:
-        raise EvaluationError("; ".join(dict.fromkeys(left_out.values())) or f"{domain.name}: no actions")
+        raise EvaluationError(
+            "; ".join(dict.fromkeys(left_out.values())) or f"{domain.name}: no actions"
+        )
     for name, reason in left_out.items():
         print(f"study: skipped {name}: {reason}", file=sys.stderr)
     named = ("episodes", "situations", "seed", "chain", "oracle")
     identity = {name: getattr(options, name) for name in named}
-    identity |= {"robot": robot.description_digest(), "domain": source.domain, "action_set": action_set}
+    identity |= {
+        "robot": robot.description_digest(),
+        "domain": source.domain,
+        "action_set": action_set,
+    }
     tables = [out / "experience.parquet", out / "fresh.parquet"]
     with PartialResults(out / "study.jsonl", identity, "a study with the same options") as partial:
         for table_seed, table in enumerate(tables, seed):
             if not table.exists():
                 print(f"study: {table.stem}", flush=True)
                 label = f"collect of study, seed {table_seed}"
-                collect(actions, source, table, command=label, episodes=options.episodes, seed=table_seed)
+                collect(
+                    actions,
+                    source,
+                    table,
+                    command=label,
+                    episodes=options.episodes,
+                    seed=table_seed,
+                )
                 partial.append({"table": table.name})
     models = {action: source.folder() / f"{action}.json" for action in actions}
     if not all(file.exists() for file in models.values()):
         print("study: models", flush=True)
         folder = Path(source.models)
-        train(tables[:1], folder, command="train of study", fresh=tables[1:], domain=domain, robot=robot)
+        train(
+            tables[:1],
+            folder,
+            command="train of study",
+            fresh=tables[1:],
+            domain=domain,
+            robot=robot,
+        )
     learned = [name for name, file in models.items() if file.exists()]
     chain = possible_chain(domain, domain.library(robot, action_set), options.chain, learned)
     evaluation: dict[str, Any] | None = None
@@ -86,7 +127,9 @@ def study(options: argparse.Namespace, domain: Domain, command: str) -> None:
         ]
         variables = open_variables(tools, trials)
         for each in variables:
-            print(f"study: step {each['step']} ({each['top']}), {each['name']}: {each['explanation']}")
+            print(
+                f"study: step {each['step']} ({each['top']}), {each['name']}: {each['explanation']}"
+            )
     frames = (read_experience(table).frame for table in tables)
     ends = join(frame.drop_duplicates(["action", "episode"], keep="last") for frame in frames)
     result = {
@@ -95,7 +138,9 @@ def study(options: argparse.Namespace, domain: Domain, command: str) -> None:
         "robot_digest": robot.digest(),
         "domain": domain.name,
         "action_set": action_set,
-        "actions": {name: _measured(ends[ends["action"] == name], models[name], source) for name in actions},
+        "actions": {
+            name: _measured(ends[ends["action"] == name], models[name], source) for name in actions
+        },
         "left_out": left_out,
         "chain": chain,
         "evaluation": evaluation,
@@ -114,8 +159,12 @@ def _measured(ends: pd.DataFrame, model: Path, source: ToolsetSource) -> dict[st
     return {
         "episodes": len(ends),
         "success": round(len(succeeded) / len(ends), 5),
-        "mean_duration_s": round(float(succeeded["duration"].mean()), 3) if len(succeeded) else None,
-        "accuracy": load_model(model, source.described(), features).metadata["accuracy"] if learned else {},
+        "mean_duration_s": round(float(succeeded["duration"].mean()), 3)
+        if len(succeeded)
+        else None,
+        "accuracy": load_model(model, source.described(), features).metadata["accuracy"]
+        if learned
+        else {},
         "failures": {str(reason): int(count) for reason, count in failures.items()},
     }
 
@@ -142,12 +191,19 @@ def arguments() -> argparse.ArgumentParser:
         help="headings of the first subgoal that the oracle executes (default: %(default)s)",
     )  # fmt: skip
     add_parallel_options(parser)
-    parser.add_argument("--out", type=Path, default=Path("study"), metavar="DIR", help="default: %(default)s")
+    parser.add_argument(
+        "--out", type=Path, default=Path("study"), metavar="DIR", help="default: %(default)s"
+    )
     return parser
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
     return run_tool(
-        arguments(), study, argv, interrupted=RESUMES, needed=False, chain=lambda domain: domain.chains
+        arguments(),
+        study,
+        argv,
+        interrupted=RESUMES,
+        needed=False,
+        chain=lambda domain: domain.chains,
     )

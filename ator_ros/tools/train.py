@@ -42,8 +42,8 @@ def train(
 ) -> None:
     """Learn a model of each action in `experience`, and write it to `folder`.
 
-    `experience` and `fresh` are tables or recordings; accuracy is measured on `fresh`. `command` is the
-    command line for the files. The other parameters are those of `read_sources`.
+    `experience` and `fresh` are tables or recordings; accuracy is measured on `fresh`. `command` is
+    the command line for the files. The other parameters are those of `read_sources`.
     """
     read = read_sources(experience, robot, domain, action_set, topics)
     action_set = read.metadata["action_set"]
@@ -56,7 +56,8 @@ def train(
     learned = 0
     for action, examples in read.frame.groupby("action", sort=False):
         features = domain.candidates(action, action_set)
-        # Recordings rarely contain enough episodes of every action: save each model once it is learned.
+        # Recordings rarely contain enough episodes of every action: save each model once it is
+        # learned.
         try:
             model = train_model(action, examples, robot, features=features)
         except ExperienceError as error:
@@ -121,11 +122,15 @@ def _rules(domain: Domain, options: argparse.Namespace, robot: Robot, folder: Pa
     file = Path(options.rules)
     if file.suffix != ".json":
         if not is_name(options.rules):
-            raise FileError(f"--rules: expected an action or a model, a .json file, got {options.rules!r}")
+            raise FileError(
+                f"--rules: expected an action or a model, a .json file, got {options.rules!r}"
+            )
         file = folder / model_path(options.rules, options.action_set or DEFAULT_SET)
     if not file.exists():
         models = ", ".join(sorted(other.stem for other in file.parent.glob("*.json")))
-        raise FileError(f"{file}: expected a model, there is none; in that folder: {models or 'none'}")
+        raise FileError(
+            f"{file}: expected a model, there is none; in that folder: {models or 'none'}"
+        )
     return load_model(file, robot, domain.known_features).rules("duration")
 
 
@@ -133,18 +138,29 @@ def arguments() -> argparse.ArgumentParser:
     """Return the command line of `train`."""
     parser = argparse.ArgumentParser(prog="train", description=__doc__)
     parser.add_argument(
-        "experience", nargs="*", type=Path, help="tables of collect, or recordings (.mcap, .db3, folders)"
+        "experience",
+        nargs="*",
+        type=Path,
+        help="tables of collect, or recordings (.mcap, .db3, folders)",
     )
     parser.add_argument(
-        "--fresh", nargs="+", type=Path, default=[], help="other episodes, on which accuracy is measured"
+        "--fresh",
+        nargs="+",
+        type=Path,
+        default=[],
+        help="other episodes, on which accuracy is measured",
     )
     add_setting(parser, action_set=False)
     parser.add_argument(
         "--planner", type=topic, metavar="ACTION",
         help="running action server of nav2_msgs/ComputePathToPose, whose paths are the routes on the map",
     )  # fmt: skip
-    parser.add_argument("--frame", default="map", help="of the map, for the planner (default: %(default)s)")
-    parser.add_argument("--models", type=Path, help="folder of the models (default: the shipped models/)")
+    parser.add_argument(
+        "--frame", default="map", help="of the map, for the planner (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--models", type=Path, help="folder of the models (default: the shipped models/)"
+    )
     parser.add_argument(
         "--action-set",
         metavar="NAME",
@@ -158,7 +174,9 @@ def arguments() -> argparse.ArgumentParser:
             help=f"of {what} in recordings (default: {role} in any namespace)",
         )
     parser.add_argument(
-        "--rules", metavar="MODEL", help="only print the rules of a model, named by its action or file"
+        "--rules",
+        metavar="MODEL",
+        help="only print the rules of a model, named by its action or file",
     )
     return parser
 
@@ -196,7 +214,9 @@ def _train(options: argparse.Namespace, domain: Domain, command: str) -> None:
         raise ExperienceError(
             f"--models: expected a folder for models of {robot.name}; the shipped models are another robot's"
         )
-    topics = {role: name for role in (ODOM, CMD_VEL) if (name := getattr(options, role)) is not None}
+    topics = {
+        role: name for role in (ODOM, CMD_VEL) if (name := getattr(options, role)) is not None
+    }
     train(
         options.experience,
         folder,
@@ -211,4 +231,6 @@ def _train(options: argparse.Namespace, domain: Domain, command: str) -> None:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
-    return run_tool(arguments(), _run, argv, interrupted="the models printed above were written, no others")
+    return run_tool(
+        arguments(), _run, argv, interrupted="the models printed above were written, no others"
+    )

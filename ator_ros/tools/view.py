@@ -32,15 +32,16 @@ from ator_ros.view.editor import Editor
 from ator_ros.world.messages import plain_frame
 
 _PERIOD = 1.0 / 25.0  # s
-_SIMULATED = {"lockstep": True}  # a busy machine must not change a chain, whatever the simulation's speed
+# a busy machine must not change a chain, whatever the simulation's speed
+_SIMULATED = {"lockstep": True}
 _EXECUTED = {"odom_timeout": 60.0}  # real s, the greatest allowed: the longest pause of a chain
 
 
 def serve(options: argparse.Namespace, words: Sequence[str]) -> None:
     """Serve the page until KeyboardInterrupt; `options` are those of `arguments`, `words` ROS arguments.
 
-    Raises NodesError if nodes do not start in time, DomainError if the domain has no chains, and OSError if
-    the page cannot be served at this host.
+    Raises NodesError if nodes do not start in time, DomainError if the domain has no chains, and
+    OSError if the page cannot be served at this host.
     """
     from ator_ros.view.page import Page  # needs viser
 
@@ -55,7 +56,9 @@ def serve(options: argparse.Namespace, words: Sequence[str]) -> None:
             stay_on_this_machine(os.environ)
         else:
             source = source_of(options)
-            nodes = closing.enter_context(all_nodes(options.real_time_factor, source, _SIMULATED, _EXECUTED))
+            nodes = closing.enter_context(
+                all_nodes(options.real_time_factor, source, _SIMULATED, _EXECUTED)
+            )
             started = {"ros_domain": nodes.domain, "check": nodes.check}
             print(f"view: three nodes start on ROS domain {nodes.domain} …", flush=True)
         backends: dict[str, Backend] = {}
@@ -71,7 +74,9 @@ def serve(options: argparse.Namespace, words: Sequence[str]) -> None:
         if options.attach:
             editor.select(editor.backend)  # showing running robots must not move them
         models, urdf = _models(options.models, domain, robot), robot_urdf(robot)
-        page = Page(editor, robot, urdf, models, robots=backends, host=options.host, port=options.port)
+        page = Page(
+            editor, robot, urdf, models, robots=backends, host=options.host, port=options.port
+        )
         closing.callback(page.server.stop)
         address = f"http://{options.host}:{page.server.get_port()}"
         print(f"view: open {address} in a browser; Ctrl-C stops the view", flush=True)
@@ -82,7 +87,9 @@ def serve(options: argparse.Namespace, words: Sequence[str]) -> None:
             page.update(time.monotonic())
 
 
-def _models(folder: str, domain: Domain, robot: Robot) -> Mapping[str, Mapping[str, PerformanceModel]]:
+def _models(
+    folder: str, domain: Domain, robot: Robot
+) -> Mapping[str, Mapping[str, PerformanceModel]]:
     """Return the models of each action set that has models in the folder."""
     path, models = domain.models_root(folder), {}
     for name in domain.action_sets:
@@ -94,7 +101,9 @@ def _models(folder: str, domain: Domain, robot: Robot) -> Mapping[str, Mapping[s
 def _namespace(text: str) -> str:
     name = text.removeprefix("/")
     if not all(map(is_name, name.split("/"))):
-        raise argparse.ArgumentTypeError(f"expected a namespace of letters, digits, _ and /, got {text!r}")
+        raise argparse.ArgumentTypeError(
+            f"expected a namespace of letters, digits, _ and /, got {text!r}"
+        )
     return name
 
 
@@ -103,11 +112,17 @@ def arguments() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="view", description=__doc__, usage="%(prog)s [options] [--ros-args ...]"
     )
-    parser.add_argument("--port", type=whole(1024, 65535), default=8080, help="default: %(default)s")
     parser.add_argument(
-        "--host", default="127.0.0.1", help="address to serve at (default: %(default)s: this machine only)"
+        "--port", type=whole(1024, 65535), default=8080, help="default: %(default)s"
     )
-    parser.add_argument("--attach", action="store_true", help="use running nodes instead of starting nodes")
+    parser.add_argument(
+        "--host",
+        default="127.0.0.1",
+        help="address to serve at (default: %(default)s: this machine only)",
+    )
+    parser.add_argument(
+        "--attach", action="store_true", help="use running nodes instead of starting nodes"
+    )
     parser.add_argument(
         "--robots",
         nargs="+",
@@ -117,7 +132,9 @@ def arguments() -> argparse.ArgumentParser:
         help="with --attach: namespaces of the robots to show; the page selects one",
     )
     parser.add_argument(
-        "--frame", type=plain_frame, help="frame of odometry (default: odom; with --robots NAMESPACE/odom)"
+        "--frame",
+        type=plain_frame,
+        help="frame of odometry (default: odom; with --robots NAMESPACE/odom)",
     )
     add_setting(parser, action_set=False)
     add_models(parser)

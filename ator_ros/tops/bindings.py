@@ -1,9 +1,10 @@
 """Which goal variables the conditions of a chain bind (paper, section 4.2), read from the conditions alone.
 
-A condition binds a goal variable where it relates what the variable determines to something else: a step
-that starts with an object's x near goal.x has its x where the object lies. A condition that holds for every
-value of the variable, as robot.yaw near goal.yaw does after a drive, states what the step achieves and binds
-nothing. Nor does a range about a number, or a relation between places: they bound what may be chosen.
+A condition binds a goal variable where it relates what the variable determines to something else: a
+step that starts with an object's x near goal.x has its x where the object lies. A condition that
+holds for every value of the variable, as robot.yaw near goal.yaw does after a drive, states what
+the step achieves and binds nothing. Nor does a range about a number, or a relation between places:
+they bound what may be chosen.
 """
 
 from __future__ import annotations
@@ -34,18 +35,23 @@ _State = dict[str, _Value]
 def bindings(tops: tuple[Top, ...]) -> Mapping[Variable, str]:
     """Return the goal variables that conditions bind in a chain of these TOPs, each with the reason.
 
-    Every condition counts: the step's own, and that of each later step that depends on what it achieves.
+    Every condition counts: the step's own, and that of each later step that depends on what it
+    achieves.
     """
     found: dict[Variable, str] = {}
     state: _State = {}
     for step, top in enumerate(tops):
         _collect(found, top.pre, state, step, f"the pre-condition of step {step + 1} ({top.name})")
         state = _after(top, state, step)
-        _collect(found, top.post, state, step, f"the post-condition of step {step + 1} ({top.name})")
+        _collect(
+            found, top.post, state, step, f"the post-condition of step {step + 1} ({top.name})"
+        )
     return MappingProxyType(found)
 
 
-def _collect(found: dict[Variable, str], condition: Condition, state: _State, step: int, source: str) -> None:
+def _collect(
+    found: dict[Variable, str], condition: Condition, state: _State, step: int, source: str
+) -> None:
     """Add the variables that `condition` binds in `state`; the first reason is kept."""
     for term in condition.terms:
         if isinstance(term, Region) and term.bounds:
@@ -58,7 +64,9 @@ def _collect(found: dict[Variable, str], condition: Condition, state: _State, st
 
 def _after(top: Top, state: _State, step: int) -> _State:
     """Return the state after a step, as `ator_ros.tops.chain.projected` does, in terms of goal variables."""
-    arrival = {name: _of_goal(step, *by) for name, by in top.arrival().items()} if top.arrives else {}
+    arrival = (
+        {name: _of_goal(step, *by) for name, by in top.arrival().items()} if top.arrives else {}
+    )
     after = {**state, **arrival}
     placed = {}
     for term in top.post.terms:

@@ -1,7 +1,7 @@
 """Teleo-operators and chains of them (paper, section 2.1; Nilsson 1994).
 
-A TOP is an action with its pre- and post-condition. In a chain each post-condition satisfies the next
-pre-condition.
+A TOP is an action with its pre- and post-condition. In a chain each post-condition satisfies the
+next pre-condition.
 """
 
 from __future__ import annotations
@@ -43,7 +43,10 @@ class Top:
     settles: float = 0.0
 
     def lacks(self, robot: Robot) -> str | None:
-        """Return a message if the goal or the conditions need a holder and the robot has none; else None."""
+        """Return a message if the goal or the conditions need a holder and the robot has none.
+
+        Else None.
+        """
         holds = self.point is Point.HOLD or "hold" in self.pre.things() | self.post.things()
         lacking = holds and robot.holder is None
         return f"{self.name} needs a holder; robot {robot.name} has none" if lacking else None
@@ -101,8 +104,8 @@ class TopCall:
     goal : Goal
         The values of opened variables are preliminary.
     open : frozenset of str
-        The goal variables (x, y, yaw, speed, declared ones) that refinement may change, or `EVERYTHING`. The
-        plan commits to the others.
+        The goal variables (x, y, yaw, speed, declared ones) that refinement may change, or
+        `EVERYTHING`. The plan commits to the others.
     """
 
     top: Top
@@ -110,8 +113,13 @@ class TopCall:
     open: frozenset[str] = frozenset()
 
     def opens(self, name: str) -> bool:
-        """Return whether the plan opens the goal variable `name`; a condition may bind it all the same."""
-        return name in self.open or (EVERYTHING in self.open and name not in self.top.post.goal_names())
+        """Return whether the plan opens the goal variable `name`.
+
+        A condition may bind it all the same.
+        """
+        return name in self.open or (
+            EVERYTHING in self.open and name not in self.top.post.goal_names()
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,7 +138,10 @@ class TopChain:
         return TopChain(tuple(calls))
 
     def violations(self, world: World, robot: Robot) -> list[str]:
-        """Return the reasons why the chain is not a valid plan from `world`; empty if it is valid."""
+        """Return the reasons why the chain is not a valid plan from `world`.
+
+        Empty if it is valid.
+        """
         if not self.calls:
             return ["expected at least one step, got an empty chain"]
         lacking = [reason for call in self.calls if (reason := call.top.lacks(robot))]
@@ -147,14 +158,19 @@ class TopChain:
 
 
 def projected(world: World, call: TopCall, robot: Robot) -> World:
-    """Return the world after `call`, in which its post-condition holds; placed objects are at rest."""
+    """Return the world after `call`, in which its post-condition holds.
+
+    Placed objects are at rest.
+    """
     variables = {term.variable for term in call.top.post.terms}
     if call.top.arrives:
         world = arrived(world, call.goal, robot)
     state = call.top.post.apply(state_of(world, robot), goal_values(call.goal))
     if not call.top.arrives and any(name.startswith("robot.") for name in variables):
         pose = Pose(state["robot.x"], state["robot.y"], state["robot.yaw"])
-        world = dataclasses.replace(world, robot=RobotState(pose, state["robot.v"], state["robot.w"]))
+        world = dataclasses.replace(
+            world, robot=RobotState(pose, state["robot.v"], state["robot.w"])
+        )
     for name in sorted(call.top.post.objects()):
         x, y = state.get(f"{name}.x"), state.get(f"{name}.y")
         if variables & {f"{name}.x", f"{name}.y"} and x is not None and y is not None:

@@ -1,6 +1,7 @@
 """Conditions as data, over named state variables (paper, sections 2.1 and 4.1).
 
-Terms bind variables to values; regions and relations between places bound them without binding them.
+Terms bind variables to values; regions and relations between places bound them without binding
+them.
 """
 
 from __future__ import annotations
@@ -28,7 +29,10 @@ State = Mapping[str, float]
 
 
 def state_variables(objects: Iterable[str], *, holder: bool = True) -> tuple[str, ...]:
-    """Return the names of the state variables, with those of `objects`, and of a holder; see `state_of`."""
+    """Return the names of the state variables, with those of `objects`, and of a holder.
+
+    See `state_of`.
+    """
     robot = (f"robot.{name}" for name in ("x", "y", "yaw", "v", "w"))
     moving = (f"{name}.{axis}" for name in objects for axis in ("x", "y", "vx", "vy"))
     return (*robot, *(("hold.x", "hold.y") if holder else ()), *moving)
@@ -40,12 +44,18 @@ def state_of(world: World, robot: Robot) -> dict[str, float]:
     Returns
     -------
     dict
-        robot.x, robot.y (m), robot.yaw (rad), robot.v (m/s), robot.w (rad/s); hold.x, hold.y (m), where
-        a robot with a holder would hold an object; of each known object, with its name before the dot, x,
-        y (m), vx, vy (m/s).
+        robot.x, robot.y (m), robot.yaw (rad), robot.v (m/s), robot.w (rad/s); hold.x, hold.y (m),
+        where a robot with a holder would hold an object; of each known object, with its name before
+        the dot, x, y (m), vx, vy (m/s).
     """
     pose, v, w = world.robot.pose, world.robot.v, world.robot.w
-    state = {"robot.x": pose.x, "robot.y": pose.y, "robot.yaw": pose.yaw, "robot.v": v, "robot.w": w}
+    state = {
+        "robot.x": pose.x,
+        "robot.y": pose.y,
+        "robot.yaw": pose.yaw,
+        "robot.v": v,
+        "robot.w": w,
+    }
     if robot.holder is not None:
         hold = robot.hold_point(pose)
         state |= {"hold.x": hold.x, "hold.y": hold.y}
@@ -75,7 +85,8 @@ class Clause(ABC):
     def clearance(self, state: Values, goal: Values) -> Any:
         """Return the margin by which this holds, negative if it does not; None if a variable is unknown.
 
-        It is in m for places, else in the variable's unit; an array of shape (n,) if a variable is one.
+        It is in m for places, else in the variable's unit; an array of shape (n,) if a variable is
+        one.
         """
 
     def excess(self, state: State, goal: State) -> float:
@@ -132,7 +143,10 @@ class Relation(Clause):
 
 @dataclass(frozen=True, slots=True)
 class Distance(Relation):
-    """The distance between two places lies in a range, `low` to `high`, in m; 0 <= `low` <= `high`."""
+    """The distance between two places lies in a range, `low` to `high`, in m.
+
+    0 <= `low` <= `high`.
+    """
 
     low: float = 0.0
     high: float = math.inf
@@ -158,7 +172,8 @@ class Bearing(Relation):
     Attributes
     ----------
     most : float
-        Greatest angle in rad between the axis and the direction from the origin to the place, at most pi / 2.
+        Greatest angle in rad between the axis and the direction from the origin to the place, at
+        most pi / 2.
     axis : float
         Direction of the axis in rad, for an origin at x >= `center`.
     mirrored : bool
@@ -172,7 +187,12 @@ class Bearing(Relation):
 
     def __post_init__(self) -> None:
         where = f"bearing of {self.place} from {self.origin}"
-        require(0.0 < self.most <= math.pi / 2.0, where, "an angle above 0 and at most pi / 2", self.most)
+        require(
+            0.0 < self.most <= math.pi / 2.0,
+            where,
+            "an angle above 0 and at most pi / 2",
+            self.most,
+        )
 
     def room(self, dx: Any, dy: Any, x: Any) -> Any:
         """Return the clearance; see `Relation.room`."""
@@ -183,7 +203,9 @@ class Bearing(Relation):
         return np.hypot(dx, dy) * np.sin(np.clip(left, -math.pi / 2.0, math.pi / 2.0))
 
     def __str__(self) -> str:
-        return f"bearing of {self.place} from {self.origin} within {math.degrees(self.most):g} degrees"
+        return (
+            f"bearing of {self.place} from {self.origin} within {math.degrees(self.most):g} degrees"
+        )
 
 
 # Statements on variables
@@ -258,11 +280,11 @@ class Region(Statement):
     Attributes
     ----------
     low, high : float
-        Least and greatest difference of the variable from the target, in the variable's unit; either may be
-        infinite.
+        Least and greatest difference of the variable from the target, in the variable's unit;
+        either may be infinite.
     outward : bool
-        Whether differences count away from `center`: with a center of 0 a variable of 5 is 1 beyond a target
-        of 4, and one of -5 is 1 beyond a target of -4.
+        Whether differences count away from `center`: with a center of 0 a variable of 5 is 1 beyond
+        a target of 4, and one of -5 is 1 beyond a target of -4.
     """
 
     low: float = -math.inf
@@ -271,7 +293,9 @@ class Region(Statement):
     center: float = 0.0
 
     def __post_init__(self) -> None:
-        require(self.low <= self.high, f"range of {self.variable}", "low <= high", (self.low, self.high))
+        require(
+            self.low <= self.high, f"range of {self.variable}", "low <= high", (self.low, self.high)
+        )
 
     @property
     def bounds(self) -> bool:
@@ -301,12 +325,17 @@ class Condition:
     def goal_names(self) -> frozenset[str]:
         """Return the goal variables, also declared ones, that this condition names as targets."""
         targets = (term.target for term in self.terms if isinstance(term.target, str))
-        return frozenset(target.removeprefix("goal.") for target in targets if target.startswith("goal."))
+        return frozenset(
+            target.removeprefix("goal.") for target in targets if target.startswith("goal.")
+        )
 
     def things(self) -> frozenset[str]:
         """Return the names before the dots of its variables: objects, robot, hold and goal."""
         names = (
-            name for term in self.terms for name in (term.variable, term.target) if isinstance(name, str)
+            name
+            for term in self.terms
+            for name in (term.variable, term.target)
+            if isinstance(name, str)
         )
         places = (place for relation in self.relations for place in relation.places)
         return frozenset((*(name.partition(".")[0] for name in names), *places))
@@ -316,13 +345,23 @@ class Condition:
         return self.things().difference(RESERVED)
 
     def violations(self, state: State, goal: State) -> list[str]:
-        """Return why the condition does not hold, a text for each violated clause; empty if it holds."""
+        """Return why the condition does not hold, a text for each violated clause.
+
+        Empty if it holds.
+        """
         clauses = (*self.terms, *self.relations)
-        return [reason for clause in clauses if (reason := clause.violation(state, goal)) is not None]
+        return [
+            reason for clause in clauses if (reason := clause.violation(state, goal)) is not None
+        ]
 
     def shortfall(self, state: State, goal: State) -> float:
-        """Return the greatest excess over all clauses, 0 if all hold; infinite if a variable is unknown."""
-        return max((clause.excess(state, goal) for clause in (*self.terms, *self.relations)), default=0.0)
+        """Return the greatest excess over all clauses, 0 if all hold.
+
+        Infinite if a variable is unknown.
+        """
+        return max(
+            (clause.excess(state, goal) for clause in (*self.terms, *self.relations)), default=0.0
+        )
 
     def apply(self, state: Values, goal: Values) -> dict[str, Any]:
         """Return the state with every variable at its target, or as near to it as its range allows."""

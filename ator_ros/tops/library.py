@@ -27,7 +27,8 @@ class LeftOutError(ConfigError, KeyError):
 class TopLibrary(Mapping[str, Top]):
     """TOPs by name, and the actions that execute them.
 
-    TOPs whose action the set lacks are left out: `left_out` has the reasons by the names of these TOPs.
+    TOPs whose action the set lacks are left out: `left_out` has the reasons by the names of these
+    TOPs.
 
     Parameters
     ----------
@@ -86,7 +87,10 @@ class TopLibrary(Mapping[str, Top]):
         return [top for top in self.values() if top.lacks(self.robot) is None]
 
     def action(self, top: Top) -> Action:
-        """Return a new action that executes `top`; the first is set up, which may raise ActionError."""
+        """Return a new action that executes `top`.
+
+        The first is set up, which may raise ActionError.
+        """
         action = self._actions[top.action](self.robot)
         if top.action not in self._set_up:
             action.setup()

@@ -13,8 +13,10 @@ from ator_ros.tops.chain import Top, TopCall
 from ator_ros.tops.conditions import Condition, Statement, state_of
 from ator_ros.world.state import World
 
-_TOUCHING = 0.08  # m beyond the length of the holder, from the hold, up to which an object counts as touched
-_SLACK = 1.2  # hysteresis: ratio of the distance at which a held object is lost to that at which it is held
+# m beyond the length of the holder, from the hold, up to which an object counts as touched
+_TOUCHING = 0.08
+# hysteresis: ratio of the distance at which a held object is lost to that at which it is held
+_SLACK = 1.2
 
 
 def objects_in(top: Top) -> list[str]:
@@ -28,7 +30,10 @@ def missing_object(top: Top, world: World) -> str | None:
 
 
 def missing_in(calls: Iterable[TopCall], world: World) -> tuple[str, str] | None:
-    """Return the first object that the world lacks, and the TOP that needs it; None if there is none."""
+    """Return the first object that the world lacks, and the TOP that needs it.
+
+    None if there is none.
+    """
     pairs = ((missing_object(call.top, world), call.top.name) for call in calls)
     return next(((name, top) for name, top in pairs if name is not None), None)
 
@@ -44,12 +49,18 @@ def held_last(top: Top) -> str | None:
 
 
 def kept(top: Top) -> str | None:
-    """Return the object that the robot holds when a TOP starts and when it ends; None if there is none."""
+    """Return the object that the robot holds when a TOP starts and when it ends.
+
+    None if there is none.
+    """
     return held_first(top) if held_first(top) == held_last(top) else None
 
 
 def followed(top: Top) -> str | None:
-    """Return the object that the pre-condition places at the goal, which moves with it; None if none."""
+    """Return the object that the pre-condition places at the goal, which moves with it.
+
+    None if none.
+    """
     return _at(top.pre, "goal")
 
 
@@ -85,19 +96,33 @@ def has_left(world: World, call: TopCall, robot: Robot) -> bool:
     name = followed(call.top)
     if name is None:
         return False
-    state, goal, pairs = state_of(world, robot), goal_values(call.goal), _position_pairs(name, "goal")
+    state, goal, pairs = (
+        state_of(world, robot),
+        goal_values(call.goal),
+        _position_pairs(name, "goal"),
+    )
     terms = (term for term in call.top.pre.terms if _pair(term) in pairs)
     return any(0.0 < term.excess(state, goal) < math.inf for term in terms)
 
 
 def at_object(goal: Goal, world: World, name: str) -> Goal:
-    """Return a goal with its position replaced by an object's; the same goal if the object is unknown."""
+    """Return a goal with its position replaced by an object's.
+
+    The same goal if the object is unknown.
+    """
     there = world.objects.get(name)
-    return goal if there is None else dataclasses.replace(goal, pose=goal.pose._replace(x=there.x, y=there.y))
+    return (
+        goal
+        if there is None
+        else dataclasses.replace(goal, pose=goal.pose._replace(x=there.x, y=there.y))
+    )
 
 
 def held_within(robot: Robot) -> float:
-    """Return the distance in m from the hold up to which an object counts as held; 0 without a holder."""
+    """Return the distance in m from the hold up to which an object counts as held.
+
+    0 without a holder.
+    """
     return robot.holder_length / _SLACK
 
 

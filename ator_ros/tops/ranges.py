@@ -36,9 +36,14 @@ class Range:
     rest: float | None = None
 
     def contains(self, value: float) -> bool:
-        """Return whether `value` is in the range, up to rounding; an angle may have any finite value."""
+        """Return whether `value` is in the range, up to rounding.
+
+        An angle may have any finite value.
+        """
         slack = 1e-9 * (self.high - self.low) + 1e-15 * max(abs(self.low), abs(self.high))
-        return math.isfinite(value) and (self.periodic or self.low - slack <= value <= self.high + slack)
+        return math.isfinite(value) and (
+            self.periodic or self.low - slack <= value <= self.high + slack
+        )
 
 
 Ranges = Mapping[str, Callable[[Robot, Goal], Range]]
@@ -51,7 +56,9 @@ def _heading(robot: Robot, goal: Goal) -> Range:  # noqa: ARG001
 
 def arrival_speed(robot: Robot, goal: Goal, *, most: float = math.inf) -> Range:
     """Return the range of an arrival speed: from rest to what the robot can do, and to `most` m/s."""
-    limits = robot.holder_for("a goal of the hold").limits if goal.point is Point.HOLD else robot.limits
+    limits = (
+        robot.holder_for("a goal of the hold").limits if goal.point is Point.HOLD else robot.limits
+    )
     return Range(0.0, min(limits.v, most), 6, rest=0.0)
 
 

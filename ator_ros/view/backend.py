@@ -45,12 +45,15 @@ from ator_ros.world.messages import MessageError, world_from
 from ator_ros.world.state import ObjectState, RobotState, World
 
 _SPIN = 0.02  # real s
-_RETRY = 3.0  # real s after which a request is sent again: DDS drops an answer to a client not yet discovered
+# real s after which a request is sent again: DDS drops an answer to a client not yet discovered
+_RETRY = 3.0
 _DISCOVERY = 2.0  # real s after which a simulation, or a service of the executor, counts as missing
 _PLACEMENT_DELAY = 0.1  # real s after which all nodes have received placed states
 _EXECUTOR_TIMEOUT = 5.0  # real s without an executor after which its chain counts as lost
-_OBJECT_TIMEOUT = 1.0  # s by the stamps after which an object that is not observed is no longer shown
-_USUAL_SETTINGS = {STATE.name: "odom", "robot_frame": "base_link", "frame": "odom"}  # of the executor
+# s by the stamps after which an object that is not observed is no longer shown
+_OBJECT_TIMEOUT = 1.0
+# of the executor
+_USUAL_SETTINGS = {STATE.name: "odom", "robot_frame": "base_link", "frame": "odom"}
 _LONGEST_REASON = 300  # characters
 _KEPT_RUNS = 10  # messages about a chain may arrive after the start of the next one
 
@@ -87,11 +90,13 @@ class Backend:
         self.domain, self._robot, self._frame, self._check = domain, robot, frame, check
         self._timeout, self._timeout_attached = start_timeout, timeout
         self.libraries = {name: domain.library(robot, name) for name in domain.action_sets}
-        self.can_place = self._is_shared = False  # whether there is a simulation, and for several robots
+        # whether there is a simulation, and for several robots
+        self.can_place = self._is_shared = False
         self.paused = False  # whether this client paused time
         self.history = History()  # the executed chains of all clients
         self.path: list[tuple[float, float]] = []  # planned by the active action: x and y in m
-        self.learned = self.refused = ""  # the learned models in use; why the last placement was refused
+        # the learned models in use; why the last placement was refused
+        self.learned = self.refused = ""
         self._newest: tuple[float, RobotState] | None = None
         self._objects: dict[str, tuple[float, ObjectState]] = {}
         self._own_runs: deque[Run] = deque(maxlen=_KEPT_RUNS)
@@ -112,9 +117,15 @@ class Backend:
 
     def _connect(self) -> None:
         node, status = self.node, self._take_status
-        take_diagnostics = partial(self._take_diagnostics, f"{node.get_namespace().rstrip('/')}/refinement")
-        self._status = node.create_subscription(ChainPerformance, "chain_under_way", status, LATCHED)
-        node.create_subscription(ChainPerformance, "performance/chain", self._take_record, LATCHED_BY_MANY)
+        take_diagnostics = partial(
+            self._take_diagnostics, f"{node.get_namespace().rstrip('/')}/refinement"
+        )
+        self._status = node.create_subscription(
+            ChainPerformance, "chain_under_way", status, LATCHED
+        )
+        node.create_subscription(
+            ChainPerformance, "performance/chain", self._take_record, LATCHED_BY_MANY
+        )
         node.create_subscription(Path, "planned_path", self._take_path, LATCHED)
         node.create_subscription(DiagnosticArray, "/diagnostics", take_diagnostics, RESULTS)
         self._place_robot = node.create_client(PlaceRobot, "place_robot", qos_profile=SERVICES)
@@ -146,7 +157,8 @@ class Backend:
             raise NodesError(str(error)) from error
         if not simulated:
             self.spin(_DISCOVERY)
-            self._timeout = self._timeout_attached  # these nodes may end, and the page waits for answers
+            # these nodes may end, and the page waits for answers
+            self._timeout = self._timeout_attached
         self.can_place = self._simulation_is_ready()
         nodes, namespace = self.node.get_node_names_and_namespaces(), self.node.get_namespace()
         self._is_shared = ("simulation", namespace) not in nodes and ("simulation", "/") in nodes
@@ -160,7 +172,9 @@ class Backend:
         if not self._settings.wait_for_service(_DISCOVERY):
             return dict(_USUAL_SETTINGS)
         answer = self._call(self._settings, GetParameters.Request(names=list(_USUAL_SETTINGS)))
-        values = dict(zip(_USUAL_SETTINGS, (value.string_value for value in answer.values), strict=False))
+        values = dict(
+            zip(_USUAL_SETTINGS, (value.string_value for value in answer.values), strict=False)
+        )
         return {name: values.get(name) or usual for name, usual in _USUAL_SETTINGS.items()}
 
     def close(self) -> None:
@@ -175,7 +189,10 @@ class Backend:
     # Waiting
 
     def spin(self, seconds: float) -> None:
-        """Process messages for some real s; the chain of an executor that ended or restarted is lost."""
+        """Process messages for some real s.
+
+        The chain of an executor that ended or restarted is lost.
+        """
         self._check()
         end = time.monotonic() + seconds
         while (left := end - time.monotonic()) > 0.0:
@@ -202,7 +219,10 @@ class Backend:
             self._spin_once(_SPIN)
 
     def _call(self, client: Any, request: Any) -> Any:
-        """Call a service and return its answer; the request must be idempotent: it may be sent again."""
+        """Call a service and return its answer.
+
+        The request must be idempotent: it may be sent again.
+        """
         future, retry_at = self._send(client, request), time.monotonic() + _RETRY
 
         def answered() -> bool:
@@ -250,12 +270,17 @@ class Backend:
         return time.monotonic() - self._received_at
 
     def world(self) -> World | None:
-        """Return the newest state, without objects that are no longer observed; None before the first."""
+        """Return the newest state, without objects that are no longer observed.
+
+        None before the first.
+        """
         if self._newest is None:
             return None
         now, robot = self._newest
         states = self._objects.items()
-        objects = {name: state for name, (stamp, state) in states if abs(now - stamp) < _OBJECT_TIMEOUT}
+        objects = {
+            name: state for name, (stamp, state) in states if abs(now - stamp) < _OBJECT_TIMEOUT
+        }
         return World(now, robot, objects)
 
     # Refinement
@@ -265,7 +290,9 @@ class Backend:
 
         Values of open variables are placeholders unless `as_given`.
         """
-        request = RefineSubgoal.Request(want_curve=True, as_given=as_given, **self._fields_of(draft))
+        request = RefineSubgoal.Request(
+            want_curve=True, as_given=as_given, **self._fields_of(draft)
+        )
         request.situation = situation_of(draft.world, frame=self._frame)
         answer = self._call(self._refine, request)
         if not answer.accepted:
@@ -276,12 +303,16 @@ class Backend:
         before = tuple(action.duration for action in answer.before_actions)
         after = tuple(action.duration for action in answer.after_actions)
         curves = tuple(map(_curve_from, answer.curves))
-        return Answer(naive, chain, answer.refined, answer.reason, before, after, curves, answer.chosen)
+        return Answer(
+            naive, chain, answer.refined, answer.reason, before, after, curves, answer.chosen
+        )
 
     def _fields_of(self, draft: Draft) -> dict[str, Any]:
         """Return chain, alternatives and weights of a draft as fields of requests and goals."""
         chains = (draft.chain, *draft.alternatives)
-        chain, *others = (chain_of(each, action_set=draft.action_set, frame=self._frame) for each in chains)
+        chain, *others = (
+            chain_of(each, action_set=draft.action_set, frame=self._frame) for each in chains
+        )
         return {"chain": chain, "alternatives": others, "objective": Objective(**draft.weights)}
 
     # Simulation
@@ -292,11 +323,15 @@ class Backend:
 
     def place_object(self, name: str, x: float, y: float) -> None:
         """Place an object at (x, y) m, at rest; does not wait."""
-        self._send(self._place_objects[name], _object_at(x, y)).add_done_callback(self._take_placement)
+        self._send(self._place_objects[name], _object_at(x, y)).add_done_callback(
+            self._take_placement
+        )
 
     def _take_placement(self, future: Future) -> None:
         answer = future.result()
-        self.refused = "" if answer is None or answer.success else printable(answer.message, _LONGEST_REASON)
+        self.refused = (
+            "" if answer is None or answer.success else printable(answer.message, _LONGEST_REASON)
+        )
 
     def place(self, world: World) -> None:
         """Place robot and objects, remove other objects, and wait until the nodes have received the states.
@@ -378,7 +413,8 @@ class Backend:
         try:
             self.until(lambda: run.record or _is_rejected(future), "the status of execute_chain")
         except NodesError:
-            with contextlib.suppress(NodesError):  # it may have been accepted, and would not be monitored
+            # it may have been accepted, and would not be monitored
+            with contextlib.suppress(NodesError):
                 self._send(self._cancel, _cancel_request(run.chain_id))
             raise
         if _is_rejected(future):
@@ -405,7 +441,9 @@ class Backend:
             self._active.problem = "lost: the executor does not answer"
 
     def _run_of(self, chain_id: str) -> Run | None:
-        return next((run for run in (self._active, *self._own_runs) if run.chain_id == chain_id), None)
+        return next(
+            (run for run in (self._active, *self._own_runs) if run.chain_id == chain_id), None
+        )
 
     def _take_status(self, message: ChainPerformance) -> None:
         run = self._run_of(message.chain_id)
@@ -431,7 +469,8 @@ class Backend:
 
     def _take_record(self, message: ChainPerformance) -> None:
         run = self._run_of(message.chain_id)
-        if run is not None and not run.ended:  # the last status may be lost: only the newest one is kept
+        # the last status may be lost: only the newest one is kept
+        if run is not None and not run.ended:
             run.record = message
         if message.outcome.code == Outcome.REFUSED:
             return

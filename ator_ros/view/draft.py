@@ -23,8 +23,9 @@ _SAME_PLACE = 0.15  # m up to which a goal counts as the place of the object tha
 class Draft:
     """A start at rest and a plan with open variables; each change returns a new draft.
 
-    `action_set` executes the plan. Refinement may choose one of the `alternatives`, other chains for the same
-    goal. `weights` are those of its objective by measure; the other measures have the usual weight.
+    `action_set` executes the plan. Refinement may choose one of the `alternatives`, other chains
+    for the same goal. `weights` are those of its objective by measure; the other measures have the
+    usual weight.
     """
 
     world: World
@@ -41,7 +42,9 @@ class Draft:
 
     def with_robot(self, pose: Pose) -> Draft:
         """Return the draft with the robot at rest at `pose`."""
-        return dataclasses.replace(self, world=dataclasses.replace(self.world, robot=RobotState(pose)))
+        return dataclasses.replace(
+            self, world=dataclasses.replace(self.world, robot=RobotState(pose))
+        )
 
     def with_object(self, name: str, x: float, y: float) -> Draft:
         """Return the draft with an object, and the goals of steps that follow it, at (x, y) m."""
@@ -67,7 +70,11 @@ class Draft:
         """Return whether robot, objects or chain differ so much that refinement is called again."""
         x, y, yaw = other.world.robot.pose.relative(self.world.robot.pose)
         moved = max(math.hypot(x, y), abs(yaw)) > _MOVED
-        return moved or set(self.world.objects) != set(other.world.objects) or self.chain != other.chain
+        return (
+            moved
+            or set(self.world.objects) != set(other.world.objects)
+            or self.chain != other.chain
+        )
 
     def with_goal(self, step: int, pose: Pose) -> Draft:
         """Return the draft with the goal of a step (from 0) at `pose`."""
@@ -86,7 +93,9 @@ class Draft:
 
         def changed(call: TopCall) -> TopCall:
             top = library[call.top.name]
-            return dataclasses.replace(call, top=top, goal=dataclasses.replace(call.goal, point=top.point))
+            return dataclasses.replace(
+                call, top=top, goal=dataclasses.replace(call.goal, point=top.point)
+            )
 
         return dataclasses.replace(self._with_calls(changed), action_set=library.action_set)
 
@@ -115,7 +124,9 @@ def _follows(call: TopCall, name: str, state: ObjectState) -> bool:
     return followed(call.top) == name and pose.distance(Pose(state.x, state.y, 0.0)) <= _SAME_PLACE
 
 
-def situation_draft(domain: Domain, library: TopLibrary, chain: str, *, seed: int, index: int) -> Draft:
+def situation_draft(
+    domain: Domain, library: TopLibrary, chain: str, *, seed: int, index: int
+) -> Draft:
     """Return a random situation of a chain of the domain."""
     trial = random_trial(domain, chain, library, seed=seed, index=index)
     return Draft(trial.world, open_speeds(trial.chain), library.action_set)

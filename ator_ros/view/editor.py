@@ -31,14 +31,17 @@ class Editor:
         self._waiting: list[Run] = []
         self._stale = True  # refinement must be called
         self._displaced = True  # robot and objects may be elsewhere than in the draft
-        self._follows, self._followed_at = False, -math.inf  # whether the draft follows the robot; time in s
+        # whether the draft follows the robot; time in s
+        self._follows, self._followed_at = False, -math.inf
         self._retry = 0  # steps until refinement is called again
         self._external: tuple[object, ...] = ()  # state of another client's goal in the draft
         self.chain_name, self.draft = first_draft(self.domain, next(iter(self.libraries.values())))
 
     # Situations
 
-    def situation(self, *, chain: str = "", seed: int | None = None, index: int | None = None) -> None:
+    def situation(
+        self, *, chain: str = "", seed: int | None = None, index: int | None = None
+    ) -> None:
         """Switch to another chain of the domain, or to another situation of it."""
         name = chain or self.chain_name
         seed = self.seed if seed is None else seed
@@ -150,7 +153,9 @@ class Editor:
         if world is None:
             return
         self._follow_external()
-        if (self._follows and not self._is_active) or not (self.executing or self.backend.can_place):
+        if (self._follows and not self._is_active) or not (
+            self.executing or self.backend.can_place
+        ):
             self._follow(world)
         if self._stale:
             self._stale = False
@@ -194,7 +199,9 @@ class Editor:
             self.answer, self.problem = Answer(chain, chain, record.refined, reason), ""
             self._retry = 0
         elif driven:
-            self.answer = dataclasses.replace(self.answer, chain=chain, refined=record.refined, reason=reason)
+            self.answer = dataclasses.replace(
+                self.answer, chain=chain, refined=record.refined, reason=reason
+            )
 
     def _follow(self, world: World) -> None:
         """Set the draft's start to the current state of robot and objects."""

@@ -12,7 +12,14 @@ from queue import SimpleQueue
 from typing import Any
 
 from ator_ros.geometry import Pose
-from ator_ros.nodes.segments import BLUE, ORANGE, YELLOW, alternative_shapes, polyline, refinement_shapes
+from ator_ros.nodes.segments import (
+    BLUE,
+    ORANGE,
+    YELLOW,
+    alternative_shapes,
+    polyline,
+    refinement_shapes,
+)
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.refinement.chain_prediction import chain_situations
 from ator_ros.refinement.objective import MOST_WEIGHT
@@ -36,8 +43,9 @@ _TRAIL_WIDTH, _GOAL_RADIUS = 0.025, 0.16  # m
 class Page:
     """Serves a page; the editor's thread calls `update` regularly.
 
-    `models` are performance models by action set and action, whose rules are shown. `robots` are the backends
-    of all robots by name, including the editor's. By default only this machine can reach the page.
+    `models` are performance models by action set and action, whose rules are shown. `robots` are
+    the backends of all robots by name, including the editor's. By default only this machine can
+    reach the page.
     """
 
     def __init__(
@@ -58,7 +66,9 @@ class Page:
         self._chain = Canvas(server, "/chain", area)
         self._trails = Canvas(server, "/trails", area, 0.03)
         self._robots = robots
-        self._robot_models = {name: RobotModel(server, f"/robots/{name}", urdf, area) for name in robots}
+        self._robot_models = {
+            name: RobotModel(server, f"/robots/{name}", urdf, area) for name in robots
+        }
         self._objects = {}
         for name, item in robot.scene.objects.items():
             self._objects[name] = Handle(
@@ -175,7 +185,9 @@ class Page:
         with gui.add_folder("What counts", expand_by_default=False):
             self._weights()
         with gui.add_folder("Alternatives", expand_by_default=False):
-            self._button("Keep this chain as an alternative", lambda: editor.edit(Draft.with_alternative))
+            self._button(
+                "Keep this chain as an alternative", lambda: editor.edit(Draft.with_alternative)
+            )
             forget = partial(dataclasses.replace, alternatives=())
             self._button("Forget alternatives", lambda: editor.edit(forget))
         with gui.add_folder("Rules of the models", expand_by_default=False):
@@ -183,14 +195,20 @@ class Page:
 
     def _situation(self) -> Any:
         editor, gui = self._editor, self._gui
-        chain = gui.add_dropdown("Chain", tuple(editor.domain.chains), initial_value=editor.chain_name)
+        chain = gui.add_dropdown(
+            "Chain", tuple(editor.domain.chains), initial_value=editor.chain_name
+        )
         self._on_change(chain, lambda name: editor.situation(chain=name))
         seed = gui.add_number("Seed", editor.seed, min=0, max=_MOST_SEED, step=1)
         self._on_change(seed, lambda value: editor.situation(seed=int(value)))
         index = gui.add_number("Number", editor.index, min=0, max=_MOST_SEED, step=1)
         self._on_change(index, lambda value: editor.situation(index=int(value)))
-        self._button("Random situation", lambda: editor.situation(seed=random.randrange(_MOST_SEED)))
-        sets = gui.add_dropdown("Actions", tuple(editor.libraries), initial_value=editor.draft.action_set)
+        self._button(
+            "Random situation", lambda: editor.situation(seed=random.randrange(_MOST_SEED))
+        )
+        sets = gui.add_dropdown(
+            "Actions", tuple(editor.libraries), initial_value=editor.draft.action_set
+        )
         self._on_change(sets, lambda name: editor.edit(Draft.with_library, editor.libraries[name]))
         return seed
 
@@ -198,7 +216,9 @@ class Page:
         usual = {"duration": 1.0, "success": self._editor.domain.time_limit, "accuracy": 0.0}
         units = {"duration": "", "success": " (s per failure)", "accuracy": " (s per m)"}
         for name, weight in usual.items():
-            field = self._gui.add_number(name + units[name], weight, min=0.0, max=MOST_WEIGHT, step=0.1)
+            field = self._gui.add_number(
+                name + units[name], weight, min=0.0, max=MOST_WEIGHT, step=0.1
+            )
             self._on_change(field, partial(self._editor.edit, Draft.with_weight, name))
 
     def _show_draft(self) -> None:
@@ -219,7 +239,9 @@ class Page:
         with self._open_variables:
             for step, call in enumerate(self._editor.draft.chain.calls):
                 for name in _VARIABLES:
-                    box = self._gui.add_checkbox(f"{step + 1}. {call.top.name}: {name}", call.opens(name))
+                    box = self._gui.add_checkbox(
+                        f"{step + 1}. {call.top.name}: {name}", call.opens(name)
+                    )
                     self._on_change(box, partial(self._editor.edit, Draft.with_open, step, name))
                     self._boxes.append((step, name, box))
 
@@ -228,7 +250,9 @@ class Page:
         status = editor.runs[-1].status if editor.runs else "drag robot, objects or goals"
         if backend.refused:
             status = f"not moved: {backend.refused}"
-        self._clock.content = clock_text(backend.world(), backend.state_age(), status, paused=backend.paused)
+        self._clock.content = clock_text(
+            backend.world(), backend.state_age(), status, paused=backend.paused
+        )
         self._times.content = times_text(answer, editor.runs)
         self._gate.content = gate_text(answer, editor.problem)
         self._verdict.content = editor.verdict
@@ -287,10 +311,14 @@ def gate_text(answer: Answer | None, problem: str) -> str:
     return f"{chosen}{plain(answer.reason)}"
 
 
-def rules_text(world: World, chain: TopChain, robot: Robot, models: Mapping[str, PerformanceModel]) -> str:
+def rules_text(
+    world: World, chain: TopChain, robot: Robot, models: Mapping[str, PerformanceModel]
+) -> str:
     """Return in Markdown, by step, the rule that predicts the duration and the values of its terms."""
     parts = []
-    for call, situation in zip(chain.calls, chain_situations(world, chain, robot, models), strict=True):
+    for call, situation in zip(
+        chain.calls, chain_situations(world, chain, robot, models), strict=True
+    ):
         model = models.get(call.top.action)
         text = "no model" if model is None else model.explain(situation)
         parts.append(f"**{plain(call.top.name)}**\n```\n{text}\n```")

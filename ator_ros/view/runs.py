@@ -20,7 +20,8 @@ from ator_ros.view.draft import Draft
 from ator_ros.world.messages import pose_from, world_from
 
 OTHERS = "others"  # label of the executions that other clients started
-_MOST_CHAINS, _SHOWN, _RECENT = 500, 12, 20  # chains that are kept, in the table, and in the model error
+# chains that are kept, in the table, and in the model error
+_MOST_CHAINS, _SHOWN, _RECENT = 500, 12, 20
 _LONGEST = 300  # characters
 _SUCCEEDED = Ending.SUCCEEDED.value
 _OUTCOMES = {ending.value: ending.name.lower().replace("_", " ") for ending in Ending}
@@ -36,7 +37,8 @@ class Answer:
     chain: TopChain  # to execute
     refined: bool
     reason: str  # of the gate
-    before: tuple[float, ...] = ()  # predicted durations in s of the steps of `naive`; NaN without a model
+    # predicted durations in s of the steps of `naive`; NaN without a model
+    before: tuple[float, ...] = ()
     after: tuple[float, ...] = ()  # the same of the best chain found
     curves: tuple[SubgoalCurve, ...] = ()
     chosen: int = 0  # number of the chosen alternative; 0: the chain itself
@@ -48,7 +50,8 @@ class Run:
 
     label: str  # "naive", "refined" or "others"
     record: Any = None  # the executor's newest ChainPerformance; None before the first one
-    draft: Draft | None = None  # of another client's goal: its start and current chain, with open variables
+    # of another client's goal: its start and current chain, with open variables
+    draft: Draft | None = None
     problem: str = ""  # why the executor reports no outcome, such as a failed start
     poses: list[Pose] = field(default_factory=list)  # path of the robot since the start
     chain_id: str = ""  # id of the goal in records; empty before the start
@@ -81,7 +84,9 @@ class Run:
         """Result of refinement or, before driving, what the executor waits for."""
         if self.record is None:
             return ""
-        return printable(self.record.refinement if self.driven else self.record.outcome.reason, _LONGEST)
+        return printable(
+            self.record.refinement if self.driven else self.record.outcome.reason, _LONGEST
+        )
 
     @property
     def status(self) -> str:
@@ -150,11 +155,18 @@ class History:
         if not self._chains:
             return "no chain was executed yet"
         records, _, gains = zip(*self._chains, strict=True)
-        lines = [f"{len(records)} chains, {sum(record.refined for record in records)} of them refined.", ""]
-        errors = np.array([each.predicted.duration - _duration_of(each) for each in records[-_RECENT:]])
+        lines = [
+            f"{len(records)} chains, {sum(record.refined for record in records)} of them refined.",
+            "",
+        ]
+        errors = np.array(
+            [each.predicted.duration - _duration_of(each) for each in records[-_RECENT:]]
+        )
         errors = errors[np.isfinite(errors)]
         if len(errors):
-            error = f"{np.abs(errors).mean():.2f} s, mean {errors.mean():+.2f} s (predicted - actual)"
+            error = (
+                f"{np.abs(errors).mean():.2f} s, mean {errors.mean():+.2f} s (predicted - actual)"
+            )
             lines += [f"Model error, last {len(errors)}: {error}.", ""]
         known = [gain for gain in gains if math.isfinite(gain)]
         if known:
@@ -180,4 +192,6 @@ def _row(number: int, record: Any, gain: float) -> str:
     name = f"{plain(', '.join(_tops(record)))} ({'refined' if record.refined else 'as sent'})"
     code, duration = record.outcome.code, _duration_of(record)
     actual = _OUTCOMES.get(code, f"outcome {code}") if math.isnan(duration) else seconds(duration)
-    return f"| {number} | {name} | {seconds(record.predicted.duration)} | {actual} | {seconds(gain)} |"
+    return (
+        f"| {number} | {name} | {seconds(record.predicted.duration)} | {actual} | {seconds(gain)} |"
+    )

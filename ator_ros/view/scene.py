@@ -34,7 +34,9 @@ class _Server(viser.ViserServer):
         return None
 
 
-def serve(domain: Domain, robot: Robot, *, host: str = LOOPBACK, port: int = 8080) -> viser.ViserServer:
+def serve(
+    domain: Domain, robot: Robot, *, host: str = LOOPBACK, port: int = 8080
+) -> viser.ViserServer:
     """Serve a page with floor, lines and bays on `port` or the next free port.
 
     Raises OSError if the host is no address of this machine.
@@ -56,7 +58,11 @@ def serve(domain: Domain, robot: Robot, *, host: str = LOOPBACK, port: int = 808
     camera.look_at, camera.fov = (0.0, -0.05 * area.width, 0.0), math.radians(50.0)
     size = (area.length + 2.0 * area.margin, area.width + 2.0 * area.margin, 0.02)
     server.scene.add_box(
-        "/floor", color=(72, 122, 84), dimensions=size, position=(0.0, 0.0, -0.01), cast_shadow=False
+        "/floor",
+        color=(72, 122, 84),
+        dimensions=size,
+        position=(0.0, 0.0, -0.01),
+        cast_shadow=False,
     )
     Canvas(server, "/surroundings", area, 0.02).draw(surroundings(domain, robot))
     return server
@@ -81,14 +87,18 @@ class Canvas:
         for name in set(self._shown) - set(drawn):
             self._shown.pop(name).remove()
         for name, shape in drawn.items():
-            points = np.insert(shape.points - self._center, 2, self._height, axis=2).astype(np.float32)
+            points = np.insert(shape.points - self._center, 2, self._height, axis=2).astype(
+                np.float32
+            )
             colors = np.repeat((255 * shape.colors).astype(np.uint8)[:, None, :], 2, axis=1)
             if name in self._shown:  # changing a shape is much cheaper than a new one
                 handle = self._shown[name]
                 handle.points, handle.colors, handle.thickness = points, colors, shape.width
             else:
                 node = f"{self._group}/{name}"
-                self._shown[name] = self._scene.add_line_segments(node, points, colors, thickness=shape.width)
+                self._shown[name] = self._scene.add_line_segments(
+                    node, points, colors, thickness=shape.width
+                )
 
 
 class Movable:

@@ -1,7 +1,7 @@
 """The state of objects and of the robot, estimated from messages whose velocities may be missing or wrong.
 
-`VelocityEstimate` and `RobotVelocity` derive missing velocities; `VelocityCheck` and `TwistCheck` compare
-reported ones with positions; `ObjectTracker` is a Kalman filter; `Sightings` checks stamps.
+`VelocityEstimate` and `RobotVelocity` derive missing velocities; `VelocityCheck` and `TwistCheck`
+compare reported ones with positions; `ObjectTracker` is a Kalman filter; `Sightings` checks stamps.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ _SPAN = 0.3  # s of positions from which a velocity is fitted
 _LEAST = 0.05  # s that positions must span; until then the object counts as at rest
 _FASTEST = 20.0  # m/s above which the position has jumped: other robots reach 15 m/s
 _KEPT_POSES = 64
-_ROBOT_SPAN = 0.04  # s; least time between poses from which a velocity is derived, one tick at 20 Hz
+# s; least time between poses from which a velocity is derived, one tick at 20 Hz
+_ROBOT_SPAN = 0.04
 _ROUNDING = 1e-6
 _BEYOND_LIMITS = 1.5  # times a robot's limits, above which its pose has jumped
 
@@ -57,8 +58,8 @@ class VelocityEstimate:
 class RobotVelocity:
     """The velocity of a robot along the arc between two poses.
 
-    `most_v` and `most_w` are the robot's limits in m/s and rad/s. If the pose jumps, as when a localization
-    corrects it, the velocity does not change.
+    `most_v` and `most_w` are the robot's limits in m/s and rad/s. If the pose jumps, as when a
+    localization corrects it, the velocity does not change.
     """
 
     def __init__(self, most_v: float, most_w: float) -> None:
@@ -84,7 +85,10 @@ class RobotVelocity:
         return RobotState(pose, *self._velocity)
 
     def _update(self, moved: Pose, elapsed: float, newest: tuple[float, Pose]) -> None:
-        """Use the velocity of a motion, unless it is a jump; after two jumps in a row the second is used."""
+        """Use the velocity of a motion, unless it is a jump.
+
+        After two jumps in a row the second is used.
+        """
         length, sideways = _arc(moved)
         v, w = length / elapsed, moved.yaw / elapsed
         jumps = max(abs(v), abs(sideways) / elapsed) > self._most_v or abs(w) > self._most_w
@@ -104,22 +108,25 @@ def _arc(moved: Pose) -> tuple[float, float]:
     return along / (math.sin(half) / half if half else 1.0), sideways
 
 
-_BASELINE = 0.2  # s over which velocities are derived from positions; a velocity that jumps is used as long
+# s over which velocities are derived from positions; a velocity that jumps is used as long
+_BASELINE = 0.2
 _FORGET = 1.0  # s without a sighting after which earlier ones are forgotten
 _SLACK = 0.3  # m/s; difference due to errors of stamps and of filters in cameras
 _SHARE = 0.1  # further such difference as a share of the speed
 _PUSH = 1.0  # m/s^2 of an object that rolls freely or is pushed
 _SIGMAS = 4.0
-_KEPT = 256  # greatest number of sightings: in a paused simulation they continue with the same stamp
+# greatest number of sightings: in a paused simulation they continue with the same stamp
+_KEPT = 256
 
 
 class VelocityCheck:
     """Replaces velocities that contradict an object's positions.
 
-    A velocity that jumps, as after a push, is used for 0.2 s. If the positions then do not agree, the
-    velocity is derived from them.
+    A velocity that jumps, as after a push, is used for 0.2 s. If the positions then do not agree,
+    the velocity is derived from them.
 
-    `noise` (m) and `velocity_noise` (m/s) are the standard deviations of each component of a sighting.
+    `noise` (m) and `velocity_noise` (m/s) are the standard deviations of each component of a
+    sighting.
     """
 
     def __init__(self, name: str, noise: float, velocity_noise: float) -> None:
@@ -167,7 +174,8 @@ _LONGEST_STEP = 0.3  # s between two messages above which their twists do not de
 _LEAST_MOTION = 0.03  # m or rad in one window up to which a robot counts as at rest
 _MOST_OFF = 0.015  # m or rad in one window; difference due to filters, slip and late stamps
 _MOST_SHARE = 0.3  # further such difference as a share of the greater motion
-_CONFIRMED = 3  # excess of contradicting over agreeing windows before a report: one may be a corrected pose
+# excess of contradicting over agreeing windows before a report: one may be a corrected pose
+_CONFIRMED = 3
 
 
 class TwistCheck:
@@ -175,11 +183,15 @@ class TwistCheck:
 
     def __init__(self) -> None:
         self._last: tuple[float, RobotState] | None = None
-        self._elapsed, self._motion = 0.0, np.zeros((2, 2))  # rows: by poses, by twist; columns: m, rad
+        # rows: by poses, by twist; columns: m, rad
+        self._elapsed, self._motion = 0.0, np.zeros((2, 2))
         self._windows, self._reported = 0, False
 
     def contradiction(self, time: float, robot: RobotState) -> str:
-        """Process odometry of `time` (s); return once how pose and twist contradict each other, else ""."""
+        """Process odometry of `time` (s).
+
+        Return once how pose and twist contradict each other, else "".
+        """
         last, self._last = self._last, (time, robot)
         if last is None or self._reported:
             return ""
@@ -212,16 +224,18 @@ class TwistCheck:
         )
 
 
-_PUSH_SIGMA = 1.0  # m/s^2; standard deviation of the acceleration of a moving object, a tenth of it at rest
-_SURPRISE = 5.0  # standard deviations above which the filter restarts: the object was pushed or moved
+# m/s^2; standard deviation of the acceleration of a moving object, a tenth of it at rest
+_PUSH_SIGMA = 1.0
+# standard deviations above which the filter restarts: the object was pushed or moved
+_SURPRISE = 5.0
 
 
 class ObjectTracker:
     """A Kalman filter for the sightings of one object, which restarts when they jump.
 
-    Both coordinates share one covariance, because noise and pushes are the same for both. `noise` (m) and
-    `velocity_noise` (m/s) are the standard deviations of each component of a sighting. With a noise of 0
-    nothing is filtered; otherwise both are above 0.
+    Both coordinates share one covariance, because noise and pushes are the same for both. `noise`
+    (m) and `velocity_noise` (m/s) are the standard deviations of each component of a sighting. With
+    a noise of 0 nothing is filtered; otherwise both are above 0.
     """
 
     def __init__(self, noise: float, velocity_noise: float) -> None:
@@ -277,8 +291,8 @@ class StampError(ValueError):
 class Sightings:
     """The recent sightings of one object.
 
-    The attribute `timeout` is the age in s, by the stamps, above which a sighting is not used. After half of
-    it without a message the object is overdue.
+    The attribute `timeout` is the age in s, by the stamps, above which a sighting is not used.
+    After half of it without a message the object is overdue.
     """
 
     def __init__(self, name: str, timeout: float, tracker: ObjectTracker) -> None:
@@ -299,7 +313,12 @@ class Sightings:
         return now - self._received > self.timeout / 2.0 - _ROUNDING
 
     def add(
-        self, time: float, sighting: ObjectState, now: float | None, pace: float = 1.0, real: float = 0.0
+        self,
+        time: float,
+        sighting: ObjectState,
+        now: float | None,
+        pace: float = 1.0,
+        real: float = 0.0,
     ) -> str | None:
         """Process a sighting with the stamp `time` in s, which may be old; return the warning of its check.
 
@@ -315,9 +334,10 @@ class Sightings:
         Raises
         ------
         StampError
-            For a real second, stamps have been ahead of odometry by more than twice the timeout (longer if
-            they run faster than real time), or behind by more than `JUMP`. Within that second such sightings
-            are ignored. Stamps less far ahead are accepted: odometry may have paused, and will catch up.
+            For a real second, stamps have been ahead of odometry by more than twice the timeout
+            (longer if they run faster than real time), or behind by more than `JUMP`. Within that
+            second such sightings are ignored. Stamps less far ahead are accepted: odometry may have
+            paused, and will catch up.
         """
         if now is not None:
             most = 2.0 * self.timeout * max(1.0, pace)
@@ -339,11 +359,13 @@ class Sightings:
     def at(self, time: float) -> ObjectState | None:
         """Return the newest sighting not after odometry's `time`, extrapolated to it; None if there is none.
 
-        Messages of two topics arrive in any order, and a busy node gets only the newest of each. A sighting
-        that is newer than odometry is extrapolated backward if it is the only recent one.
+        Messages of two topics arrive in any order, and a busy node gets only the newest of each. A
+        sighting that is newer than odometry is extrapolated backward if it is the only recent one.
         """
         # A sighting that arrived before odometry of its stamp counts as received at its stamp.
-        self._received = max([self._received, *(stamp for stamp, _ in self._sightings if stamp <= time)])
+        self._received = max(
+            [self._received, *(stamp for stamp, _ in self._sightings if stamp <= time)]
+        )
         while self._sightings and self._sightings[0][0] < time - self.timeout:
             self._sightings.popleft()
         ages = ((time - stamp, sighting) for stamp, sighting in reversed(self._sightings))

@@ -32,7 +32,9 @@ class _MapFile:
 
     image: str
     resolution: Annotated[float, Within(0.001, 10.0)]  # m
-    origin: Annotated[tuple[float, ...], Must("x, y (m) and yaw (rad)", lambda origin: len(origin) == 3)]
+    origin: Annotated[
+        tuple[float, ...], Must("x, y (m) and yaw (rad)", lambda origin: len(origin) == 3)
+    ]
     free_thresh: Annotated[float, Within(0.0, 1.0)]
     negate: int | bool = 0
     mode: Annotated[str, Must("trinary", lambda mode: mode == "trinary")] = "trinary"
@@ -60,14 +62,18 @@ class GridMap:
                 f"{self.name}: expected a finite origin and cells of 0.001 to 10 m, got {numbers}"
             )
         if not self.free.any():
-            raise FileError(f"{self.name}: expected free cells, got none: check negate and free_thresh")
+            raise FileError(
+                f"{self.name}: expected free cells, got none: check negate and free_thresh"
+            )
 
     @cached_property
     def _text(self) -> str:
         # Origins in messages are rounded: their yaw is that of a quaternion.
         numbers = np.round([*self.free.shape, self.resolution, *self.origin], 6) + 0.0
         digest = hashlib.sha256(numbers.tobytes() + self.free.tobytes()).hexdigest()[:8]
-        return f"{self.name} ({digest}{'' if self.planner is None else f'{PATHS_OF}{self.planner}'})"
+        return (
+            f"{self.name} ({digest}{'' if self.planner is None else f'{PATHS_OF}{self.planner}'})"
+        )
 
     def __str__(self) -> str:
         """Return the name, a digest of the content, and the name of the planner, if there is one."""
@@ -94,7 +100,9 @@ class GridMap:
         edges = np.diff((ndimage.binary_dilation(free, np.ones((3, 3))) & ~free).astype(np.int8))
         found, begun = [], dict[tuple[int, int], int]()
         for row, steps in enumerate(edges):
-            runs = list(zip(*(np.flatnonzero(steps == sign).tolist() for sign in (1, -1)), strict=True))
+            runs = list(
+                zip(*(np.flatnonzero(steps == sign).tolist() for sign in (1, -1)), strict=True)
+            )
             ended = [run for run in begun if run not in runs]
             found += [(*run, begun.pop(run), row) for run in ended]
             begun |= {run: row for run in runs if run not in begun}
@@ -114,9 +122,12 @@ def map_of_grid(
     """
     values = np.asarray(data, dtype=np.int16)
     if values.size != width * height or not 0 < values.size <= _MOST_CELLS:
-        raise FileError(f"{name}: expected {width} x {height} cells, at most 1e8, got {values.size}")
+        raise FileError(
+            f"{name}: expected {width} x {height} cells, at most 1e8, got {values.size}"
+        )
     free = (values >= 0) & (values <= _FREE)
-    side = float(str(np.float32(resolution)))  # the decimal that the map's file has, not the nearest float32
+    # the decimal that the map's file has, not the nearest float32
+    side = float(str(np.float32(resolution)))
     return GridMap(name, free.reshape(height, width), side, origin)
 
 
@@ -135,7 +146,9 @@ def load_map(path: Path | str) -> GridMap:
         raise FileError(f"{file}: expected a map_server file: {error}") from error
     shade = _image(file.parent / read.image)
     occupied = shade if read.negate else 1.0 - shade
-    return GridMap(file.name, (occupied < read.free_thresh)[::-1], read.resolution, Pose(*read.origin))
+    return GridMap(
+        file.name, (occupied < read.free_thresh)[::-1], read.resolution, Pose(*read.origin)
+    )
 
 
 def save_map(grid: GridMap, folder: Path) -> Path:
@@ -144,7 +157,12 @@ def save_map(grid: GridMap, folder: Path) -> Path:
     shades = np.where(grid.free, 254, 0).astype(np.uint8)[::-1]
     with atomic_write(folder / "map.pgm") as temporary:
         temporary.write_bytes(f"P5 {columns} {rows} 255\n".encode() + shades.tobytes())
-    content = {"image": "map.pgm", "resolution": grid.resolution, "origin": list(grid.origin), "negate": 0}
+    content = {
+        "image": "map.pgm",
+        "resolution": grid.resolution,
+        "origin": list(grid.origin),
+        "negate": 0,
+    }
     content |= {"occupied_thresh": 0.65, "free_thresh": 0.25}
     write_text(folder / "map.yaml", yaml.safe_dump(content))
     return folder / "map.yaml"
@@ -155,7 +173,9 @@ def _image(file: Path) -> FloatArray:
     from PIL import Image  # slow to import, and needed with a map only
 
     if not file.is_file():  # opening a pipe would block
-        raise FileError(f"{file}: expected the image of a map, there is none: check the field image")
+        raise FileError(
+            f"{file}: expected the image of a map, there is none: check the field image"
+        )
     try:
         with Image.open(file) as image:
             if image.width * image.height > _MOST_CELLS:
@@ -163,5 +183,7 @@ def _image(file: Path) -> FloatArray:
             deep = image.mode.startswith("I")  # 16 bit
             values = np.asarray(image if deep else image.convert("L"), dtype=float)
     except Exception as error:  # Pillow raises many on damaged files
-        raise FileError(f"{file}: expected a readable PGM or PNG: {printable(error, 200)}") from error
+        raise FileError(
+            f"{file}: expected a readable PGM or PNG: {printable(error, 200)}"
+        ) from error
     return values / (65535.0 if deep else 255.0)

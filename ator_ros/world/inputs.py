@@ -9,9 +9,11 @@ from collections.abc import Mapping
 from ator_ros.world.estimation import JUMP, Sightings, StampError
 from ator_ros.world.state import ObjectState, RobotState, World
 
-_FASTEST = 1000.0  # greatest plausible ratio of simulated to real time; simulations run at a few hundred
+# greatest plausible ratio of simulated to real time; simulations run at a few hundred
+_FASTEST = 1000.0
 _LONGEST = 1.0  # longest real s without odometry to which that ratio applies
-_PACE_WINDOW, _PACE_STEP = 2.0, 0.1  # real s over which the pace of stamps is measured, and between samples
+# real s over which the pace of stamps is measured, and between samples
+_PACE_WINDOW, _PACE_STEP = 2.0, 0.1
 _PACE_LEAST = 0.5  # least real s to measure it over: messages 0.05 s late then change it by a tenth
 _REAL_TIME = 0.8  # pace below which stamps run slower than real time, as in a slow simulation
 _FASTER_THAN_REAL = 1.5  # pace above that of messages which were delayed for a moment
@@ -32,11 +34,13 @@ class Inputs:
         self.time: float | None = None
         """Stamp of the newest odometry in s; None before the first."""
         self._suspect: float | None = None  # stamp of the last message, if it was rejected
-        self._older_at = -math.inf  # real time in s of the last message that was older than the one before
+        # real time in s of the last message that was older than the one before
+        self._older_at = -math.inf
         self._received = 0.0  # real time in s of the last message
         self.since = -math.inf
         """Real time in s since which odometry has arrived without a gap of more than `GAP`."""
-        self._clocks: deque[tuple[float, float]] = deque()  # real time and stamp (s) of recent messages
+        # real time and stamp (s) of recent messages
+        self._clocks: deque[tuple[float, float]] = deque()
         self.pace = 1.0
         """Stamped s that pass in 1 real s, over the last seconds."""
 
@@ -44,7 +48,9 @@ class Inputs:
     def overdue(self) -> frozenset[str]:
         """Names of the objects that have been missing for so long that the robot should stand."""
         now = self.time
-        return frozenset(name for name, item in self._objects.items() if now is None or item.overdue(now))
+        return frozenset(
+            name for name, item in self._objects.items() if now is None or item.overdue(now)
+        )
 
     def set_timeouts(self, settings: Mapping[str, float]) -> None:
         """Set the timeouts of objects that `settings` contains as NAME_timeout in s."""
@@ -58,17 +64,17 @@ class Inputs:
     def robot(self, time: float, robot: RobotState, now: float = 0.0) -> World | None:
         """Process odometry with the stamp `time` in s; return the world, None if the stamp has not advanced.
 
-        The real time `now` (s) limits by how much the stamp may have advanced. One message that is older than
-        the last one was late and is ignored.
+        The real time `now` (s) limits by how much the stamp may have advanced. One message that is
+        older than the last one was late and is ignored.
 
         Raises
         ------
         StampError
-            The stamp is far ahead of the last one, or again older than it within a second: the message is
-            ignored. The next one may confirm it.
+            The stamp is far ahead of the last one, or again older than it within a second: the
+            message is ignored. The next one may confirm it.
         ClockJumpError
-            The second stamp in a row is older than the last one, or confirms a clock far ahead. All objects
-            are forgotten and the new clock is used.
+            The second stamp in a row is older than the last one, or confirms a clock far ahead. All
+            objects are forgotten and the new clock is used.
         """
         last, most = self.time, JUMP + _FASTEST * min(now - self._received, _LONGEST)
         if now - self._received > GAP * self.slowdown:
@@ -114,7 +120,11 @@ class Inputs:
             self._clocks.clear()
             for sightings in self._objects.values():
                 sightings.forget()
-            jump = f"jumped {time - last:.2f} s ahead" if time > last else f"went back {last - time:.2f} s"
+            jump = (
+                f"jumped {time - last:.2f} s ahead"
+                if time > last
+                else f"went back {last - time:.2f} s"
+            )
             raise ClockJumpError(
                 f"time {jump}: expected odometry soon after {last:.2f} s, got {time:.2f} s: a reset, another "
                 "clock, or two nodes that publish it"

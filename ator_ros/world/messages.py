@@ -1,8 +1,8 @@
 """Read ROS messages by their fields, checked and repaired, for nodes and recordings.
 
-Every function raises MessageError, which names the place, the expected and the actual value. Repairs:
-quaternions of any length are normalized, a leading slash of frames is ignored as in tf2, and a velocity is
-rotated from the frame that `child_frame_id` names.
+Every function raises MessageError, which names the place, the expected and the actual value.
+Repairs: quaternions of any length are normalized, a leading slash of frames is ignored as in tf2,
+and a velocity is rotated from the frame that `child_frame_id` names.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ _TOPIC = re.compile(r"/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*", re.ASCII)
 class ObjectSource:
     """An object, and the topic of its state.
 
-    If an object is `optional`, diagnostics do not report that it is unknown. A TOP whose conditions name it
-    needs it anyway.
+    If an object is `optional`, diagnostics do not report that it is unknown. A TOP whose conditions
+    name it needs it anyway.
     """
 
     name: str  # in conditions
@@ -46,13 +46,20 @@ class ObjectSource:
     def __post_init__(self) -> None:
         """Raise SchemaError if a name is not valid."""
         named = is_name(self.name) and self.name not in RESERVED
-        require(named, "name", f"a name of letters, digits and _, none of {', '.join(RESERVED)}", self.name)
+        require(
+            named,
+            "name",
+            f"a name of letters, digits and _, none of {', '.join(RESERVED)}",
+            self.name,
+        )
         right = not self.topic or bool(_TOPIC.fullmatch(self.topic))
         require(right, "topic", "the name of a topic", self.topic)
         named = not self.frame or bool(_FRAME.fullmatch(self.frame))
         require(named, "frame", "the name of a frame", self.frame)
         other = "frame" if self.type != "tf" else "topic"
-        require(not getattr(self, other), other, f"none with type {self.type}", getattr(self, other))
+        require(
+            not getattr(self, other), other, f"none with type {self.type}", getattr(self, other)
+        )
 
     @property
     def topic_or_frame(self) -> str:
@@ -68,7 +75,8 @@ FASTEST = 100.0
 MOST_OBJECTS = 16
 """Greatest number of objects in a situation."""
 _ROUNDING = 1e-3  # m/s or rad/s that count as 0: filters and float32 leave such values
-_NO_DIRECTION = 1e-6  # length of a quaternion without direction: drivers without orientation send zeros
+# length of a quaternion without direction: drivers without orientation send zeros
+_NO_DIRECTION = 1e-6
 _MOST_TILTED = math.radians(30.0)  # greatest tilt of a robot; no ramp is steeper
 
 
@@ -145,7 +153,10 @@ def plain_frame(frame_id: str) -> str:
 
 
 def expect_frame(frame_id: str, where: str, *, expected: str) -> None:
-    """Raise FrameError unless a frame is the expected one or empty; if `expected` is empty, any will do."""
+    """Raise FrameError unless a frame is the expected one or empty.
+
+    If `expected` is empty, any will do.
+    """
     if expected and plain_frame(frame_id) not in ("", plain_frame(expected)):
         text = f"{where}: expected the frame {quoted(expected)}, got {quoted(frame_id)}"
         raise FrameError(text, got=frame_id)
@@ -156,7 +167,9 @@ def rotation_from(quaternion: Any, where: str) -> Quaternion:
     parts = (quaternion.x, quaternion.y, quaternion.z, quaternion.w)
     length = math.hypot(*parts)
     if not _NO_DIRECTION < length < math.inf:
-        raise MessageError(f"{where}: expected a quaternion (x, y, z, w) with a direction, got {parts}")
+        raise MessageError(
+            f"{where}: expected a quaternion (x, y, z, w) with a direction, got {parts}"
+        )
     x, y, z, w = (float(part) / length for part in parts)
     return x, y, z, w
 
@@ -177,7 +190,9 @@ def pose_from(pose: Any, where: str) -> Pose:
     return Pose(
         position(pose.position.x, f"{where}.position.x"),
         position(pose.position.y, f"{where}.position.y"),
-        _planar_yaw(rotation_from(pose.orientation, f"{where}.orientation"), f"{where}.orientation"),
+        _planar_yaw(
+            rotation_from(pose.orientation, f"{where}.orientation"), f"{where}.orientation"
+        ),
     )
 
 
@@ -196,13 +211,18 @@ def transform_from(message: Any) -> tuple[str, str, float, Placement]:
 
 
 def command_from(message: Any, where: str) -> Command:
-    """Read a geometry_msgs/Twist or TwistStamped; all components except linear.x and angular.z must be 0."""
+    """Read a geometry_msgs/Twist or TwistStamped.
+
+    All components except linear.x and angular.z must be 0.
+    """
     twist = getattr(message, "twist", message)
     linear, angular = twist.linear, twist.angular
     others = (linear.y, linear.z, angular.x, angular.y)
     if not all(abs(value) <= _ROUNDING for value in others):
         unused = "linear.y, linear.z, angular.x, angular.y"
-        raise MessageError(f"{where}: {unused}: expected 0, since the robot moves in the plane, got {others}")
+        raise MessageError(
+            f"{where}: {unused}: expected 0, since the robot moves in the plane, got {others}"
+        )
     return Command(
         velocity(linear.x, f"{where}.linear.x"), velocity(angular.z, f"{where}.angular.z", "rad/s")
     )
@@ -216,8 +236,9 @@ def robot_from_placement(
 ) -> tuple[float, RobotState]:
     """Read time in s and state of the robot from its placement in tf; its velocity is estimated.
 
-    `moved` is a time and a placement in odometry's frame, from which the velocity is derived: corrections of
-    the pose by localization are no motion. None: the velocity is derived from `placement`.
+    `moved` is a time and a placement in odometry's frame, from which the velocity is derived:
+    corrections of the pose by localization are no motion. None: the velocity is derived from
+    `placement`.
     """
     pose = pose_from_placement(placement, "robot in tf")
     stamp, unmapped = (time, placement) if moved is None else moved
@@ -235,8 +256,8 @@ def pose_from_placement(placement: Placement, where: str) -> Pose:
 class OdometryReader:
     """Reads the odometry of one robot in the order of arrival.
 
-    Poses must be in the frame `frame`; empty: in that of the first message. The attribute `frame` is the
-    frame of the poses, once it is known.
+    Poses must be in the frame `frame`; empty: in that of the first message. The attribute `frame`
+    is the frame of the poses, once it is known.
     """
 
     def __init__(self, frame: str = "") -> None:
@@ -248,7 +269,8 @@ class OdometryReader:
     def read(self, odometry: Any) -> tuple[float, RobotState]:
         """Return time in s and state of the robot from a nav_msgs/Odometry.
 
-        The twist is the robot's own, unless `child_frame_id` is the frame of the pose: then it is rotated.
+        The twist is the robot's own, unless `child_frame_id` is the frame of the pose: then it is
+        rotated.
         """
         given = odometry.header.frame_id
         expect_frame(given, "odom.header.frame_id", expected=self.frame)
@@ -264,7 +286,9 @@ class OdometryReader:
         self.frame = self.frame or plain_frame(given)
         found = self._check.contradiction(time, robot)
         child = quoted(odometry.child_frame_id)
-        self.remark = f"odom: {found}; is the twist in the frame child_frame_id {child}?" if found else ""
+        self.remark = (
+            f"odom: {found}; is the twist in the frame child_frame_id {child}?" if found else ""
+        )
         return time, robot
 
 
@@ -294,13 +318,18 @@ class ObjectReader:
         if child and not _is_pose_frame(child, given, self.frame) and (vx or vy):
             vz = velocity(linear.z, f"{where}.twist: z")
             turn = rotation_from(pose.orientation, f"{where}.pose.pose.orientation")
-            vx, vy, _ = Placement((0.0, 0.0, 0.0), turn).compose(Placement((vx, vy, vz), turn)).origin
+            vx, vy, _ = (
+                Placement((0.0, 0.0, 0.0), turn).compose(Placement((vx, vy, vz), turn)).origin
+            )
         return time, ObjectState(x, y, vx, vy)
 
     def read_placement(self, time: float, placement: Placement) -> tuple[float, ObjectState]:
         """Return time in s and state of the object from its placement in tf."""
         where = f"{self._source.name} in tf"
-        x, y = position(placement.origin[0], f"{where}.x"), position(placement.origin[1], f"{where}.y")
+        x, y = (
+            position(placement.origin[0], f"{where}.x"),
+            position(placement.origin[1], f"{where}.y"),
+        )
         return time, self._estimate.state(time, x, y)
 
 

@@ -82,7 +82,8 @@ class Bay:
 
     x: Place  # m; middle of the front
     y: Place
-    yaw: Annotated[float, Within(-math.tau, math.tau)]  # rad; into the bay. Greater values are degrees
+    # rad; into the bay. Greater values are degrees
+    yaw: Annotated[float, Within(-math.tau, math.tau)]
     width: Extent  # m; inner sizes
     depth: Extent
 
@@ -100,5 +101,8 @@ class Scene:
         return self.objects[name].radius if name in self.objects else 0.0
 
     def at_rest(self, name: str, state: ObjectState) -> ObjectState:
-        """Return the state in which an object comes to rest; one without a description does not move."""
+        """Return the state in which an object comes to rest.
+
+        One without a description does not move.
+        """
         return self.objects[name].at_rest(state) if name in self.objects else state

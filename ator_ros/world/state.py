@@ -33,7 +33,10 @@ class Standstill:
     w: float = math.inf  # rad/s; infinite if turning does not matter
 
     def holds(self, v: Any, w: Any = 0.0) -> Any:
-        """Return whether speeds v (m/s) and w (rad/s), of any sign, are a standstill; elementwise."""
+        """Return whether speeds v (m/s) and w (rad/s), of any sign, are a standstill.
+
+        Elementwise.
+        """
         return (abs(v) <= self.v) & (abs(w) <= self.w)
 
 

@@ -93,7 +93,9 @@ class Transforms:
         """The names of all frames, sorted."""
         return sorted({*self._links, *(link.parent for link in self._links.values())})
 
-    def add(self, frame: str, child: str, time: float, placement: Placement, *, fixed: bool = False) -> None:
+    def add(
+        self, frame: str, child: str, time: float, placement: Placement, *, fixed: bool = False
+    ) -> None:
         """Add the placement of `child` in `frame` at `time` (s), or at any time if it is `fixed`."""
         link = self._links.get(child)
         if link is None or (link.parent, link.fixed) != (frame, fixed):
@@ -111,7 +113,9 @@ class Transforms:
             return None
         rising, falling = up[: up.index(common)], down[: down.index(common)]
         links = [self._links[name] for name in rising + falling]
-        time = min((link.placements[-1][0] for link in links if not link.fixed), default=self.present)
+        time = min(
+            (link.placements[-1][0] for link in links if not link.fixed), default=self.present
+        )
         there, back = self._in_ancestor(rising, time), self._in_ancestor(falling, time)
         return None if there is None or back is None else (time, back.inverse().compose(there))
 

@@ -66,7 +66,9 @@ class Shuttle(Node):
             self.ended.set_result(True)
         else:
             command.angular.z = max(-1.5, min(1.5, 2.0 * off))
-            command.linear.x = min(0.6, max(0.1, distance)) if abs(off) < 0.3 and not self.near else 0.0
+            command.linear.x = (
+                min(0.6, max(0.1, distance)) if abs(off) < 0.3 and not self.near else 0.0
+            )
         self.commands.publish(command)
 
 

@@ -56,7 +56,9 @@ def situation_of(task: Task, robot: Robot) -> Situation:
     if ball is not None and task.kind != "approach":
         hold = robot.hold_point(pose)
         ball = ObjectState(hold.x, hold.y)
-    return Situation(action, RobotState(pose), objects_of(ball), dataclasses.replace(drawn.goal, speed=0.0))
+    return Situation(
+        action, RobotState(pose), objects_of(ball), dataclasses.replace(drawn.goal, speed=0.0)
+    )
 
 
 def execute(task: Task) -> Outcome:
@@ -85,7 +87,9 @@ def execute_situation(situation: Situation, task: Task) -> Outcome:
             return Outcome(False, False, TIME_LIMIT, 0.0, str(error))
         duration = simulation.time
         judgment = judge(simulation, top, goal, done.status, done.message)
-    early = task.kind == "approach" and any(_touched_early(situation, world, robot) for world in worlds)
+    early = task.kind == "approach" and any(
+        _touched_early(situation, world, robot) for world in worlds
+    )
     return Outcome(judgment.success, early, duration, max(excess), judgment.reason)
 
 

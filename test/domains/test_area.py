@@ -25,7 +25,9 @@ def moved_robot(x: float, y: float) -> Robot:
     scene = PIONEER.scene
     bays = tuple(dataclasses.replace(bay, x=bay.x + x, y=bay.y + y) for bay in scene.bays)
     area = dataclasses.replace(scene.area, x=x, y=y)
-    return SOCCER.equip(dataclasses.replace(PIONEER, scene=dataclasses.replace(scene, area=area, bays=bays)))
+    return SOCCER.equip(
+        dataclasses.replace(PIONEER, scene=dataclasses.replace(scene, area=area, bays=bays))
+    )
 
 
 def moved_world(world: World, x: float, y: float) -> World:
@@ -63,7 +65,9 @@ def test_refinement_and_execution_do_not_depend_on_the_area_position(name: str) 
     world, chain = SOCCER.chains[name](PIONEER, SOCCER.library(PIONEER), np.random.default_rng(3))
     chain = TopChain((dataclasses.replace(chain.calls[0], open=opened), *chain.calls[1:]))
     here = refiner(PIONEER).refine(world, chain, placeholders=True)
-    away = refiner(there).refine(moved_world(world, *UTM), moved_chain(chain, there, *UTM), placeholders=True)
+    away = refiner(there).refine(
+        moved_world(world, *UTM), moved_chain(chain, there, *UTM), placeholders=True
+    )
     assert (away.refined, away.reason) == (here.refined, here.reason)
     assert away.after.cost == pytest.approx(here.after.cost, abs=1e-4)
     expected = moved_chain(here.chain, there, *UTM)
@@ -91,5 +95,7 @@ def test_goals_must_lie_on_the_lines_of_the_moved_area(tmp_path: Path) -> None:
     data = PIONEER.sections()
     data["scene"]["area"] |= {"x": 4.0, "y": 2.5}
     data["scene"]["bays"] = list(data["scene"]["bays"])
-    with pytest.raises(ValueError, match=r"two equal goals on the lines x = 0 and x = 8 at y = 2.5"):
+    with pytest.raises(
+        ValueError, match=r"two equal goals on the lines x = 0 and x = 8 at y = 2.5"
+    ):
         SOCCER.equip(loaded(data, tmp_path))

@@ -36,7 +36,8 @@ def test_the_path_is_the_curve_from_robot_to_goal(robot: Robot) -> None:
 
 
 @pytest.mark.parametrize(
-    ("action_set", "name"), [("bezier", "dribbleBall"), ("bezier", "shoot"), ("default", "dribbleBall")]
+    ("action_set", "name"),
+    [("bezier", "dribbleBall"), ("bezier", "shoot"), ("default", "dribbleBall")],
 )
 def test_ball_must_be_held_at_the_start(robot: Robot, action_set: str, name: str) -> None:
     world = World(0.0, RobotState(Pose(0.0, 0.0, 0.0)), {BALL: ObjectState(1.0, 0.0)})
@@ -54,7 +55,8 @@ def test_shot_at_a_place_without_a_goal_is_rejected(robot: Robot) -> None:
 @pytest.mark.parametrize(
     ("start", "ball"),
     [
-        ((0.03, 1.51, 1.4), (-2.93, -1.062, 0.4189)),  # around the ball on the side away from the post
+        # around the ball on the side away from the post
+        ((0.03, 1.51, 1.4), (-2.93, -1.062, 0.4189)),
         ((-2.529, 0.99, -3.0556), (-3.0732, -0.7337, 0.1571)),  # both sides hit the post
     ],
 )

@@ -76,7 +76,9 @@ def test_the_server_drives_through_doors_in_the_middle() -> None:
 
 
 def test_paths_in_free_space_are_nearly_straight_and_none_leads_into_a_wall() -> None:
-    path = NavFn(np.ones((100, 100), dtype=bool), 0.1, (-5.0, -5.0, 0.0), 0.2)((-3.0, -2.0), (3.0, 1.0))
+    path = NavFn(np.ones((100, 100), dtype=bool), 0.1, (-5.0, -5.0, 0.0), 0.2)(
+        (-3.0, -2.0), (3.0, 1.0)
+    )
     assert path is not None
     assert np.hypot(*np.diff(path, axis=0).T).sum() < 1.03 * math.hypot(6.0, 3.0)
     law = Pursuit((-3.05, 3.0, 0.0), PLANNER)

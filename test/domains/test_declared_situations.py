@@ -75,7 +75,10 @@ def test_a_tour_has_four_to_six_stations_two_of_them_bound() -> None:
         assert len(bound) == 2
         assert chain.calls[-1] is bound[-1]
         assert all(call.open in ({"yaw"}, frozenset()) for call in chain.calls)
-        assert {(call.goal.pose.x, call.goal.pose.y) for call in bound} <= {(-3.0, 3.2), (3.5, -3.2)}
+        assert {(call.goal.pose.x, call.goal.pose.y) for call in bound} <= {
+            (-3.0, 3.2),
+            (3.5, -3.2),
+        }
         places = [world.robot.pose, *(call.goal.pose for call in chain.calls)]
         assert min(a.distance(b) for a, b in itertools.pairwise(places)) >= 1.5
         assert not chain.violations(world, ROBOT)

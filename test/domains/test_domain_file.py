@@ -46,7 +46,9 @@ def test_a_file_declares_objects_tops_actions_and_variables(tour: Domain) -> Non
     assert fetch.point is Point.HOLD
     assert tour.actions()["goToPose"] is SOCCER.actions()["goToPose"]
     remote = tour.actions()["navigate"].remote
-    assert remote.timeouts == Timeouts(server=2.0, acceptance=2.0, silence=3.0, result=120.0, cancel=1.0)
+    assert remote.timeouts == Timeouts(
+        server=2.0, acceptance=2.0, silence=3.0, result=120.0, cancel=1.0
+    )
 
 
 def test_a_variable_has_its_declared_range(tour: Domain) -> None:
@@ -86,7 +88,9 @@ def test_a_file_may_declare_robot_bays_chains_drives_stand_in_and_servers(tmp_pa
 
 def test_a_server_may_be_a_command_beside_the_file(tmp_path: Path) -> None:
     command = ["python3", "my_server.py", "--speed", "0.5 m/s"]
-    data = copy.deepcopy(TOUR) | {"servers": [{"command": command}, {"command": command, "folder": "ws"}]}
+    data = copy.deepcopy(TOUR) | {
+        "servers": [{"command": command}, {"command": command, "folder": "ws"}]
+    }
     beside, below = find_domain(str(file_of(tmp_path, data))).servers
     assert beside.command == tuple(command)
     assert beside.name == "python3 my_server.py --speed '0.5 m/s'"
@@ -98,7 +102,9 @@ def test_an_action_on_a_server_declares_goal_variables(tmp_path: Path) -> None:
     action, top = data["actions"][0], data["tops"][0]
     action["drives"] = {"start": [PLACE], "goal": [PLACE]}
     data["chains"] = [CHAIN]
-    action["goal_variables"] = [{"name": "height", "unit": "m", "low": 0.0, "high": 1.5, "rest": 0.2}]
+    action["goal_variables"] = [
+        {"name": "height", "unit": "m", "low": 0.0, "high": 1.5, "rest": 0.2}
+    ]
     action["remote"]["goal"].append({"field": "lift", "source": "goal.height"})
     top["pre"].append({"variable": "robot.v", "target": "goal.height", "high": 0.0})
     domain = find_domain(str(file_of(tmp_path, data)))
@@ -117,7 +123,9 @@ def test_an_action_on_a_server_declares_goal_variables(tmp_path: Path) -> None:
 def test_a_top_without_a_declared_action_is_omitted(tmp_path: Path) -> None:
     data = copy.deepcopy(TOUR)
     data["tops"][0]["action"] = "fly"
-    data["tops"][0]["post"].append({"variable": "robot.x", "target": "goal.height", "tolerance": 1.0})
+    data["tops"][0]["post"].append(
+        {"variable": "robot.x", "target": "goal.height", "tolerance": 1.0}
+    )
     library = find_domain(str(file_of(tmp_path, data))).library(load_robot())
     assert list(library) == ["fetch"]
     assert library.left_out == {
@@ -131,18 +139,42 @@ def test_a_top_without_a_declared_action_is_omitted(tmp_path: Path) -> None:
         ("name", "my tour", "name: expected a name of letters, digits and _; got 'my tour'"),
         ("name", "soccer", "name: expected none of the installed domains, .*'soccer'"),
         ("color", 1, r"expected the fields actions, .*variables\]; unknown color"),
-        ("objects.0.type", "Pose", r"objects\[0\].type: expected one of Odometry, PoseStamped.*got 'Pose'"),
-        ("tops.0.post.1.target", "goal.z", r"tops.visit.post\[1\].target: expected one of .*got 'goal.z'"),
-        ("tops.0.post.1.tolerance", math.nan, r"post\[1\].tolerance: expected a finite number; got nan"),
+        (
+            "objects.0.type",
+            "Pose",
+            r"objects\[0\].type: expected one of Odometry, PoseStamped.*got 'Pose'",
+        ),
+        (
+            "tops.0.post.1.target",
+            "goal.z",
+            r"tops.visit.post\[1\].target: expected one of .*got 'goal.z'",
+        ),
+        (
+            "tops.0.post.1.tolerance",
+            math.nan,
+            r"post\[1\].tolerance: expected a finite number; got nan",
+        ),
         ("tops.0.pre.1.high", 0.1, r"tops\[0\].pre\[1\]: range of robot.x: expected low <= high"),
-        ("actions.1.local.domain", "chess", r"actions\[1\].local: domain: expected an entry point .*'chess'"),
-        ("actions.0.local", {"domain": "soccer"}, r"actions\[0\]: local, remote: expected one of the two"),
+        (
+            "actions.1.local.domain",
+            "chess",
+            r"actions\[1\].local: domain: expected an entry point .*'chess'",
+        ),
+        (
+            "actions.0.local",
+            {"domain": "soccer"},
+            r"actions\[0\]: local, remote: expected one of the two",
+        ),
         (
             "actions.0.remote.goal.0.source",
             "ball",
             r"goal\[0\]: source: expected one of goal, goal.x, .*'ball'",
         ),
-        ("actions.0.drives", {"start": [], "goal": []}, r"actions\[0\].drives.start: expected at least one"),
+        (
+            "actions.0.drives",
+            {"start": [], "goal": []},
+            r"actions\[0\].drives.start: expected at least one",
+        ),
         ("chains", [CHAIN | {"start": [{"x": [1, 0], "y": [0]}]}], "x: expected .*least, greatest"),
         ("chains", [CHAIN | {"steps": []}], "steps: expected 1 to 32"),
         ("chains", [CHAIN | {"apart": -1.0}], "apart: expected a number"),
@@ -152,7 +184,11 @@ def test_a_top_without_a_declared_action_is_omitted(tmp_path: Path) -> None:
             [CHAIN | {"steps": [{"top": "fly", "goal": [PLACE]}]}],
             r"chains\[0\].steps\[0\].top: expected one of visit, fetch; got 'fly'",
         ),
-        ("servers", [{"package": "p", "executable": "e", "folder": "f"}], "folder: expected none without"),
+        (
+            "servers",
+            [{"package": "p", "executable": "e", "folder": "f"}],
+            "folder: expected none without",
+        ),
         ("variables.1.low", None, r"variables\[1\]: low, high: expected both or neither"),
     ],
 )

@@ -14,7 +14,8 @@ from ator_ros.robot.description import ConfigError, load_robot
 
 def test_an_unknown_name_is_rejected_with_the_known_names() -> None:
     with pytest.raises(
-        DomainError, match=r"ator_ros.domains, one of \['building', 'drive', .* 'tour'\], got 'chess'"
+        DomainError,
+        match=r"ator_ros.domains, one of \['building', 'drive', .* 'tour'\], got 'chess'",
     ):
         find_domain("chess")
 
@@ -34,7 +35,9 @@ def test_a_domain_of_another_package_is_found(monkeypatch: pytest.MonkeyPatch) -
         ("ator_ros.domains.soccer.domain:CHESS", "AttributeError"),
     ],
 )
-def test_an_invalid_domain_is_reported(monkeypatch: pytest.MonkeyPatch, value: str, expected: str) -> None:
+def test_an_invalid_domain_is_reported(
+    monkeypatch: pytest.MonkeyPatch, value: str, expected: str
+) -> None:
     install(monkeypatch, "other", value)
     with pytest.raises(DomainError, match=f"^domain other: .*{expected}"):
         find_domain("other")
@@ -53,7 +56,10 @@ def test_an_incomplete_action_set_omits_tops_without_action() -> None:
     assert dict(SMALL.library(robot)) == dict(SOCCER.library(robot))
     library = SMALL.library(robot, "small")
     assert list(library) == ["goToPose", "goToBall"]
-    assert library.left_out == {"dribbleBall": LACKS, "shoot": LACKS.replace("dribbleBall", "shoot")}
+    assert library.left_out == {
+        "dribbleBall": LACKS,
+        "shoot": LACKS.replace("dribbleBall", "shoot"),
+    }
     assert "dribbleBall" not in library
     with pytest.raises(ConfigError) as refused:
         library["dribbleBall"]
@@ -73,7 +79,9 @@ def test_a_chain_with_an_omitted_top_is_rejected_and_others_are_drawn() -> None:
 
 
 def test_unknown_features_and_reserved_names_are_rejected() -> None:
-    with pytest.raises(DomainError, match=r"'default': shoot: features: expected .*got \['hold_dist'"):
+    with pytest.raises(
+        DomainError, match=r"'default': shoot: features: expected .*got \['hold_dist'"
+    ):
         dataclasses.replace(SOCCER, features=())
     with pytest.raises(DomainError, match=r"features: expected each name once; got \['dist'\]"):
         dataclasses.replace(SOCCER, features=(*SOCCER.features, GENERAL["dist"]))

@@ -18,7 +18,10 @@ DRIVE = find_domain("drive")
 
 
 def robot(limits: Limits, area: Area, size: float, **numbers: float) -> Robot:
-    """Return a robot in an area without objects; `size` is the distance in m from the axle to all edges."""
+    """Return a robot in an area without objects.
+
+    `size` is the distance in m from the axle to all edges.
+    """
     return dataclasses.replace(
         PLAIN,
         name="other",
@@ -84,8 +87,14 @@ def test_soccer_needs_a_holder_and_a_ball(tmp_path: Path) -> None:
     assert domain_for("", tmp_path / "own.yaml").name == "drive"
 
 
-@pytest.mark.parametrize(("words", "name"), [([], "soccer"), (["--robot", str(SHIPPED[0])], "drive")])
+@pytest.mark.parametrize(
+    ("words", "name"), [([], "soccer"), (["--robot", str(SHIPPED[0])], "drive")]
+)
 def test_tools_use_the_domain_of_the_robot(words: list[str], name: str) -> None:
     found: list[tuple[str, str]] = []
-    run_tool(study.arguments(), lambda options, domain, _: found.append((options.domain, domain.name)), words)
+    run_tool(
+        study.arguments(),
+        lambda options, domain, _: found.append((options.domain, domain.name)),
+        words,
+    )
     assert found == [(name, name)]

@@ -17,7 +17,9 @@ from ator_ros.simulation.simulation import CONTROL_RATE, Simulation
 from ator_ros.world.state import Command, RobotState, World
 
 
-@pytest.mark.parametrize("robot", [PIONEER, PLAIN, HEAVY, QUICK, FIFTH], ids=lambda robot: robot.name)
+@pytest.mark.parametrize(
+    "robot", [PIONEER, PLAIN, HEAVY, QUICK, FIFTH], ids=lambda robot: robot.name
+)
 def test_the_simulated_base_has_the_described_lag(robot: Robot) -> None:
     gain, ticks = 0.9 * robot.limits.a, 10
     assert gain * ticks / CONTROL_RATE < robot.limits.v

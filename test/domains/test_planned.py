@@ -26,9 +26,12 @@ AT_ORIGIN = World(0.0, RobotState(Pose(0.0, 0.0, 0.0)))
 
 @pytest.mark.parametrize(("action_set", "seed"), [("default", 78), ("bezier", 11)])
 @pytest.mark.parametrize("kind", KINDS)
-def test_the_actions_reach_their_goals_within_the_limits(kind: str, action_set: str, seed: int) -> None:
+def test_the_actions_reach_their_goals_within_the_limits(
+    kind: str, action_set: str, seed: int
+) -> None:
     outcomes = [execute(Task(kind, action_set, seed, index)) for index in range(8)]
-    # A shot may start with the robot's front against a post, without room to turn, and curves need more room.
+    # A shot may start with the robot's front against a post, without room to turn, and curves need
+    # more room.
     allowed = 0 if action_set == "default" and kind != "shoot" else 1
     assert len([outcome.reason for outcome in outcomes if not outcome.success]) <= allowed
     assert not any(outcome.early for outcome in outcomes)
@@ -115,7 +118,9 @@ def approach(late: int, unseen: int = 0) -> tuple[float, float]:
 
 
 @pytest.mark.parametrize(("late", "unseen"), [(1, 0), (10, 0), (2, 1)])
-def test_a_late_start_costs_only_its_delay_and_the_ball_does_not_move(late: int, unseen: int) -> None:
+def test_a_late_start_costs_only_its_delay_and_the_ball_does_not_move(
+    late: int, unseen: int
+) -> None:
     punctual, _ = approach(0)
     duration, moved = approach(late, unseen)
     assert duration <= punctual + (late + unseen) * TICK + ALLOWANCE

@@ -39,7 +39,9 @@ def test_durations_agree_with_drives_of_nav2() -> None:
     assert np.mean(np.abs(errors)) < 0.2
 
 
-@pytest.mark.parametrize(("angle", "drives"), [(44.0, True), (46.0, False), (-46.0, False), (170.0, False)])
+@pytest.mark.parametrize(
+    ("angle", "drives"), [(44.0, True), (46.0, False), (-46.0, False), (170.0, False)]
+)
 def test_it_rotates_in_place_from_45_degrees_on(angle: float, drives: bool) -> None:
     law = Pursuit((2.0, 0.0, 0.0))
     v, w = law.step(State(0.0, 0.0, 0.0, math.radians(-angle)))

@@ -43,9 +43,14 @@ RESULT = message(error_code="uint16")
 
 
 def test_the_example_is_declared_as_printed() -> None:
-    (excerpt,) = re.findall(r"^```yaml\n(actions:.*?)^```$", page("own_server"), re.MULTILINE | re.DOTALL)
+    (excerpt,) = re.findall(
+        r"^```yaml\n(actions:.*?)^```$", page("own_server"), re.MULTILINE | re.DOTALL
+    )
     assert excerpt in (ROOT / "docs" / "shuttle" / "my_domain.yaml").read_text(encoding="utf-8")
-    assert find_domain(str(ROOT / "docs" / "shuttle" / "my_domain.yaml")).robot(None).name == "my_robot"
+    assert (
+        find_domain(str(ROOT / "docs" / "shuttle" / "my_domain.yaml")).robot(None).name
+        == "my_robot"
+    )
 
 
 @pytest.mark.parametrize("file", [NAV2, ERRANDS], ids=lambda file: file.stem)
@@ -56,7 +61,9 @@ def test_each_file_is_a_domain(file: Path) -> None:
 
 def test_the_tour_for_nav2_is_a_chain_of_its_domain() -> None:
     domain = find_domain(str(NAV2))
-    (text,) = re.findall(r"ros2 action send_goal -f .*ExecuteChain \"(.*?)\"", page("nav2"), flags=re.DOTALL)
+    (text,) = re.findall(
+        r"ros2 action send_goal -f .*ExecuteChain \"(.*?)\"", page("nav2"), flags=re.DOTALL
+    )
     goal = filled(ExecuteChain.Goal, yaml.safe_load(text))
     calls = chain_from(goal.chain, domain.library(domain.robot()), frame="map").calls
     assert [sorted(call.open) for call in calls] == [["yaw"], ["yaw"], []]
@@ -67,6 +74,12 @@ def test_the_file_for_nav2_matches_its_types(monkeypatch: pytest.MonkeyPatch) ->
     types = SimpleNamespace(NavigateToPose=SimpleNamespace(Goal=GOAL, Result=RESULT))
     monkeypatch.setitem(sys.modules, "nav2_msgs.action", types)
     sent = RemoteInterface(remote, "map").written(Goal(Pose(1.0, 2.0, 0.0)))
-    assert (sent.pose.header.frame_id, sent.pose.pose.position.y, sent.behavior_tree) == ("map", 2.0, "")
+    assert (sent.pose.header.frame_id, sent.pose.pose.position.y, sent.behavior_tree) == (
+        "map",
+        2.0,
+        "",
+    )
     assert failure_in(remote, SUCCEEDED, RESULT(error_code=0)) is None
-    assert failure_in(remote, SUCCEEDED, RESULT(error_code=9003)) == "error_code: expected 0, got 9003"
+    assert (
+        failure_in(remote, SUCCEEDED, RESULT(error_code=9003)) == "error_code: expected 0, got 9003"
+    )

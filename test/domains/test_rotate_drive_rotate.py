@@ -58,7 +58,9 @@ def test_phases_are_turn_follow_turn(start: Pose, first: Phase, backward: bool) 
         assert max(turns[:half]) > 1.3 * max(turns[half:])
 
 
-def test_the_learned_rules_show_where_the_behavior_changes(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_learned_rules_show_where_the_behavior_changes(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     assert train.main(["--domain", "tour", "--rules", "drive_to"]) == 0
     backward, shared, *_ = capsys.readouterr().out.splitlines()
     (above,) = re.findall(r"straights are backward if angle_to_dest > ([\d.]+)", backward)

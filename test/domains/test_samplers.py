@@ -36,7 +36,8 @@ SAMPLERS: dict[str, Callable[[Robot, np.random.Generator], object]] = {
     **{action: spec.sample for action, spec in SOCCER.actions().items()},
     "bezier shoot": SOCCER.actions("bezier")["shoot"].sample,
     **{
-        f"chain {name}": lambda robot, rng, name=name: drawn_chain(name, robot, rng) for name in SOCCER.chains
+        f"chain {name}": lambda robot, rng, name=name: drawn_chain(name, robot, rng)
+        for name in SOCCER.chains
     },
 }
 
@@ -44,7 +45,9 @@ SAMPLERS: dict[str, Callable[[Robot, np.random.Generator], object]] = {
 @pytest.mark.parametrize("name", [name for name in SAMPLERS if "shoot" not in name])
 def test_a_scene_without_enough_space_is_reported(name: str) -> None:
     area = dataclasses.replace(PIONEER.scene.area, length=2.0, width=1.0)
-    robot = dataclasses.replace(PIONEER, scene=dataclasses.replace(PIONEER.scene, area=area, bays=()))
+    robot = dataclasses.replace(
+        PIONEER, scene=dataclasses.replace(PIONEER.scene, area=area, bays=())
+    )
     expected = "^scene.area: got 2 x 1 m, of whose lines robot pioneer_3dx keeps 0.90 m"
     with pytest.raises(NoPlaceError, match=expected):
         SAMPLERS[name](robot, np.random.default_rng(0))
@@ -52,7 +55,9 @@ def test_a_scene_without_enough_space_is_reported(name: str) -> None:
 
 @pytest.mark.parametrize("name", SAMPLERS)
 def test_a_robot_too_slow_for_the_time_limit_is_reported(name: str) -> None:
-    with pytest.raises(NoPlaceError, match=r"^limits.v: expected 0.0\d+ m/s .*, got 0.01 m/s of robot"):
+    with pytest.raises(
+        NoPlaceError, match=r"^limits.v: expected 0.0\d+ m/s .*, got 0.01 m/s of robot"
+    ):
         SAMPLERS[name](at_speed(0.01), np.random.default_rng(0))
 
 
@@ -76,7 +81,9 @@ def test_no_chain_of_a_slow_robot_exceeds_the_time_limit(name: str) -> None:
         goals = [call.goal for call in chain.calls if call.top.name != "shoot"]
         if name == "rolling":  # the goal is where the ball comes to rest
             rest = robot.scene.at_rest(BALL, world.objects[BALL])
-            goals[0] = dataclasses.replace(goals[0], pose=goals[0].pose._replace(x=rest.x, y=rest.y))
+            goals[0] = dataclasses.replace(
+                goals[0], pose=goals[0].pose._replace(x=rest.x, y=rest.y)
+            )
         places = [world.robot.pose, *(goal.robot_pose(robot) for goal in goals)]
         distance = sum(one.distance(other) for one, other in itertools.pairwise(places))
         assert distance <= TIME_LIMIT * robot.limits.v

@@ -42,9 +42,12 @@ def test_every_run_up_ends_with_the_ball_rolling_between_the_posts() -> None:
         plan = planned(state.pose, max(0.0, state.v))
         ball = MOUTH.relative(plan.goal).ahead(ROBOT.hold)
         left = (ROBOT.scene.radius(BALL) - ball.x) / math.cos(ball.yaw)
-        rolled_out = plan.exit.outer_speed**2 / (2.0 * ROBOT.scene.objects[BALL].rolling_deceleration)
+        rolled_out = plan.exit.outer_speed**2 / (
+            2.0 * ROBOT.scene.objects[BALL].rolling_deceleration
+        )
         assert 0.0 <= left < 0.7 * rolled_out
-        crossing = ball.y - ball.x * math.tan(ball.yaw)  # on the goal line, from the middle of the mouth
+        # on the goal line, from the middle of the mouth
+        crossing = ball.y - ball.x * math.tan(ball.yaw)
         assert abs(crossing) + ROBOT.scene.radius(BALL) < field_of(ROBOT).goal_width / 2.0 - 0.2
         trajectory = Trajectory(plan)
         last = trajectory.at(trajectory.duration - 1e-9).pose
@@ -56,7 +59,9 @@ def test_every_run_up_ends_with_the_ball_rolling_between_the_posts() -> None:
 def test_the_robot_stops_before_the_wall_of_the_goal() -> None:
     for state in starts(72, 25):
         plan = planned(state.pose)
-        stop = MOUTH.relative(plan.goal).ahead(plan.exit.outer_speed**2 / (2.0 * ROBOT.limits.brake))
+        stop = MOUTH.relative(plan.goal).ahead(
+            plan.exit.outer_speed**2 / (2.0 * ROBOT.limits.brake)
+        )
         assert stop.x + ROBOT.reach < field_of(ROBOT).goal_depth
         assert abs(stop.y) + ROBOT.reach < field_of(ROBOT).goal_width / 2.0
 

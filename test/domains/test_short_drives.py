@@ -1,4 +1,7 @@
-"""Turns on the spot, short drives and goals at the start: sampling and execution; leaving a ball."""
+"""Turns on the spot, short drives and goals at the start: sampling and execution.
+
+Leaving a ball.
+"""
 
 import math
 from collections.abc import Iterator
@@ -49,7 +52,9 @@ def kind_of(start: Pose, goal: Pose) -> str:
         ("drive", "goToPose", {"turn", "short", "at the goal", "long"}),
     ],
 )
-def test_every_domain_draws_turns_and_short_drives(domain: str, action: str, kinds: set[str]) -> None:
+def test_every_domain_draws_turns_and_short_drives(
+    domain: str, action: str, kinds: set[str]
+) -> None:
     found, rng = find_domain(domain), np.random.default_rng(5)
     robot, sample = found.robot(None), found.actions()[action].sample
     drawn = [sample(robot, rng) for _ in range(400)]

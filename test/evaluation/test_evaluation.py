@@ -35,7 +35,9 @@ def test_trials_are_valid_plans_that_leave_only_headings_open(chain: str) -> Non
         drawn = trial(index, chain)
         ready = with_headings(drawn.chain, dict.fromkeys(range(len(drawn.chain.calls) - 1), 0.3))
         assert ready.violations(drawn.world, ROBOT) == []
-        assert [call.open for call in drawn.chain.calls[:-1]] == [frozenset({"yaw"})] * (len(ready.calls) - 1)
+        assert [call.open for call in drawn.chain.calls[:-1]] == [frozenset({"yaw"})] * (
+            len(ready.calls) - 1
+        )
         assert not drawn.chain.calls[-1].open
 
 
@@ -61,8 +63,11 @@ def test_face_goal_puts_the_ball_between_robot_and_goal(tools: Toolset) -> None:
 
 
 def test_arrival_speed_is_refined_only_if_open(tools: Toolset) -> None:
-    # The failure probability of the fakes grows with the speed; here a failure costs almost nothing.
-    without_cost = dataclasses.replace(tools, domain=dataclasses.replace(tools.domain, time_limit=0.1))
+    # The failure probability of the fakes grows with the speed; here a failure costs almost
+    # nothing.
+    without_cost = dataclasses.replace(
+        tools, domain=dataclasses.replace(tools.domain, time_limit=0.1)
+    )
     chains = [POLICIES["refined_speed"](without_cost, trial(index)).chain for index in range(5)]
     speeds = [chain.calls[0].goal.speed for chain in chains]
     assert max(speeds) > 0.2
@@ -71,7 +76,9 @@ def test_arrival_speed_is_refined_only_if_open(tools: Toolset) -> None:
 def test_a_chain_moves_the_ball_to_its_goal_reproducibly() -> None:
     drawn = trial(5)
     to_ball = drawn.world.robot.pose.relative(drawn.chain.calls[0].goal.pose)
-    chain = with_headings(drawn.chain, {0: drawn.world.robot.pose.yaw + math.atan2(to_ball.y, to_ball.x)})
+    chain = with_headings(
+        drawn.chain, {0: drawn.world.robot.pose.yaw + math.atan2(to_ball.y, to_ball.x)}
+    )
     runs = [run_chain(ROBOT, LIBRARY, drawn.world, chain) for _ in range(2)]
     assert runs[0] == runs[1]
     assert runs[0].success, runs[0].reason

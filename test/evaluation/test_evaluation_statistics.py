@@ -48,5 +48,7 @@ def test_failures_count_at_their_duration() -> None:
 
 def test_equal_is_within_two_percent() -> None:
     durations = (9.79, 9.81, 10.19, 10.21)
-    row = summarize([record(index, 10.0, each, 9.0) for index, each in enumerate(durations)])["refined"]
+    row = summarize([record(index, 10.0, each, 9.0) for index, each in enumerate(durations)])[
+        "refined"
+    ]
     assert (row["higher"], row["equal"], row["lower"]) == (1, 2, 1)

@@ -30,7 +30,9 @@ def turned(x: Any, y: Any, yaw: Any, xg: Any, yg: Any, yawg: Any) -> Any:
     return np.hypot(xg - x, yg - y) + first + 0.4 * final**1.5
 
 
-MODEL = FakeModel(lambda direct: turned(*(direct[name] for name in NAMES)), frozenset(NAMES), spread=0.0)
+MODEL = FakeModel(
+    lambda direct: turned(*(direct[name] for name in NAMES)), frozenset(NAMES), spread=0.0
+)
 TOOLS = Toolset(DOMAIN, ROBOT, {"drive_to": MODEL})
 
 

@@ -27,7 +27,9 @@ from ator_ros.world.state import World
 WORDS = r"\b(balls?|goToBall|goToPose|dribble\w*|shoot|soccer|533)\b"
 
 
-def one_visit(robot: Robot, library: TopLibrary, rng: np.random.Generator) -> tuple[World, TopChain]:
+def one_visit(
+    robot: Robot, library: TopLibrary, rng: np.random.Generator
+) -> tuple[World, TopChain]:
     """Draw a chain of one step."""
     world, chain = two_visits(robot, library, rng)
     return world, TopChain(chain.calls[:1])
@@ -43,9 +45,13 @@ def test_a_report_of_another_domain_has_no_soccer_terms(
     install(monkeypatch, "delivery", "test_report_domains:VISITS")
     model = train("turnDriveTurn", synthetic_experience("turnDriveTurn"), VISITS.robot())
     save_model(tmp_path / "models" / "turnDriveTurn.json", model)
-    words = f"--domain delivery --chain {chain} --situations 2 --oracle 3 --jobs 1 --seed 405".split()
+    words = (
+        f"--domain delivery --chain {chain} --situations 2 --oracle 3 --jobs 1 --seed 405".split()
+    )
     words += ["--policies", "naive", "face_goal", "analytic", "refined"]
-    assert evaluate.main([*words, "--models", str(tmp_path / "models"), "--out", str(tmp_path)]) == 0
+    assert (
+        evaluate.main([*words, "--models", str(tmp_path / "models"), "--out", str(tmp_path)]) == 0
+    )
     result = json.loads((tmp_path / "evaluation.json").read_text())
     assert [len(start) for start in result["runs"]["start"]] == [count] * 2
     report = (tmp_path / "report.html").read_text()

@@ -27,8 +27,9 @@ TIMEOUT = 0.15
 class Failure:
     """A failure on `axis` (v or w) from `since` s on.
 
-    `kind` is stuck, reversed, constant, delayed (by 1 s), or half. `place` says where: in the command, which
-    the base then ramps; in the motion, at once; or in the odometry, which does not show the motion (stuck).
+    `kind` is stuck, reversed, constant, delayed (by 1 s), or half. `place` says where: in the
+    command, which the base then ramps; in the motion, at once; or in the odometry, which does not
+    show the motion (stuck).
     """
 
     kind: str
@@ -60,12 +61,18 @@ class KinematicBase:
         self.sent.append((self.time + self.latency, command))
 
     def _sent(self, time: float) -> Command:
-        acts, command = next(((a, c) for a, c in reversed(self.sent) if a <= time + 1e-9), (0.0, STOP))
+        acts, command = next(
+            ((a, c) for a, c in reversed(self.sent) if a <= time + 1e-9), (0.0, STOP)
+        )
         return command if time - acts < TIMEOUT else STOP
 
     def _fails(self, places: tuple[str, ...]) -> Failure | None:
         failure = self.failure
-        return failure if failure and failure.place in places and self.time >= failure.since - 1e-9 else None
+        return (
+            failure
+            if failure and failure.place in places and self.time >= failure.since - 1e-9
+            else None
+        )
 
     def _wrong(self, failure: Failure, value: float) -> float:
         if failure.kind == "delayed":
@@ -81,11 +88,16 @@ class KinematicBase:
         )
         failure = self._fails(("command",))
         if failure:
-            command = _with(command, failure.axis, self._wrong(failure, getattr(command, failure.axis)))
+            command = _with(
+                command, failure.axis, self._wrong(failure, getattr(command, failure.axis))
+            )
         limits = self.robot.limits.scaled(self.strength)
         self.setpoint = ramped(self.setpoint, command, DT, limits, self.robot.stop)
         follows = min(1.0, DT / (self.lag or self.robot.motor_time_constant))
-        v, w = (s + (c - s) * follows for s, c in zip(_both(self.speeds), _both(self.setpoint), strict=True))
+        v, w = (
+            s + (c - s) * follows
+            for s, c in zip(_both(self.speeds), _both(self.setpoint), strict=True)
+        )
         failure = self._fails(("motion",))
         if failure:
             wrong = self._wrong(failure, getattr(self._sent(self.time), failure.axis))
@@ -116,7 +128,9 @@ def _with(command: Command, axis: str, value: float) -> Command:
 def _moved(pose: Pose, v: float, w: float) -> Pose:
     yaw = pose.yaw + 0.5 * w * DT
     return Pose(
-        pose.x + v * DT * math.cos(yaw), pose.y + v * DT * math.sin(yaw), wrap_angle(pose.yaw + w * DT)
+        pose.x + v * DT * math.cos(yaw),
+        pose.y + v * DT * math.sin(yaw),
+        wrap_angle(pose.yaw + w * DT),
     )
 
 
@@ -140,7 +154,9 @@ class Goal:
 def tolerances(robot: Robot) -> Command:
     """Return the differences in m/s and rad/s from which odometry differs."""
     limits = robot.limits
-    return Command(*(1.5 * min(max(0.04 * x, y), 0.4 * x) for x, y in ((limits.v, 0.04), (limits.w, 0.1))))
+    return Command(
+        *(1.5 * min(max(0.04 * x, y), 0.4 * x) for x, y in ((limits.v, 0.04), (limits.w, 0.1)))
+    )
 
 
 def execute(
@@ -161,7 +177,8 @@ def execute(
 ) -> Goal:
     """Execute a goal until it ends, at most for `longest` s.
 
-    `objects` and `sense` return the observed objects and the observed state of the robot at a time (s).
+    `objects` and `sense` return the observed objects and the observed state of the robot at a time
+    (s).
     """
     robot, rng = library.robot, np.random.default_rng(0)
     fence = fence or Fence(-100.0, -100.0, 100.0, 100.0)
@@ -176,7 +193,12 @@ def execute(
             twin = copy.deepcopy(base)
             twin.failure = None
         if twin and base.time >= due - 1e-9:
-            pairs = zip(_both(base.odometry()), _both(twin.odometry()), _both(tolerances(robot)), strict=True)
+            pairs = zip(
+                _both(base.odometry()),
+                _both(twin.odometry()),
+                _both(tolerances(robot)),
+                strict=True,
+            )
             differs = any(_differ(base, *pair) for pair in pairs)
             since = (since if since is not None else base.time) if differs else None
             goal.late = max(goal.late, 0.0 if since is None else base.time - since)
@@ -210,9 +232,14 @@ def execute(
 
 
 def _differ(base: KinematicBase, shown: float, healthy: float, tolerance: float) -> bool:
-    """Return whether a speed differs; a constant lower one may be the top speed of a slower base."""
+    """Return whether a speed differs.
+
+    A constant lower one may be the top speed of a slower base.
+    """
     slower = shown * healthy > 0.0 and 0.25 * abs(healthy) <= abs(shown) <= abs(healthy)
-    return abs(shown - healthy) > tolerance and not (base.failure.kind in ("constant", "delayed") and slower)
+    return abs(shown - healthy) > tolerance and not (
+        base.failure.kind in ("constant", "delayed") and slower
+    )
 
 
 def _command(bases: tuple[KinematicBase | None, ...], command: Command) -> None:

@@ -1,4 +1,7 @@
-"""Each started action is ended once, with the reason; external actions cause no velocity commands."""
+"""Each started action is ended once, with the reason.
+
+External actions cause no velocity commands.
+"""
 
 import itertools
 from collections.abc import Callable
@@ -20,7 +23,10 @@ from ator_ros.world.inputs import Inputs
 from ator_ros.world.state import STOP, Command, ObjectState, RobotState, World
 
 VISIT = Top(
-    "visit", "carried", Condition((Term("mark.x", "goal.x", 0.1), Term("mark.y", "goal.y", 0.1))), Condition()
+    "visit",
+    "carried",
+    Condition((Term("mark.x", "goal.x", 0.1), Term("mark.y", "goal.y", 0.1))),
+    Condition(),
 )
 CALL = TopCall(VISIT, Goal(Pose(2.0, 0.0, 0.0)))
 
@@ -74,7 +80,9 @@ class DrivenGoal:
         self.now = 0.05 * next(self._ticks)
         objects = {"mark": ObjectState(mark, 0.0)}
         self.sent.append(
-            self.execution.tick(World(self.now, RobotState(Pose(0.0, 0.0, 0.0), v), objects), self.now)
+            self.execution.tick(
+                World(self.now, RobotState(Pose(0.0, 0.0, 0.0), v), objects), self.now
+            )
         )
 
 
@@ -281,7 +289,12 @@ def test_an_action_that_raises_in_a_simulated_chain_is_ended() -> None:
             log.append(reason)
 
     with pytest.raises(RuntimeError, match="out of order"):
-        run_chain(ROBOT, library_of(Broken), World(0.0, RobotState(Pose(0.0, 0.0, 0.0))), TopChain((NOTE,)))
+        run_chain(
+            ROBOT,
+            library_of(Broken),
+            World(0.0, RobotState(Pose(0.0, 0.0, 0.0))),
+            TopChain((NOTE,)),
+        )
     assert log == ["start", "interrupted"]
 
 

@@ -1,4 +1,7 @@
-"""Bases that do not follow commands are stopped within 0.5 s; slow and noisy bases raise no fault."""
+"""Bases that do not follow commands are stopped within 0.5 s.
+
+Slow and noisy bases raise no fault.
+"""
 
 import dataclasses
 import math
@@ -20,7 +23,8 @@ from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.world.state import Command, ObjectState, RobotState
 
 PIONEER, TURTLEBOT, HEAVY = (
-    load_robot(resource_path("config", f"{name}.yaml")) for name in ("pioneer", "turtlebot4", "pioneer_lx")
+    load_robot(resource_path("config", f"{name}.yaml"))
+    for name in ("pioneer", "turtlebot4", "pioneer_lx")
 )
 CRAWLER = dataclasses.replace(
     TURTLEBOT, name="crawler", limits=Limits(v=0.05, w=0.3, a=0.1, brake=0.1, aw=0.6)
@@ -54,7 +58,9 @@ def moments(plain: Goal, robot: Robot) -> dict[str, float]:
 
     found = {
         "start": 0.0,
-        "driving": first(lambda state: fastest > 0.1 * robot.limits.v and abs(state.v) > 0.8 * fastest),
+        "driving": first(
+            lambda state: fastest > 0.1 * robot.limits.v and abs(state.v) > 0.8 * fastest
+        ),
         "turning": first(lambda state: abs(state.w) > 0.4 * robot.limits.w),
         "near the goal": (plain.ended or 0.0) - 0.4,
     }
@@ -71,7 +77,9 @@ def failures(axis: str, limit: float, since: float) -> list[Failure]:
     return [Failure(kind, axis, since, place, value) for kind, place, value in kinds]
 
 
-def stops(robot: Robot, speeds: tuple[float, ...], names: tuple[str, ...]) -> dict[str, tuple[float, str]]:
+def stops(
+    robot: Robot, speeds: tuple[float, ...], names: tuple[str, ...]
+) -> dict[str, tuple[float, str]]:
     """Return for each failure the longest time in s from the first difference to the stop, and its case."""
     library, worst = SOCCER.library(robot), dict[str, tuple[float, str]]()
     for speed in speeds:
@@ -85,7 +93,9 @@ def stops(robot: Robot, speeds: tuple[float, ...], names: tuple[str, ...]) -> di
                         base = KinematicBase(robot, Pose(0.0, 0.0, 0.0), failure=failure)
                         done = execute(library, chain, base, longest=since + 6.0, until_stood=False)
                         key = f"{failure.kind} {axis} in {failure.place}"
-                        case = f"{speed:g} {name} {when} {failure.value:.2f}: {done.execution.reason}"
+                        case = (
+                            f"{speed:g} {name} {when} {failure.value:.2f}: {done.execution.reason}"
+                        )
                         worst[key] = max(worst.get(key, (0.0, "")), (done.late, case))
     return worst
 
@@ -93,7 +103,9 @@ def stops(robot: Robot, speeds: tuple[float, ...], names: tuple[str, ...]) -> di
 def slow(robot: Robot, worst: dict[str, tuple[float, str]], most: float) -> str:
     """Return a table of the cases that took longer than `most` s."""
     late = {key: value for key, value in worst.items() if value[0] > most + 1e-6}
-    return "\n".join(f"{robot.name} {key}: {time:.2f} s, {case}" for key, (time, case) in late.items())
+    return "\n".join(
+        f"{robot.name} {key}: {time:.2f} s, {case}" for key, (time, case) in late.items()
+    )
 
 
 def test_a_base_that_fails_on_one_axis_is_stopped_within_half_a_second() -> None:
@@ -101,11 +113,15 @@ def test_a_base_that_fails_on_one_axis_is_stopped_within_half_a_second() -> None
 
 
 @pytest.mark.parametrize("since", [0.6, 1.0, 1.5, 2.0, 3.0])
-def test_a_base_that_keeps_driving_is_stopped_although_plans_start_at_its_speed(since: float) -> None:
+def test_a_base_that_keeps_driving_is_stopped_although_plans_start_at_its_speed(
+    since: float,
+) -> None:
     failure = Failure("constant", "v", since, "motion", 0.8)
     base = KinematicBase(PIONEER, Pose(-2.0, 0.0, 0.0), failure=failure)
     chain = go(PIONEER, Pose(2.0, 1.0, 0.0))
-    done = execute(SOCCER.library(PIONEER), chain, base, rate=25.0, longest=since + 3.0, until_stood=False)
+    done = execute(
+        SOCCER.library(PIONEER), chain, base, rate=25.0, longest=since + 3.0, until_stood=False
+    )
     assert done.ending is Ending.BASE_FAULT
     assert done.ended - since <= 0.5
 
@@ -195,13 +211,17 @@ def test_a_base_at_half_speed_is_reported() -> None:
 @pytest.mark.parametrize("axis", ["v", "w"])
 def test_a_base_that_drops_to_half_speed_raises_no_fault(axis: str, since: float) -> None:
     for pose in (Pose(4.0, 1.0, 0.0), Pose(2.0, 1.0, 1.57)):
-        base = KinematicBase(PIONEER, Pose(0.0, 0.0, 0.0), failure=Failure("half", axis, since, "motion"))
+        base = KinematicBase(
+            PIONEER, Pose(0.0, 0.0, 0.0), failure=Failure("half", axis, since, "motion")
+        )
         done = execute(SOCCER.library(PIONEER), go(PIONEER, pose), base, longest=25.0)
         assert done.ending is not Ending.BASE_FAULT, done.execution.reason
 
 
 def test_a_canceled_goal_reports_that_the_base_still_moves() -> None:
-    base = KinematicBase(PIONEER, Pose(0.0, 0.0, 0.0), failure=Failure("constant", "v", 1.5, "motion", 0.8))
+    base = KinematicBase(
+        PIONEER, Pose(0.0, 0.0, 0.0), failure=Failure("constant", "v", 1.5, "motion", 0.8)
+    )
     done = execute(
         SOCCER.library(PIONEER), go(PIONEER, Pose(3.0, 0.0, 0.0)), base, cancel=1.55,
     )  # fmt: skip

@@ -84,7 +84,9 @@ def test_the_goal_waits_for_refinement_until_its_deadline() -> None:
     run.tick(world(1.4), 100.55)
     run.watch(100.55)
     assert run.tick(world(1.5), 100.6).v > 0.0
-    assert run.refining.reason.startswith("executed as sent, refinement failed: no answer within 0.5 s")
+    assert run.refining.reason.startswith(
+        "executed as sent, refinement failed: no answer within 0.5 s"
+    )
     run.refined_to(FORWARD_LEFT, True, "too late")
     assert run.executor.chain is FORWARD
 
@@ -125,7 +127,9 @@ def test_open_variables_are_filled_in_without_refinement() -> None:
     assert (run.refining.refined, run.refining.reason) == (False, "the gate is closed")
 
 
-@pytest.mark.parametrize("ending", [Ending.CANCELED, Ending.PREEMPTED, Ending.SHUTDOWN, Ending.INPUT_LOST])
+@pytest.mark.parametrize(
+    "ending", [Ending.CANCELED, Ending.PREEMPTED, Ending.SHUTDOWN, Ending.INPUT_LOST]
+)
 def test_an_aborted_action_is_recorded(ending: Ending) -> None:
     run = execution(FORWARD)
     run.tick(world(), 100.0)
@@ -220,6 +224,8 @@ def test_the_original_chain_is_executed_if_the_refined_one_has_no_path() -> None
             break
     assert (run.ending, run.executor.chain, run.refining.refined) == (None, sent, False)
     assert command.v > 0.0
-    assert run.refining.reason.startswith("executed as sent, as the refined chain failed at its start: ")
+    assert run.refining.reason.startswith(
+        "executed as sent, as the refined chain failed at its start: "
+    )
     assert "found none" in run.refining.reason
     assert [record.ending for record in run.executor.records] == [Ending.FAILED]

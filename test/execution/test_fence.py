@@ -36,7 +36,9 @@ def test_the_fence_is_the_field_and_its_margin() -> None:
 def test_steps_that_leave_the_fence_are_reported(top: str, pose: Pose, fine: bool) -> None:
     violation = FENCE.violation(chain((top, pose)), ROBOT)
     assert (violation is None) is fine
-    assert fine or f"chain.calls[0].goal ({top}): expected a place for the robot inside" in (violation or "")
+    assert fine or f"chain.calls[0].goal ({top}): expected a place for the robot inside" in (
+        violation or ""
+    )
 
 
 @pytest.mark.parametrize(
@@ -49,7 +51,9 @@ def test_steps_that_leave_the_fence_are_reported(top: str, pose: Pose, fine: boo
         (Pose(4.4, 0.0, 0.0), 0.8, True),
     ],
 )
-def test_a_goal_leaves_room_for_errors_and_for_braking(pose: Pose, speed: float, fine: bool) -> None:
+def test_a_goal_leaves_room_for_errors_and_for_braking(
+    pose: Pose, speed: float, fine: bool
+) -> None:
     plan = chain(("goToPose", pose))
     violation = FENCE.violation(
         plan.with_goal(0, dataclasses.replace(plan.calls[0].goal, speed=speed)), ROBOT
@@ -77,7 +81,9 @@ def test_a_ball_that_leaves_the_fence_is_not_followed_and_ends_the_goal() -> Non
         return {BALL: ObjectState(2.0, 2.0 + rolls, 0.0, 1.2 * (rolls > 0.0))}
 
     base = KinematicBase(ROBOT, Pose(-1.0, 0.0, 0.0))
-    done = execute(LIBRARY, chain(("goToBall", Pose(2.0, 2.0, 0.0))), base, objects=balls, fence=FENCE)
+    done = execute(
+        LIBRARY, chain(("goToBall", Pose(2.0, 2.0, 0.0))), base, objects=balls, fence=FENCE
+    )
     assert done.ending is Ending.OUT_OF_BOUNDS
     assert "the ball leaves the fence" in done.execution.reason
     assert all(FENCE.outside(state.pose.x, state.pose.y) == 0.0 for _, state in done.states)

@@ -44,13 +44,18 @@ def test_frozen_odometry_stops_the_robot_within_half_a_second(since: float) -> N
     done = execute(LIBRARY, AHEAD, base(), sense=frozen)
     assert done.ending is Ending.BASE_FAULT
     assert "frozen" in done.execution.reason
-    assert max([time for time, state in done.states if not state.is_standing], default=0.0) <= since + 0.5
+    assert (
+        max([time for time, state in done.states if not state.is_standing], default=0.0)
+        <= since + 0.5
+    )
 
 
 @pytest.mark.parametrize(("axis", "speed"), [("v", 0.6), ("w", 1.0), ("v", -0.6)])
 def test_a_base_that_moves_without_a_command_ends_the_goal(axis: str, speed: float) -> None:
     waits = chain(("goToBall", Pose(2.0, 0.0, 0.0)))  # at rest, for a ball
-    done = execute(LIBRARY, waits, base(Failure("constant", axis, 0.5, "motion", speed)), longest=3.0)
+    done = execute(
+        LIBRARY, waits, base(Failure("constant", axis, 0.5, "motion", speed)), longest=3.0
+    )
     assert done.ending is Ending.BASE_FAULT
     verb = "moves" if axis == "v" else "turns"
     assert f"{verb} although it was not commanded to" in done.execution.reason
@@ -61,7 +66,9 @@ def test_a_base_that_moves_without_a_command_ends_the_goal(axis: str, speed: flo
 @pytest.mark.parametrize("share", [0.05, 0.12])
 def test_odometry_that_shows_a_fraction_of_the_motion_is_detected_in_time(share: float) -> None:
     def shrunk(_: float, state: RobotState) -> RobotState:
-        return RobotState(Pose(*(share * part for part in state.pose)), share * state.v, share * state.w)
+        return RobotState(
+            Pose(*(share * part for part in state.pose)), share * state.v, share * state.w
+        )
 
     done = execute(LIBRARY, AHEAD, base(), sense=shrunk)
     assert done.ending is Ending.BASE_FAULT
@@ -109,11 +116,13 @@ KINDS = {
 class Watched(ChainExecutor):
     """Executes a chain on a kind of base; keeps the faults that the motion watch and the fence raise.
 
-    They are kept until the robot collides: it decelerates five times as fast as it can brake. With the
-    paper's actions, a base with slow motors may hit a goal post.
+    They are kept until the robot collides: it decelerates five times as fast as it can brake. With
+    the paper's actions, a base with slow motors may hit a goal post.
     """
 
-    def __init__(self, library: TopLibrary, chain: TopChain, kind: Kind, fence: Fence, seed: int) -> None:
+    def __init__(
+        self, library: TopLibrary, chain: TopChain, kind: Kind, fence: Fence, seed: int
+    ) -> None:
         super().__init__(library, chain)
         self._sensors = Sensors(SensorConfig(kind.drift, 0.5 * kind.drift, kind.latency), seed)
         self._watch, self._last = MotionWatch(ROBOT, kind.latency and kind.latency + TICK), -1.0
@@ -144,14 +153,18 @@ class Watched(ChainExecutor):
 @pytest.mark.long
 @pytest.mark.parametrize("action_set", ["default", "bezier"])
 @pytest.mark.parametrize("name", KINDS)
-def test_a_fault_is_raised_in_many_chains_only_where_there_is_one(name: str, action_set: str) -> None:
+def test_a_fault_is_raised_in_many_chains_only_where_there_is_one(
+    name: str, action_set: str
+) -> None:
     kind, library = KINDS[name], SOCCER.library(ROBOT, action_set)
     moved = dataclasses.replace(ROBOT, motor_time_constant=kind.motor_lag)
     # The paper's actions ignore the field and may leave it.
     fence = Fence.around(ROBOT) if action_set == "default" else Fence(-50.0, -50.0, 50.0, 50.0)
     faults = {}
     for index in range(100, 130):
-        trial = random_trial(SOCCER, ("dribble", "shoot")[index % 2], library, seed=902, index=index)
+        trial = random_trial(
+            SOCCER, ("dribble", "shoot")[index % 2], library, seed=902, index=index
+        )
         executor = Watched(library, trial.chain, kind, fence, index)
         run_chain(moved, library, trial.world, trial.chain, executor=executor)
         faults |= {index: executor.faults} if executor.faults else {}

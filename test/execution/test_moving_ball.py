@@ -77,7 +77,9 @@ def away(simulation: Simulation) -> None:
 
 
 def test_a_displaced_ball_is_followed_without_a_stop() -> None:
-    drive = Drive(APPROACH, once(0, 1.0, lambda simulation: simulation.place_object(BALL, 0.3, 0.5)))
+    drive = Drive(
+        APPROACH, once(0, 1.0, lambda simulation: simulation.place_object(BALL, 0.3, 0.5))
+    )
     assert drive.status is Status.SUCCEEDED
     assert drive.tops == [("goToBall", Ending.PREEMPTED), ("goToBall", Ending.SUCCEEDED)]
     goal = drive.executor.chain.calls[0].goal
@@ -92,11 +94,14 @@ def test_a_displaced_ball_is_followed_without_a_stop() -> None:
 
 def test_a_rolling_ball_is_approached_where_it_comes_to_rest() -> None:
     drive = Drive(
-        APPROACH, once(0, 0.5, lambda simulation: simulation.place_object(BALL, 0.0, 0.0, vx=0.3, vy=-0.9))
+        APPROACH,
+        once(0, 0.5, lambda simulation: simulation.place_object(BALL, 0.0, 0.0, vx=0.3, vy=-0.9)),
     )
     assert drive.status is Status.SUCCEEDED
     assert ball_of(drive.world).y < -0.3
-    assert drive.executor.chain.calls[0].goal.pose.y == pytest.approx(ball_of(drive.world).y, abs=0.15)
+    assert drive.executor.chain.calls[0].goal.pose.y == pytest.approx(
+        ball_of(drive.world).y, abs=0.15
+    )
 
 
 def test_the_robot_stops_for_a_ball_on_its_path() -> None:

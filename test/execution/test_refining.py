@@ -33,7 +33,9 @@ ROUND = call("goToPose", 1.2, 0.6, 0.0, "yaw", "speed")
 DRIBBLE = call("dribbleBall", 2.6, 0.5, 0.0, "x", "y", "yaw", "speed")
 HERE, ANYWHERE = TopChain((FETCH, SHOOT)), TopChain((FETCH, DRIBBLE, SHOOT))
 AROUND = TopChain((ROUND, FETCH, SHOOT))
-CHAIN = TopChain((call("goToBall", 0.0, 0.0, 0.0, "yaw"), call("dribbleBall", 2.0, 0.5, 0.0, "yaw")))
+CHAIN = TopChain(
+    (call("goToBall", 0.0, 0.0, 0.0, "yaw"), call("dribbleBall", 2.0, 0.5, 0.0, "yaw"))
+)
 NEW_YAW = -0.6
 START = Pose(-1.5, -1.0, 0.5)
 
@@ -63,7 +65,9 @@ class Drive:
         self.simulation, self.commands = simulation, list[Command]()
         simulation.place_robot(start)
         simulation.place_object(BALL, *ball)
-        self.run = execution(*plans, refine=refine, again_after=again_after, now=0.0, predictor=CountsSteps())
+        self.run = execution(
+            *plans, refine=refine, again_after=again_after, now=0.0, predictor=CountsSteps()
+        )
         self.tick()
         if refine:
             self.run.refined_to(plans[0], False, "the first answer")
@@ -77,7 +81,9 @@ class Drive:
             self.simulation.command(command)
             self.simulation.tick()
 
-    def moved_ball_question(self, ticks: int = 30, ball: tuple[float, float] = (2.0, 0.4)) -> Question:
+    def moved_ball_question(
+        self, ticks: int = 30, ball: tuple[float, float] = (2.0, 0.4)
+    ) -> Question:
         """Move the ball during the drive, and return the resulting refinement request."""
         self.tick(ticks)
         assert self.run.question is None
@@ -129,7 +135,9 @@ def assert_smooth(commands: list[Command]) -> None:
         assert abs(other.w - one.w) <= 1.5 * limits.aw * CONTROL_PERIOD + 1e-6, f"{one} to {other}"
 
 
-def test_a_question_offers_the_other_plans_with_their_goals_at_the_ball(simulation: Simulation) -> None:
+def test_a_question_offers_the_other_plans_with_their_goals_at_the_ball(
+    simulation: Simulation,
+) -> None:
     question = Drive(simulation, HERE, ANYWHERE, TopChain((SHOOT,))).moved_ball_question()
     ((number, other),) = question.others  # the last plan is invalid from here
     assert number == 1
@@ -150,7 +158,9 @@ def test_another_plan_is_executed_without_a_stop(simulation: Simulation) -> None
     assert_smooth(drive.commands[3:])
     assert drive.run.predicted_remaining(drive.simulation.time) == pytest.approx(2.0 + 0.0, abs=0.1)
     assert drive.run.refining.refined_again == 1
-    reason = "as the ball comes to rest 0.40 m from the forecast: alternative 2 is chosen: 3 s faster"
+    reason = (
+        "as the ball comes to rest 0.40 m from the forecast: alternative 2 is chosen: 3 s faster"
+    )
     assert reason in drive.run.refining.reason
     assert drive.to_the_end() is Ending.SUCCEEDED, drive.run.reason
     assert [r.top for r in drive.run.executor.records if r.ending is Ending.SUCCEEDED] == [
@@ -288,7 +298,9 @@ def test_no_question_where_it_is_disabled(simulation: Simulation, options: dict[
 def test_a_refined_chain_must_be_valid() -> None:
     world = World(0.0, RobotState(Pose(-2.0, 0.0, 0.0)), {BALL: ObjectState(0.0, 0.0)})
     question = Question(world, CHAIN, 0, 0.0)
-    assert refined_chain(CHAIN, question, with_yaw(CHAIN, 1.0), world, LIBRARY) == with_yaw(CHAIN, 1.0)
+    assert refined_chain(CHAIN, question, with_yaw(CHAIN, 1.0), world, LIBRARY) == with_yaw(
+        CHAIN, 1.0
+    )
     elsewhere = World(0.0, world.robot, {BALL: ObjectState(1.0, 1.0)})
     with pytest.raises(InvalidChainError, match="pre-condition of step 1"):
         refined_chain(CHAIN, question, with_yaw(CHAIN, 1.0), elsewhere, LIBRARY)

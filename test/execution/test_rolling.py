@@ -38,7 +38,12 @@ def library() -> TopLibrary:
 
 
 def roll(
-    rolling: Rolling, deceleration: float, *, seconds: float = 1.0, away: float = 1.0, noise: float = 0.0
+    rolling: Rolling,
+    deceleration: float,
+    *,
+    seconds: float = 1.0,
+    away: float = 1.0,
+    noise: float = 0.0,
 ) -> None:
     """Roll a ball away from the robot, at 1 m/s from `away` m ahead of it."""
     rng = np.random.default_rng(3)
@@ -66,7 +71,9 @@ def test_a_changed_deceleration_is_estimated_until_it_is_as_described(noise: flo
 
 
 @pytest.mark.parametrize("share", [0.8, 1.0, 1.2])
-def test_a_ball_that_rolls_about_as_described_changes_nothing(share: float, library: TopLibrary) -> None:
+def test_a_ball_that_rolls_about_as_described_changes_nothing(
+    share: float, library: TopLibrary
+) -> None:
     rolling = Rolling(ROBOT)
     roll(rolling, share * DESCRIBED, noise=0.01)
     assert rolling.library(library) is library
@@ -97,7 +104,9 @@ def test_velocity_noise_of_a_resting_ball_is_ignored(noise: float) -> None:
 
 def test_with_the_estimated_deceleration_the_robot_keeps_the_ball(library: TopLibrary) -> None:
     item = dataclasses.replace(ROBOT.scene.objects[BALL], rolling_deceleration=DESCRIBED / 2.0)
-    actual = dataclasses.replace(ROBOT, scene=dataclasses.replace(ROBOT.scene, objects={BALL: item}))
+    actual = dataclasses.replace(
+        ROBOT, scene=dataclasses.replace(ROBOT.scene, objects={BALL: item})
+    )
     rolling = Rolling(ROBOT)
     roll(rolling, DESCRIBED / 2.0)
     drawn = random_trial(SOCCER, "dribble", library, seed=77, index=2)

@@ -18,7 +18,13 @@ from ator_ros.domains.soccer.field import BALL, ball_of, field_of
 from ator_ros.domains.soccer.tops import GO_TO_BALL, GO_TO_POSE
 from ator_ros.experience.collect import collect
 from ator_ros.experience.episode import run_episode
-from ator_ros.experience.table import Experience, ExperienceError, join, read_experience, write_experience
+from ator_ros.experience.table import (
+    Experience,
+    ExperienceError,
+    join,
+    read_experience,
+    write_experience,
+)
 from ator_ros.geometry import Pose
 from ator_ros.motion.drive_parts import DriveParts
 from ator_ros.robot.description import Robot, load_robot
@@ -103,7 +109,9 @@ def test_episode_logs_at_10_hz_until_the_action_has_ended(robot: Robot) -> None:
 
 def test_episode_ends_at_the_time_limit_as_a_failure(robot: Robot) -> None:
     with Simulation(robot) as simulation:
-        episode = to_pose(simulation, TurnDriveTurn(robot), plain(robot, Pose(3.0, 0.0, 0.0)), time_limit=1.0)
+        episode = to_pose(
+            simulation, TurnDriveTurn(robot), plain(robot, Pose(3.0, 0.0, 0.0)), time_limit=1.0
+        )
     assert not episode.success
     assert episode.reason == "time limit of 1 s reached"
     assert episode.duration == pytest.approx(1.0)
@@ -111,7 +119,9 @@ def test_episode_ends_at_the_time_limit_as_a_failure(robot: Robot) -> None:
 
 def test_a_lost_ball_makes_an_arrival_a_failure(robot: Robot) -> None:
     goal = Goal(Pose(1.0, 0.0, math.pi), 0.0, Point.HOLD)  # straight through the ball
-    situation = Situation("goToPose", RobotState(Pose(-0.5, 0.0, 0.0)), {BALL: ObjectState(0.9, 0.0)}, goal)
+    situation = Situation(
+        "goToPose", RobotState(Pose(-0.5, 0.0, 0.0)), {BALL: ObjectState(0.9, 0.0)}, goal
+    )
     with Simulation(robot) as simulation:
         episode = run_episode(simulation, TurnDriveTurn(robot), situation, top=GO_TO_BALL)
     assert not episode.success
@@ -123,7 +133,11 @@ def test_table_is_unchanged_by_a_file(frame: pd.DataFrame, tmp_path: Path) -> No
     write_experience(file, Experience(frame, {"seed": 5}))
     experience = read_experience(file)
     pd.testing.assert_frame_equal(
-        experience.of("goToPose"), frame, check_exact=True, check_dtype=False, check_column_type=False
+        experience.of("goToPose"),
+        frame,
+        check_exact=True,
+        check_dtype=False,
+        check_column_type=False,
     )
     assert experience.metadata["seed"] == 5
     assert [path.name for path in file.parent.iterdir()] == ["experience.parquet"]

@@ -28,7 +28,9 @@ ROBOT = load_robot()
 def test_a_table_of_another_domain_is_rejected(tmp_path: Path) -> None:
     file = tmp_path / "table.parquet"
     write_experience(file, Experience(synthetic_experience("goToPose"), {"domain": "soccer"}))
-    with pytest.raises(ExperienceError, match=r"metadata\.domain: expected 'delivery', got .soccer."):
+    with pytest.raises(
+        ExperienceError, match=r"metadata\.domain: expected 'delivery', got .soccer."
+    ):
         read_sources([file], ROBOT, DELIVERY)
 
 
@@ -56,7 +58,12 @@ def test_records_of_any_action_are_learned(tmp_path: Path) -> None:
     assert objects_of_columns(experience.frame) == ("parcel", "station", "box")
     rows = experience.of("dock")
     assert set(rows["hold"]) == {0}
-    assert rows[["station_x", "station_y", "box_x", "box_y"]].iloc[3].tolist() == [2.0, 0.5, 0.5, 1.0]
+    assert rows[["station_x", "station_y", "box_x", "box_y"]].iloc[3].tolist() == [
+        2.0,
+        0.5,
+        0.5,
+        1.0,
+    ]
     assert rows["parcel_x"].isna().all()
     assert train.main([str(tmp_path / "bag"), "--models", str(tmp_path / "models")]) == 0
     model = load_model(tmp_path / "models" / "dock.json", ROBOT, DELIVERY.known_features)
@@ -78,7 +85,9 @@ def test_records_with_unknown_object_names_are_omitted(tmp_path: Path) -> None:
 
 
 def test_held_objects_determine_the_top() -> None:
-    tops = [top_between(SOCCER.tops, *held) for held in ((None, None), (None, "ball"), ("ball", "ball"))]
+    tops = [
+        top_between(SOCCER.tops, *held) for held in ((None, None), (None, "ball"), ("ball", "ball"))
+    ]
     assert [top.name if top else "" for top in tops] == ["goToPose", "goToBall", "dribbleBall"]
     # A ball lost during the drive leaves a plain drive.
     lost = top_between(SOCCER.tops, "ball", None)

@@ -23,7 +23,9 @@ ELSEWHERE = ["../evil", "a b"]
 
 def table(folder: Path, frame: pd.DataFrame, action_set: object = "default") -> Path:
     file = folder / "table.parquet"
-    write_experience(file, Experience(frame, {"robot_digest": ROBOT.digest(), "action_set": action_set}))
+    write_experience(
+        file, Experience(frame, {"robot_digest": ROBOT.digest(), "action_set": action_set})
+    )
     return file
 
 
@@ -55,14 +57,18 @@ def test_names_in_a_table_cannot_change_the_output_folder(
         ("action", [None, "a b"]),
     ],
 )
-def test_invalid_values_of_a_column_are_rejected(tmp_path: Path, column: str, values: list[object]) -> None:
+def test_invalid_values_of_a_column_are_rejected(
+    tmp_path: Path, column: str, values: list[object]
+) -> None:
     whole = synthetic_experience("goToPose", episodes=5)
     for value in values:
         with pytest.raises(ExperienceError, match=rf"table\.parquet: {column}: expected "):
             read_experience(table(tmp_path, whole.assign(**{column: [value] * 5})))
 
 
-def test_a_table_without_rows_is_rejected(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_table_without_rows_is_rejected(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     file = table(tmp_path, synthetic_experience("goToPose", episodes=5).iloc[:0])
     assert main([str(file), "--models", str(tmp_path)]) == 1
     assert "table.parquet: expected rows of experience, found none" in capsys.readouterr().err
@@ -71,10 +77,14 @@ def test_a_table_without_rows_is_rejected(tmp_path: Path, capsys: pytest.Capture
 def test_models_in_the_wrong_place_are_rejected(tmp_path: Path) -> None:
     model = train("goToPose", synthetic_experience("goToPose"), ROBOT)
     save_model(tmp_path / "dribbleBall.json", model)
-    with pytest.raises(FileError, match=r"dribbleBall\.json: action: expected 'dribbleBall' in this place"):
+    with pytest.raises(
+        FileError, match=r"dribbleBall\.json: action: expected 'dribbleBall' in this place"
+    ):
         load_models(ROBOT, SOCCER.known_features, folder=tmp_path)
     save_model(tmp_path / "bezier" / "goToPose.json", model)
-    with pytest.raises(FileError, match=r"goToPose\.json: action_set: expected 'bezier' in this place"):
+    with pytest.raises(
+        FileError, match=r"goToPose\.json: action_set: expected 'bezier' in this place"
+    ):
         load_models(ROBOT, SOCCER.known_features, action_set="bezier", folder=tmp_path)
 
 
@@ -82,7 +92,9 @@ def test_records_name_their_action_set(tmp_path: Path, capsys: pytest.CaptureFix
     store = own_types()
     sets = ["bezier", "bezier", "default"]
     records = [
-        action_performance(store, goal=Pose(1.5, 0.5, 0.7), speed=0.0, duration=3.0, code=1, action_set=name)
+        action_performance(
+            store, goal=Pose(1.5, 0.5, 0.7), speed=0.0, duration=3.0, code=1, action_set=name
+        )
         for name in sets
     ]
     write_records(tmp_path / "one", store, records[:2])
@@ -90,4 +102,6 @@ def test_records_name_their_action_set(tmp_path: Path, capsys: pytest.CaptureFix
     assert "expected experience of one action set, got bezier, default" in capsys.readouterr().err
     write_records(tmp_path / "both", store, records)
     assert main([str(tmp_path / "both"), "--models", str(tmp_path)]) == 1
-    assert "both: expected records of one action set, got bezier, default" in capsys.readouterr().err
+    assert (
+        "both: expected records of one action set, got bezier, default" in capsys.readouterr().err
+    )

@@ -66,11 +66,15 @@ def test_an_invalid_declaration_is_rejected(changes: dict[str, Any], message: st
 
 def test_conditions_use_only_declared_variables() -> None:
     high = dataclasses.replace(VISIT, post=Condition((Term("robot.x", "goal.height", 0.1),)))
-    with pytest.raises(DomainError, match=r"visit.post\[0\].target: expected one of .* got 'goal.height'"):
+    with pytest.raises(
+        DomainError, match=r"visit.post\[0\].target: expected one of .* got 'goal.height'"
+    ):
         dataclasses.replace(DELIVERY, tops=(high,))
     height = GoalVariable("height", "m", 0.0, 1.0)
     spec = dataclasses.replace(SPEC, goal_variables=(CRUISE, height))
-    assert dataclasses.replace(DELIVERY, tops=(high,), action_sets={"default": (spec,)}).ranges["height"]
+    assert dataclasses.replace(DELIVERY, tops=(high,), action_sets={"default": (spec,)}).ranges[
+        "height"
+    ]
 
 
 # Experience
@@ -102,10 +106,15 @@ def test_records_of_the_executor_hold_the_values(tmp_path: Path) -> None:
             action="turnDriveTurn",
             top="visit",
         )
-        given = [store.types["ator_interfaces/msg/GoalValue"](name, value) for name, value in values.items()]
+        given = [
+            store.types["ator_interfaces/msg/GoalValue"](name, value)
+            for name, value in values.items()
+        ]
         return dataclasses.replace(message, call=dataclasses.replace(message.call, values=given))
 
-    write_records(tmp_path / "run", store, [record(cruise=0.4), record(cruise=0.8, of_another_domain=1.0)])
+    write_records(
+        tmp_path / "run", store, [record(cruise=0.4), record(cruise=0.8, of_another_domain=1.0)]
+    )
     rows = read_sources([tmp_path / "run"], ROBOT, DELIVERY).frame
     assert rows["cruiseg"].tolist() == [0.4, 0.8]
     assert "of_another_domaing" not in rows

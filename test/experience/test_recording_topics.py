@@ -37,11 +37,16 @@ def test_stamps_of_any_clock_give_the_same_table(tmp_path: Path, usual: pd.DataF
     pd.testing.assert_frame_equal(read(recorded(tmp_path, offset=1.76e9)).frame, usual)
 
 
-def test_projected_coordinates_give_the_same_table_elsewhere(tmp_path: Path, usual: pd.DataFrame) -> None:
+def test_projected_coordinates_give_the_same_table_elsewhere(
+    tmp_path: Path, usual: pd.DataFrame
+) -> None:
     place = 691_608.25, 5_334_761.5
     frame = read(recorded(tmp_path, place=place, offset=1.76e9)).frame
     moved = frame.assign(
-        x=frame["x"] - place[0], y=frame["y"] - place[1], xg=frame["xg"] - place[0], yg=frame["yg"] - place[1]
+        x=frame["x"] - place[0],
+        y=frame["y"] - place[1],
+        xg=frame["xg"] - place[0],
+        yg=frame["yg"] - place[1],
     )
     pd.testing.assert_frame_equal(moved, usual, rtol=0.0, atol=1e-6)
 
@@ -57,17 +62,23 @@ def test_repaired_messages_give_the_same_table(
 
 def test_a_twist_that_contradicts_the_poses_is_reported(tmp_path: Path) -> None:
     (line,) = read(recorded(tmp_path, slip=0.1)).remarks
-    assert line.startswith("bag: odom: pose and twist.linear contradict each other: expected about 0.40 m/s")
+    assert line.startswith(
+        "bag: odom: pose and twist.linear contradict each other: expected about 0.40 m/s"
+    )
     assert "\n" not in line
 
 
-def test_messages_without_orientation_are_omitted_and_counted(tmp_path: Path, usual: pd.DataFrame) -> None:
+def test_messages_without_orientation_are_omitted_and_counted(
+    tmp_path: Path, usual: pd.DataFrame
+) -> None:
     def without_some(make: Messages, tick: Tick) -> Any:
         return make.odometry(tick, length=0.0 if round(tick.time / TICK) % 7 == 3 else 1.0)
 
     topics = ("/robot/odom", ODOMETRY, without_some), ("/robot/cmd_vel", TWIST, Messages.command)
     experience = read(recorded(tmp_path, *topics, odom="/x"))
-    assert experience.frame["duration"].to_numpy() == pytest.approx(usual["duration"].to_numpy(), abs=TICK)
+    assert experience.frame["duration"].to_numpy() == pytest.approx(
+        usual["duration"].to_numpy(), abs=TICK
+    )
     (line,) = experience.remarks
     assert "messages: odom.pose.pose.orientation: expected a quaternion" in line
 
@@ -89,9 +100,13 @@ def test_a_topic_of_another_type_is_skipped_and_reported(
 def test_of_several_robots_one_is_read(tmp_path: Path, usual: pd.DataFrame) -> None:
     other = ("/b/odom", ODOMETRY, Messages.odometry), ("/b/cmd_vel", TWIST, Messages.command)
     bag = recorded(tmp_path, *other, odom="/a/odom", cmd_vel="/a/cmd_vel")
-    with pytest.raises(ExperienceError, match="skipped /a/odom, /b/odom: expected one of them as odom"):
+    with pytest.raises(
+        ExperienceError, match="skipped /a/odom, /b/odom: expected one of them as odom"
+    ):
         read(bag)
-    pd.testing.assert_frame_equal(read_recording(bag, ROBOT, SOCCER, {"odom": "/a/odom"}).frame, usual)
+    pd.testing.assert_frame_equal(
+        read_recording(bag, ROBOT, SOCCER, {"odom": "/a/odom"}).frame, usual
+    )
 
 
 DRIVER = {"odom": "/base/wheel_odometry", "cmd_vel": "/base/command"}
@@ -106,7 +121,10 @@ def test_topics_can_be_given_and_are_listed_otherwise(
     for given in ([], NAMES[:2], NAMES[2:]):
         assert train.main([*words, *given]) == 1
         (line,) = capsys.readouterr().err.splitlines()
-        assert "topics of these types: /base/command, /base/wheel_odometry; name them with --odom" in line
+        assert (
+            "topics of these types: /base/command, /base/wheel_odometry; name them with --odom"
+            in line
+        )
     assert train.main([*words, *NAMES]) == 1
     read_but_too_few = f"got {len(HEADINGS)} of {len(HEADINGS)}"
     assert read_but_too_few in capsys.readouterr().err

@@ -34,7 +34,8 @@ def test_drives_are_found_with_their_goals_and_durations(tmp_path: Path) -> None
 
 def test_the_robots_clock_may_jump_between_drives(tmp_path: Path) -> None:
     usual, jumped = (
-        read_recording(recorded(tmp_path / str(jump), jump=jump), ROBOT, SOCCER).frame for jump in (0.0, -2.0)
+        read_recording(recorded(tmp_path / str(jump), jump=jump), ROBOT, SOCCER).frame
+        for jump in (0.0, -2.0)
     )
     assert jumped["duration"].max() == pytest.approx(usual["duration"].max())
 
@@ -46,22 +47,31 @@ def test_definitions_of_services_and_actions_are_skipped(tmp_path: Path) -> None
         writer, ids = Writer(new), {}
         writer.start("ros2")
         for number, encoding in enumerate(("ros2msg", "unknown")):
-            name, text = f"dock/srv/Dock{number}_Event", b"string name\n---\nbool done" if not number else b""
+            name, text = (
+                f"dock/srv/Dock{number}_Event",
+                b"string name\n---\nbool done" if not number else b"",
+            )
             ids[name] = writer.register_schema(name, encoding, text)
             writer.register_channel(f"/dock{number}", "cdr", ids[name])
         for schema, channel, message in make_reader(old).iter_messages():
             if channel.topic not in ids:
                 ids[schema.name] = writer.register_schema(schema.name, schema.encoding, schema.data)
                 ids[channel.topic] = writer.register_channel(channel.topic, "cdr", ids[schema.name])
-            writer.add_message(ids[channel.topic], message.log_time, message.data, message.publish_time)
+            writer.add_message(
+                ids[channel.topic], message.log_time, message.data, message.publish_time
+            )
         writer.finish()
-    whole, again = (read_recording(path, ROBOT, SOCCER).frame for path in (file, tmp_path / "again.mcap"))
+    whole, again = (
+        read_recording(path, ROBOT, SOCCER).frame for path in (file, tmp_path / "again.mcap")
+    )
     pd.testing.assert_frame_equal(again, whole)
 
 
 def test_a_recording_without_the_topics_is_rejected(tmp_path: Path) -> None:
     recorded(tmp_path, cmd_vel="/other")
-    with pytest.raises(ExperienceError, match=r"or odom \(Odometry\) and cmd_vel .*: /odom, /other; name"):
+    with pytest.raises(
+        ExperienceError, match=r"or odom \(Odometry\) and cmd_vel .*: /odom, /other; name"
+    ):
         read_recording(tmp_path / "bag", ROBOT, SOCCER)
 
 
@@ -93,14 +103,18 @@ def test_records_of_the_executor_are_read_unchanged(tmp_path: Path) -> None:
     assert frame["position_error"].iloc[0] == 0.01
 
 
-def test_records_that_cannot_be_used_are_left_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_records_that_cannot_be_used_are_left_out(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     store = own_types()
 
     def made(**given: Any) -> Any:
         usual = {"goal": Pose(1.5, 0.5, 0.7), "speed": 0.0, "duration": 3.0, "code": 1}
         return action_performance(store, **usual | given)
 
-    good = [made(duration=2.0 + 0.1 * number, start=(-1.0 + 0.1 * number, 0.0)) for number in range(25)]
+    good = [
+        made(duration=2.0 + 0.1 * number, start=(-1.0 + 0.1 * number, 0.0)) for number in range(25)
+    ]
     good.append(made(code=2, start=(-90.0, 0.0)))  # it failed
     bad = [
         made(action="shoot", top="goToPose"),
@@ -125,4 +139,7 @@ def test_records_that_cannot_be_used_are_left_out(tmp_path: Path, capsys: pytest
     assert len(experience.of("goToPose")) == len(good)
     assert train.main([str(tmp_path / "bag"), "--models", str(tmp_path / "models")]) == 0
     output = capsys.readouterr().err
-    assert f"train: bag: left out {len(bad)} of {len(good) + len(bad)} records: call.top: expected" in output
+    assert (
+        f"train: bag: left out {len(bad)} of {len(good) + len(bad)} records: call.top: expected"
+        in output
+    )

@@ -26,7 +26,9 @@ def record(**fields: object) -> Any:
     for path, value in fields.items():
         *parents, last = path.split("__")
         owner = reduce(
-            lambda part, name: part[int(name)] if name.isdigit() else getattr(part, name), parents, made
+            lambda part, name: part[int(name)] if name.isdigit() else getattr(part, name),
+            parents,
+            made,
         )
         setattr(owner, last, value)
     return made
@@ -44,7 +46,8 @@ def test_a_record_becomes_an_episode() -> None:
 
 
 @pytest.mark.parametrize(
-    "fields", [{"first_turn": math.nan}, {"last_turn": 0.0}, {"last_turn": -0.1}, {"first_turn": 2.5}]
+    "fields",
+    [{"first_turn": math.nan}, {"last_turn": 0.0}, {"last_turn": -0.1}, {"first_turn": 2.5}],
 )
 def test_a_record_may_lack_the_parts_of_the_drive(fields: dict[str, float]) -> None:
     episode = episode_of(record(**fields), SOCCER, ROBOT)
@@ -60,7 +63,11 @@ def test_a_record_may_lack_the_parts_of_the_drive(fields: dict[str, float]) -> N
         ("call__speed", math.inf, "call.speed: expected a finite number"),
         ("start__robot__position__x", 1e300, "start.robot.position.x: expected a finite number"),
         ("start__robot__position__x", -900.0, "start: expected at most"),
-        ("call__goal__pose__position__y", math.inf, "call.goal.pose.position.y: expected a finite number"),
+        (
+            "call__goal__pose__position__y",
+            math.inf,
+            "call.goal.pose.position.y: expected a finite number",
+        ),
         ("start__objects__0__position__x", math.inf, "start.objects[0].position: x: expected a"),
         ("start__objects__0__name", LONG_NAME, "start.objects[0].name: expected"),
         ("action", "../../elsewhere", "action: expected a name of letters"),
@@ -70,7 +77,9 @@ def test_a_record_may_lack_the_parts_of_the_drive(fields: dict[str, float]) -> N
         ("call__top", "shoot", "call.top: expected one of "),
     ],
 )
-def test_an_unusable_record_is_rejected_with_its_fault(path: str, value: object, expected: str) -> None:
+def test_an_unusable_record_is_rejected_with_its_fault(
+    path: str, value: object, expected: str
+) -> None:
     with pytest.raises(MessageError) as raised:
         episode_of(record(**{path: value}), SOCCER, ROBOT)
     assert expected in str(raised.value)

@@ -26,7 +26,9 @@ CODES = {"aborted": 6, "canceled": 5}
 def pose_at(time: float) -> Pose:
     """Return the robot's pose in odometry's frame: it drives 1 m to each goal, and stands for 0.5 s."""
     number, since = divmod(time - BEGAN, PERIOD)
-    return Pose(LENGTH * number + SPEED * min(since, LENGTH / SPEED) if time >= BEGAN else 0.0, 0.0, 0.0)
+    return Pose(
+        LENGTH * number + SPEED * min(since, LENGTH / SPEED) if time >= BEGAN else 0.0, 0.0, 0.0
+    )
 
 
 def ticks() -> list[Tick]:
@@ -36,7 +38,10 @@ def ticks() -> list[Tick]:
 
 
 def states_at(time: float) -> list[tuple[int, int, float]]:
-    """Return number, status and time of acceptance of each goal; one is from before the recording."""
+    """Return number, status and time of acceptance of each goal.
+
+    One is from before the recording.
+    """
     begins = [(number, BEGAN + PERIOD * number) for number in range(len(GOALS))]
     states = [(99, 4, -50.0)]
     for number, begin in begins:
@@ -57,7 +62,9 @@ def status(make: Messages, tick: Tick) -> Any:
         goal_id = types["unique_identifier_msgs/msg/UUID"](np.full(16, number, dtype=np.uint8))
         stamp = make.header(accepted, "").stamp
         items.append(
-            types["action_msgs/msg/GoalStatus"](types["action_msgs/msg/GoalInfo"](goal_id, stamp), code)
+            types["action_msgs/msg/GoalStatus"](
+                types["action_msgs/msg/GoalInfo"](goal_id, stamp), code
+            )
         )
     return types["action_msgs/msg/GoalStatusArray"](items)
 
@@ -75,9 +82,16 @@ def stamped_goal(make: Messages, time: float, number: int) -> Any:
 
 
 def plan(make: Messages, tick: Tick) -> Any:
-    """Return the path to the goal, once a second; that of a planner that stops short of a given goal_pose."""
+    """Return the path to the goal, once a second.
+
+    That of a planner that stops short of a given goal_pose.
+    """
     number, since = divmod(tick.time - BEGAN, PERIOD)
-    if not 0.0 <= number < len(GOALS) or round(since / TICK) % 20 != 10 or GOALS[int(number)][:4] == "with":
+    if (
+        not 0.0 <= number < len(GOALS)
+        or round(since / TICK) % 20 != 10
+        or GOALS[int(number)][:4] == "with"
+    ):
         return None
     shown = int(number) if GOALS[int(number)] != "by goal_pose" else 0
     poses = [stamped_goal(make, tick.time, 2), stamped_goal(make, tick.time, shown)]
@@ -108,9 +122,13 @@ def domain(tmp_path: Path) -> Domain:
 
 
 @pytest.mark.parametrize(("storage", "odometry"), [("MCAP", True), ("SQLITE3", False)])
-def test_goals_of_a_server_are_drives(tmp_path: Path, domain: Domain, storage: str, odometry: bool) -> None:
+def test_goals_of_a_server_are_drives(
+    tmp_path: Path, domain: Domain, storage: str, odometry: bool
+) -> None:
     states: list[Extra] = [("/odom", ODOMETRY, Messages.odometry)] if odometry else []
-    bag = write_bag(tmp_path / "bag", Messages(offset=100.0), ticks(), *states, TF, *TOPICS, storage=storage)
+    bag = write_bag(
+        tmp_path / "bag", Messages(offset=100.0), ticks(), *states, TF, *TOPICS, storage=storage
+    )
     experience = read_recording(bag, ROBOT, domain)
     starts = experience.frame[experience.frame["t"] == 0.0]
     found = [0, 1, 4]

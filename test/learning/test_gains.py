@@ -14,7 +14,9 @@ from ator_ros.refinement.gate import Gate
 def executed(gained: float, *, refined: int = 30, compared: int = 6) -> Gains:
     """Return chains that were predicted to gain 0.7 s, and gained `gained` (s) on average."""
     rng = np.random.default_rng(3)
-    chains = [ChainGain(True, 0.7, 0.7 - gained + 0.2 + rng.normal(0.0, 0.3)) for _ in range(refined)]
+    chains = [
+        ChainGain(True, 0.7, 0.7 - gained + 0.2 + rng.normal(0.0, 0.3)) for _ in range(refined)
+    ]
     chains += [ChainGain(False, 0.7, 0.2 + rng.normal(0.0, 0.3)) for _ in range(compared)]
     return Gains("", tuple(chains))
 
@@ -34,11 +36,17 @@ def test_the_gate_closes_where_the_predicted_gain_does_not_materialize() -> None
     assert reason.startswith("gain 0.70 s ± 0.20 s: kept as planned, as the measured gain is ")
     assert reason.endswith("the gate is closed")
     for gains in (executed(0.6), executed(-0.7, refined=5, compared=2), Gains()):
-        assert Gate(measured=gains.measured).decide(0.7, 0.2) == (True, "gain 0.70 s ± 0.20 s: refined")
+        assert Gate(measured=gains.measured).decide(0.7, 0.2) == (
+            True,
+            "gain 0.70 s ± 0.20 s: refined",
+        )
 
 
 def test_the_share_of_comparison_chains_decreases() -> None:
-    shares = [executed(0.5, refined=count, compared=0).comparison_share(0.1) for count in (0, 49, 199, 499)]
+    shares = [
+        executed(0.5, refined=count, compared=0).comparison_share(0.1)
+        for count in (0, 49, 199, 499)
+    ]
     assert shares == pytest.approx([0.1, 0.1, 0.05, 0.0316], abs=1e-4)
 
 
@@ -54,8 +62,12 @@ def test_gains_are_kept_by_set_and_a_damaged_file_is_reported(tmp_path: Path) ->
 
 
 def test_only_chains_that_ran_as_predicted_count() -> None:
-    def record(*, refined: bool = True, comparison: bool = False, fetched: int = 0) -> ChainPerformance:
-        message = ChainPerformance(refined=refined, fetched=fetched, outcome=Outcome(code=Outcome.SUCCEEDED))
+    def record(
+        *, refined: bool = True, comparison: bool = False, fetched: int = 0
+    ) -> ChainPerformance:
+        message = ChainPerformance(
+            refined=refined, fetched=fetched, outcome=Outcome(code=Outcome.SUCCEEDED)
+        )
         message.gain.models = "a"
         message.gain.predicted, message.gain.comparison = 0.5, comparison
         message.predicted.duration, message.actual.duration = 9.0, 9.2

@@ -70,7 +70,9 @@ def test_a_round_begins_after_a_batch_and_only_one_at_a_time(
     assert len(rounds) == 2
 
 
-def test_it_resumes_after_a_restart(tmp_path: Path, rounds: list[FakeRound], learner: Learner) -> None:
+def test_it_resumes_after_a_restart(
+    tmp_path: Path, rounds: list[FakeRound], learner: Learner
+) -> None:
     take(learner, 15)
     learner.work(0.0)
     rounds[0].done = True
@@ -90,7 +92,9 @@ def test_a_round_that_fails_or_hangs_is_reported(learner: Learner, rounds: list[
     assert rounds[1].killed
 
 
-def test_a_set_that_cannot_be_published_is_no_switch(learner: Learner, rounds: list[FakeRound]) -> None:
+def test_a_set_that_cannot_be_published_is_no_switch(
+    learner: Learner, rounds: list[FakeRound]
+) -> None:
     take(learner, 10)
     learner.work(0.0)
     verdict = {"episodes": 10, "kind": "scaled", "reason": "scaled: error from 2 to 1 s"}

@@ -96,7 +96,9 @@ def test_a_set_with_larger_errors_is_rolled_back(tmp_path: Path, shipped: Path) 
     result = round_of(tmp_path, shipped)
     assert result["actions"][NAME]["kind"] == "back to the models of the start"
     folders = shipped, tmp_path / CURRENT
-    models = (load_model(folder / "goToPose.json", ROBOT, SOCCER.known_features) for folder in folders)
+    models = (
+        load_model(folder / "goToPose.json", ROBOT, SOCCER.known_features) for folder in folders
+    )
     direct = direct_of(read_records(tmp_path / RECORDS, "default"))
     old, new = (model.predict(direct).duration for model in models)
     assert np.array_equal(old, new)
@@ -113,12 +115,15 @@ def test_cold_start_waits_until_predictions_are_useful(tmp_path: Path) -> None:
     assert round_of(folder, nothing)["made"]
 
 
-def test_a_new_set_keeps_the_search_ranges_of_the_previous_experience(tmp_path: Path, shipped: Path) -> None:
+def test_a_new_set_keeps_the_search_ranges_of_the_previous_experience(
+    tmp_path: Path, shipped: Path
+) -> None:
     starts = {"speedg": (0.0, 0.5), "braking": (0.0, 0.35)}
     bounded, action = tmp_path / "bounded", synthetic_model("goToPose", ROBOT)
     shutil.copytree(shipped, bounded)
     save_model(
-        bounded / "goToPose.json", dataclasses.replace(action, metadata={"training": {"starts": starts}})
+        bounded / "goToPose.json",
+        dataclasses.replace(action, metadata={"training": {"starts": starts}}),
     )
     for models, expected, rounds in ((bounded, starts, 2), (shipped, {}, 1)):
         folder = tmp_path / f"of_{models.name}"
@@ -131,7 +136,8 @@ def test_a_new_set_keeps_the_search_ranges_of_the_previous_experience(tmp_path: 
 
 def test_records_with_impossible_durations_have_no_effect(tmp_path: Path, shipped: Path) -> None:
     records = [
-        dataclasses.replace(e, duration=9e5) if n % 10 == 0 else e for n, e in enumerate(episodes(100))
+        dataclasses.replace(e, duration=9e5) if n % 10 == 0 else e
+        for n, e in enumerate(episodes(100))
     ]
     stored(tmp_path / RECORDS, iter(records))
     assert not round_of(tmp_path, shipped)["actions"][NAME]["kind"]
@@ -151,7 +157,10 @@ def failing(stream: Iterator[Episode]) -> Iterator[Episode]:
     for episode in stream:
         fails = turn_of(episode) > SHARP
         yield dataclasses.replace(
-            episode, success=not fails, duration=60.0 if fails else episode.duration, position_error=0.01
+            episode,
+            success=not fails,
+            duration=60.0 if fails else episode.duration,
+            position_error=0.01,
         )
 
 

@@ -44,4 +44,7 @@ def test_records_of_drives_have_parts() -> None:
         distance = record.start.robot.pose.distance(record.end.robot.pose)
         assert abs(record.parts.driven) == pytest.approx(distance, rel=0.05, abs=0.1)
         assert record.parts != DriveParts()
-        assert record.parts.first_turn + record.parts.last_turn < record.duration - distance / robot.limits.v
+        assert (
+            record.parts.first_turn + record.parts.last_turn
+            < record.duration - distance / robot.limits.v
+        )

@@ -22,9 +22,13 @@ def test_turns_have_the_duration_of_their_rate(robot: Robot) -> None:
     times = durations.turn_time(angles, limits.w, limits.aw)
     size = np.abs(angles)
     ramped = size <= limits.w**2 / limits.aw
-    expected = np.where(ramped, 2.0 * np.sqrt(size / limits.aw), size / limits.w + limits.w / limits.aw)
+    expected = np.where(
+        ramped, 2.0 * np.sqrt(size / limits.aw), size / limits.w + limits.w / limits.aw
+    )
     assert times == pytest.approx(expected, abs=1e-12)
-    assert [durations.turn_time(float(angle), limits.w, limits.aw) for angle in angles] == times.tolist()
+    assert [
+        durations.turn_time(float(angle), limits.w, limits.aw) for angle in angles
+    ] == times.tolist()
     gaining, steady = durations.turn_parts(angles, limits.w, limits.aw)
     rate = limits.aw * gaining
     assert rate * (gaining + steady) == pytest.approx(size, abs=1e-12)

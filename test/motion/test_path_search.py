@@ -29,7 +29,10 @@ def ends(limits: Limits, speed: float) -> tuple[Ends, Ends]:
 
 def goals(count: int) -> list[Pose]:
     rng = np.random.default_rng(4)
-    return [Pose(*map(float, rng.uniform((-3.0, -2.0, -math.pi), (3.0, 2.0, math.pi)))) for _ in range(count)]
+    return [
+        Pose(*map(float, rng.uniform((-3.0, -2.0, -math.pi), (3.0, 2.0, math.pi))))
+        for _ in range(count)
+    ]
 
 
 @every_robot

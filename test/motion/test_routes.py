@@ -100,10 +100,17 @@ def test_places_without_a_route_are_reported() -> None:
     closed = hall()
     closed[:, 118:122] = False
     routes = Routes(GridMap("closed", closed, 0.05, GRID.origin), RADIUS)
-    pairs = [(-3.0, 0.0, 3.0, 0.0), (-3.0, 0.0, 0.0, 0.0), (-3.0, 0.0, 30.0, 0.0), (-3.0, 0.0, -2.0, 0.0)]
+    pairs = [
+        (-3.0, 0.0, 3.0, 0.0),
+        (-3.0, 0.0, 0.0, 0.0),
+        (-3.0, 0.0, 30.0, 0.0),
+        (-3.0, 0.0, -2.0, 0.0),
+    ]
     assert np.isnan(between(*pairs, routes=routes).length).tolist() == [True, True, True, False]
     assert routes.fault(-2.0, 0.0, (-3.0, 0.0)) is None
-    assert "in reach of x -3.00 m, y 0.00 m, on the map closed" in (routes.fault(3.0, 0.0, (-3.0, 0.0)) or "")
+    assert "in reach of x -3.00 m, y 0.00 m, on the map closed" in (
+        routes.fault(3.0, 0.0, (-3.0, 0.0)) or ""
+    )
     wanted = f"in free space, 0.20 m from obstacles, on the map {routes.grid}, got x"
     assert all(wanted in (routes.fault(x, 0.0) or "") for x in (0.0, 30.0))
 
@@ -113,7 +120,9 @@ def test_a_door_is_passed_if_the_robot_fits(width: int) -> None:
     free = hall()
     free[:, 118:122] = False
     free[60 : 60 + width, 118:122] = True
-    found = between((-3.0, 0.0, 3.0, 0.0), routes=Routes(GridMap("door", free, 0.05, GRID.origin), RADIUS))
+    found = between(
+        (-3.0, 0.0, 3.0, 0.0), routes=Routes(GridMap("door", free, 0.05, GRID.origin), RADIUS)
+    )
     assert np.isfinite(found.length) == (width * 0.05 > 2.0 * RADIUS)
 
 

@@ -31,7 +31,10 @@ def declared(**changes: Any) -> RemoteCall:
 
 
 class Server(ActionServer):
-    """A server that keeps its goals until a test finishes them; it may reject goals or cancellations."""
+    """A server that keeps its goals until a test finishes them.
+
+    It may reject goals or cancellations.
+    """
 
     def __init__(self, node: Node, *, accepts: bool = True, cancels: bool = True) -> None:
         self.goals: list[ServerGoalHandle] = []

@@ -21,9 +21,14 @@ STOP_DEADLINE = 0.5
 LONG_START = 60.0
 """Real seconds that a node may need to start on a loaded machine."""
 
-READY = {"simulation": "simulating pioneer", "executor": "ready for chains", "refinement": "refining chains"}
+READY = {
+    "simulation": "simulating pioneer",
+    "executor": "ready for chains",
+    "refinement": "refining chains",
+}
 SETTINGS: dict[str, dict[str, object]] = {
-    # Faster than real time, the simulation waits for commands, so that load changes only the duration.
+    # Faster than real time, the simulation waits for commands, so that load changes only the
+    # duration.
     "simulation": {"real_time_factor": 2.0, "command_wait": 0.5, "log_level": "debug"},
     "executor": {"odom_timeout": 1.5, "refinement_timeout": 3.0, "start_timeout": 20.0},
     "refinement": {},
@@ -43,7 +48,10 @@ class ArenaClient(ChainClient):
         super().place(robot)
 
     def ended(self, sent: SentChain) -> ExecuteChain.Result:
-        """Wait for the end of a goal; assert that it has a reason and that its record is published once."""
+        """Wait for the end of a goal.
+
+        Assert that it has a reason and that its record is published once.
+        """
         result = sent.result()
         assert result.outcome.code
         assert result.outcome.reason
@@ -67,8 +75,12 @@ class Arena:
     `SETTINGS`.
     """
 
-    def __init__(self, domain: int, logs: Path, settings: dict[str, dict[str, object]] | None = None) -> None:
-        self._settings = {name: own | (settings or {}).get(name, {}) for name, own in SETTINGS.items()}
+    def __init__(
+        self, domain: int, logs: Path, settings: dict[str, dict[str, object]] | None = None
+    ) -> None:
+        self._settings = {
+            name: own | (settings or {}).get(name, {}) for name, own in SETTINGS.items()
+        }
         self.domain = domain
         self._processes = Processes(domain, logs)
         self.observer = Client(domain)
@@ -103,9 +115,13 @@ class Arena:
 
     def check(self) -> None:
         """Assert that the robot, which has been driven, always stopped in time."""
-        self.observer.eventually(self.stops, "a command to move and a stop in the logs of the simulation")
+        self.observer.eventually(
+            self.stops, "a command to move and a stop in the logs of the simulation"
+        )
         late = [stop for stop in self.stops() if stop[1] - stop[0] > STOP_DEADLINE + 1e-6]
-        assert not late, f"expected the robot to stand within {STOP_DEADLINE} s, (sent, stood): {late}"
+        assert not late, (
+            f"expected the robot to stand within {STOP_DEADLINE} s, (sent, stood): {late}"
+        )
         nodes = [node for nodes in self._started.values() for node in nodes]
         assert not [node.output for node in nodes if "Traceback" in node.output]
 

@@ -24,7 +24,10 @@ def call(top: str, pose: Pose, *, opened: tuple[str, ...] = (), **values: float)
 
 
 def chain_of_the_paper() -> list[TopCall]:
-    """Return the chain goToBall, dribbleBall, shoot for a ball at (0, 0); the angle at the ball is free."""
+    """Return the chain goToBall, dribbleBall, shoot for a ball at (0, 0).
+
+    The angle at the ball is free.
+    """
     return [
         call("goToBall", Pose(0.0, 0.0, 0.5), opened=("yaw",)),
         call("dribbleBall", Pose(2.4, 0.3, -0.1)),
@@ -32,8 +35,8 @@ def chain_of_the_paper() -> list[TopCall]:
     ]
 
 
-# Takes minutes of simulated time, so that all events of a test occur before the chain's end: the simulation
-# does not wait for the test's process.
+# Takes minutes of simulated time, so that all events of a test occur before the chain's end: the
+# simulation does not wait for the test's process.
 PATROL = [call("goToPose", Pose(2.5, 1.5, 0.0)), call("goToPose", Pose(-2.5, 1.5, 3.1))] * 16
 
 
@@ -58,7 +61,9 @@ class ChainClient:
         self.actions: list[ActionPerformance] = client.listen(
             ActionPerformance, "performance/action", RESULTS
         )
-        self.chains: list[ChainPerformance] = client.listen(ChainPerformance, "performance/chain", LATCHED)
+        self.chains: list[ChainPerformance] = client.listen(
+            ChainPerformance, "performance/chain", LATCHED
+        )
         self.commands: list[Any] = []
         if commands is not None:
             self.commands = client.listen(commands, "cmd_vel", SENSOR_DATA)

@@ -37,7 +37,9 @@ def pytest_runtest_makereport() -> Generator[None, pytest.TestReport, pytest.Tes
     """Report the output of the nodes if a test fails."""
     report = yield
     if report.failed:
-        tails = [(log.name, log.read_text(encoding="utf-8")[-_SHOWN:]) for log in LOGS if log.exists()]
+        tails = [
+            (log.name, log.read_text(encoding="utf-8")[-_SHOWN:]) for log in LOGS if log.exists()
+        ]
         report.sections += [(f"Log {name}", tail) for name, tail in tails]
     return report
 
@@ -47,8 +49,8 @@ def domain() -> Iterator[int]:
     """Yield a ROS domain that no other test uses at the same time, in this run or another."""
     with free_domain() as number:
         yield number
-    # A node with an action client is in a reference cycle. Until it is collected, it is a DDS participant;
-    # participants with numbers from 32 on are not discovered.
+    # A node with an action client is in a reference cycle. Until it is collected, it is a DDS
+    # participant; participants with numbers from 32 on are not discovered.
     gc.collect()
 
 
@@ -71,7 +73,9 @@ def start(domain: int, tmp_path: Path) -> Iterator[Start]:
 
 
 @pytest.fixture
-def host(domain: int, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Iterator[Host]:
+def host(
+    domain: int, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> Iterator[Host]:
     """Yield a function that runs one node in this process: host("executor", models=folder)."""
     monkeypatch.setenv(PROFILES, "")  # restored after the test, since the node sets it
     hosted: list[Hosted] = []

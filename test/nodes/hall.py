@@ -87,5 +87,7 @@ class Hall:
         """Move the robot to `pose` for the goal of this number, and let the server succeed."""
         self.client.eventually(lambda: len(server.goals) >= number, f"goal {number}")
         self.base.pose = pose
-        self.client.eventually(lambda: self.client.robot().pose == pytest.approx(pose), "odometry of it")
+        self.client.eventually(
+            lambda: self.client.robot().pose == pytest.approx(pose), "odometry of it"
+        )
         self.client.within(server.finish)

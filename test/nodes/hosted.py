@@ -22,7 +22,13 @@ class Hosted:
     """
 
     def __init__(
-        self, name: str, domain: int, output: Callable[[], str], /, *words: str, **parameters: object
+        self,
+        name: str,
+        domain: int,
+        output: Callable[[], str],
+        /,
+        *words: str,
+        **parameters: object,
     ) -> None:
         pairs = ["{}:={}".format(*pair) for pair in parameters.items()]
         words += tuple(word for pair in pairs for word in ("-p", pair))
@@ -33,7 +39,9 @@ class Hosted:
             signal_handler_options=SignalHandlerOptions.NO,
         )
         self._read, self._output = output, ""
-        made = getattr(importlib.import_module(f"ator_ros.nodes.{name}"), f"{name.capitalize()}Node")
+        made = getattr(
+            importlib.import_module(f"ator_ros.nodes.{name}"), f"{name.capitalize()}Node"
+        )
         self.node: Node = made()
         executor = SingleThreadedExecutor()
         executor.add_node(self.node)

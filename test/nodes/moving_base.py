@@ -17,7 +17,10 @@ PERIOD = 0.05
 
 
 class MovingBase:
-    """Follows commands immediately; starts at the origin, and moves at a `share` of the commanded speed."""
+    """Follows commands immediately.
+
+    Starts at the origin, and moves at a `share` of the commanded speed.
+    """
 
     def __init__(
         self,

@@ -85,7 +85,8 @@ def provide_nav2_msgs(patch: pytest.MonkeyPatch) -> None:
         patch.setenv(name, f"{folder}:{os.environ.get(name, '')}")
     patch.setenv("AMENT_PREFIX_PATH", f"{os.environ['AMENT_PREFIX_PATH']}:{prefix}")
     patch.syspath_prepend(str(packages))
-    for library in sorted((prefix / "lib").glob("lib*.so")):  # this process has read LD_LIBRARY_PATH already
+    # this process has read LD_LIBRARY_PATH already
+    for library in sorted((prefix / "lib").glob("lib*.so")):
         ctypes.CDLL(str(library))
 
 
@@ -97,7 +98,15 @@ def _build(prefix: Path) -> None:
         (work / "src" / name).write_text(text, encoding="utf-8")
     found = "-DCMAKE_INSTALL_RPATH=$ORIGIN:$ORIGIN/../../.."
     for words in (
-        ["cmake", "-S", work / "src", "-B", work / "build", f"-DCMAKE_INSTALL_PREFIX={work / 'made'}", found],
+        [
+            "cmake",
+            "-S",
+            work / "src",
+            "-B",
+            work / "build",
+            f"-DCMAKE_INSTALL_PREFIX={work / 'made'}",
+            found,
+        ],
         ["cmake", "--build", work / "build", f"-j{os.cpu_count()}"],
         ["cmake", "--install", work / "build"],
     ):

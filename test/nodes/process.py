@@ -23,13 +23,20 @@ def executable(name: str) -> str:
 def environment(domain: int | None = None) -> dict[str, str]:
     """Return the environment of a program on a ROS domain of this machine."""
     chosen = {} if domain is None else {"ROS_DOMAIN_ID": str(domain)}
-    return {**os.environ, "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "PYTHONUNBUFFERED": "1", **chosen}
+    return {
+        **os.environ,
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        "PYTHONUNBUFFERED": "1",
+        **chosen,
+    }
 
 
 def run(*words: object, domain: int | None = None) -> subprocess.CompletedProcess[str]:
     """Run a program to its end."""
     command, settings = list(map(str, words)), environment(domain)
-    return subprocess.run(command, capture_output=True, text=True, timeout=240.0, env=settings, check=False)
+    return subprocess.run(
+        command, capture_output=True, text=True, timeout=240.0, env=settings, check=False
+    )
 
 
 class Process:

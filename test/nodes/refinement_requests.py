@@ -47,7 +47,9 @@ def worst_request() -> RefineSubgoal.Request:
     request = RefineSubgoal.Request(situation=request_of_the_paper().situation)
     for step in range(LONGEST_CHAIN):
         goal = Pose(0.1 * ((step + 1) // 2), 0.0, 0.3)
-        request.chain.calls.append(call("dribbleBall" if step % 2 else "goToBall", goal, opened=("*",)))
+        request.chain.calls.append(
+            call("dribbleBall" if step % 2 else "goToBall", goal, opened=("*",))
+        )
     return request
 
 

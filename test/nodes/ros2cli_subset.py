@@ -1,7 +1,7 @@
 """The subset of the `ros2` command line in the documentation, for machines without it.
 
-Options and defaults are those of ros2cli 0.32 and launch_ros 0.26 (Jazzy); messages are printed as YAML, by
-`examples/call.py`.
+Options and defaults are those of ros2cli 0.32 and launch_ros 0.26 (Jazzy); messages are printed as
+YAML, by `examples/call.py`.
 """
 
 import os
@@ -31,7 +31,9 @@ def launch(words: list[str]) -> int:
     values |= given
 
     def put(text: str) -> str:
-        text = re.sub(r"\$\(find-pkg-share (\w+)\)", lambda m: get_package_share_directory(m[1]), text)
+        text = re.sub(
+            r"\$\(find-pkg-share (\w+)\)", lambda m: get_package_share_directory(m[1]), text
+        )
         text = re.sub(r"\$\(var (\w+)\)", lambda m: put(str(values[m[1]])), text)
         return re.sub(r"\$\(command '([^']*)'\)", lambda m: printed_by(m[1]), text)
 
@@ -39,7 +41,9 @@ def launch(words: list[str]) -> int:
     (group,) = root.findall("group")
     namespace = put(group.find("push_ros_namespace").get("namespace"))  # type: ignore[union-attr, arg-type]
     running = [_node(node, put, namespace) for node in group.findall("node") if _wanted(node, put)]
-    signal.signal(signal.SIGINT, lambda *_: [process.send_signal(signal.SIGINT) for process in running])
+    signal.signal(
+        signal.SIGINT, lambda *_: [process.send_signal(signal.SIGINT) for process in running]
+    )
     return max(process.wait() for process in running)
 
 
@@ -60,7 +64,10 @@ def _node(node: ET.Element, put: Any, namespace: str) -> subprocess.Popen[bytes]
         if param.get("from"):
             words += ["--params-file", put(param.get("from"))]
         else:
-            words += ["-p", f"{param.get('name')}:={typed(put(param.get('value')), param.get('type'))}"]
+            words += [
+                "-p",
+                f"{param.get('name')}:={typed(put(param.get('value')), param.get('type'))}",
+            ]
     words += ["-r", f"__ns:=/{namespace}"] if namespace else []
     return subprocess.Popen([executable(node.get("pkg", ""), node.get("exec", "")), *words])
 

@@ -37,8 +37,8 @@ _SPIN = 0.1
 class SpinThread(threading.Thread):
     """Spins an executor in a thread of its own.
 
-    Shutting down an rclpy executor destroys entities that a spinning thread still uses, so the thread is
-    ended first.
+    Shutting down an rclpy executor destroys entities that a spinning thread still uses, so the
+    thread is ended first.
     """
 
     def __init__(self, executor: SingleThreadedExecutor) -> None:
@@ -52,7 +52,10 @@ class SpinThread(threading.Thread):
                 self._executor.spin_once(timeout_sec=_SPIN)
 
     def end(self, timeout: float | None = None) -> None:
-        """Wait until the running callback has returned, at most `timeout` real s; shut the executor down."""
+        """Wait until the running callback has returned, at most `timeout` real s.
+
+        Shut the executor down.
+        """
         self._ending.set()
         if self.is_alive():
             self.join(timeout)
@@ -62,8 +65,8 @@ class SpinThread(threading.Thread):
 class Client:
     """A node in this process that subscribes to odom and ball, publishes commands, and calls services.
 
-    `frame` is the odometry's frame in `namespace`. A `silent` client neither subscribes to them nor publishes
-    commands: one process cannot have a topic with two types.
+    `frame` is the odometry's frame in `namespace`. A `silent` client neither subscribes to them nor
+    publishes commands: one process cannot have a topic with two types.
     """
 
     def __init__(
@@ -105,7 +108,10 @@ class Client:
         return messages
 
     def statuses(self) -> list[DiagnosticStatus]:
-        """Subscribe to the diagnostics; return a list to which the status of every message is appended."""
+        """Subscribe to the diagnostics.
+
+        Return a list to which the status of every message is appended.
+        """
         found: list[DiagnosticStatus] = []
         self.node.create_subscription(
             DiagnosticArray, "/diagnostics", lambda message: found.extend(message.status), RESULTS
@@ -115,7 +121,9 @@ class Client:
     def status_of(self, name: str) -> DiagnosticStatus:
         """Wait for the diagnostic status of a node."""
         found = self.statuses()
-        return self.eventually(lambda: [each for each in found if each.name == f"/{name}"], "diagnostics")[0]
+        return self.eventually(
+            lambda: [each for each in found if each.name == f"/{name}"], "diagnostics"
+        )[0]
 
     def eventually(self, happened: Callable[[], Any], what: str, patience: float = PATIENCE) -> Any:
         """Wait until `happened` returns a true value, and return it; fail after `patience` s."""
@@ -160,7 +168,10 @@ class Client:
         return self.eventually(lambda: self._answer(client, sent), f"an answer of {name}")
 
     def _answer(self, client: Any, request: Any) -> Any:
-        """Call once; None without a response: a server that has just ended may still be discovered."""
+        """Call once.
+
+        None without a response: a server that has just ended may still be discovered.
+        """
         future = client.call_async(request)
         end = time.monotonic() + RETRY
         while not future.done() and time.monotonic() < end:
@@ -209,7 +220,9 @@ class SentGoal:
     def __init__(self, client: Client, server: ActionClient, goal: Any) -> None:
         self.client, self.feedback = client, list[Any]()
         future = client.within(
-            lambda: server.send_goal_async(goal, lambda message: self.feedback.append(message.feedback))
+            lambda: server.send_goal_async(
+                goal, lambda message: self.feedback.append(message.feedback)
+            )
         )
         client.eventually(future.done, "the goal's acceptance")
         self.handle = future.result()

@@ -47,7 +47,15 @@ def test_drives_are_kept_on_interruption_and_the_same_command_goes_on(
     hall.base.set_pace(10.0)
     start("drive_to_server")
     table, points = tmp_path / "drives.parquet", ((1.0, 0.5), (-1.0, 0.0), (0.5, -1.0))
-    words = ["--domain", str(tmp_path / "errands.yaml"), "--actions", "deliver", *ATTACHED, "--episodes", "3"]
+    words = [
+        "--domain",
+        str(tmp_path / "errands.yaml"),
+        "--actions",
+        "deliver",
+        *ATTACHED,
+        "--episodes",
+        "3",
+    ]
     words += ["--places", str(places(tmp_path, *points)), "--yes", "--out", str(table)]
 
     def interrupt() -> None:
@@ -87,7 +95,14 @@ def test_a_goal_of_another_client_ends_the_drives(
 
     waiting = threading.Thread(target=take_over)
     waiting.start()
-    words = ["--domain", str(tmp_path / "errands.yaml"), "--actions", "navigate", *ATTACHED, "--yes"]
+    words = [
+        "--domain",
+        str(tmp_path / "errands.yaml"),
+        "--actions",
+        "navigate",
+        *ATTACHED,
+        "--yes",
+    ]
     assert main([*words, "--out", str(tmp_path / "drives.parquet")]) == 1
     waiting.join()
     assert "a newer goal took over; the same command resumes from here" in capfd.readouterr().err
@@ -100,7 +115,15 @@ def test_the_robot_is_not_moved_without_confirmation(
 ) -> None:
     monkeypatch.setattr(sys, "stdin", io.StringIO("\n"))
     file = write_map(tmp_path, cells())
-    words = ["--domain", "tour", *ATTACHED, "--map", str(file), "--out", str(tmp_path / "drives.parquet")]
+    words = [
+        "--domain",
+        "tour",
+        *ATTACHED,
+        "--map",
+        str(file),
+        "--out",
+        str(tmp_path / "drives.parquet"),
+    ]
     assert main(words) == 1
     printed = capsys.readouterr().err
     assert "100 drives of courier to places in free space of hall.yaml" in printed
@@ -131,5 +154,7 @@ def test_goals_are_in_free_space_and_apart_from_the_robot(tmp_path: Path, given:
 
 def test_a_place_in_an_obstacle_is_reported_first(tmp_path: Path) -> None:
     robot = TOUR.on_map(write_map(tmp_path, cells())).robot()
-    with pytest.raises(ConfigError, match=r"places\.yaml: \[1\]: expected a place in free space of the map"):
+    with pytest.raises(
+        ConfigError, match=r"places\.yaml: \[1\]: expected a place in free space of the map"
+    ):
         Destinations(robot, places(tmp_path, (-2.0, 0.0), (0.0, 0.0)))

@@ -34,10 +34,17 @@ class Sensors:
         self._words = other.node.create_publisher(String, SENSED["odom"], SENSOR_DATA)
         self._time = 1.0
 
-    def send(self, field: str = "header.frame_id", value: object = "odom", *, ball: bool = False) -> None:
-        """Publish the next state; `value` is that of a field of the ball's message or the odometry."""
+    def send(
+        self, field: str = "header.frame_id", value: object = "odom", *, ball: bool = False
+    ) -> None:
+        """Publish the next state.
+
+        `value` is that of a field of the ball's message or the odometry.
+        """
         self._time += 0.05
-        robot = odometry_of(self._time, RobotState(Pose(0.0, 0.0, 0.0)), frame="odom", child="base_link")
+        robot = odometry_of(
+            self._time, RobotState(Pose(0.0, 0.0, 0.0)), frame="odom", child="base_link"
+        )
         place = object_odometry_of(self._time, ObjectState(-2.0, 1.0), frame="odom", height=0.1)
         part, _, name = field.rpartition(".")
         setattr(attrgetter(part)(place if ball else robot), name, value)
@@ -71,7 +78,9 @@ INVALID = [
 
 
 @pytest.mark.parametrize(("field", "value", "ball", "expected"), INVALID)
-def test_invalid_sensor_messages_are_reported_and_move_nothing(hosted, field, value, ball, expected) -> None:
+def test_invalid_sensor_messages_are_reported_and_move_nothing(
+    hosted, field, value, ball, expected
+) -> None:
     node, chains, sensors = hosted
     count, health = len(chains.commands), chains.ros.statuses()
 

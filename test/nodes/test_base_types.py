@@ -17,7 +17,9 @@ SETTINGS = {"odom_timeout": 2.0, "start_timeout": 20.0}
 
 
 @pytest.mark.parametrize("kind", [Twist, TwistStamped])
-def test_the_type_that_the_base_subscribes_to_is_published(host: Host, client: Client, kind: type) -> None:
+def test_the_type_that_the_base_subscribes_to_is_published(
+    host: Host, client: Client, kind: type
+) -> None:
     host("executor", **SETTINGS)
     base = MovingBase(client, kind)  # discovered after the start
     chains = ChainClient(client, commands=kind)

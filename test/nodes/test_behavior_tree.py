@@ -37,7 +37,9 @@ def test_it_runs_until_the_chain_ends_and_cancels_it_when_it_is_stopped(hall: Ha
     client.within(lambda: behavior.stop(Status.INVALID))
     client.eventually(lambda: server.canceled, "a cancellation")
     client.within(lambda: server.finish("canceled"))
-    client.eventually(lambda: reaches(Status.RUNNING) and len(server.goals) == 4, "a goal after that")
+    client.eventually(
+        lambda: reaches(Status.RUNNING) and len(server.goals) == 4, "a goal after that"
+    )
     client.within(lambda: server.finish("abort", code=2))
     client.eventually(lambda: reaches(Status.FAILURE), "the failure")
 

@@ -38,7 +38,9 @@ def publish(domain: int) -> Iterator[Callable[..., None]]:
     client.close()
 
 
-def test_invalid_odometry_is_reported(publish: Callable[..., None], domain: int, tmp_path: Path) -> None:
+def test_invalid_odometry_is_reported(
+    publish: Callable[..., None], domain: int, tmp_path: Path
+) -> None:
     message = Odometry(child_frame_id="base_link")
     message.header.frame_id, message.pose.pose.orientation.w = "robot1/odom", 1.0
     publish(message)
@@ -49,12 +51,20 @@ def test_invalid_odometry_is_reported(publish: Callable[..., None], domain: int,
     assert "expected the frame 'odom', got 'robot1/odom'; set frame:=robot1/odom (of cal" in line
 
 
-def test_constant_stamps_are_reported(publish: Callable[..., None], domain: int, tmp_path: Path) -> None:
+def test_constant_stamps_are_reported(
+    publish: Callable[..., None], domain: int, tmp_path: Path
+) -> None:
     message = Odometry(child_frame_id="base_link")
-    message.header.frame_id, message.header.stamp.sec, message.pose.pose.orientation.w = "odom", 3, 1.0
+    message.header.frame_id, message.header.stamp.sec, message.pose.pose.orientation.w = (
+        "odom",
+        3,
+        1.0,
+    )
     publish(message, step=0)
     done = calibrate(domain, "--out", str(tmp_path / "mine.yaml"))
-    assert "newer message every 2 s; odom: the stamps of /strange_base stay at 3.00 s" in done.stderr
+    assert (
+        "newer message every 2 s; odom: the stamps of /strange_base stay at 3.00 s" in done.stderr
+    )
 
 
 def test_a_base_that_subscribes_to_stamped_commands_is_driven(domain: int, tmp_path: Path) -> None:

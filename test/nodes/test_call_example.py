@@ -65,7 +65,10 @@ def test_a_goal_is_sent_and_feedback_and_result_printed_and_an_interrupt_cancels
             marks=pytest.mark.long,
         ),
         (("place ball!", PLACE), "place ball!"),
-        (("reset", "std_srvs/srv/Tri"), "type: expected an installed one, such as std_srvs/srv/Trigger, got"),
+        (
+            ("reset", "std_srvs/srv/Tri"),
+            "type: expected an installed one, such as std_srvs/srv/Trigger, got",
+        ),
     ],
 )
 def test_invalid_calls_are_reported(
@@ -85,7 +88,10 @@ def test_invalid_calls_are_reported(
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"position": {"point": {"x": "far"}}}, r"request\.position\.point\.x: expected double, got 'far'$"),
+        (
+            {"position": {"point": {"x": "far"}}},
+            r"request\.position\.point\.x: expected double, got 'far'$",
+        ),
         ({"remove": 1}, r"request\.remove: expected boolean, got 1$"),
         ({"place": 1}, r"request: expected fields among .*position.*, got 'place'$"),
         ({"position": 3}, r"request\.position: expected fields with values, got 3$"),

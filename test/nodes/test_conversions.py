@@ -48,7 +48,9 @@ worlds = st.builds(
     st.just({}) | st.builds(objects_of, balls),
 )
 any_number = st.floats(allow_nan=True, allow_infinity=True)
-any_name = st.sampled_from([*GOAL_VARIABLES, "*", *LIBRARY, FRAME, "default", "bezier"]) | st.text(max_size=8)
+any_name = st.sampled_from([*GOAL_VARIABLES, "*", *LIBRARY, FRAME, "default", "bezier"]) | st.text(
+    max_size=8
+)
 
 
 def near(first: Pose, second: Pose) -> bool:
@@ -60,7 +62,11 @@ def test_a_world_is_unchanged_by_a_message(world: World) -> None:
     back = world_from(messages.situation_of(world, frame=FRAME), frame=FRAME)
     assert back.time == pytest.approx(world.time, abs=1e-8)
     assert near(back.robot.pose, world.robot.pose)
-    assert (back.robot.v, back.robot.w, ball_of(back)) == (world.robot.v, world.robot.w, ball_of(world))
+    assert (back.robot.v, back.robot.w, ball_of(back)) == (
+        world.robot.v,
+        world.robot.w,
+        ball_of(world),
+    )
 
 
 @given(st.builds(RobotState, poses, speeds, speeds), balls)
@@ -75,10 +81,16 @@ def test_odometry_is_unchanged_by_a_message(robot: RobotState, ball: ObjectState
 
 
 @given(
-    st.lists(st.tuples(st.sampled_from(list(LIBRARY)), poses, st.floats(0.0, 2.0)), min_size=1, max_size=5)
+    st.lists(
+        st.tuples(st.sampled_from(list(LIBRARY)), poses, st.floats(0.0, 2.0)),
+        min_size=1,
+        max_size=5,
+    )
 )
 def test_a_chain_is_unchanged_by_a_message(steps: list[tuple[str, Pose, float]]) -> None:
-    message = TopChain(calls=[TopCall(top=top, speed=speed, open=["yaw", "*"]) for top, _, speed in steps])
+    message = TopChain(
+        calls=[TopCall(top=top, speed=speed, open=["yaw", "*"]) for top, _, speed in steps]
+    )
     for call, (_, pose, _) in zip(message.calls, steps, strict=True):
         call.goal.pose = messages.pose_of(pose)
     chain = messages.chain_from(message, LIBRARY, frame=FRAME)
@@ -112,11 +124,17 @@ def lifted(**values: float) -> TopChain:
     ("chain", "expected"),
     [
         (lifted(), r"chain.calls\[0\].values: expected values of lift, got those of no variable"),
-        (lifted(lift=1.6), r"chain.calls\[0\].values: lift: expected a number from 0.1 to 1.5 m, got"),
+        (
+            lifted(lift=1.6),
+            r"chain.calls\[0\].values: lift: expected a number from 0.1 to 1.5 m, got",
+        ),
         (lifted(lift=math.nan), r"values: lift: expected a number from 0.1 to 1.5 m, got nan"),
         (lifted(lift=0.5, force=1.0), r"values: expected values of lift, got those of lift, force"),
         (lifted(force=1.0), r"values: expected values of lift, got those of force"),
-        (TopChain(calls=[TopCall(top="dribbleBall", open=["lift"])]), r"open: expected names .*got 'lift'"),
+        (
+            TopChain(calls=[TopCall(top="dribbleBall", open=["lift"])]),
+            r"open: expected names .*got 'lift'",
+        ),
     ],
 )
 def test_undeclared_or_missing_values_are_rejected(chain: TopChain, expected: str) -> None:
@@ -145,7 +163,9 @@ def scrambled(message: Any, draw: st.DrawFn) -> Any:
 @given(st.data())
 def test_arbitrary_messages_are_read_or_rejected(data: st.DataObject) -> None:
     ball = msg.ObjectState(name="ball")
-    chain = TopChain(calls=[scrambled(TopCall(), data.draw) for _ in range(data.draw(st.integers(0, 2)))])
+    chain = TopChain(
+        calls=[scrambled(TopCall(), data.draw) for _ in range(data.draw(st.integers(0, 2)))]
+    )
     readers = [
         lambda: OdometryReader(FRAME).read(scrambled(Odometry(), data.draw)),
         lambda: BALL.read(scrambled(Odometry(), data.draw)),
@@ -167,7 +187,9 @@ def test_arbitrary_messages_are_read_or_rejected(data: st.DataObject) -> None:
 
 def test_goals_and_situations_in_a_known_frame_are_transformed() -> None:
     origin = Pose(1.0, 2.0, math.pi / 2.0)
-    world = World(3.0, RobotState(Pose(1.0, 0.0, 0.5), 0.4), objects_of(ObjectState(2.0, 0.0, 1.0, 0.0)))
+    world = World(
+        3.0, RobotState(Pose(1.0, 0.0, 0.5), 0.4), objects_of(ObjectState(2.0, 0.0, 1.0, 0.0))
+    )
     situation, call = messages.situation_of(world, frame="odom"), TopCall()
     call.goal.pose, call.goal.header.frame_id = messages.pose_of(Pose(1.0, 1.0, 0.0)), "odom"
     elsewhere = TopCall()

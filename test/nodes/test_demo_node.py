@@ -34,8 +34,13 @@ def test_it_prints_the_gain_and_draws_the_paths(tmp_path: Path) -> None:
     ended = run(DEMO, "--situations", "1", *QUICKLY, "--out", tmp_path / "demo.png")
     assert ended.returncode == 0, ended.stdout + ended.stderr
     assert "1 of 1 situations succeeded with both chains; refinement saved" in ended.stdout
-    assert "chain shoot: goToBall, dribbleBall, shoot\nopen, for refinement to choose: " in ended.stdout
-    assert f"{tmp_path}/demo.png: the robot's path in each situation, naive (orange)" in ended.stdout
+    assert (
+        "chain shoot: goToBall, dribbleBall, shoot\nopen, for refinement to choose: "
+        in ended.stdout
+    )
+    assert (
+        f"{tmp_path}/demo.png: the robot's path in each situation, naive (orange)" in ended.stdout
+    )
     (row,) = re.findall(r"^ *1 naive .*", ended.stdout, flags=re.MULTILINE)
     *steps, whole = map(float, re.findall(r"([\d.]+) / ", row))
     assert sum(steps) == pytest.approx(whole, abs=0.02)

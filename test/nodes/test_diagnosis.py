@@ -1,4 +1,7 @@
-"""Diagnosed causes of missing inputs and of a base that does not move; several publishers of a state."""
+"""Diagnosed causes of missing inputs and of a base that does not move.
+
+Several publishers of a state.
+"""
 
 from types import SimpleNamespace
 from typing import Any
@@ -39,7 +42,9 @@ def test_the_cause_of_missing_odometry(client: Client) -> None:
     client.within(lambda: node.create_publisher(Odometry, "odom", SENSOR_DATA))
     client.eventually(lambda: node.count_publishers("odom"), "the graph")
     client.within(lambda: [node.create_publisher(Odometry, "ball", SENSOR_DATA) for _ in range(2)])
-    client.eventually(lambda: "ball: expected one pub" in rival_senders(node, ["odom", "ball"]), "rivals")
+    client.eventually(
+        lambda: "ball: expected one pub" in rival_senders(node, ["odom", "ball"]), "rivals"
+    )
     for came, expected in (
         (cause(), "odom: /test_client publishes it, but sends no messages"),
         (
@@ -63,7 +68,9 @@ def test_the_cause_of_a_base_that_does_not_follow(client: Client, domain: int) -
     cause = CommandPublisher(client.node, stamped="false", frame="").cause
     try:
         others.listen(Twist, "/cmd_vel", 10)
-        client.eventually(lambda: cause() == "cmd_vel is received only by /base/test_client", "a base")
+        client.eventually(
+            lambda: cause() == "cmd_vel is received only by /base/test_client", "a base"
+        )
         others.within(lambda: others.node.create_publisher(Twist, "/cmd_vel", NEWEST))
         client.eventually(
             lambda: cause() == "cmd_vel: /base/test_client publishes commands as well", "a rival"

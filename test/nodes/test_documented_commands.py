@@ -16,7 +16,11 @@ from documentation import ROOT, commands
 
 pytestmark = [pytest.mark.node, pytest.mark.long]
 PATIENCE = 600.0
-NODES = {"simulation": "simulating", "executor": "ready for chains of", "refinement": "refining chains for"}
+NODES = {
+    "simulation": "simulating",
+    "executor": "ready for chains of",
+    "refinement": "refining chains for",
+}
 TEXTS = [printed.text for printed in commands()]
 IGNORED = shutil.ignore_patterns(
     ".git", ".venv*", "build", "install", "log", "out", "__pycache__", ".*_cache"
@@ -73,7 +77,9 @@ class Shell:
                 if process.poll() is None:
                     os.killpg(process.pid, number)
             end = time.monotonic() + patience
-            while time.monotonic() < end and any(process.poll() is None for process in self._started):
+            while time.monotonic() < end and any(
+                process.poll() is None for process in self._started
+            ):
                 time.sleep(0.05)
 
 
@@ -104,7 +110,9 @@ def test_the_printed_requests(shell: Shell) -> None:
     for words in ("simulating pioneer", "refining chains", "ready for chains"):
         wait_for(words, nodes)
     actions = shell.start(printed("ros2 topic echo /performance/action"))
-    assert "accepted: true\nrefined: true" in shell.run(printed("ros2 service call /refine_subgoal"))
+    assert "accepted: true\nrefined: true" in shell.run(
+        printed("ros2 service call /refine_subgoal")
+    )
     output = shell.run(printed("ros2 action send_goal --feedback"))
     assert "feedback:" in output
     assert "arrived" in output
@@ -122,7 +130,9 @@ def test_two_robots_drive_at_the_same_time(shell: Shell) -> None:
     wait_for("simulating pioneer_3dx as ann, bob", started[0])
     for name in ("ann", "bob"):
         for node, words in (("executor", "ready for chains"), ("refinement", "refining chains")):
-            started.append(shell.start(printed(f"ros2 run ator_ros {node} --ros-args -r __ns:=/{name}")))
+            started.append(
+                shell.start(printed(f"ros2 run ator_ros {node} --ros-args -r __ns:=/{name}"))
+            )
             wait_for(words, started[-1])
     ann = printed("ros2 action send_goal /ann")
     bob = (
@@ -143,7 +153,11 @@ def test_a_copy_of_the_configuration_is_used(shell: Shell) -> None:
     shell.run(printed("cp -rL"))
     robot = shell.folder / "my_config" / "pioneer.yaml"
     assert not robot.is_symlink()
-    text = robot.read_text(encoding="utf-8").replace("pioneer_3dx", "my_robot").replace("v: 1.2 ", "v: 1.1 ")
+    text = (
+        robot.read_text(encoding="utf-8")
+        .replace("pioneer_3dx", "my_robot")
+        .replace("v: 1.2 ", "v: 1.1 ")
+    )
     robot.write_text(text, encoding="utf-8")
     nodes = shell.start(printed("ros2 launch ator_ros ator.launch.xml config:="))
     wait_for("simulating my_robot", nodes)
@@ -154,12 +168,17 @@ def test_a_copy_of_the_configuration_is_used(shell: Shell) -> None:
         wait_for(f"{words} my_robot", shell.start(text, cwd=ROOT))
     shell.run(*re.findall(r"sed -i .*\\\n.*", (ROOT / "README.md").read_text(encoding="utf-8")))
     for name in ("refinement", "executor", "learning"):
-        assert f"models: {shell.folder}/my_study/models\n" in (robot.parent / f"{name}.yaml").read_text()
+        assert (
+            f"models: {shell.folder}/my_study/models\n"
+            in (robot.parent / f"{name}.yaml").read_text()
+        )
 
 
 def test_nodes_run_without_the_ros2_command(shell: Shell) -> None:
     for node, words in NODES.items():
-        (text,) = {each for each in TEXTS if re.fullmatch(f"make run EXE={node}( .*factor.*)?", each)}
+        (text,) = {
+            each for each in TEXTS if re.fullmatch(f"make run EXE={node}( .*factor.*)?", each)
+        }
         wait_for(f"{words} pioneer_3dx", shell.start(text, cwd=ROOT))
 
 

@@ -32,12 +32,17 @@ def file(tmp_path: Path) -> Path:
     return file
 
 
-def test_a_robot_without_a_holder_drives(start: Start, host: Host, client: Client, file: Path) -> None:
+def test_a_robot_without_a_holder_drives(
+    start: Start, host: Host, client: Client, file: Path
+) -> None:
     start("simulation", robot=file, real_time_factor=4.0)
     host("executor", robot=file, odom_timeout=5.0, start_timeout=60.0)
     assert client.robot().pose == pytest.approx(Pose(X - 2.0, Y, 0.0), abs=1e-3)
     chains = ChainClient(client)
-    passing = [call("goToPose", Pose(X - 1.0, Y, 0.0)), call("goToPose", Pose(X - 1.0, Y + 0.6, 1.5))]
+    passing = [
+        call("goToPose", Pose(X - 1.0, Y, 0.0)),
+        call("goToPose", Pose(X - 1.0, Y + 0.6, 1.5)),
+    ]
     passing[0].speed = 0.2
     outcome = chains.send(passing).outcome()
     assert outcome.code == Outcome.SUCCEEDED, outcome.reason

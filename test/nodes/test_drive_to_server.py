@@ -29,7 +29,9 @@ def test_a_goal_executes_until_arrival_cancellation_or_a_newer_goal(
         goal = DriveTo.Goal()
         goal.goal.pose = pose_of(Pose(x, 0.0, 0.0))
         made = SentGoal(client, server, goal)
-        client.eventually(lambda: made.handle.status == GoalStatus.STATUS_EXECUTING, "it is executed")
+        client.eventually(
+            lambda: made.handle.status == GoalStatus.STATUS_EXECUTING, "it is executed"
+        )
         return made
 
     older = sent(5.0)

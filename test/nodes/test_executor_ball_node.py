@@ -17,15 +17,21 @@ LONG = 120.0
 
 
 @pytest.mark.long
-def test_a_displaced_ball_is_refined_again_while_the_robot_drives(start: Start, client: Client) -> None:
+def test_a_displaced_ball_is_refined_again_while_the_robot_drives(
+    start: Start, client: Client
+) -> None:
     start("simulation")
     start("refinement", gate=False, deadline=5.0)
-    start("executor", odom_timeout=5.0, ball_timeout=0.5, start_timeout=60.0, refinement_timeout=20.0)
+    start(
+        "executor", odom_timeout=5.0, ball_timeout=0.5, start_timeout=60.0, refinement_timeout=20.0
+    )
     chains, calls = ChainClient(client), chain_of_the_paper()[:2]
     chains.place(Pose(-2.0, 0.0, 0.0))
     others = [TopChain(calls=[call("goToPose", Pose(-1.0, 0.5, 0.0)), *calls])]
     sent = chains.send(calls, refine=True, fetches=9, alternatives=others)
-    client.eventually(lambda: sent.feedback and sent.feedback[-1].top == "goToBall", "the approach", LONG)
+    client.eventually(
+        lambda: sent.feedback and sent.feedback[-1].top == "goToBall", "the approach", LONG
+    )
     chains.wait_until_moving()
     client.place(ball=(0.0, -0.5))
     result = sent.result(LONG)

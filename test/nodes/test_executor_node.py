@@ -51,12 +51,17 @@ def test_a_chain_runs_to_its_end_and_is_recorded(chains: ChainClient) -> None:
     assert [record.action for record in records] == ["goToPose", "dribbleBall", "shoot"]
     assert [record.step for record in records] == [0, 1, 2]
     assert all(record.outcome.code == Outcome.SUCCEEDED for record in records)
-    assert sum(record.actual.duration for record in records) == pytest.approx(result.record.actual.duration)
+    assert sum(record.actual.duration for record in records) == pytest.approx(
+        result.record.actual.duration
+    )
     assert records[1].start == records[0].end
-    assert [record.header.stamp for record in result.record.actions] == [r.header.stamp for r in records]
+    assert [record.header.stamp for record in result.record.actions] == [
+        r.header.stamp for r in records
+    ]
     assert {record.chain_id for record in records} == {result.record.chain_id}
     chains.ros.eventually(
-        lambda: chains.chains and chains.chains[-1].chain_id == result.record.chain_id, "the chain's record"
+        lambda: chains.chains and chains.chains[-1].chain_id == result.record.chain_id,
+        "the chain's record",
     )
     assert sent.feedback[0].steps == 3
     elapsed = [message.elapsed for message in sent.feedback]
@@ -65,14 +70,19 @@ def test_a_chain_runs_to_its_end_and_is_recorded(chains: ChainClient) -> None:
     assert all(message.status for message in sent.feedback)
 
 
-def test_cancel_stops_the_robot_and_goals_have_the_status_that_clients_expect(chains: ChainClient) -> None:
+def test_cancel_stops_the_robot_and_goals_have_the_status_that_clients_expect(
+    chains: ChainClient,
+) -> None:
     arrays = chains.ros.listen(
         GoalStatusArray, "execute_chain/_action/status", qos_profile_action_status_default
     )
 
     def last(sent: SentChain) -> int | None:
         found = [
-            each for a in arrays for each in a.status_list if each.goal_info.goal_id == sent.handle.goal_id
+            each
+            for a in arrays
+            for each in a.status_list
+            if each.goal_info.goal_id == sent.handle.goal_id
         ]
         return found[-1].status if found else None
 
@@ -115,14 +125,22 @@ def test_status_and_markers_are_latched_for_late_subscribers(chains: ChainClient
     ("calls", "expected"),
     [
         ([call("dribbleBall", Pose(2.0, 0.0, 0.0))], "pre-condition of step 1 (dribbleBall) now"),
-        ([call("goToPose", Pose(1.0, 0.0, 0.0)), call("shoot", Pose(4.0, 0.0, 0.0))], "step 2 (shoot)"),
+        (
+            [call("goToPose", Pose(1.0, 0.0, 0.0)), call("shoot", Pose(4.0, 0.0, 0.0))],
+            "step 2 (shoot)",
+        ),
         ([], "chain.calls: expected 1 to 32 items, got 0"),
         ([call("fly", Pose(0.0, 0.0, 0.0))], "chain.calls[0].top: expected one of"),
         ([call("goToPose", Pose(math.nan, 0.0, 0.0))], "expected a finite number"),
-        ([call("goToPose", Pose(1000.0, 0.0, 0.0))], "expected a place for the robot inside the fence"),
+        (
+            [call("goToPose", Pose(1000.0, 0.0, 0.0))],
+            "expected a place for the robot inside the fence",
+        ),
     ],
 )
-def test_an_invalid_chain_is_rejected_with_a_reason(chains: ChainClient, calls: list, expected: str) -> None:
+def test_an_invalid_chain_is_rejected_with_a_reason(
+    chains: ChainClient, calls: list, expected: str
+) -> None:
     result = chains.send(calls).result()
     assert result.outcome.code == result.record.outcome.code == Outcome.REFUSED
     assert expected in result.outcome.reason

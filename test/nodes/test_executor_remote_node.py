@@ -82,7 +82,9 @@ def test_an_action_type_that_is_not_installed_does_not_affect_others(hall: Hall)
     assert outcome.code == Outcome.FAILED
     assert "flying_msgs/action/Fly to be installed" in outcome.reason
     hall.client.eventually(
-        lambda: any("; without it fly cannot be executed" in status.message for status in diagnostics),
+        lambda: any(
+            "; without it fly cannot be executed" in status.message for status in diagnostics
+        ),
         "diagnostics",
     )
     server = hall.serve()

@@ -13,7 +13,9 @@ from ator_interfaces.msg import Outcome
 
 
 @pytest.mark.parametrize("number", few([signal.SIGTERM, signal.SIGINT], signal.SIGTERM))
-def test_shutdown_stops_the_robot_and_ends_cleanly(start: Start, host: Host, client: Client, number) -> None:
+def test_shutdown_stops_the_robot_and_ends_cleanly(
+    start: Start, host: Host, client: Client, number
+) -> None:
     host("simulation", real_time_factor=10.0, command_wait=0.5)
     executor = start("executor", odom_timeout=5.0, start_timeout=60.0)
     chains = ChainClient(client)

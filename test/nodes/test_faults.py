@@ -20,7 +20,10 @@ from ator_interfaces.srv import PlaceObject
 from ator_ros.geometry import Pose
 from ator_ros.nodes.qos import SENSOR_DATA
 
-CHAIN = [call("goToBall", Pose(0.0, 0.0, 0.0), opened=("yaw",)), call("dribbleBall", Pose(1.2, 0.0, 0.0))]
+CHAIN = [
+    call("goToBall", Pose(0.0, 0.0, 0.0), opened=("yaw",)),
+    call("dribbleBall", Pose(1.2, 0.0, 0.0)),
+]
 SHOT = [
     call("goToBall", Pose(0.0, 0.0, 0.0), opened=("yaw",)),
     call("dribbleBall", Pose(1.6, 0.0, 0.0)),
@@ -61,7 +64,9 @@ def approach(arena: Arena, client: ArenaClient) -> SentChain:
 def dribble(arena: Arena, client: ArenaClient) -> SentChain:
     """Send a goal; wait until the robot drives with the ball."""
     sent = approach(arena, client)
-    client.ros.eventually(lambda: any(each.top == "dribbleBall" for each in sent.feedback), "the dribble")
+    client.ros.eventually(
+        lambda: any(each.top == "dribbleBall" for each in sent.feedback), "the dribble"
+    )
     client.ros.eventually(lambda: client.ros.robot().v > 0.2, "the robot drives")
     return sent
 
@@ -70,7 +75,9 @@ def shoot(arena: Arena, client: ArenaClient) -> SentChain:
     """Send a goal; wait until the robot shoots."""
     client.place()
     sent = client.send(SHOT)
-    client.ros.eventually(lambda: any(message.top == "shoot" for message in sent.feedback), "the shot")
+    client.ros.eventually(
+        lambda: any(message.top == "shoot" for message in sent.feedback), "the shot"
+    )
     client.ros.eventually(lambda: client.ros.robot().v > 0.2, "the robot drives")
     return sent
 
@@ -82,7 +89,9 @@ STAGES = (waiting, refining, *MOVING)
 pytestmark = pytest.mark.node
 
 INPUTS = ("odom", "ball")
-SETTINGS: dict[str, dict[str, object]] = {"executor": {"remap": {name: f"relayed/{name}" for name in INPUTS}}}
+SETTINGS: dict[str, dict[str, object]] = {
+    "executor": {"remap": {name: f"relayed/{name}" for name in INPUTS}}
+}
 DROPOUTS, LATE_TICKS = 0.05, 2
 
 
@@ -98,7 +107,8 @@ class Relay:
         self.last: dict[str, float] = {}
         self._random, self._balls = random.Random(5), deque[Odometry](maxlen=1 + LATE_TICKS)
         self._publishers = {
-            name: client.node.create_publisher(Odometry, f"relayed/{name}", SENSOR_DATA) for name in INPUTS
+            name: client.node.create_publisher(Odometry, f"relayed/{name}", SENSOR_DATA)
+            for name in INPUTS
         }
         for name in INPUTS:
             client.node.create_subscription(
@@ -221,7 +231,9 @@ def test_refinement_is_killed_or_freezes(arena: Arena, stage: Stage, frozen: boo
     result = client.ended(sent)
     assert result.outcome.code == Outcome.SUCCEEDED, result.outcome.reason
     if stage is refining:
-        assert "executed as sent, refinement failed: no answer within 3 s" in result.record.refinement
+        assert (
+            "executed as sent, refinement failed: no answer within 3 s" in result.record.refinement
+        )
     if not frozen:
         recovers(arena, "refinement")
 

@@ -15,7 +15,9 @@ from ator_ros.nodes.qos import RESULTS
 pytestmark = pytest.mark.long
 
 
-def test_the_robot_drives_to_a_pose_and_other_frames_are_ignored(start: Start, client: Client) -> None:
+def test_the_robot_drives_to_a_pose_and_other_frames_are_ignored(
+    start: Start, client: Client
+) -> None:
     start("simulation", real_time_factor=10.0, command_wait=0.5)
     start("executor", odom_timeout=1.5)
     here = client.robot().pose
@@ -36,4 +38,6 @@ def test_the_robot_drives_to_a_pose_and_other_frames_are_ignored(start: Start, c
     client.eventually(lambda: "expected the frame 'odom', got 'map'" in node.output, "a warning")
     message.header.frame_id = "odom"
     sender.publish(message)
-    client.eventually(lambda: client.robot().pose.distance(Pose(-1.0, 0.5, 1.0)) < 0.06, "the robot")
+    client.eventually(
+        lambda: client.robot().pose.distance(Pose(-1.0, 0.5, 1.0)) < 0.06, "the robot"
+    )

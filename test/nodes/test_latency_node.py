@@ -20,7 +20,9 @@ def test_a_compensated_latency_costs_little(start: Start, client: Client) -> Non
     """A drive to the ball is hardly slower, the ball does not move, and the paper's chain succeeds."""
     start("simulation", real_time_factor=10.0, command_wait=SLOWLY, latency=LATENCY)
     start("refinement", deadline=5.0)
-    start("executor", start_timeout=60.0, odom_timeout=5.0, refinement_timeout=20.0, latency=LATENCY)
+    start(
+        "executor", start_timeout=60.0, odom_timeout=5.0, refinement_timeout=20.0, latency=LATENCY
+    )
     chains = ChainClient(client)
     result = chains.send([call("goToBall", GOAL)]).result()
     assert result.outcome.code == Outcome.SUCCEEDED, result.outcome

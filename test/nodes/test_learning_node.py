@@ -123,7 +123,8 @@ def test_it_continues_after_a_kill(
     assert values_of(client.status_of("learning"))["records since the last round"] == "30"
     publish_records(*records[30:])
     client.eventually(lambda: stored_in(folder) == 45, "the other records")
-    client.eventually(lambda: current_set(folder), "a set", patience=240.0)  # rounds have a low priority
+    # rounds have a low priority
+    client.eventually(lambda: current_set(folder), "a set", patience=240.0)
 
 
 @pytest.fixture(scope="module")

@@ -32,7 +32,9 @@ def requests(nodes: Client) -> Any:
     """Return a client of refine_subgoal with a queue for many responses, which the server has discovered."""
     client = nodes.node.create_client(RefineSubgoal, "refine_subgoal", qos_profile=SERVICES)
     assert client.wait_for_service(timeout_sec=PATIENCE)
-    nodes.eventually(lambda: answers([client.call_async(request_of_the_paper())], 1.0), "the first answer")
+    nodes.eventually(
+        lambda: answers([client.call_async(request_of_the_paper())], 1.0), "the first answer"
+    )
     return client
 
 
@@ -79,7 +81,10 @@ def test_each_of_many_goals_is_accepted_and_has_a_result(nodes: Client) -> None:
     goal = ExecuteChain.Goal(chain=request_of_the_paper().chain)
     handles = answers(client.within(lambda: [server.send_goal_async(goal) for _ in range(number)]))
     assert len([handle for handle in handles if handle.accepted]) == number
-    assert len(answers(client.within(lambda: [handle.cancel_goal_async() for handle in handles]))) == number
+    assert (
+        len(answers(client.within(lambda: [handle.cancel_goal_async() for handle in handles])))
+        == number
+    )
     results = answers(client.within(lambda: [handle.get_result_async() for handle in handles]))
     codes = [result.result.outcome.code for result in results]
     assert len(codes) == number

@@ -1,4 +1,7 @@
-"""Maps on running nodes: from a topic, each replaced by the next; goals in walls; a drive through a door."""
+"""Maps on running nodes: from a topic, each replaced by the next.
+
+Goals in walls; a drive through a door.
+"""
 
 import math
 from pathlib import Path
@@ -36,7 +39,9 @@ def models(tmp_path: Path) -> Path:
     domain = find_domain("pursuit").on_map(WALL)
     robot = domain.robot()
     rows = route_drives(robot, 120, seed=1).assign(action="pursue")
-    save_model(tmp_path / "pursue.json", train("pursue", rows, robot, features=domain.candidates("pursue")))
+    save_model(
+        tmp_path / "pursue.json", train("pursue", rows, robot, features=domain.candidates("pursue"))
+    )
     return tmp_path
 
 
@@ -51,9 +56,12 @@ def test_a_new_map_replaces_the_old_one_and_answers_name_theirs(
     host: Host, client: Client, models: Path
 ) -> None:
     maps = client.node.create_publisher(OccupancyGrid, "map", LATCHED)
-    node = host("refinement", domain="pursuit", models=models, map="/map", frame="map", deadline=20.0)
+    node = host(
+        "refinement", domain="pursuit", models=models, map="/map", frame="map", deadline=20.0
+    )
     sent = request(
-        call("visit", Pose(3.0, 0.0, 0.0), opened=("yaw",)), call("visit", Pose(3.0, 3.0, math.pi / 2))
+        call("visit", Pose(3.0, 0.0, 0.0), opened=("yaw",)),
+        call("visit", Pose(3.0, 3.0, math.pi / 2)),
     )
     answer = refine(client, sent)
     assert not answer.accepted
@@ -85,14 +93,20 @@ def test_a_new_map_replaces_the_old_one_and_answers_name_theirs(
     )
 
 
-def test_the_executor_refuses_a_goal_in_a_wall_before_the_robot_moves(host: Host, client: Client) -> None:
+def test_the_executor_refuses_a_goal_in_a_wall_before_the_robot_moves(
+    host: Host, client: Client
+) -> None:
     maps = client.node.create_publisher(OccupancyGrid, "map", LATCHED)
     node = host("executor", domain="building", map="map")
     maps.publish(occupancy_grid_of(EMPTY, frame="odom"))
     maps.publish(occupancy_grid_of(WALL, frame="odom"))
-    client.eventually(lambda: f"on the map map ({str(WALL).rpartition('(')[2]}" in node.output, "the map")
+    client.eventually(
+        lambda: f"on the map map ({str(WALL).rpartition('(')[2]}" in node.output, "the map"
+    )
     chains = ChainClient(client)
-    outcome = chains.send([call("visit", Pose(-2.0, 0.0, 0.0)), call("visit", Pose(0.0, 0.0, 0.0))]).outcome()
+    outcome = chains.send(
+        [call("visit", Pose(-2.0, 0.0, 0.0)), call("visit", Pose(0.0, 0.0, 0.0))]
+    ).outcome()
     assert outcome.code == Outcome.REFUSED
     assert "chain.calls[1].goal (visit): expected a place in free space" in outcome.reason
     assert not chains.commands
@@ -124,7 +138,11 @@ def test_a_map_is_used_once_the_node_is_idle_unless_it_has_no_room(client: Clien
 
 def test_a_tour_of_the_building_is_driven_by_its_server(start: Start, client: Client) -> None:
     start(
-        "simulation", domain="building", real_time_factor=0.0, command_wait=1.0, robot_start=[-6.2, 3.0, 0.0]
+        "simulation",
+        domain="building",
+        real_time_factor=0.0,
+        command_wait=1.0,
+        robot_start=[-6.2, 3.0, 0.0],
     )
     server = start("pursuit_server")
     executor = start("executor", domain="building", odom_timeout=2.0)

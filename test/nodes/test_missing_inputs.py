@@ -31,20 +31,27 @@ def another_type(client: Client) -> None:
             partial(MovingBase, odom="wheels/odom"),
             "of type nav_msgs/Odometry there is /wheels/odom: remap with -r odom:=/wheels/odom",
         ),
-        (another_type, "odom: expected nav_msgs/Odometry, /test_client publishes geometry_msgs/PoseStamped"),
+        (
+            another_type,
+            "odom: expected nav_msgs/Odometry, /test_client publishes geometry_msgs/PoseStamped",
+        ),
         (
             partial(MovingBase, frame="ann/odom"),
             "expected the frame 'odom', got 'ann/odom'; set frame:=ann/odom",
         ),
     ],
 )
-def test_missing_odometry(host: Host, client: Client, fault: Callable[[Client], None], expected: str) -> None:
+def test_missing_odometry(
+    host: Host, client: Client, fault: Callable[[Client], None], expected: str
+) -> None:
     node = host("executor", start_timeout=1.0)
     health = client.statuses()
     fault(client)
     outcome = ChainClient(client).send(AWAY).outcome()
     assert outcome.code == Outcome.INPUT_LOST
-    assert outcome.reason.startswith("odom is missing: expected one within 1 s of the goal, got none; ")
+    assert outcome.reason.startswith(
+        "odom is missing: expected one within 1 s of the goal, got none; "
+    )
     assert expected in outcome.reason
     assert expected in node.output
     client.eventually(lambda: expected in health[-1].message, "diagnostics")
@@ -60,10 +67,14 @@ def test_an_object_with_stamps_of_another_clock_is_reported(host: Host, client: 
     client.node.create_timer(0.05, lambda: ball.publish(message))
     outcome = ChainClient(client).send(TO_BALL).outcome()
     assert outcome.code == Outcome.INPUT_LOST
-    assert "messages of /test_client are ignored: ball.header.stamp: expected about " in outcome.reason
+    assert (
+        "messages of /test_client are ignored: ball.header.stamp: expected about " in outcome.reason
+    )
 
 
-def test_a_goal_succeeds_though_odometry_is_slower_than_real_time(host: Host, client: Client) -> None:
+def test_a_goal_succeeds_though_odometry_is_slower_than_real_time(
+    host: Host, client: Client
+) -> None:
     host("executor")
     base = MovingBase(client)
     base.set_pace(0.2)

@@ -23,7 +23,9 @@ def models(tmp_path: Path) -> Path:
 
 
 @BOTH
-def test_an_action_set_without_models_is_no_error(host: Host, client: Client, models: Path, name) -> None:
+def test_an_action_set_without_models_is_no_error(
+    host: Host, client: Client, models: Path, name
+) -> None:
     node = host(name, models=models)
     status = client.status_of(name)
     values = values_of(status)
@@ -66,7 +68,9 @@ def slow_robot(tmp_path: Path) -> Path:
 
 
 @BOTH
-def test_a_given_robot_file_is_used(host: Host, client: Client, slow_robot: Path, name: str) -> None:
+def test_a_given_robot_file_is_used(
+    host: Host, client: Client, slow_robot: Path, name: str
+) -> None:
     node = host(name, robot=slow_robot)
     status = client.status_of(name)
     assert status.level == DiagnosticStatus.WARN

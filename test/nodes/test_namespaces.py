@@ -1,4 +1,7 @@
-"""Two robots in separate namespaces of one domain; nodes use exactly the names that the policy allows."""
+"""Two robots in separate namespaces of one domain.
+
+Nodes use exactly the names that the policy allows.
+"""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -22,7 +25,10 @@ POLICY = ET.parse(share_folder() / "security" / "ator_ros.policy.xml").getroot()
 
 @dataclass(frozen=True, slots=True)
 class Surface:
-    """Full names of the topics, services and actions of one node; parts of an action count as the action."""
+    """Full names of the topics, services and actions of one node.
+
+    Parts of an action count as the action.
+    """
 
     publishes: frozenset[str]
     subscribes: frozenset[str]
@@ -35,7 +41,8 @@ class Surface:
 def surface(observer: Node, name: str, namespace: str = "/") -> Surface:
     """Return the names of a node, as another node on its domain sees them.
 
-    The namespace begins with a slash. Raises rclpy's NodeNameNonExistentError before it is discovered.
+    The namespace begins with a slash. Raises rclpy's NodeNameNonExistentError before it is
+    discovered.
     """
     replies = _names(observer.get_service_names_and_types_by_node(name, namespace))
     requests = _names(observer.get_client_names_and_types_by_node(name, namespace))

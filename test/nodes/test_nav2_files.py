@@ -19,7 +19,9 @@ READY = {
 
 
 @pytest.mark.parametrize("name", READY)
-def test_nodes_start(tmp_path: Path, domain: int, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+def test_nodes_start(
+    tmp_path: Path, domain: int, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
     provide_nav2_msgs(monkeypatch)
     for file in ("nav2/stations.yaml", "nav2/nav2.yaml", "building/map.png"):
         shutil.copy(ROOT / "config" / file, tmp_path)

@@ -21,7 +21,11 @@ from ator_ros.nodes.network import (
 )
 
 LOOPBACK = "127.0.0.1"
-NODES = {"simulation": "simulating", "executor": "ready for chains", "refinement": "refining chains"}
+NODES = {
+    "simulation": "simulating",
+    "executor": "ready for chains",
+    "refinement": "refining chains",
+}
 
 
 @pytest.mark.parametrize("node", few(NODES, "simulation"))
@@ -36,10 +40,17 @@ def test_a_node_listens_to_this_machine_only_and_ends_cleanly(
 
 
 def listens_at(process: Process, domain: int) -> set[str]:
-    """Return the addresses of its receiving sockets; sending sockets have ports chosen by the kernel."""
+    """Return the addresses of its receiving sockets.
+
+    Sending sockets have ports chosen by the kernel.
+    """
     low, high = map(int, Path("/proc/sys/net/ipv4/ip_local_port_range").read_text().split())
     of_domain = range(7400 + 250 * domain, 7400 + 250 * (domain + 1))
-    return {address for address, port in udp_sockets(process) if port in of_domain or not low <= port <= high}
+    return {
+        address
+        for address, port in udp_sockets(process)
+        if port in of_domain or not low <= port <= high
+    }
 
 
 def udp_sockets(process: Process) -> list[tuple[str, int]]:
@@ -55,7 +66,9 @@ def udp_sockets(process: Process) -> list[tuple[str, int]]:
             _, local, *rest = line.split()
             if f"socket:[{rest[7]}]" in mine:
                 number, _, port = local.partition(":")
-                packed = b"".join(struct.pack("=I", int(number[8 * i : 8 * i + 8], 16)) for i in range(words))
+                packed = b"".join(
+                    struct.pack("=I", int(number[8 * i : 8 * i + 8], 16)) for i in range(words)
+                )
                 places.append((socket.inet_ntop(family, packed), int(port, 16)))
     return places
 
@@ -84,7 +97,9 @@ def test_other_settings_restrict_discovery_to_this_machine(settings: dict[str, s
     assert Path(environment[PROFILES]).is_file()
 
 
-def test_a_free_domain_is_unused_and_differs_from_the_callers(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_free_domain_is_unused_and_differs_from_the_callers(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     with free_domain() as own, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
         node = own % 100 + 1
         other.bind(("127.0.0.1", 7400 + 250 * node + 200))  # one of its ports

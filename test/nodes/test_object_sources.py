@@ -27,7 +27,9 @@ def placement(x: float, y: float) -> Placement:
 
 @pytest.mark.parametrize("kind", [*sorted(TYPES), "tf"])
 def test_position_and_velocity_are_read_or_estimated(kind: str) -> None:
-    reader = ObjectReader(ObjectSource("cart", type=kind, frame="cart_link" if kind == "tf" else ""), "map")
+    reader = ObjectReader(
+        ObjectSource("cart", type=kind, frame="cart_link" if kind == "tf" else ""), "map"
+    )
     for tick in range(20):
         time, x, y = 5.0 + 0.02 * tick, 1.0 + 0.01 * tick, 2.0 - 0.004 * tick
         if kind == "tf":

@@ -18,7 +18,12 @@ from ator_ros.world.state import RobotState
 
 Quirk = Callable[[Odometry, float], None]
 """Changes an odometry message of a robot with this heading (rad)."""
-SETTINGS = {"frame": "/odom", "odom_timeout": 1.0, "start_timeout": 2.0, "fence": "[-1e7, -1e7, 1e7, 1e7]"}
+SETTINGS = {
+    "frame": "/odom",
+    "odom_timeout": 1.0,
+    "start_timeout": 2.0,
+    "fence": "[-1e7, -1e7, 1e7, 1e7]",
+}
 
 
 class QuirkyBase(MovingBase):
@@ -95,12 +100,16 @@ def test_odometry_with_a_quirk_drives_the_robot_to_its_goal(
     assert "contradict" not in node.output
 
 
-def test_odometry_at_5_hz_is_reported_with_the_remedy(host: Host, client: Client, base: QuirkyBase) -> None:
+def test_odometry_at_5_hz_is_reported_with_the_remedy(
+    host: Host, client: Client, base: QuirkyBase
+) -> None:
     base.rate = 5
     host("executor", **(SETTINGS | {"odom_timeout": 0.3, "action_timeout": 4.0}))
     outcome = ChainClient(client).send([call("goToPose", base.pose.ahead(30.0))]).outcome()
     assert outcome.code == Outcome.FAILED, outcome.reason
-    assert re.search(r"odom: messages came 0\.(1[5-9]|2\d?) s apart", outcome.reason), outcome.reason
+    assert re.search(r"odom: messages came 0\.(1[5-9]|2\d?) s apart", outcome.reason), (
+        outcome.reason
+    )
     assert "set odom_timeout:=" in outcome.reason
 
 

@@ -29,7 +29,15 @@ SOURCE = Path(__file__).resolve().parents[1] / "outside"
 def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Install the package `delivery` with pip in a separate folder; return the folder."""
     shutil.copytree(SOURCE, tmp_path / "source")
-    command = [sys.executable, "-m", "pip", "install", "--quiet", "--no-index", "--no-build-isolation"]
+    command = [
+        sys.executable,
+        "-m",
+        "pip",
+        "install",
+        "--quiet",
+        "--no-index",
+        "--no-build-isolation",
+    ]
     subprocess.run([*command, "--target", str(tmp_path), str(tmp_path / "source")], check=True)
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.setenv("PYTHONPATH", f"{tmp_path}{os.pathsep}{os.environ.get('PYTHONPATH', '')}")
@@ -60,18 +68,28 @@ def test_a_domain_from_another_package_is_learned_and_executed(
     assert "turnDriveTurn: 60 episodes" in capsys.readouterr().out
     run("train", table, "--models", models)
     learned = json.loads((models / "turnDriveTurn.json").read_text())
-    assert learned["features"]["cruised"] == "s"  # a feature of the domain, of its own goal variable
+    # a feature of the domain, of its own goal variable
+    assert learned["features"]["cruised"] == "s"
     words = ("--situations", 2, "--policies", "naive", "refined", "--models", models)
     run("evaluate", *words, "--out", installed / "evaluation", "--jobs", 1)
     result = json.loads((installed / "evaluation" / "evaluation.json").read_text())
     assert result["settings"]["source"]["domain"] == "delivery"
 
     parcels = client.listen(Odometry, "parcel", SENSOR_DATA)
-    start("simulation", domain="delivery", real_time_factor=10.0, command_wait=2.0, parcel_start="[3.4, 1.0]")
+    start(
+        "simulation",
+        domain="delivery",
+        real_time_factor=10.0,
+        command_wait=2.0,
+        parcel_start="[3.4, 1.0]",
+    )
     first = client.eventually(lambda: parcels and parcels[0].pose.pose.position, "a parcel")
     assert (first.x, first.y, first.z) == pytest.approx((3.4, 1.0, 0.25), abs=1e-3)
     request = PlaceObject.Request(velocity=Vector3(x=0.3))
-    assert client.call(PlaceObject, "place_parcel", request).message == "parcel at x 0.000 m, y 0.000 m"
+    assert (
+        client.call(PlaceObject, "place_parcel", request).message
+        == "parcel at x 0.000 m, y 0.000 m"
+    )
     client.eventually(lambda: parcels[-1].pose.pose.position.x > 0.01, "the parcel rolls")
     assert client.call(PlaceObject, "place_parcel", PlaceObject.Request(remove=True)).success
     start("refinement", domain="delivery", models=models, gate=False, deadline=5.0)

@@ -18,7 +18,8 @@ PAGE = (ROOT / "docs" / "own_server.md").read_text(encoding="utf-8")
 def test_own_server_is_built_driven_learned_and_refined(tmp_path: Path, domain: int) -> None:
     def run(words: str) -> str:
         command = f"[ ! -e install ] || . install/setup.sh; {words}"
-        jobs = os.environ | {"MAKEFLAGS": f"-j{os.cpu_count()}"}  # colcon's default starves on a busy machine
+        # colcon's default starves on a busy machine
+        jobs = os.environ | {"MAKEFLAGS": f"-j{os.cpu_count()}"}
         done = subprocess.run(
             ["sh", "-c", command],
             cwd=tmp_path,
@@ -33,10 +34,18 @@ def test_own_server_is_built_driven_learned_and_refined(tmp_path: Path, domain: 
 
     shutil.copytree(ROOT / "docs" / "shuttle", tmp_path / "src" / "shuttle")
     run("python -m colcon build")
-    printed = dict(re.findall(r"make run EXE=(\w+) ARGS='(.*~/ws/src/shuttle/my_domain.yaml.*)'", PAGE))
-    small = {"collect": "--episodes 42 --seed 3", "train": "", "demo": "--situations 1 --out demo.png"}
+    printed = dict(
+        re.findall(r"make run EXE=(\w+) ARGS='(.*~/ws/src/shuttle/my_domain.yaml.*)'", PAGE)
+    )
+    small = {
+        "collect": "--episodes 42 --seed 3",
+        "train": "",
+        "demo": "--situations 1 --out demo.png",
+    }
     commands = {tool: printed[tool].replace("~/ws/", "") for tool in small}
-    outputs = {tool: run(f"{executable(tool)} {commands[tool]} {more}") for tool, more in small.items()}
+    outputs = {
+        tool: run(f"{executable(tool)} {commands[tool]} {more}") for tool, more in small.items()
+    }
     assert "s by cross-validation on" in outputs["train"]
     assert "three nodes and server start" in outputs["demo"]
     assert "1 of 1 situations succeeded with both chains" in outputs["demo"]
@@ -44,7 +53,9 @@ def test_own_server_is_built_driven_learned_and_refined(tmp_path: Path, domain: 
     nodes = dict(re.findall(r"make run EXE=(\w+) ARGS='(--ros-args .*)'", PAGE))
     assert set(nodes) == {"simulation", "executor", "refinement"}
     (goal,) = re.findall(r"send_goal -f (/execute_chain .*?\"\{.*?\"\n)", PAGE, re.DOTALL)
-    programs = [f"{executable(name)} {words.replace('../ws/', '')}" for name, words in nodes.items()]
+    programs = [
+        f"{executable(name)} {words.replace('../ws/', '')}" for name, words in nodes.items()
+    ]
     starts = "".join(
         f'{program} & pids="$pids $!"; ' for program in [*programs, "python src/shuttle/server.py"]
     )

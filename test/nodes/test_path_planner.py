@@ -60,7 +60,9 @@ def serve(client: Client, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[
         planned: Planned = []
 
         def plan(handle: ServerGoalHandle) -> Any:
-            start, goal = (pose_from(it.pose, "pose") for it in (handle.request.start, handle.request.goal))
+            start, goal = (
+                pose_from(it.pose, "pose") for it in (handle.request.start, handle.request.goal)
+            )
             assert handle.request.use_start
             assert handle.request.goal.header.frame_id == "map"
             planned.append((start, goal))
@@ -78,7 +80,9 @@ def serve(client: Client, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[
         while servers:
             servers.pop().destroy()
         servers.append(
-            ActionServer(client.node, kind, "compute_path_to_pose", plan, goal_callback=lambda _: response)
+            ActionServer(
+                client.node, kind, "compute_path_to_pose", plan, goal_callback=lambda _: response
+            )
         )
         return planned
 
@@ -107,7 +111,9 @@ def test_refinement_asks_it_once_for_each_pair_of_places_and_recovers_when_it_do
     serve(accepts=False)
     assert "/compute_path_to_pose rejected the goal" in refine(client, request()).reason
     serve(finds=0)
-    without_path = "calls[0].goal (visit): expected a place in reach of x -3.00 m, y 0.00 m, on the map"
+    without_path = (
+        "calls[0].goal (visit): expected a place in reach of x -3.00 m, y 0.00 m, on the map"
+    )
     assert without_path in refine(client, request()).reason
     nothing_open = request()
     nothing_open.chain.calls[0].open = []
@@ -126,8 +132,18 @@ def test_models_are_learned_from_its_paths(
 ) -> None:
     planned = serve()
     experience = models / "drives.parquet"
-    write_experience(experience, Experience(DRIVES, {"robot_digest": ROBOT.digest(), "domain": "pursuit"}))
-    words = [experience, "--domain", "pursuit", "--map", models / "map.yaml", "--models", models / "new"]
+    write_experience(
+        experience, Experience(DRIVES, {"robot_digest": ROBOT.digest(), "domain": "pursuit"})
+    )
+    words = [
+        experience,
+        "--domain",
+        "pursuit",
+        "--map",
+        models / "map.yaml",
+        "--models",
+        models / "new",
+    ]
     command = Process(
         "train", models / "log", domain, [*map(str, words), "--planner", "/compute_path_to_pose"]
     )

@@ -54,15 +54,21 @@ def test_the_printed_answer_matches_the_response() -> None:
     assert f"name='{free.name}', before={free.before:.4f}, after={free.after:.4f}" in README
     assert durations("before") == [f"{answer.before.duration:.2f}"]
     assert durations("after") == [f"{answer.after.duration:.2f}"]
-    assert durations("before_actions") == [f"{action.duration:.2f}" for action in answer.before_actions]
-    assert durations("after_actions") == [f"{action.duration:.2f}" for action in answer.after_actions]
+    assert durations("before_actions") == [
+        f"{action.duration:.2f}" for action in answer.before_actions
+    ]
+    assert durations("after_actions") == [
+        f"{action.duration:.2f}" for action in answer.after_actions
+    ]
 
 
 def test_an_open_speed_has_the_documented_gain() -> None:
     request = filled(RefineSubgoal.Request, printed("ros2 service call /refine_subgoal"))
     request.chain.calls[0].open = ["yaw", "speed"]
     answer = answered(request)
-    stated = re.search(r"along at ([\d.]+) m/s and the chain is predicted to take ([\d.]+) s", README)
+    stated = re.search(
+        r"along at ([\d.]+) m/s and the chain is predicted to take ([\d.]+) s", README
+    )
     assert float(stated.group(1)) == pytest.approx(answer.chain.calls[0].speed, abs=0.05)
     assert stated.group(2) == f"{answer.after.duration:.2f}"
 

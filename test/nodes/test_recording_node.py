@@ -40,7 +40,9 @@ class Recorder:
         self._types = {topic: type_name(kind) for topic, (kind, _) in topics.items()}
         self._messages: list[tuple[str, int, bytes]] = []
         for topic, (kind, offered) in topics.items():
-            qos = QoSProfile(depth=DEPTH, reliability=offered.reliability, durability=offered.durability)
+            qos = QoSProfile(
+                depth=DEPTH, reliability=offered.reliability, durability=offered.durability
+            )
             client.node.create_subscription(kind, topic, self._keeper(topic), qos, raw=True)
 
     def _keeper(self, topic: str) -> Callable[[bytes, dict[str, int]], None]:
@@ -56,7 +58,8 @@ class Recorder:
         store = own_types()
         with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
             links = {
-                topic: writer.add_connection(topic, self._types[topic], typestore=store) for topic in topics
+                topic: writer.add_connection(topic, self._types[topic], typestore=store)
+                for topic in topics
             }
             for topic, stamp, raw in sorted(self._messages, key=lambda kept: kept[1]):
                 if topic in links:

@@ -27,7 +27,9 @@ def request(*calls: TopCall) -> RefineSubgoal.Request:
 
 def answered(sent: RefineSubgoal.Request, *without: str) -> RefineSubgoal.Response:
     known = {action: model for action, model in models().items() if action not in without}
-    found = refine_request(sent, Refiner(ROBOT, known, ranges=LIBRARY.ranges), LIBRARY, frame="odom")
+    found = refine_request(
+        sent, Refiner(ROBOT, known, ranges=LIBRARY.ranges), LIBRARY, frame="odom"
+    )
     return answer_of(found, sent, gain_of(), action_set="default", frame="odom")
 
 
@@ -56,7 +58,9 @@ def test_a_step_without_a_model_is_reported_and_others_are_refined() -> None:
 
 def test_openings_are_returned_unchanged() -> None:
     answer = answered(request(call("goToBall", Pose(0.0, 0.0, 2.0), opened=("*", "yaw"))))
-    assert sorted(answer.chain.calls[0].open) == sorted(answer.original.calls[0].open) == ["*", "yaw"]
+    assert (
+        sorted(answer.chain.calls[0].open) == sorted(answer.original.calls[0].open) == ["*", "yaw"]
+    )
 
 
 class TestAlternatives:

@@ -76,18 +76,24 @@ def test_the_gate_can_be_disabled_at_runtime(host: Host, client: Client, tmp_pat
     request = request_of_the_paper(yaw=3.0)
     assert not refine(client, request).refined
     for gate in (False, True):
-        assert [result.successful for result in client.set_parameters("refinement", gate=gate)] == [True]
+        assert [result.successful for result in client.set_parameters("refinement", gate=gate)] == [
+            True
+        ]
         assert refine(client, request).refined is not gate
 
 
-def test_the_failure_cost_is_the_parameter_unless_requested(host: Host, client: Client, models: Path) -> None:
+def test_the_failure_cost_is_the_parameter_unless_requested(
+    host: Host, client: Client, models: Path
+) -> None:
     host("refinement", models=models, deadline=20.0)
     request = request_of_the_paper(yaw=3.0)
     request.objective.success = 100.0
     by_request = refine(client, request).cost_before
     request.objective.success = -1.0
     assert refine(client, request).cost_before < by_request
-    assert [each.successful for each in client.set_parameters("refinement", failure_cost=100.0)] == [True]
+    assert [
+        each.successful for each in client.set_parameters("refinement", failure_cost=100.0)
+    ] == [True]
     assert refine(client, request).cost_before == pytest.approx(by_request)
 
 

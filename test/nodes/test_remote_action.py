@@ -139,7 +139,9 @@ def test_a_goal_is_sent_as_declared_once_the_robot_is_at_rest(bench: Bench) -> N
         ({"state": "abort", "code": 1}, "drive failed: its goal is aborted"),
     ],
 )
-def test_an_unsuccessful_result_is_reported(bench: Bench, end: dict[str, Any], expected: str) -> None:
+def test_an_unsuccessful_result_is_reported(
+    bench: Bench, end: dict[str, Any], expected: str
+) -> None:
     server = Server(bench.server_node)
     bench.begin()
     bench.drive(lambda: server.goals)

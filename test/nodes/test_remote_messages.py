@@ -37,19 +37,37 @@ def test_poses_have_the_frame_of_the_states_unless_declared() -> None:
 @pytest.mark.parametrize(
     ("filling", "expected"),
     [
-        (Filling("pose", source="goal"), r"goal\[0\].field: expected one of chain, refine, .*got 'pose'"),
-        (Filling("chain", source="goal"), r"goal\[0\]: expected a field of type geometry_msgs/Pose or"),
+        (
+            Filling("pose", source="goal"),
+            r"goal\[0\].field: expected one of chain, refine, .*got 'pose'",
+        ),
+        (
+            Filling("chain", source="goal"),
+            r"goal\[0\]: expected a field of type geometry_msgs/Pose or",
+        ),
         (
             Filling("chain.calls.speed", source="goal.speed"),
             r"goal\[0\].field: expected nothing within sequence<ator_interfaces/TopCall>, got 'speed'",
         ),
         (Filling("refine.x", constant=1), r"goal\[0\].field: expected nothing within boolean"),
-        (Filling("refine[0]", constant=1), r"goal\[0\]: expected a sequence for refine\[0\], got boolean"),
-        (Filling("fetches", source="goal.speed"), r"goal\[0\]: expected a field for a float, got uint8"),
+        (
+            Filling("refine[0]", constant=1),
+            r"goal\[0\]: expected a sequence for refine\[0\], got boolean",
+        ),
+        (
+            Filling("fetches", source="goal.speed"),
+            r"goal\[0\]: expected a field for a float, got uint8",
+        ),
         (Filling("fetches", source="frame"), r"goal\[0\]: expected a field for a text, got uint8"),
-        (Filling("fetches", constant=256), r"goal\[0\]: expected a constant of type uint8, got 256"),
+        (
+            Filling("fetches", constant=256),
+            r"goal\[0\]: expected a constant of type uint8, got 256",
+        ),
         (Filling("refine", constant=1), r"goal\[0\]: expected a constant of type boolean, got 1"),
-        (Filling("chain", constant=1), r"goal\[0\]: expected a field for a text, a number or a truth value"),
+        (
+            Filling("chain", constant=1),
+            r"goal\[0\]: expected a field for a text, a number or a truth value",
+        ),
     ],
 )
 def test_a_goal_that_does_not_match_its_type_is_reported(filling: Filling, expected: str) -> None:
@@ -72,7 +90,10 @@ def test_a_missing_type_is_reported(name: str, expected: str) -> None:
 @pytest.mark.parametrize(
     ("success", "expected"),
     [
-        (Success(fields=(Expectation("code", 0),)), r"success.fields\[0\].field: expected one of outcome"),
+        (
+            Success(fields=(Expectation("code", 0),)),
+            r"success.fields\[0\].field: expected one of outcome",
+        ),
         (
             Success(fields=(Expectation("outcome.code", "a"),)),
             r"success.fields\[0\]: expected a constant of type uint8",
@@ -100,7 +121,9 @@ def test_success_is_the_status_and_all_fields() -> None:
     assert failure(ABORTED, Success(status=("aborted",))) is None
 
 
-def test_an_error_code_is_reported_by_its_name_also_if_forwarded(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_error_code_is_reported_by_its_name_also_if_forwarded(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """As of nav2_msgs: the navigator's result holds the code of its planner, and no text."""
     package = ModuleType("some_msgs.action")
     kinds = {
@@ -108,7 +131,9 @@ def test_an_error_code_is_reported_by_its_name_also_if_forwarded(monkeypatch: py
         "Plan": {"NONE": 0, "TIMEOUT": 207, "NO_VALID_PATH": 208},
     }
     for name, constants in kinds.items():
-        result = type("Result", (), {**constants, "__module__": f"some_msgs.action._{name.lower()}"})
+        result = type(
+            "Result", (), {**constants, "__module__": f"some_msgs.action._{name.lower()}"}
+        )
         setattr(package, name, SimpleNamespace(Result=result))
     monkeypatch.setitem(sys.modules, "some_msgs.action", package)
     call, result = (

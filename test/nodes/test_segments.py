@@ -58,7 +58,10 @@ def test_without_searched_headings_there_is_no_ring(answer: Answer) -> None:
 
 def test_naive_is_gray_and_the_chain_to_execute_is_colored(answer: Answer) -> None:
     start = answer.chain.calls[1].goal.pose
-    shapes = {each.name: each for each in refinement_shapes(start, answer.naive, answer.chain, answer.curves)}
+    shapes = {
+        each.name: each
+        for each in refinement_shapes(start, answer.naive, answer.chain, answer.curves)
+    }
     gray, blue = shapes["naive/subgoal0"], shapes["chain/subgoal0"]
     assert np.ptp(gray.colors[0]) < 0.1 < np.ptp(blue.colors[0])
     for arrow, chain in ((gray, answer.naive), (blue, answer.chain)):

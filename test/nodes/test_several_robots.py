@@ -28,12 +28,19 @@ def pair(domain: int) -> Iterator[dict[str, Client]]:
         client.close()
 
 
-def test_each_robot_is_commanded_and_observed_in_its_namespace(host: Host, pair: dict[str, Client]) -> None:
+def test_each_robot_is_commanded_and_observed_in_its_namespace(
+    host: Host, pair: dict[str, Client]
+) -> None:
     ann, bob = pair.values()
     transforms = ann.listen(TFMessage, "/tf", RESULTS)
     fixed = ann.listen(TFMessage, "/tf_static", EACH_LATCHED)
     joints = bob.listen(JointState, "joint_states", RESULTS)
-    host("simulation", robots="[ann, bob]", robot_start="[-1.0, 0.0, 0.0, 1.0, 1.0, 3.0]", lockstep=True)
+    host(
+        "simulation",
+        robots="[ann, bob]",
+        robot_start="[-1.0, 0.0, 0.0, 1.0, 1.0, 3.0]",
+        lockstep=True,
+    )
     assert ann.robot().pose == pytest.approx(Pose(-1.0, 0.0, 0.0), abs=1e-3)
     assert bob.robot().pose == pytest.approx(Pose(1.0, 1.0, 3.0), abs=1e-3)
     ann.eventually(lambda: ann.robot().v > 0.1 or ann.command(v=0.3), "ann drives")
@@ -42,14 +49,20 @@ def test_each_robot_is_commanded_and_observed_in_its_namespace(host: Host, pair:
     for client in pair.values():
         client.eventually(lambda c=client: abs(c.ball().x - 0.5) < 0.01, "one ball for both")
     frames = lambda messages: {  # noqa: E731
-        (there.header.frame_id, there.child_frame_id) for each in list(messages) for there in each.transforms
+        (there.header.frame_id, there.child_frame_id)
+        for each in list(messages)
+        for there in each.transforms
     }
     wanted = {(f"{name}/odom", f"{name}/base_link") for name in NAMES}
     ann.eventually(lambda: frames(transforms) == wanted, "transforms of both")
-    ann.eventually(lambda: frames(fixed) == {("world", f"{name}/odom") for name in NAMES}, "one tree")
+    ann.eventually(
+        lambda: frames(fixed) == {("world", f"{name}/odom") for name in NAMES}, "one tree"
+    )
     assert joints
     assert bob.call(Trigger, "reset").success
-    ann.eventually(lambda: ann.robot().pose.distance(Pose(-1.0, 0.0, 0.0)) < 0.01, "a new world for all")
+    ann.eventually(
+        lambda: ann.robot().pose.distance(Pose(-1.0, 0.0, 0.0)) < 0.01, "a new world for all"
+    )
 
 
 def settings(**changes: object) -> dict[str, object]:
@@ -62,11 +75,19 @@ def settings(**changes: object) -> dict[str, object]:
         ({"robots": ["ann", "ann"]}, "parameter robots: expected different names"),
         ({"robots": ["ann", ""]}, "parameter robots: expected"),
         ({"robots": ["/ann"]}, "parameter robots: expected"),
-        ({"robots": ["a", "b"], "robot_start": [0.0, 0.0, 0.0, 1.0]}, "robot_start: expected finite x"),
-        ({"robots": ["ann", "bob"], "robot_start": [-2.0, 0.0, 0.0] * 2}, "robot_start ann: .* robot"),
+        (
+            {"robots": ["a", "b"], "robot_start": [0.0, 0.0, 0.0, 1.0]},
+            "robot_start: expected finite x",
+        ),
+        (
+            {"robots": ["ann", "bob"], "robot_start": [-2.0, 0.0, 0.0] * 2},
+            "robot_start ann: .* robot",
+        ),
     ],
 )
-def test_invalid_settings_are_rejected_at_the_start(changes: dict[str, object], expected: str) -> None:
+def test_invalid_settings_are_rejected_at_the_start(
+    changes: dict[str, object], expected: str
+) -> None:
     with pytest.raises(SetupError, match=expected):
         world_of(settings(**changes))
 

@@ -42,10 +42,24 @@ def speeds_after_a_second(world: SimulatedWorld, robot: SimulatedRobot) -> tuple
             lambda world: world.place_object("ball", -2.0 + FRONT - 0.01, 0.14, vx=0.0, vy=0.0),
             "overlaps robot",
         ),
-        (lambda world: world.place_object("ball", BAY.x, BAY.y + BAY.width / 2, vx=0.0, vy=0.0), "a wall"),
-        (lambda world: world.place_robot(Pose(0.1, 0.0, 1.0), 0, v=0.0, w=0.0), "overlaps the ball"),
-        (lambda world: world.place_robot(Pose(-FRONT, 0.14, 0.0), 0, v=0.0, w=0.0), "overlaps the ball"),
-        (lambda world: world.place_robot(Pose(BAY.x, BAY.y + BAY.width / 2, 0.0), 0, v=0.0, w=0.0), "a wall"),
+        (
+            lambda world: world.place_object("ball", BAY.x, BAY.y + BAY.width / 2, vx=0.0, vy=0.0),
+            "a wall",
+        ),
+        (
+            lambda world: world.place_robot(Pose(0.1, 0.0, 1.0), 0, v=0.0, w=0.0),
+            "overlaps the ball",
+        ),
+        (
+            lambda world: world.place_robot(Pose(-FRONT, 0.14, 0.0), 0, v=0.0, w=0.0),
+            "overlaps the ball",
+        ),
+        (
+            lambda world: world.place_robot(
+                Pose(BAY.x, BAY.y + BAY.width / 2, 0.0), 0, v=0.0, w=0.0
+            ),
+            "a wall",
+        ),
     ],
 )
 def test_nothing_is_placed_in_another_body(place, expected: str) -> None:
@@ -64,13 +78,18 @@ def test_a_ball_can_be_placed_in_the_holder() -> None:
     world.place_object("ball", -2.0 + ROBOT.hold, 0.0, vx=0.0, vy=0.0)
     assert speeds_after_a_second(world, robot) == pytest.approx((0.0, 0.0), abs=0.01)
     world.remove_object("ball")
-    world.place_robot(Pose(-2.0 + ROBOT.hold, 0.0, 0.0), 0, v=0.0, w=0.0)  # at the former place of the ball
+    # at the former place of the ball
+    world.place_robot(Pose(-2.0 + ROBOT.hold, 0.0, 0.0), 0, v=0.0, w=0.0)
 
 
 @pytest.mark.parametrize(
     ("start", "ball", "expected"),
     [
-        (Pose(0.0, 0.0, 0.0), (0.1, 0.0), "ball_start: expected a free place, got one that overlaps robot"),
+        (
+            Pose(0.0, 0.0, 0.0),
+            (0.1, 0.0),
+            "ball_start: expected a free place, got one that overlaps robot",
+        ),
         (Pose(BAY.x, BAY.y + BAY.width / 2, 0.0), (0.0, 0.0), "robot_start: .* overlaps a wall"),
         (Pose(-2.0, 0.0, 0.0), (BAY.x, BAY.y + BAY.width / 2), "ball_start: .* overlaps a wall"),
     ],

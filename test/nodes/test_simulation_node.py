@@ -37,7 +37,9 @@ def world(shared: tuple[Processes, Client], simulation: Process) -> Client:
     assert client.call(Trigger, "reset").success
     # Earlier messages may still be in transit.
     client.eventually(lambda: client.robot().pose.distance(START) < 1e-3, "the start pose")
-    client.eventually(lambda: math.hypot(client.ball().x, client.ball().y) < 1e-3, "the ball's place")
+    client.eventually(
+        lambda: math.hypot(client.ball().x, client.ball().y) < 1e-3, "the ball's place"
+    )
     client.robots.clear()
     client.balls.clear()
     return client
@@ -58,7 +60,10 @@ def test_state_is_published_at_20_hz_of_simulated_time(world: Client) -> None:
 
 
 def seconds_to_stand(client: Client) -> float:
-    """Command more than the limit, then nothing; return the simulated time until the robot stands."""
+    """Command more than the limit, then nothing.
+
+    Return the simulated time until the robot stands.
+    """
     for _ in range(100):
         client.drive_a_tick(50.0)
         if client.robot().v > 1.1:
@@ -66,12 +71,18 @@ def seconds_to_stand(client: Client) -> float:
     ceased = client.time()
     assert client.robot().v > 1.1
     client.eventually(lambda: abs(client.robot().v) < 0.01, "the robot stands")
-    return next(time for time, robot in client.robots if time > ceased and abs(robot.v) < 0.01) - ceased
+    return (
+        next(time for time, robot in client.robots if time > ceased and abs(robot.v) < 0.01)
+        - ceased
+    )
 
 
-def test_commands_drive_the_robot_within_its_limits_and_it_stops_without_them(world: Client) -> None:
+def test_commands_drive_the_robot_within_its_limits_and_it_stops_without_them(
+    world: Client,
+) -> None:
     before = world.robot()
-    # The last command may apply to a later tick, on a busy machine a much later one, never to an earlier one.
+    # The last command may apply to a later tick, on a busy machine a much later one, never to an
+    # earlier one.
     times = (seconds_to_stand(world) for _ in range(3))
     assert any(time < 0.5 + 0.1 + 1e-6 for time in times)
     assert max(robot.v for _, robot in world.robots) < 1.2 * 1.02
@@ -86,7 +97,9 @@ def test_robot_and_ball_are_placed_and_the_world_is_reset(world: Client) -> None
         lambda: client.robot().pose.distance(Pose(1.0, -1.0, 0.0)) < 1e-6, "the robot is placed"
     )
     assert client.robot().pose.yaw == pytest.approx(2.0)
-    client.eventually(lambda: (client.ball().x, client.ball().y) == (2.0, 1.0), "the ball is placed")
+    client.eventually(
+        lambda: (client.ball().x, client.ball().y) == (2.0, 1.0), "the ball is placed"
+    )
     paused = client.time()
     count = len(client.robots)
     client.eventually(lambda: len(client.robots) > count + 5, "a paused world is still published")
@@ -96,7 +109,9 @@ def test_robot_and_ball_are_placed_and_the_world_is_reset(world: Client) -> None
     client.eventually(lambda: client.time() > paused + 3.0, "time goes on")
     later, count = client.time(), len(client.robots)
     assert client.call(Trigger, "reset").success
-    client.eventually(lambda: any(time < later for time, _ in client.robots[count:]), "time starts again")
+    client.eventually(
+        lambda: any(time < later for time, _ in client.robots[count:]), "time starts again"
+    )
     client.eventually(lambda: client.robot().pose.distance(START) < 1e-3, "the start pose")
 
 
@@ -113,7 +128,12 @@ def test_a_ball_rolls_and_is_removed(world: Client) -> None:
 
 
 INVALID = [
-    ("place_robot", "pose.pose.position.x", math.nan, "pose.pose.position.x: expected a finite number"),
+    (
+        "place_robot",
+        "pose.pose.position.x",
+        math.nan,
+        "pose.pose.position.x: expected a finite number",
+    ),
     ("place_robot", "pose.header.frame_id", "attic", "expected the frame 'odom', got 'attic'"),
     ("place_robot", "v", math.inf, "v: expected a finite number"),
     ("place_ball", "position.point.y", -500.0, "position.point.y: expected a finite number"),
@@ -150,7 +170,9 @@ def test_invalid_commands_are_reported_and_move_nothing(simulation: Process, wor
             ),
             "a warning",
         )
-        world.eventually(lambda: world.command(w=math.inf) or "cmd_vel.angular.z" in node.output, "a warning")
+        world.eventually(
+            lambda: world.command(w=math.inf) or "cmd_vel.angular.z" in node.output, "a warning"
+        )
     finally:
         other.close()
     assert "Traceback" not in node.output
@@ -164,7 +186,8 @@ def test_clock_description_and_health_are_published(world: Client) -> None:
     client.eventually(lambda: len(clocks) > 5, "the clock")
     description = client.listen(String, "robot_description", LATCHED)
     client.eventually(
-        lambda: description and "<robot" in description[0].data, "the description, to a late listener"
+        lambda: description and "<robot" in description[0].data,
+        "the description, to a late listener",
     )
     assert float(values_of(client.status_of("simulation"))["simulated time (s)"]) > 0.0
 
@@ -186,4 +209,6 @@ def test_topics_for_rviz_and_robot_state_publisher(world: Client) -> None:
     assert yaw_from_quaternion(turn.x, turn.y, turn.z, turn.w) == pytest.approx(2.0, abs=0.01)
     assert list(joints[-1].name) == ["left_wheel_joint", "right_wheel_joint"]
     before = joints[-1].position[0]
-    client.eventually(lambda: client.command(v=0.3) or joints[-1].position[0] != before, "the wheels turn")
+    client.eventually(
+        lambda: client.command(v=0.3) or joints[-1].position[0] != before, "the wheels turn"
+    )

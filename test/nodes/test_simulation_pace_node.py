@@ -27,7 +27,9 @@ def test_as_fast_as_possible_waits_for_commands(host: Host, client: Client) -> N
 
 
 @pytest.mark.parametrize("factor", few([0.0, 1.5, 5.0], 0.0, 5.0))
-def test_a_short_delay_of_commands_costs_only_its_duration(host: Host, client: Client, factor: float) -> None:
+def test_a_short_delay_of_commands_costs_only_its_duration(
+    host: Host, client: Client, factor: float
+) -> None:
     host("simulation", real_time_factor=factor, command_wait=0.05)
     steer_a_little(client)
     client.command(v=0.3)

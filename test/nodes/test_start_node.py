@@ -16,7 +16,9 @@ Ended = Callable[..., tuple[str | int | None, str]]
 
 
 @pytest.fixture
-def ended(domain: int, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> Iterator[Ended]:
+def ended(
+    domain: int, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> Iterator[Ended]:
     """Return a function that runs a node's `main` until it ends; it returns the exit code and the output.
 
     It runs in this process, which is ten times as fast; a text as exit code counts as 1.
@@ -38,7 +40,8 @@ def ended(domain: int, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFix
 
 
 @pytest.mark.parametrize(
-    ("name", "parameter"), [("executor", "odom_timeout"), ("refinement", "gate"), ("simulation", "lockstep")]
+    ("name", "parameter"),
+    [("executor", "odom_timeout"), ("refinement", "gate"), ("simulation", "lockstep")],
 )
 def test_help_lists_the_parameters(ended: Ended, name: str, parameter: str) -> None:
     code, output = ended(name, "--help")
@@ -58,23 +61,43 @@ def test_unknown_arguments_end_a_node(ended: Ended) -> None:
         ("executor", {"odom_timeout": "nan"}, "odom_timeout"),
         ("executor", {"odom_timeout": 1}, "odom_timeout"),
         ("executor", {"frame": 3}, "frame"),
-        ("executor", {"domain": "chess"}, "domain: expected an entry point of ator_ros.domains, one of ["),
-        ("executor", {"stamped_commands": "maybe"}, "stamped_commands: expected one of auto, true, false"),
+        (
+            "executor",
+            {"domain": "chess"},
+            "domain: expected an entry point of ator_ros.domains, one of [",
+        ),
+        (
+            "executor",
+            {"stamped_commands": "maybe"},
+            "stamped_commands: expected one of auto, true, false",
+        ),
         (
             "executor",
             {"robot_from": "tf", "frame": "/map", "robot_frame": "map"},
             "robot_frame: expected another",
         ),
         ("executor", {"fence": "[0.0, 0.0, 0.0]"}, "parameter fence: expected"),
-        ("executor", {"map": "rooms.pgm"}, "parameter map: expected a file (.yaml) or the name of a topic"),
+        (
+            "executor",
+            {"map": "rooms.pgm"},
+            "parameter map: expected a file (.yaml) or the name of a topic",
+        ),
         ("simulation", {"seed": ""}, "seed:="),
         ("learning", {"records": "['bad topic']"}, "Invalid topic name"),
-        ("executor", {"ball_noise": 0.02}, "parameters ball_noise and ball_velocity_noise: expected both"),
+        (
+            "executor",
+            {"ball_noise": 0.02},
+            "parameters ball_noise and ball_velocity_noise: expected both",
+        ),
         ("refinement", {"gate": 0.5}, "gate"),
         ("refinement", {"models": "[a, b]"}, "models"),
         ("simulation", {"ball_dropouts": 2.0}, "ball_dropouts"),
         ("simulation", {"real_time_factor": -1.0}, "real_time_factor"),
-        ("simulation", {"robot_start": "[1.0]"}, "robot_start: expected finite x, y and yaw of 1 to 1"),
+        (
+            "simulation",
+            {"robot_start": "[1.0]"},
+            "robot_start: expected finite x, y and yaw of 1 to 1",
+        ),
         ("simulation", {"ball_start": "[0.0, 70.0]"}, "ball_start.y: expected a finite number"),
     ],
 )
@@ -90,7 +113,9 @@ def test_wrong_parameters_end_a_node_with_one_line(
 def test_a_wrong_parameter_ends_the_process_with_one_line(start: Start) -> None:
     node = start("simulation", ball_dropouts=2.0)
     assert node.wait() == 1
-    assert node.output.splitlines()[-1].startswith("simulation: parameter ball_dropouts (probability that ")
+    assert node.output.splitlines()[-1].startswith(
+        "simulation: parameter ball_dropouts (probability that "
+    )
     assert "Traceback" not in node.output
 
 
@@ -109,7 +134,9 @@ def test_a_damaged_parameter_file_ends_a_node_with_one_line(
 
 
 @pytest.mark.parametrize("name", ["executor", "refinement", "simulation"])
-def test_an_unreadable_robot_file_ends_a_node_with_one_line(ended: Ended, tmp_path: Path, name: str) -> None:
+def test_an_unreadable_robot_file_ends_a_node_with_one_line(
+    ended: Ended, tmp_path: Path, name: str
+) -> None:
     file = tmp_path / "robot.yaml"
     output, _ = ended(name, "--ros-args", "-p", f"robot:={file}")
     assert f"{file}: expected a readable YAML file: " in output

@@ -44,7 +44,9 @@ class TfBase(MovingBase):
         if self.cart is not None:
             camera = self.in_map.compose(Pose(0.2, 0.0, 0.0))
             edges.append(("camera", "seen/cart-1", camera.relative(self.cart)))
-        transforms = [transform_of(self.time, pose, frame=frame, child=child) for frame, child, pose in edges]
+        transforms = [
+            transform_of(self.time, pose, frame=frame, child=child) for frame, child, pose in edges
+        ]
         self._tf.publish(TFMessage(transforms=transforms))
 
 
@@ -125,7 +127,9 @@ def test_an_object_is_found_through_the_robots_camera(
     assert math.hypot(cart.velocity.x, cart.velocity.y) < 0.1
 
 
-def test_invalid_transforms_are_reported_and_not_used(host: Host, client: Client, base: TfBase) -> None:
+def test_invalid_transforms_are_reported_and_not_used(
+    host: Host, client: Client, base: TfBase
+) -> None:
     node = host("executor", **SETTINGS)
     publisher = client.node.create_publisher(TFMessage, "/tf", RESULTS)
     client.eventually(publisher.get_subscription_count, "a listener")
@@ -135,7 +139,8 @@ def test_invalid_transforms_are_reported_and_not_used(host: Host, client: Client
     nameless = transform_of(1e6, Pose(0.0, 0.0, 0.0), frame="map", child="")
     words = "ignored: tf: 'odom': expected a quaternion (x, y, z, w) with a direction"
 
-    def named() -> bool:  # the listener may discover the publisher later than the publisher discovers it
+    # the listener may discover the publisher later than the publisher discovers it
+    def named() -> bool:
         publisher.publish(TFMessage(transforms=[directionless, lost, nameless]))
         return words in node.output
 

@@ -33,9 +33,14 @@ def test_drives_over_ros_take_as_long_as_those_without(tmp_path: Path) -> None:
     )
     for (_, driven), frame in zip(table.frame.iterrows(), simulated, strict=True):
         alone = frame.iloc[0]
-        assert tuple(driven[["xg", "yg", "yawg"]]) == pytest.approx(tuple(alone[["xg", "yg", "yawg"]]))
-        assert tuple(driven[["x", "y", "yaw"]]) == pytest.approx(tuple(alone[["x", "y", "yaw"]]), abs=1e-3)
-        assert driven["duration"] == pytest.approx(alone["duration"], rel=0.03, abs=0.15)  # or three ticks
+        assert tuple(driven[["xg", "yg", "yawg"]]) == pytest.approx(
+            tuple(alone[["xg", "yg", "yawg"]])
+        )
+        assert tuple(driven[["x", "y", "yaw"]]) == pytest.approx(
+            tuple(alone[["x", "y", "yaw"]]), abs=1e-3
+        )
+        # or three ticks
+        assert driven["duration"] == pytest.approx(alone["duration"], rel=0.03, abs=0.15)
 
 
 # Finished drives are not repeated
@@ -45,7 +50,11 @@ def test_drives_over_ros_take_as_long_as_those_without(tmp_path: Path) -> None:
     ("right", "wrong", "message"),
     [
         ("action: drive_to\n", "action: drive_too\n", "expected a TOP with the action drive_to"),
-        ("field: goal", "field: gaol", "action server drive_to: goal[0].field: expected one of goal"),
+        (
+            "field: goal",
+            "field: gaol",
+            "action server drive_to: goal[0].field: expected one of goal",
+        ),
     ],
 )
 def test_a_domain_that_does_not_match_its_server_is_rejected_first(

@@ -39,8 +39,8 @@ _OFF = 0.1
 class MockNodes:
     """Mocks of simulation, refinement, and an executor whose goals never end.
 
-    With `from_tf` the robot's state is on tf only, as the executor reports. `accepts` is whether the
-    executor accepts goals.
+    With `from_tf` the robot's state is on tf only, as the executor reports. `accepts` is whether
+    the executor accepts goals.
     """
 
     def __init__(self, domain: int, *, from_tf: bool = False) -> None:
@@ -88,7 +88,9 @@ class MockNodes:
     def _publish(self) -> None:
         for goal in self._goals:
             name = bytes(goal.goal_id.uuid).hex()
-            self._status.publish(ChainPerformance(chain_id=name, outcome=Outcome(reason="executing")))
+            self._status.publish(
+                ChainPerformance(chain_id=name, outcome=Outcome(reason="executing"))
+            )
         self._time += 0.0 if self.paused else _PERIOD
         if self._from_tf:
             transform = transform_of(self._time, self.robot, frame="odom", child="base")
@@ -142,7 +144,10 @@ def until(happened: Callable[[], object], what: str, step: Callable[[], object])
 
 
 def steps(editor: Editor, happened: Callable[[], object], what: str, *others: Backend) -> None:
-    """Step the editor until something has happened; its robot's messages are taken, and those of others."""
+    """Step the editor until something has happened.
+
+    Its robot's messages are taken, and those of others.
+    """
 
     def step() -> None:
         for backend in (editor.backend, *others):
@@ -194,10 +199,14 @@ def test_time_resumes_after_a_failed_start_and_at_the_end(mocked: Mocked) -> Non
     backend.place(PLACES)
     with pytest.raises(NodesError, match="accepts no goal"):
         backend.execute(Run(NAIVE), DRAFT, refine=False)
-    until(lambda: not nodes.paused, "time to go on after a refused goal", lambda: backend.spin(0.02))
+    until(
+        lambda: not nodes.paused, "time to go on after a refused goal", lambda: backend.spin(0.02)
+    )
     with pytest.raises(NodesError, match="off the floor"):
         backend.place(World(0.0, RobotState(Pose(9.0, 0.0, 0.0))))
-    until(lambda: not nodes.paused, "time to go on after a refused start", lambda: backend.spin(0.02))
+    until(
+        lambda: not nodes.paused, "time to go on after a refused start", lambda: backend.spin(0.02)
+    )
     backend.pause(paused=True)
     backend.close()
     assert not nodes.paused
@@ -205,7 +214,9 @@ def test_time_resumes_after_a_failed_start_and_at_the_end(mocked: Mocked) -> Non
 
 @pytest.mark.long
 @pytest.mark.parametrize("event", [MockNodes.vanish, MockNodes.restart])
-def test_a_chain_whose_executor_has_gone_is_lost(mocked: Mocked, event: Callable[[MockNodes], None]) -> None:
+def test_a_chain_whose_executor_has_gone_is_lost(
+    mocked: Mocked, event: Callable[[MockNodes], None]
+) -> None:
     backend, nodes = mocked
     nodes.accepts = True
     run = Run(NAIVE)
@@ -287,7 +298,9 @@ def test_a_goal_of_another_client_is_followed_and_can_be_canceled(
 
 
 @pytest.mark.long
-def test_two_robots_of_one_simulation_are_shown_moved_and_executed(domain: int, start: Start) -> None:
+def test_two_robots_of_one_simulation_are_shown_moved_and_executed(
+    domain: int, start: Start
+) -> None:
     numbers = [value for pose in STARTS.values() for value in pose]
     start("simulation", robots="[ann, bob]", robot_start=f"{numbers}", command_wait=10.0)
     backends = {}
@@ -315,7 +328,9 @@ def execute_two_robots(ann: Backend, bob: Backend) -> None:
         assert distance(backend, pose) < 0.02  # showing a robot does not move it
     editor.step([lambda: editor.move_object("ball", Pose(0.3, 0.6, 0.0))])
     for backend in (ann, bob):
-        steps(editor, lambda backend=backend: is_ball_at(backend, 0.3, 0.6), "the ball for both", bob)
+        steps(
+            editor, lambda backend=backend: is_ball_at(backend, 0.3, 0.6), "the ball for both", bob
+        )
     editor.execute(REFINED)
     steps(editor, lambda: bool(editor.runs) and editor.runs[-1].ended, "ann's chain")
     assert editor.runs[-1].duration > 0.0, editor.runs[-1].status

@@ -22,7 +22,9 @@ def waypoint_goal(request: Any, **result: Any) -> WaypointGoal:
 
 @pytest.fixture(autouse=True)
 def later(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "nav2_msgs.msg", SimpleNamespace(WaypointStatus=SimpleNamespace))
+    monkeypatch.setitem(
+        sys.modules, "nav2_msgs.msg", SimpleNamespace(WaypointStatus=SimpleNamespace)
+    )
 
 
 def test_each_pose_has_a_status() -> None:

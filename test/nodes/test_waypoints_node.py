@@ -90,11 +90,15 @@ def nodes(shared: tuple[Processes, Client]) -> Iterator[Navigator]:
             "ready for chains": processes.start(
                 "executor", domain="tour", odom_timeout=2.0, refinement_timeout=3.0
             ),
-            "refining chains": processes.start("refinement", domain="tour", deadline=1.0, gate=False),
+            "refining chains": processes.start(
+                "refinement", domain="tour", deadline=1.0, gate=False
+            ),
             "become chains": processes.start("waypoints", domain="tour"),
         }
         for words, node in started.items():
-            client.eventually(lambda n=node, w=words: w in n.output, f"{node.name} is ready", LONG_START)
+            client.eventually(
+                lambda n=node, w=words: w in n.output, f"{node.name} is ready", LONG_START
+            )
         made = Navigator(client, started["become chains"])
         client.eventually(lambda: client.robots, "odometry")
         made.chains.wait_for_publishers()
@@ -105,8 +109,12 @@ def nodes(shared: tuple[Processes, Client]) -> Iterator[Navigator]:
 def navigator(nodes: Navigator) -> Navigator:
     """Return the client, with the robot at the start and the usual parameters."""
     nodes.client.place(robot=START)
-    nodes.client.eventually(lambda: nodes.is_at(START) and nodes.chains.standing(), "the robot at the start")
-    assert all(each.successful for each in nodes.client.set_parameters("waypoints", stop_on_failure=True))
+    nodes.client.eventually(
+        lambda: nodes.is_at(START) and nodes.chains.standing(), "the robot at the start"
+    )
+    assert all(
+        each.successful for each in nodes.client.set_parameters("waypoints", stop_on_failure=True)
+    )
     nodes.client.set_parameters("executor", action_timeout=60.0)
     nodes.chains.chains.clear()
     return nodes
@@ -128,13 +136,17 @@ def test_poses_are_navigated_through_with_times_from_the_models(navigator: Navig
     sent = navigator.send("navigate_through_poses", poses)
     status, result = sent.end()
     assert (status, result.error_code) == (GoalStatus.STATUS_SUCCEEDED, 0), result
-    remaining = [number for number, _ in groupby(each.number_of_poses_remaining for each in sent.feedback)]
+    remaining = [
+        number for number, _ in groupby(each.number_of_poses_remaining for each in sent.feedback)
+    ]
     assert remaining == [*range(9, 0, -1)]
     first = next(each for each in sent.feedback if each.number_of_poses_remaining == 8)
     last = sent.feedback[-1]
     took = seconds(last.navigation_time) - seconds(first.navigation_time)
     assert seconds(first.estimated_time_remaining) == pytest.approx(took, rel=0.25)
-    assert max(seconds(each.estimated_time_remaining) for each in sent.feedback) < 1.25 * (took + 5.0)
+    assert max(seconds(each.estimated_time_remaining) for each in sent.feedback) < 1.25 * (
+        took + 5.0
+    )
     legs = [start.distance(end) for start, end in pairwise(poses)]
     assert first.distance_remaining == pytest.approx(sum(legs), abs=0.3)
     assert last.distance_remaining < 0.3
@@ -174,7 +186,9 @@ def test_a_goal_ends_where_the_executor_was_restarted(navigator: Navigator) -> N
     client, sent = navigator.client, navigator.send("follow_waypoints", SQUARE)
     navigator.chains.wait_until_moving()
     node = client.node  # DDS lists a killed node for some time
-    another = client.within(lambda: ActionServer(node, ExecuteChain, "execute_chain", lambda _: None))
+    another = client.within(
+        lambda: ActionServer(node, ExecuteChain, "execute_chain", lambda _: None)
+    )
     status, result = sent.end()
     client.within(another.destroy)
     assert (status, result.error_code) == (GoalStatus.STATUS_ABORTED, 603)
@@ -182,7 +196,9 @@ def test_a_goal_ends_where_the_executor_was_restarted(navigator: Navigator) -> N
     client.eventually(navigator.chains.standing, "the robot stands")
 
 
-def test_a_waypoint_outside_the_fence_is_missed_before_the_robot_moves(navigator: Navigator) -> None:
+def test_a_waypoint_outside_the_fence_is_missed_before_the_robot_moves(
+    navigator: Navigator,
+) -> None:
     poses = [SQUARE[0], OUTSIDE, SQUARE[2]]
     status, result = navigator.send("follow_waypoints", poses).end()
     assert (status, result.error_code) == (GoalStatus.STATUS_ABORTED, 603)
@@ -220,7 +236,9 @@ def test_poses_in_other_frames_are_transformed_or_rejected(navigator: Navigator)
     origin = Pose(1.0, 2.0, 1.0)
     static.publish(TFMessage(transforms=[transform_of(0.0, origin, frame="map", child="odom")]))
     there = origin.compose(SQUARE[2])
-    assert navigator.send("follow_waypoints", [there], "map").end()[0] == GoalStatus.STATUS_SUCCEEDED
+    assert (
+        navigator.send("follow_waypoints", [there], "map").end()[0] == GoalStatus.STATUS_SUCCEEDED
+    )
     assert navigator.is_at(SQUARE[2])
 
 

@@ -52,14 +52,20 @@ class TurnDriveTurn(Action):
 
 
 _THERE = Condition(
-    (Term("robot.x", "goal.x", 0.1), Term("robot.y", "goal.y", 0.1), Term("robot.yaw", "goal.yaw", 0.2))
+    (
+        Term("robot.x", "goal.x", 0.1),
+        Term("robot.y", "goal.y", 0.1),
+        Term("robot.yaw", "goal.yaw", 0.2),
+    )
 )
 VISIT = Top("visit", "turnDriveTurn", Condition(), _THERE)
 PASS = Top(
     "pass",
     "turnDriveTurn",
     # The start is not faster than `cruise`, and clear of the parcel.
-    Condition((Region("robot.v", "goal.cruise", high=0.0),), (Distance("robot", "parcel", low=0.5),)),
+    Condition(
+        (Region("robot.v", "goal.cruise", high=0.0),), (Distance("robot", "parcel", low=0.5),)
+    ),
     _THERE,
 )
 
@@ -79,14 +85,18 @@ def _parcel(rng: np.random.Generator) -> dict[str, ObjectState]:
 def drive(robot: Robot, rng: np.random.Generator) -> Situation:
     """Draw a start and a goal, both at rest, and a parcel."""
     start, parcel = RobotState(_place(rng)), _parcel(rng)
-    return Situation("turnDriveTurn", start, parcel, _goal(rng, float(rng.uniform(CRUISE.low, CRUISE.high))))
+    return Situation(
+        "turnDriveTurn", start, parcel, _goal(rng, float(rng.uniform(CRUISE.low, CRUISE.high)))
+    )
 
 
 def _goal(rng: np.random.Generator, cruise: float) -> Goal:
     return Goal(_place(rng), values={CRUISE.name: cruise})
 
 
-def two_visits(robot: Robot, library: TopLibrary, rng: np.random.Generator) -> tuple[World, TopChain]:
+def two_visits(
+    robot: Robot, library: TopLibrary, rng: np.random.Generator
+) -> tuple[World, TopChain]:
     """Draw two places to visit; the heading at the first and the speed to it are open."""
     calls = (
         TopCall(library["visit"], _goal(rng, 0.5), frozenset({"yaw", CRUISE.name})),
@@ -109,7 +119,9 @@ DELIVERY = Domain(
     "delivery",
     tops=(VISIT, PASS),
     action_sets={
-        "default": (ActionSpec("turnDriveTurn", TurnDriveTurn, drive, _FEATURES, goal_variables=(CRUISE,)),)
+        "default": (
+            ActionSpec("turnDriveTurn", TurnDriveTurn, drive, _FEATURES, goal_variables=(CRUISE,)),
+        )
     },
     objects=("parcel",),
     bodies={"parcel": PARCEL},

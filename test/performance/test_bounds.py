@@ -36,7 +36,9 @@ def test_extreme_situations_give_features() -> None:
     assert table.shape == (500, len(features))
 
 
-@pytest.mark.skipif(os.environ.get("NUMBA_BOUNDSCHECK") != "1", reason="only with NUMBA_BOUNDSCHECK=1")
+@pytest.mark.skipif(
+    os.environ.get("NUMBA_BOUNDSCHECK") != "1", reason="only with NUMBA_BOUNDSCHECK=1"
+)
 def test_an_index_beyond_an_array_raises() -> None:
     with pytest.raises(IndexError):
         look_up(np.zeros(3), 7, 0.5)
@@ -45,7 +47,16 @@ def test_an_index_beyond_an_array_raises() -> None:
 @pytest.mark.long
 def test_compiled_code_stays_within_its_arrays() -> None:
     folder = Path(__file__).parents[1]
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", "not long and not node"]
+    command = [
+        sys.executable,
+        "-m",
+        "pytest",
+        "-q",
+        "-p",
+        "no:cacheprovider",
+        "-m",
+        "not long and not node",
+    ]
     done = subprocess.run(
         [*command, *(str(folder / name) for name in CHECKED)],
         cwd=folder.parent,
@@ -64,6 +75,13 @@ WRAP = "from ator_ros.performance.derived import wrapped; print(wrapped(7.0))"
 def test_functions_run_without_a_writable_cache_folder(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     nowhere = str(tmp_path / "file" / "folder")
-    environment = {**os.environ, "NUMBA_CACHE_DIR": nowhere, "HOME": nowhere, "XDG_CACHE_HOME": nowhere}
-    done = subprocess.run([sys.executable, "-c", WRAP], env=environment, capture_output=True, check=True)
+    environment = {
+        **os.environ,
+        "NUMBA_CACHE_DIR": nowhere,
+        "HOME": nowhere,
+        "XDG_CACHE_HOME": nowhere,
+    }
+    done = subprocess.run(
+        [sys.executable, "-c", WRAP], env=environment, capture_output=True, check=True
+    )
     assert float(done.stdout) == pytest.approx(7.0 - 2.0 * np.pi)

@@ -31,7 +31,10 @@ def feature_table(direct: Mapping[str, Any], robot: Robot, names: Sequence[str])
     return table_of_features(direct, robot, [FEATURES[name] for name in names], DRIVING)
 
 
-PLACES, DIRECTIONS = {"x", "y", "xg", "yg"}, {"yaw", "yawg", "dx", "dy", "hold_off_axis", "heading_off_axis"}
+PLACES, DIRECTIONS = (
+    {"x", "y", "xg", "yg"},
+    {"yaw", "yawg", "dx", "dy", "hold_off_axis", "heading_off_axis"},
+)
 """Features that change when the world is moved, and those that change when it is turned."""
 ODD = {"y", "yaw", "yg", "yawg", "dy"}
 """Features that change sign if the world is mirrored at the x axis; the others are unchanged."""
@@ -90,14 +93,17 @@ def same(one: FloatArray, two: FloatArray, feature: Feature) -> bool:
     if feature.unit == "rad" and feature not in PATHS:
         difference = np.minimum(difference, np.abs(2 * math.pi - difference))
     if feature in PATHS:
-        # Rounding decides between neighboring entries of the tables, and between motions of one duration.
+        # Rounding decides between neighboring entries of the tables, and between motions of one
+        # duration.
         return bool(np.mean(difference < 0.02) >= 0.94)
     return bool(np.all(difference < 1e-9))
 
 
 @settings(deadline=None)
 @given(dx=st.floats(-3, 3), dy=st.floats(-3, 3), angle=st.floats(-3, 3), seed=st.integers(0, 1000))
-def test_features_have_their_declared_invariances(dx: float, dy: float, angle: float, seed: int) -> None:
+def test_features_have_their_declared_invariances(
+    dx: float, dy: float, angle: float, seed: int
+) -> None:
     direct = situations(seed)
     before, mirror = table(direct), table(mirrored(direct))
     shifted, rotated = table(moved(direct, dx, dy)), table(turned(direct, angle))
@@ -118,8 +124,16 @@ def test_features_depend_on_exactly_their_declared_variables(name: str) -> None:
 
 
 def test_paper_features_of_a_known_situation() -> None:
-    direct = {**dict.fromkeys(DIRECT_VARIABLES, 0.0), "x": 1.0, "xg": 1.0, "yg": 2.0, "yawg": math.pi / 2}
-    values = dict(zip(names_of(PAPER_11), feature_table(direct, ROBOT, names_of(PAPER_11))[0], strict=True))
+    direct = {
+        **dict.fromkeys(DIRECT_VARIABLES, 0.0),
+        "x": 1.0,
+        "xg": 1.0,
+        "yg": 2.0,
+        "yawg": math.pi / 2,
+    }
+    values = dict(
+        zip(names_of(PAPER_11), feature_table(direct, ROBOT, names_of(PAPER_11))[0], strict=True)
+    )
     assert names_of(PAPER_3) == ("dist", "angle_to_dest", "angle_at_dest")
     assert values["dist"] == pytest.approx(2.0)
     assert values["angle_to_dest"] == pytest.approx(math.pi / 2)
@@ -128,7 +142,12 @@ def test_paper_features_of_a_known_situation() -> None:
 
 
 def test_a_drive_backward_turns_from_and_to_the_opposite_headings() -> None:
-    direct = {**dict.fromkeys(DIRECT_VARIABLES, 0.0), "xg": 2.0, "yaw": np.array([1.9, 2.5]), "yawg": 3.0}
+    direct = {
+        **dict.fromkeys(DIRECT_VARIABLES, 0.0),
+        "xg": 2.0,
+        "yaw": np.array([1.9, 2.5]),
+        "yawg": 3.0,
+    }
     forward, backward = feature_table(direct, ROBOT, names_of(OF_STRAIGHT))
     assert forward == pytest.approx([1.9, 3.0, 0.0, 0.0])
     assert backward == pytest.approx([math.pi - 2.5, math.pi - 3.0, 1.0, 2.0])

@@ -32,7 +32,11 @@ ROWS = synthetic_experience("goToPose")
 @pytest.fixture(scope="module")
 def model() -> PerformanceModel:
     learned = train("goToPose", ROWS, ROBOT)
-    metadata = {"action_set": "default", "training": {"seed": 1}, "accuracy": {"mae_s": 0.1, "rmse_s": 0.2}}
+    metadata = {
+        "action_set": "default",
+        "training": {"seed": 1},
+        "accuracy": {"mae_s": 0.1, "rmse_s": 0.2},
+    }
     return dataclasses.replace(learned, metadata=metadata)
 
 
@@ -43,7 +47,9 @@ def file(model: PerformanceModel, tmp_path: Path) -> Path:
     return path
 
 
-def test_a_loaded_model_predicts_the_same_to_the_last_bit(model: PerformanceModel, file: Path) -> None:
+def test_a_loaded_model_predicts_the_same_to_the_last_bit(
+    model: PerformanceModel, file: Path
+) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         loaded = load_model(file, ROBOT, SOCCER.known_features)
@@ -55,7 +61,9 @@ def test_a_loaded_model_predicts_the_same_to_the_last_bit(model: PerformanceMode
     assert loaded.metadata["accuracy"]["mae_s"] == 0.1
 
 
-def test_learning_twice_gives_the_same_bytes(model: PerformanceModel, file: Path, tmp_path: Path) -> None:
+def test_learning_twice_gives_the_same_bytes(
+    model: PerformanceModel, file: Path, tmp_path: Path
+) -> None:
     again = dataclasses.replace(train("goToPose", ROWS.copy(), ROBOT), metadata=model.metadata)
     save_model(tmp_path / "again.json", again)
     assert (tmp_path / "again.json").read_bytes() == file.read_bytes()
@@ -88,8 +96,14 @@ def put(*path: Any) -> Callable[[dict[str, Any]], object]:
         (without("trees"), "expected the fields .*; missing trees"),
         (put("features", "mood", "m"), r"features\.mood: expected a feature one of x, y"),
         (lambda data: data["trees"].pop("duration"), r"trees\.duration: expected a tree; got None"),
-        (put("trees", "duration", "root", "samples", "many"), r"trees\.duration\.root\.samples: expected"),
-        (put("training", "starts", {"braking": [0.0, -1.0]}), r"training\.starts\.braking: expected a least"),
+        (
+            put("trees", "duration", "root", "samples", "many"),
+            r"trees\.duration\.root\.samples: expected",
+        ),
+        (
+            put("training", "starts", {"braking": [0.0, -1.0]}),
+            r"training\.starts\.braking: expected a least",
+        ),
         (put("driving", "limits", "v", 100.0), r"driving\.limits\.v: expected .* to 20"),
         (put("features", {}), r"trees\.duration\.features: expected features that the file lists"),
     ],

@@ -41,8 +41,18 @@ def test_paths_do_not_lead_over_an_object_at_the_goal() -> None:
     plain = plain_driving(ROBOT)
     through = dataclasses.replace(plain, approaches=plain.drives, run=0.2)
     around = dataclasses.replace(through, passing=0.5)
-    x, y, heading = np.random.default_rng(3).uniform(-1.0, 1.0, (3, 200)) * [[3.0], [3.0], [math.pi]]
-    direct = {**dict.fromkeys(DIRECT_VARIABLES, 0.0), "xg": x, "yg": y, "yawg": heading, "hold": 1.0}
+    x, y, heading = np.random.default_rng(3).uniform(-1.0, 1.0, (3, 200)) * [
+        [3.0],
+        [3.0],
+        [math.pi],
+    ]
+    direct = {
+        **dict.fromkeys(DIRECT_VARIABLES, 0.0),
+        "xg": x,
+        "yg": y,
+        "yawg": heading,
+        "hold": 1.0,
+    }
     times = [feature_table(direct, ROBOT, PATHS, driving)[:, 0] for driving in (through, around)]
     assert (times[1] > times[0] - 1e-9).all()
     assert np.mean(times[1] > times[0] + 0.1) > 0.05
@@ -60,7 +70,13 @@ def test_a_path_with_an_unknown_end_has_no_effect_on_others(row: int) -> None:
 
 def test_the_path_of_a_pair_of_ends_does_not_depend_on_other_pairs() -> None:
     shapes = plain_driving(ROBOT).drive_paths
-    ends = np.random.default_rng(5).uniform(-1.0, 1.0, (5, 200)) * [[3.0], [3.0], [math.pi], [0.8], [0.8]]
+    ends = np.random.default_rng(5).uniform(-1.0, 1.0, (5, 200)) * [
+        [3.0],
+        [3.0],
+        [math.pi],
+        [0.8],
+        [0.8],
+    ]
     paths = fastest_paths(ends, shapes, hold=0.0)
     assert (fastest_paths(ends[:, ::-1], shapes, hold=0.0) == paths[:, ::-1]).all()
     parts = np.split(ends, [0, 1, 64, 129], axis=1)
@@ -73,14 +89,18 @@ def episodes() -> pd.DataFrame:
     for number in range(40):
         length = 0.5 + 0.05 * number
         times = np.arange(0.0, 2.0 + length / 0.4 + 1.0, 0.1)
-        speed = np.clip(np.minimum(0.2 * times, 0.4), 0.0, np.maximum(0.0, 0.1 * (times[-1] - times)))
+        speed = np.clip(
+            np.minimum(0.2 * times, 0.4), 0.0, np.maximum(0.0, 0.1 * (times[-1] - times))
+        )
         for time, v in zip(times, speed, strict=True):
             row = dict.fromkeys(DIRECT_VARIABLES, 0.0) | {"v": v, "xg": length}
             turning = 0.8 if v > 0.35 else 0.0
             row |= {"w": turning, "t": round(time, 1), "episode": number, "action": "drive"}
             left = times[-1] - time
             row |= {"time_to_go": left, "duration": times[-1], "success": True}
-            rows.append(row | {"position_error": 0.0, "heading_error": 0.0} | DriveParts()._asdict())
+            rows.append(
+                row | {"position_error": 0.0, "heading_error": 0.0} | DriveParts()._asdict()
+            )
     return pd.DataFrame(rows)
 
 

@@ -65,5 +65,7 @@ def test_rules_and_explanation_name_the_features_with_units(model: PerformanceMo
 
 
 def test_too_little_experience_is_rejected() -> None:
-    with pytest.raises(ExperienceError, match=r"expected at least 20 episodes that succeeded, got \d+ of 10"):
+    with pytest.raises(
+        ExperienceError, match=r"expected at least 20 episodes that succeeded, got \d+ of 10"
+    ):
         train("goToPose", ROWS.head(10), ROBOT)

@@ -28,7 +28,9 @@ def model() -> PerformanceModel:
     return train("drive_to", dead_zone_drives(100, seed=1, noise=NOISE), ROBOT)
 
 
-def test_new_drives_are_predicted_nearly_as_well_as_their_noise_allows(model: PerformanceModel) -> None:
+def test_new_drives_are_predicted_nearly_as_well_as_their_noise_allows(
+    model: PerformanceModel,
+) -> None:
     fresh = dead_zone_drives(200, seed=77, noise=NOISE)
     errors = model.predict(direct_of(fresh)).duration - fresh["duration"]
     assert np.abs(errors).mean() < 1.1 * NOISE
@@ -48,13 +50,24 @@ def test_drives_that_begin_at_their_goals_hide_no_threshold() -> None:
     near[["x", "y"]] = near[["xg", "yg"]] + 0.01
     near["duration"] = near["time_to_go"] = 0.3
     learned = train("drive_to", pd.concat([rows, near]), ROBOT)
-    along = {"x": -2.0, "y": 0.0, "v": 0.0, "w": 0.0, "xg": 2.0, "yg": 0.0, "speedg": 0.0, "hold": 0.0}
+    along = {
+        "x": -2.0,
+        "y": 0.0,
+        "v": 0.0,
+        "w": 0.0,
+        "xg": 2.0,
+        "yg": 0.0,
+        "speedg": 0.0,
+        "hold": 0.0,
+    }
     direct = {**along, "yaw": 0.0, "yawg": np.radians([0.0, 10.0, 40.0])}
     assert learned.predict(direct).duration == pytest.approx(dead_zone_time(direct), abs=0.12)
 
 
 @pytest.mark.parametrize("backward_above", [2.0, np.pi])
-def test_fifty_whole_drives_show_how_an_action_turns_though_its_straights_vary(backward_above: float) -> None:
+def test_fifty_whole_drives_show_how_an_action_turns_though_its_straights_vary(
+    backward_above: float,
+) -> None:
     rows, _ = whole_drives(50, seed=2, noise=0.6, backward_above=backward_above)
     fresh, true = whole_drives(200, seed=7, noise=0.6, backward_above=backward_above)
     situations = direct_of(fresh[fresh["t"] == 0.0])
@@ -66,7 +79,9 @@ def test_fifty_whole_drives_show_how_an_action_turns_though_its_straights_vary(b
     assert learned.driving is not None
     assert learned.driving.backward_above == pytest.approx(backward_above, abs=0.1)
     assert (
-        error(learned) < 0.22 < 0.7 * error(train("drive_to", rows.assign(**DriveParts()._asdict()), ROBOT))
+        error(learned)
+        < 0.22
+        < 0.7 * error(train("drive_to", rows.assign(**DriveParts()._asdict()), ROBOT))
     )
     # Records of the executor have the start of a drive and its parts.
     recorded = train("drive_to", rows[rows["t"] == 0.0], ROBOT)
@@ -112,7 +127,9 @@ def law(world: World, chain: TopChain) -> float:
     poses = [world.robot.pose, *(call.goal.pose for call in chain.calls)]
     starts, ends = np.array(poses[:-1]).T, np.array(poses[1:]).T
     return float(
-        dead_zone_time(dict(zip(("x", "y", "yaw", "xg", "yg", "yawg"), (*starts, *ends), strict=True))).sum()
+        dead_zone_time(
+            dict(zip(("x", "y", "yaw", "xg", "yg", "yawg"), (*starts, *ends), strict=True))
+        ).sum()
     )
 
 

@@ -60,9 +60,19 @@ def test_a_model_learned_with_a_map_needs_one(
     blocked.loc[0, "yg"] = -1.0
     write_experience(
         table,
-        Experience(blocked, {"domain": "tour", "robot_digest": ROBOT.digest(), "action_set": "default"}),
+        Experience(
+            blocked, {"domain": "tour", "robot_digest": ROBOT.digest(), "action_set": "default"}
+        ),
     )
-    words = ["--domain", "tour", str(table), "--models", str(tmp_path / "models"), "--map", str(building)]
+    words = [
+        "--domain",
+        "tour",
+        str(table),
+        "--models",
+        str(tmp_path / "models"),
+        "--map",
+        str(building),
+    ]
     assert tool.main(words) == 0
     assert "drive_to: 1 of" in capsys.readouterr().err
     file = tmp_path / "models" / "drive_to.json"
@@ -78,7 +88,9 @@ def test_a_model_learned_with_a_map_needs_one(
 
 def test_a_map_of_another_place_is_reported(walled: Domain) -> None:
     rows = dead_zone_drives(60, seed=1).assign(x=100.0)
-    with pytest.raises(ExperienceError, match="60 of 60 episodes have no route on the map and are left out"):
+    with pytest.raises(
+        ExperienceError, match="60 of 60 episodes have no route on the map and are left out"
+    ):
         train("drive_to", rows, walled.robot(), features=walled.candidates("drive_to"))
 
 
@@ -88,7 +100,10 @@ def test_goals_in_obstacles_and_out_of_reach_are_reported(walled: Domain) -> Non
     [top] = library.usable()[:1]
 
     def fault(x: float, opened: str = "yaw") -> str | None:
-        calls = [TopCall(top, library.goal(top, Pose(at, 0.0, 0.0)), frozenset({opened})) for at in (-2.0, x)]
+        calls = [
+            TopCall(top, library.goal(top, Pose(at, 0.0, 0.0)), frozenset({opened}))
+            for at in (-2.0, x)
+        ]
         return fence.violation(TopChain(tuple(calls)), robot)
 
     assert fault(2.0) is None
@@ -100,8 +115,12 @@ def test_the_parameter_map_of_nodes(tmp_path: Path) -> None:
     settings = {"domain": "tour", "robot": "", "map": str(write_map(tmp_path, hall()))}
     assert domain_and_robot(settings)[1].grid is not None
     assert domain_and_robot({**settings, "map": ""})[1].grid is None
-    with pytest.raises(SetupError, match=r"parameter map: .*none\.yaml: expected a readable YAML file"):
+    with pytest.raises(
+        SetupError, match=r"parameter map: .*none\.yaml: expected a readable YAML file"
+    ):
         domain_and_robot({**settings, "map": str(tmp_path / "none.yaml")})
     settings["map"] = str(write_map(tmp_path, hall() & (np.arange(hall().shape[1]) % 4 == 0)))
-    with pytest.raises(SetupError, match=r"parameter map: .*expected a place .* from obstacles, got none"):
+    with pytest.raises(
+        SetupError, match=r"parameter map: .*expected a place .* from obstacles, got none"
+    ):
         domain_and_robot(settings)

@@ -42,7 +42,9 @@ def test_a_rule_has_the_format_of_the_paper():
 def test_the_whole_tree_is_one_line_per_leaf_with_redundant_bounds_joined():
     lines = WRITER.rules().splitlines()
     assert lines[0].startswith("if (dist <= 1.86m) then time = 1  [s]")
-    assert lines[2].startswith("if (1.86m < dist <= 2.3m) & (angle_to_dest > 49.7°) then time = 1*dist + 3")
+    assert lines[2].startswith(
+        "if (1.86m < dist <= 2.3m) & (angle_to_dest > 49.7°) then time = 1*dist + 3"
+    )
     assert lines[3].startswith("if (dist > 2.3m) then time = 1*dist + 4")
     assert len(lines) == 4
 
@@ -51,7 +53,9 @@ BENT = (Hinge("dist", 0.0, 2.0), Hinge("angle_to_dest", math.radians(45.0), 1.0)
 
 
 def written(**changes: Any) -> list[str]:
-    return RuleWriter(dataclasses.replace(small_tree(), **changes), WRITER.units).rules().splitlines()
+    return (
+        RuleWriter(dataclasses.replace(small_tree(), **changes), WRITER.units).rules().splitlines()
+    )
 
 
 def test_a_base_with_bends_is_printed_once() -> None:
@@ -64,7 +68,9 @@ def test_a_base_with_bends_is_printed_once() -> None:
 
 def test_a_leaf_that_adds_nothing_to_the_base_is_the_base() -> None:
     tree = small_tree()
-    _, first, *_ = written(base=BENT, intercept=tree.intercept * (np.arange(len(tree.intercept)) != 2))
+    _, first, *_ = written(
+        base=BENT, intercept=tree.intercept * (np.arange(len(tree.intercept)) != 2)
+    )
     assert first.startswith("if (dist <= 1.86m) then time = shared  [s]")
 
 
@@ -83,4 +89,7 @@ def test_an_explanation_adds_up_and_states_the_bounds():
     assert "angle_to_dest = 28.6°" in explanation[4]
     held = WRITER.explanation(np.array([2.0, 0.5, -9.0]))
     assert "here time = 3.500" in held
-    assert held.splitlines()[-1].strip() == "held within 1.000 to 3.500: 7.115 is beyond the experience"
+    assert (
+        held.splitlines()[-1].strip()
+        == "held within 1.000 to 3.500: 7.115 is beyond the experience"
+    )

@@ -24,7 +24,9 @@ def domain_of(file: Path) -> Domain:
 
 
 @pytest.mark.parametrize(
-    "file", [*FILES, MODELS / "drive" / "goToPose.json"], ids=lambda file: f"{file.parent.name}/{file.stem}"
+    "file",
+    [*FILES, MODELS / "drive" / "goToPose.json"],
+    ids=lambda file: f"{file.parent.name}/{file.stem}",
 )
 def test_a_shipped_model_states_its_origin_and_accuracy(file: Path) -> None:
     with warnings.catch_warnings():
@@ -68,7 +70,9 @@ WRITTEN_BY_US = sorted(resource_path("models").rglob("*.json"))
 
 
 @pytest.mark.parametrize("file", WRITTEN_BY_US, ids=lambda file: f"{file.parent.name}/{file.stem}")
-def test_reading_and_writing_a_shipped_file_gives_the_same_bytes(file: Path, tmp_path: Path) -> None:
+def test_reading_and_writing_a_shipped_file_gives_the_same_bytes(
+    file: Path, tmp_path: Path
+) -> None:
     copy, domain = tmp_path / file.name, domain_of(file)
     save_model(copy, load_model(file, domain.robot(), domain.known_features))
     assert copy.read_bytes() == file.read_bytes()

@@ -54,7 +54,11 @@ ANYWHERE = ("goToBall", "dribbleBall", "shoot")
 def test_a_ball_far_from_the_goal_is_dribbled_first() -> None:
     (chain,) = planned(IN_GOAL, situation())
     assert tops([chain]) == {ANYWHERE}
-    assert [sorted(call.open) for call in chain.calls] == [["speed", "yaw"], ["speed", "x", "y", "yaw"], []]
+    assert [sorted(call.open) for call in chain.calls] == [
+        ["speed", "yaw"],
+        ["speed", "x", "y", "yaw"],
+        [],
+    ]
     assert chain.calls[2].goal.pose[:2] == (4.0, 0.0)
 
 
@@ -82,7 +86,10 @@ def test_an_achieved_goal_needs_no_chain() -> None:
         (("ball.x=1", "ball.y=1"), {("goToBall", "dribbleBall")}),
         (("ball.x=hold.x", "ball.y=hold.y"), {("goToBall",)}),
         (("robot.x=1", "robot.y=1", "robot.yaw=1"), {("goToPose",)}),
-        (("ball.x=1", "ball.y=1", "robot.x=-1", "robot.y=-1"), {("goToBall", "dribbleBall", "goToPose")}),
+        (
+            ("ball.x=1", "ball.y=1", "robot.x=-1", "robot.y=-1"),
+            {("goToBall", "dribbleBall", "goToPose")},
+        ),
     ],
 )
 def test_statements_are_achieved(statements: tuple[str, ...], steps: set[tuple[str, ...]]) -> None:
@@ -115,19 +122,26 @@ def test_an_unknown_object_is_reported() -> None:
 
 def test_only_the_fence_bounds_plans() -> None:
     there = situation(robot=Pose(0.0, 8.0, 0.0), ball=(9.0, 0.0))
-    with pytest.raises(PlanningError, match=r"^chain\.calls\[0\]\.goal \(goToBall\): .*inside the fence"):
+    with pytest.raises(
+        PlanningError, match=r"^chain\.calls\[0\]\.goal \(goToBall\): .*inside the fence"
+    ):
         planned(IN_GOAL, there)
     with pytest.raises(PlanningError, match=r"inside the fence .* got the axle at x 12\.00 m"):
         planned(statements_of("robot.x=12", "robot.y=0"), there)
     wide = Fence(-20.0, -20.0, 20.0, 20.0)
-    assert tops(planned(statements_of("robot.x=12", "robot.y=0"), there, fence=wide)) == {("goToPose",)}
+    assert tops(planned(statements_of("robot.x=12", "robot.y=0"), there, fence=wide)) == {
+        ("goToPose",)
+    }
     assert planned(IN_GOAL, there, fence=wide)
-    assert tops(planned(statements_of("robot.x=1", "robot.y=0"), there)) == {("goToPose",)}  # may enter
+    # may enter
+    assert tops(planned(statements_of("robot.x=1", "robot.y=0"), there)) == {("goToPose",)}
 
 
 def test_places_are_searched_inside_a_narrow_fence() -> None:
     world, narrow = situation(ball=(0.0, 1.5)), Fence(-4.0, 1.0, 4.0, 3.0)
-    places = [planned(IN_GOAL, world, fence=fence)[0].calls[1].goal.pose.y for fence in (None, narrow)]
+    places = [
+        planned(IN_GOAL, world, fence=fence)[0].calls[1].goal.pose.y for fence in (None, narrow)
+    ]
     assert places[0] < 1.0 < places[1]
     with pytest.raises(PlanningError, match="expected a place for it in the area, found none"):
         planned(IN_GOAL, situation(), fence=Fence(-4.0, -2.0, 1.6, 2.0))
@@ -141,7 +155,9 @@ def test_without_a_holder_the_missing_condition_is_reported() -> None:
 
 def test_an_unachievable_precondition_is_reported() -> None:
     library = SOCCER.library(ROBOT)
-    one = dataclasses.replace(SOCCER, tops=tuple(top for top in library.values() if top.name == "shoot"))
+    one = dataclasses.replace(
+        SOCCER, tops=tuple(top for top in library.values() if top.name == "shoot")
+    )
     with pytest.raises(PlanningError) as refused:
         planned(IN_GOAL, situation(ball=(2.4, 0.0)), domain=one)
     assert "no TOP achieves hold.x within 0.12 of ball.x, which shoot needs" in str(refused.value)

@@ -24,14 +24,20 @@ def test_a_step_begins_where_the_action_before_it_usually_stops() -> None:
     model = FakeModel(turning_time, ANGLE)
     model.arrival = Arrival(dist=0.1, angle=0.2)
     calls = [call("goToPose", 1.0, 0.0, yaw) for yaw in (1.5, -0.1, 0.0)]
-    tables = chain_situations(world(x=-1.0, y=0.0), TopChain(tuple(calls)), ROBOT, {"goToPose": model})
+    tables = chain_situations(
+        world(x=-1.0, y=0.0), TopChain(tuple(calls)), ROBOT, {"goToPose": model}
+    )
     starts = [[float(table[name][0]) for name in ("x", "y", "yaw")] for table in tables]
     assert starts[1] == pytest.approx([0.9, 0.0, 1.3])
     assert starts[2] == pytest.approx([0.9, 0.0, 0.0])
 
 
 WORLDS = [world(x=-1.0), world(x=1.0, y=0.5), world(y=-1.0)]
-CALLS = [call("goToPose", 1.0, 0.0, 0.0), call("shoot", 2.0, 0.0, 0.0), call("goToPose", 0.0, 1.0, 1.0)]
+CALLS = [
+    call("goToPose", 1.0, 0.0, 0.0),
+    call("shoot", 2.0, 0.0, 0.0),
+    call("goToPose", 0.0, 1.0, 1.0),
+]
 
 
 def test_each_step_is_predicted_from_each_situation_as_in_a_chain() -> None:

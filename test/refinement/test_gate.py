@@ -36,10 +36,14 @@ def learned(count: int = 100) -> PerformanceModel:
 def linear() -> PerformanceModel:
     """Return one linear rule of the same drives; its errors are those on others."""
     rows, others = (dead_zone_drives(100, seed=seed) for seed in (1, 2))
-    known, other = (features_of(each, ROBOT, PAPER_3, None).assign(one=1.0) for each in (rows, others))
+    known, other = (
+        features_of(each, ROBOT, PAPER_3, None).assign(one=1.0) for each in (rows, others)
+    )
     terms, names = np.linalg.lstsq(known, rows["duration"])[0], tuple(known)[:-1]
     leaf = constant_tree(known[[names[0]]], np.full(100, terms[-1]))
-    tree = dataclasses.replace(leaf, names=names, coefficients=terms[None, :-1], upper=np.array([100.0]))
+    tree = dataclasses.replace(
+        leaf, names=names, coefficients=terms[None, :-1], upper=np.array([100.0])
+    )
     errors = fit_error_process(
         names, other[[*names]].to_numpy(), (others["duration"] - other @ terms).to_numpy()
     )
@@ -68,7 +72,9 @@ def test_only_a_model_of_the_right_form_changes_the_chain(make: Any, words: str)
 
 
 def test_few_drives_make_a_gain_less_certain_than_many() -> None:
-    assert refined(learned(25), NO_GATE).uncertainty > 2.0 * refined(learned(400), NO_GATE).uncertainty
+    assert (
+        refined(learned(25), NO_GATE).uncertainty > 2.0 * refined(learned(400), NO_GATE).uncertainty
+    )
 
 
 @pytest.mark.parametrize(
@@ -76,11 +82,17 @@ def test_few_drives_make_a_gain_less_certain_than_many() -> None:
     [
         (0.7, 0.5, "gain 0.70 s ± 0.50 s: refined"),
         (0.5, 0.7, "gain 0.50 s ± 0.70 s: kept as planned"),
-        (0.04, 0.01, "gain 0.04 s ± 0.01 s: kept as planned, as it is not above one control tick (0.05 s)"),
+        (
+            0.04,
+            0.01,
+            "gain 0.04 s ± 0.01 s: kept as planned, as it is not above one control tick (0.05 s)",
+        ),
         (-0.02, 0.1, "no gain predicted"),
     ],
 )
-def test_the_reason_gives_gain_and_uncertainty(gain: float, uncertainty: float, reason: str) -> None:
+def test_the_reason_gives_gain_and_uncertainty(
+    gain: float, uncertainty: float, reason: str
+) -> None:
     assert Gate().decide(gain, uncertainty) == (reason.endswith("refined"), reason)
     assert NO_GATE.decide(gain, uncertainty)[0] is (gain > 0.0)
     assert NO_GATE.decide(gain, math.inf)[0] is (gain > 0.0)  # a model without errors
@@ -93,7 +105,8 @@ def test_the_reason_gives_gain_and_uncertainty(gain: float, uncertainty: float, 
         (MeasuredGain(), True, False, True),
         (TOO_LOW, False, False, False),
         (TOO_LOW, True, True, False),
-        (dataclasses.replace(TOO_LOW, predicted=-0.7), False, True, False),  # asked for longer chains
+        # asked for longer chains
+        (dataclasses.replace(TOO_LOW, predicted=-0.7), False, True, False),
     ],
 )
 def test_a_drawn_chain_runs_the_other_way(

@@ -86,7 +86,13 @@ def test_success_that_no_model_predicts_counts_only_by_default() -> None:
 
 @pytest.mark.parametrize(
     "weights",
-    [{"speed": 1.0}, {"duration": -1.0}, {"duration": math.nan}, {"duration": 0.0}, {"success": math.inf}],
+    [
+        {"speed": 1.0},
+        {"duration": -1.0},
+        {"duration": math.nan},
+        {"duration": 0.0},
+        {"success": math.inf},
+    ],
 )
 def test_bad_weights_are_rejected(weights: dict[str, float]) -> None:
     with pytest.raises(RefinementError, match="objective: expected"):
@@ -97,7 +103,9 @@ def test_absurd_lengths_are_rejected() -> None:
     with pytest.raises(
         RefinementError, match=f"expected 1 to {LONGEST_CHAIN} actions, got {LONGEST_CHAIN + 2}"
     ):
-        Refiner(ROBOT, models()).refine(world(), TopChain(two_steps().calls * (LONGEST_CHAIN // 2 + 1)))
+        Refiner(ROBOT, models()).refine(
+            world(), TopChain(two_steps().calls * (LONGEST_CHAIN // 2 + 1))
+        )
 
 
 def test_predictions_that_are_not_numbers_are_rejected() -> None:
@@ -107,7 +115,9 @@ def test_predictions_that_are_not_numbers_are_rejected() -> None:
 
 
 def test_a_chain_with_a_new_action_is_refined() -> None:
-    top = dataclasses.replace(call("dribbleBall", 0.0, 0.0, 0.0).top, name="pushBall", action="push")
+    top = dataclasses.replace(
+        call("dribbleBall", 0.0, 0.0, 0.0).top, name="pushBall", action="push"
+    )
     pushing = models() | {"push": FakeModel(lambda d: turning_time(d) * 2.0, USED)}
     first, last = two_steps().calls
     chain = TopChain((first, dataclasses.replace(last, top=top)))

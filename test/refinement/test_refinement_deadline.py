@@ -49,7 +49,9 @@ class CountingModel(FakeModel):
 
     predictions = 0
 
-    def predict(self, direct: Mapping[str, Any], measures: tuple[str, ...] = (), signs: Any = None) -> Any:
+    def predict(
+        self, direct: Mapping[str, Any], measures: tuple[str, ...] = (), signs: Any = None
+    ) -> Any:
         self.predictions += 1
         return super().predict(direct, measures, signs)
 
@@ -78,7 +80,10 @@ def test_more_time_gives_a_lower_cost() -> None:
 
 def test_an_answer_at_the_deadline_is_marked_and_never_worse() -> None:
     refiner = Refiner(ROBOT, models())
-    results = [refiner.refine(world(), long_chain(), deadline=after(checks)) for checks in range(0, 300, 12)]
+    results = [
+        refiner.refine(world(), long_chain(), deadline=after(checks))
+        for checks in range(0, 300, 12)
+    ]
     for result in results:
         assert result.after.cost <= result.before.cost
         assert result.complete == ("deadline" not in result.reason)
@@ -97,11 +102,14 @@ def test_placeholders_keep_their_values_without_time() -> None:
 
 
 @pytest.mark.parametrize("placeholders", [False, True])
-def test_without_time_a_long_chain_is_answered_as_given_with_few_predictions(placeholders: bool) -> None:
+def test_without_time_a_long_chain_is_answered_as_given_with_few_predictions(
+    placeholders: bool,
+) -> None:
     counted = {name: CountingModel(turning_time, USED) for name in ("goToPose", "dribbleBall")}
     refiner = Refiner(ROBOT, counted)
     result = refiner.refine(world(), long_chain(), placeholders=placeholders, deadline=after(0))
-    assert sum(model.predictions for model in counted.values()) == 2  # once for each action of 32 steps
+    # once for each action of 32 steps
+    assert sum(model.predictions for model in counted.values()) == 2
     assert result.chain == result.best == long_chain()
     assert (result.refined, result.complete) == (False, False)
     whole = Refiner(ROBOT, models()).refine(world(), long_chain())

@@ -85,7 +85,9 @@ def test_an_opening_that_a_condition_overrides_is_reported_beside_the_gain() -> 
     assert named.refined
     assert "; not free: x of step 1 (goToBall) is bound by the pre-condition" in named.reason
     assert [(each.subgoal, each.name) for each in named.not_free] == [(0, "x")]
-    everything = Refiner(ROBOT, models()).refine(world(), two_steps(frozenset({EVERYTHING}), yaw=2.0))
+    everything = Refiner(ROBOT, models()).refine(
+        world(), two_steps(frozenset({EVERYTHING}), yaw=2.0)
+    )
     assert [(each.subgoal, each.name) for each in everything.not_free] == [(0, "x"), (0, "y")]
     assert [(each.subgoal, each.name) for each in everything.free] == [(0, "yaw"), (0, "speed")]
     assert "not free" not in everything.reason
@@ -101,15 +103,21 @@ def test_no_model_at_all_changes_nothing() -> None:
     result = Refiner(ROBOT, {}).refine(world(), two_steps())
     assert not result.refined
     assert result.without_model == (0, 1)
-    assert result.reason.startswith("nothing is free: yaw of step 1 (goToBall) is of unknown effect: ")
+    assert result.reason.startswith(
+        "nothing is free: yaw of step 1 (goToBall) is of unknown effect: "
+    )
     assert result.before.cost == 0.0
 
 
 def test_ranges_are_of_robot_and_scene_unless_a_domain_sets_them() -> None:
-    top = dataclasses.replace(call("goToPose", 0.0, 0.0, 0.0).top, pre=Condition(), post=Condition())
+    top = dataclasses.replace(
+        call("goToPose", 0.0, 0.0, 0.0).top, pre=Condition(), post=Condition()
+    )
     step = TopCall(top, Goal(Pose(1.0, 0.0, 0.0)), ALL)
     chain = TopChain((step, step))
-    usual = {each.name: each.domain for each in analyze(chain, models(), ROBOT).free if each.subgoal == 0}
+    usual = {
+        each.name: each.domain for each in analyze(chain, models(), ROBOT).free if each.subgoal == 0
+    }
     assert usual["x"] == Range(-4.0, 4.0, 16)
     assert usual["speed"].high == ROBOT.limits.v
     ranges = {"x": lambda *_: Range(-2.0, 30.0, 16), "yaw": USUAL_RANGES["yaw"]}
@@ -139,7 +147,8 @@ def test_a_free_place_is_searched_where_the_robot_has_room_on_its_map() -> None:
     library = domain.library(robot)
     stop, end = (library.goal(library["visit"], Pose(x, 0.5, 0.0)) for x in (-3.0, -2.0))
     chain = TopChain((TopCall(library["visit"], stop, ALL), TopCall(library["visit"], end)))
-    near = FakeModel(lambda direct: np.hypot(direct["xg"], direct["yg"]), USED)  # the wall is fastest
+    # the wall is fastest
+    near = FakeModel(lambda direct: np.hypot(direct["xg"], direct["yg"]), USED)
     start, places = World(0.0, RobotState(Pose(-5.0, 0.0, 0.0))), []
     for where in (robot, dataclasses.replace(robot, grid=None)):
         refiner = Refiner(where, {"drive_to": near}, ranges=USUAL_RANGES)
@@ -152,7 +161,9 @@ def test_a_free_place_is_searched_where_the_robot_has_room_on_its_map() -> None:
 
 
 def test_a_step_outside_the_experience_is_reported_and_not_refined() -> None:
-    chain = TopChain((call("goToBall", 2.0, 0.0, 0.0, ANGLE), call("dribbleBall", 2.0, 21.0, 1.5708)))
+    chain = TopChain(
+        (call("goToBall", 2.0, 0.0, 0.0, ANGLE), call("dribbleBall", 2.0, 21.0, 1.5708))
+    )
     known = load_models(ROBOT, SOCCER.known_features)
     answer = Refiner(ROBOT, known).refine(world(x=0.0, ball=(2.0, 0.0)), chain)
     assert "step 2 (dribbleBall): distance 21.0 m is outside the experience of" in answer.reason

@@ -1,4 +1,7 @@
-"""The joint search against brute force; the sampled search for subgoals with more than two free variables."""
+"""The joint search against brute force.
+
+The sampled search for subgoals with more than two free variables.
+"""
 
 import itertools
 import math
@@ -23,7 +26,11 @@ def smooth_cost(seed: int, sizes: list[int]) -> StepCost:
     link = [rng.uniform(-1.0, 1.0, size=(j, k)) for j, k in zip(before, sizes, strict=True)]
 
     def cost(index: int, previous: FloatArray, values: FloatArray) -> FloatArray:
-        total = 1.0 - np.cos(values - own[index]).sum(axis=1) + 0.4 * np.cos(2.0 * values + 1.0).sum(axis=1)
+        total = (
+            1.0
+            - np.cos(values - own[index]).sum(axis=1)
+            + 0.4 * np.cos(2.0 * values + 1.0).sum(axis=1)
+        )
         for (j, k), weight in np.ndenumerate(link[index]):
             total = total + weight * np.sin(previous[:, j] - values[:, k])
         return np.asarray(total)
@@ -53,7 +60,9 @@ def brute_force(cost: StepCost, axes: list[list[Range]], count: int) -> float:
         ([[CIRCLE, SPEED], [CIRCLE], []], 61),
     ],
 )
-def test_joint_search_is_as_good_as_brute_force(axes: list[list[Range]], count: int, seed: int) -> None:
+def test_joint_search_is_as_good_as_brute_force(
+    axes: list[list[Range]], count: int, seed: int
+) -> None:
     cost = smooth_cost(seed, [len(domains) for domains in axes])
     optimum = search(pair_by_pair(cost), axes)
     assert optimum.cost <= brute_force(cost, axes, count) + 0.02
@@ -77,8 +86,12 @@ def test_curve_has_the_minimum_cost_through_each_candidate() -> None:
     others = second.values
     for value, total in zip(first.values, first.totals, strict=True):
         one = value[None, :]
-        rest = cost(1, np.repeat(one, len(others), axis=0), others) + cost(2, others, np.zeros((1, 0)))
-        assert total == pytest.approx(float(cost(0, np.zeros((1, 0)), one)[0] + rest.min()), abs=1e-12)
+        rest = cost(1, np.repeat(one, len(others), axis=0), others) + cost(
+            2, others, np.zeros((1, 0))
+        )
+        assert total == pytest.approx(
+            float(cost(0, np.zeros((1, 0)), one)[0] + rest.min()), abs=1e-12
+        )
 
 
 def test_given_values_are_never_made_worse() -> None:
@@ -126,7 +139,8 @@ def valley(shift: float) -> StepCost:
 
 
 def test_boxes_follow_a_valley() -> None:
-    # The mean is 0.63 if boxes only shrink, 0.82 without wrap-around of angles, 0.79 with equal points.
+    # The mean is 0.63 if boxes only shrink, 0.82 without wrap-around of angles, 0.79 with equal
+    # points.
     costs = [search(pair_by_pair(valley(shift)), AXES).cost for shift in np.linspace(-3.0, 3.0, 20)]
     assert np.mean(costs) < 0.55
 

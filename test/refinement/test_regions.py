@@ -37,7 +37,11 @@ def shot(opened: frozenset[str] = ALL, x: float = 2.3, y: float = 0.8) -> TopCha
     [
         (Distance("ball", "goal", 0.9, 2.5), (2.0, 1.0), (3.5, 0.1)),
         (Distance("ball", "goal", low=0.5), (-3.0, 0.0), (3.9, 0.3)),
-        (Bearing("ball", "goal", math.radians(50.0), math.pi, mirrored=True), (3.0, 1.0), (3.5, 2.0)),
+        (
+            Bearing("ball", "goal", math.radians(50.0), math.pi, mirrored=True),
+            (3.0, 1.0),
+            (3.5, 2.0),
+        ),
     ],
 )
 def test_a_relation_holds_inside_and_clearance_is_the_distance_to_its_edge(
@@ -51,7 +55,10 @@ def test_a_relation_holds_inside_and_clearance_is_the_distance_to_its_edge(
     room = float(relation.clearance(ball(*inside), GOAL))
 
     def holds(share: float, angle: float) -> bool:
-        x, y = inside[0] + share * room * math.cos(angle), inside[1] + share * room * math.sin(angle)
+        x, y = (
+            inside[0] + share * room * math.cos(angle),
+            inside[1] + share * room * math.sin(angle),
+        )
         return condition.violations(ball(x, y), GOAL) == []
 
     angles = np.linspace(0.0, 2.0 * math.pi, 361)
@@ -77,7 +84,12 @@ class TestFreePlace:
         assert any("distance from ball to goal" in limit for limit in place["x"].limits)
         assert place["speed"].limits == ()
         names = names_of(shot(), analysis.free)[1]
-        for x, y, good in ((2.0, 0.0, True), (1.0, 0.0, False), (3.2, 0.0, False), (3.0, 2.0, False)):
+        for x, y, good in (
+            (2.0, 0.0, True),
+            (1.0, 0.0, False),
+            (3.2, 0.0, False),
+            (3.0, 2.0, False),
+        ):
             row = [{"x": x, "y": y, "yaw": 0.3, "speed": 0.2}[name] for name in names]
             assert regions.allowed(1, np.array([row])).tolist() == [good]
 
@@ -113,7 +125,9 @@ class TestFreePlace:
         chain = TopChain((*shot().calls[:2], dataclasses.replace(shot().calls[2], top=top)))
         analysis, _ = self.refiner.bounded(world(), chain)
         assert {v.subgoal for v in analysis.free} == {0}
-        assert all("without an allowed value" in n.reason for n in analysis.not_free if n.subgoal == 1)
+        assert all(
+            "without an allowed value" in n.reason for n in analysis.not_free if n.subgoal == 1
+        )
 
     def test_experience_limits_the_search_with_a_note(self) -> None:
         known = models()
@@ -124,7 +138,9 @@ class TestFreePlace:
         place = {v.name: v for v in answer.free if v.subgoal == 1}
         assert place["x"].domain.high == 2.5
         assert "experience of dribbleBall: xg from -2.00 to 2.50" in place["x"].limits
-        assert place["speed"].domain.high == 0.8, "random starts never quite reach the end of a range"
+        assert place["speed"].domain.high == 0.8, (
+            "random starts never quite reach the end of a range"
+        )
         assert answer.chain.calls[1].goal.pose.x <= 2.5
 
     @pytest.mark.parametrize(("action", "direct"), [("goToPose", "speedg"), ("dribbleBall", "v")])
@@ -139,7 +155,9 @@ class TestFreePlace:
         assert answer.chain.calls[0].goal.speed == 0.0
 
     @pytest.mark.parametrize(("speed", "opened"), [(0.0, False), (0.3, False), (0.3, True)])
-    def test_speeds_that_leave_no_room_to_brake_are_not_searched(self, speed: float, opened: bool) -> None:
+    def test_speeds_that_leave_no_room_to_brake_are_not_searched(
+        self, speed: float, opened: bool
+    ) -> None:
         known = models()
         known["dribbleBall"].experience = {"braking": (0.0, 0.1)}  # type: ignore[attr-defined]
         refiner = Refiner(ROBOT, known, ranges=LIBRARY.ranges)

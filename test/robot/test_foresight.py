@@ -23,7 +23,11 @@ def stepped(value: float, goal: float, acceleration: float) -> float:
 @pytest.mark.parametrize("ticks", [1, 4])
 def test_foresight_matches_the_simulated_base(ticks: int) -> None:
     rng, limits = np.random.default_rng(5), ROBOT.limits
-    foresight, observed, worst = Foresight(ROBOT, ticks * TICK), deque[World](maxlen=ticks + 1), np.zeros(2)
+    foresight, observed, worst = (
+        Foresight(ROBOT, ticks * TICK),
+        deque[World](maxlen=ticks + 1),
+        np.zeros(2),
+    )
     command = STOP
     with Simulation(ROBOT) as simulation:
         for tick in range(200):
@@ -35,7 +39,9 @@ def test_foresight_matches_the_simulated_base(ticks: int) -> None:
                 assert foreseen.time == pytest.approx(observed[-1].time)
                 off = observed[-1].robot.pose.relative(foreseen.robot.pose)
                 worst = np.maximum(worst, np.abs((np.hypot(off.x, off.y), off.yaw)))
-            command = Command(stepped(command.v, goal.v, limits.a), stepped(command.w, goal.w, limits.aw))
+            command = Command(
+                stepped(command.v, goal.v, limits.a), stepped(command.w, goal.w, limits.aw)
+            )
             if tick % 50 > 40:  # a stop, harder than in any plan
                 command = STOP
             foresight.sent(observed[0].time, command)

@@ -93,7 +93,11 @@ def test_the_drive_stays_within_its_space() -> None:
 def test_an_unreached_limit_is_the_maximum_speed_in_the_odometry() -> None:
     samples = [
         DriveSample(
-            part, 0.05 * tick, Command(v, w), 0.4 * 0.05 * tick * (v > 0.0), 0.4 * 0.05 * tick * (w > 0.0)
+            part,
+            0.05 * tick,
+            Command(v, w),
+            0.4 * 0.05 * tick * (v > 0.0),
+            0.4 * 0.05 * tick * (w > 0.0),
         )
         for part, v, w in (
             (DrivePart.SPRINT_V, 9.0, 0.0),
@@ -106,7 +110,10 @@ def test_an_unreached_limit_is_the_maximum_speed_in_the_odometry() -> None:
     estimate = identify(samples)
     assert not estimate.turning.limited
     assert estimate.limits.w == pytest.approx(0.4 * 1.95)
-    assert any(line.startswith("limits.w: 0.780 rad/s is the fastest speed in") for line in report(estimate))
+    assert any(
+        line.startswith("limits.w: 0.780 rad/s is the fastest speed in")
+        for line in report(estimate)
+    )
 
 
 def test_a_base_that_does_not_move_is_reported() -> None:

@@ -80,21 +80,60 @@ def test_missing_holder_is_reported(plain: Robot) -> None:
         assert [top.name for top in library.usable()] == ["goToPose"]
         with pytest.raises(ConfigError, match=says):
             library.action(library["dribbleBall"])
-    calls = [TopCall(library[name], Goal(Pose(1.0, 1.0, 0.0))) for name in ("goToPose", "dribbleBall")]
-    (reason,) = TopChain(tuple(calls)).violations(World(0.0, RobotState(Pose(0.0, 0.0, 0.0))), plain)
+    calls = [
+        TopCall(library[name], Goal(Pose(1.0, 1.0, 0.0))) for name in ("goToPose", "dribbleBall")
+    ]
+    (reason,) = TopChain(tuple(calls)).violations(
+        World(0.0, RobotState(Pose(0.0, 0.0, 0.0))), plain
+    )
     assert reason == "dribbleBall needs a holder; robot plain has none"
 
 
 @pytest.mark.parametrize(
     ("part", "name", "value", "message"),
     [
-        ("robot", "track", 0.4, r"own\.yaml: robot\.track: expected at most 0\.38, the width .* got 0\.4$"),
-        ("holder", "gap", 0.2, r"robot\.holder\.gap: expected at least 0\.22, the width .* got 0\.2$"),
-        ("holder", "radius", 0.123, r"robot\.holder\.radius: expected .* \(ball 0\.11\), got 0\.123$"),
-        ("robot", "wheel_torque", 0.3, r"robot\.wheel_torque: expected at least 0\.351.*9 kg .* got 0\.3$"),
-        ("build", "wheel_mass", 4.5, r"robot\.build\.wheel_mass: expected at most 4\.41, .* got 4\.5$"),
-        ("build", "mass_behind", 0.3, r"robot\.build\.mass_behind: expected at most 0\.24, .* got 0\.3$"),
-        ("build", "caster_behind", 0.25, r"robot\.build\.caster_behind: expected at most 0\.24, .* got"),
+        (
+            "robot",
+            "track",
+            0.4,
+            r"own\.yaml: robot\.track: expected at most 0\.38, the width .* got 0\.4$",
+        ),
+        (
+            "holder",
+            "gap",
+            0.2,
+            r"robot\.holder\.gap: expected at least 0\.22, the width .* got 0\.2$",
+        ),
+        (
+            "holder",
+            "radius",
+            0.123,
+            r"robot\.holder\.radius: expected .* \(ball 0\.11\), got 0\.123$",
+        ),
+        (
+            "robot",
+            "wheel_torque",
+            0.3,
+            r"robot\.wheel_torque: expected at least 0\.351.*9 kg .* got 0\.3$",
+        ),
+        (
+            "build",
+            "wheel_mass",
+            4.5,
+            r"robot\.build\.wheel_mass: expected at most 4\.41, .* got 4\.5$",
+        ),
+        (
+            "build",
+            "mass_behind",
+            0.3,
+            r"robot\.build\.mass_behind: expected at most 0\.24, .* got 0\.3$",
+        ),
+        (
+            "build",
+            "caster_behind",
+            0.25,
+            r"robot\.build\.caster_behind: expected at most 0\.24, .* got",
+        ),
     ],
 )
 def test_inconsistent_sizes_are_rejected(

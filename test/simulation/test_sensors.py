@@ -54,7 +54,9 @@ def test_a_ball_that_is_not_observed_is_extrapolated() -> None:
     sensors = Sensors(erring(dropouts=0.5), seed=3)
     places = []
     for tick in range(400):
-        world = World(tick * TICK, RobotState(Pose(0.0, 0.0, 0.0)), {BALL: ObjectState(0.01 * tick, 0.0)})
+        world = World(
+            tick * TICK, RobotState(Pose(0.0, 0.0, 0.0)), {BALL: ObjectState(0.01 * tick, 0.0)}
+        )
         ball = ball_of(sensors.observe(world))
         if ball is not None:
             places.append(round(ball.x / 0.01))

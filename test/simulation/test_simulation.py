@@ -54,7 +54,9 @@ def test_base_never_exceeds_its_limits(simulation: Simulation, command: Command)
     assert max(v / ROBOT.limits.v, w / ROBOT.limits.w) > 0.95  # the commands did reach the limits
 
 
-SPEEDS = [(v, w) for v in (-9.0, -0.9, -0.5, 0.0, 0.6, 9.0) for w in (-9.0, -1.7, -0.7, 0.0, 1.2, 9.0)]
+SPEEDS = [
+    (v, w) for v in (-9.0, -0.9, -0.5, 0.0, 0.6, 9.0) for w in (-9.0, -1.7, -0.7, 0.0, 1.2, 9.0)
+]
 
 
 def test_the_robot_stands_half_a_second_after_the_last_command(simulation: Simulation) -> None:
@@ -69,7 +71,8 @@ def test_the_robot_stands_half_a_second_after_the_last_command(simulation: Simul
         for _ in range(8):
             simulation.tick()
         stopped = simulation.world().robot
-        assert (stopped.v, stopped.w / 2.5) == pytest.approx((0.0, 0.0), abs=0.02), (v, w)  # at rest
+        # at rest
+        assert (stopped.v, stopped.w / 2.5) == pytest.approx((0.0, 0.0), abs=0.02), (v, w)
 
 
 def test_rolling_ball_decelerates_as_configured(simulation: Simulation) -> None:

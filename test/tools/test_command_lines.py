@@ -30,22 +30,37 @@ NOT_INSTALLED = "domain: expected an entry point of ator_ros.domains, one of ["
 NONE_THERE = "argument --domain: expected one with {}, got bare, which has none"
 NAMESPACE = "expected a namespace of letters"
 REFUSED = [
-    *((f"collect --episodes={text}", NUMBER.format("episodes")) for text in (-1, 1.5, "1_000", 400 * "9")),
+    *(
+        (f"collect --episodes={text}", NUMBER.format("episodes"))
+        for text in (-1, 1.5, "1_000", 400 * "9")
+    ),
     ("evaluate --oracle=1.5", NUMBER.format("oracle")),
-    ("evaluate --oracle=3 --oracle-from=.", "argument --oracle-from: not allowed with argument --oracle"),
+    (
+        "evaluate --oracle=3 --oracle-from=.",
+        "argument --oracle-from: not allowed with argument --oracle",
+    ),
     (
         "evaluate --oracle=3 --oracle-jointly --oracle-speeds 0.1",
         "argument --oracle-speeds: not allowed with argument --oracle-jointly",
     ),
     ("demo --situations=-1", NUMBER.format("situations")),
     *(("view --attach --robots " + name, NAMESPACE) for name in ("a-b", "../x")),
-    *(("collect --out=" + place, NO_FILE.format("out")) for place in (".", "file/result", "file/a/result")),
+    *(
+        ("collect --out=" + place, NO_FILE.format("out"))
+        for place in (".", "file/result", "file/a/result")
+    ),
     ("demo --out=file/result", NO_FILE.format("out")),
     *((f"{command} --domain=chess", NOT_INSTALLED) for command in ("collect", "evaluate", "train")),
     ("collect --domain=bare.yaml", NONE_THERE.format("actions")),
     *((f"{name} --domain=bare.yaml", NONE_THERE.format("chains")) for name in ("demo", "evaluate")),
-    ("collect --action-set chess", "argument --action-set: expected one of default, bezier, got 'chess'"),
-    ("evaluate --chain chess", "--chain: expected one of dribble, drive, rolling, shoot, got 'chess'"),
+    (
+        "collect --action-set chess",
+        "argument --action-set: expected one of default, bezier, got 'chess'",
+    ),
+    (
+        "evaluate --chain chess",
+        "--chain: expected one of dribble, drive, rolling, shoot, got 'chess'",
+    ),
 ]
 
 
@@ -110,7 +125,9 @@ def test_actions_without_a_stand_in_are_rejected(
     command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     action = TOUR["actions"][0] | {"drives": {"start": [PLACE], "goal": [PLACE]}}
-    file = file_of(tmp_path, {**TOUR, "tops": TOUR["tops"][:1], "actions": [action], "chains": [CHAIN]})
+    file = file_of(
+        tmp_path, {**TOUR, "tops": TOUR["tops"][:1], "actions": [action], "chains": [CHAIN]}
+    )
     words = ["--domain", str(file), "--out", str(tmp_path / "result.parquet")]
     assert importlib.import_module(f"ator_ros.tools.{command}").main(words) == 1
     assert "has no `stand_in`, so only `collect --over-ros`" in capsys.readouterr().err
@@ -123,7 +140,10 @@ DAMAGED = [
     ("train --rules odd.json", "odd.json"),
     ("train bag --models out", "bag/metadata.yaml"),
     ("train store --models out", "store/records.db"),
-    *((f"{tool} --robot odd.yaml --out out", "odd.yaml") for tool in ("evaluate", "calibrate", "study")),
+    *(
+        (f"{tool} --robot odd.yaml --out out", "odd.yaml")
+        for tool in ("evaluate", "calibrate", "study")
+    ),
     ("collect --robot odd.yaml --out out.parquet", "odd.yaml"),
     ("view --robot odd.yaml", "odd.yaml"),
     ("collect --domain odd.yaml --out out.parquet", "odd.yaml"),
@@ -141,7 +161,11 @@ CONTENTS = [
 
 @pytest.mark.parametrize(("line", "name"), DAMAGED)
 def test_a_damaged_file_ends_a_command_with_a_short_message(
-    line: str, name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    line: str,
+    name: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
     file = tmp_path / name
@@ -155,7 +179,11 @@ def test_a_damaged_file_ends_a_command_with_a_short_message(
             code = ended.code
         assert code in (1, 2)
         error = capsys.readouterr().err
-        assert 1 <= len([each for each in error.splitlines() if not each.startswith(("usage: ", " "))]) <= 3
+        assert (
+            1
+            <= len([each for each in error.splitlines() if not each.startswith(("usage: ", " "))])
+            <= 3
+        )
         assert "Traceback" not in error
         assert [path for path in tmp_path.rglob("*") if path.is_file()] == [file]
 

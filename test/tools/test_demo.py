@@ -36,12 +36,19 @@ def test_the_table_shows_gains_and_failures() -> None:
     answer = Answer(shorter, shorter, False, "", *2 * [(3.1, 4.1, math.nan)])
     text = table(
         [
-            DemoSituation(TRIAL.world, shorter, answer, run(total=10.0), run(total=8.0, refined=True)),
-            DemoSituation(TRIAL.world, TRIAL.chain, answer, run(total=10.0), run(total=9.0, success=False)),
+            DemoSituation(
+                TRIAL.world, shorter, answer, run(total=10.0), run(total=8.0, refined=True)
+            ),
+            DemoSituation(
+                TRIAL.world, TRIAL.chain, answer, run(total=10.0), run(total=9.0, success=False)
+            ),
         ]
     )
     assert "+2.00 s (+20 %)" in text
-    assert "1 of 2 situations succeeded with both chains; refinement saved 2.00 s of 10.00 s (20.0 %)" in text
+    assert (
+        "1 of 2 situations succeeded with both chains; refinement saved 2.00 s of 10.00 s (20.0 %)"
+        in text
+    )
     assert "situation 2, refined: lost the ball" in text
     assert "unchanged: no gain" in text
     assert "3.10 / 3.00" in text
@@ -58,7 +65,9 @@ def test_a_command_runs_in_its_folder_and_a_missing_one_is_reported(tmp_path: Pa
         with pytest.raises(
             NodesError, match=r"servers: command: expected a program, got no_such_server 1: No"
         ):
-            nodes.start_server(DeclaredServer(command=("no_such_server", "1"), folder=str(tmp_path)))
+            nodes.start_server(
+                DeclaredServer(command=("no_such_server", "1"), folder=str(tmp_path))
+            )
 
 
 def test_a_node_that_exits_is_reported_with_its_last_output(tmp_path: Path) -> None:

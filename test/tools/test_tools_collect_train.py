@@ -54,7 +54,10 @@ def test_collect_writes_the_same_table_for_any_number_of_workers(tmp_path: Path)
     pd.testing.assert_frame_equal(one.frame, two.frame, check_exact=True)
     assert one.metadata["seed"] == 9
     assert one.metadata["robot_digest"] == ROBOT.digest()
-    assert one.frame.groupby("action")["episode"].nunique().to_dict() == {"dribbleBall": 2, "goToPose": 2}
+    assert one.frame.groupby("action")["episode"].nunique().to_dict() == {
+        "dribbleBall": 2,
+        "goToPose": 2,
+    }
 
 
 def test_an_invalid_cluster_is_rejected() -> None:
@@ -83,7 +86,9 @@ def die(how: signal.Signals) -> None:
     os.kill(os.getpid(), how)
 
 
-@pytest.mark.parametrize("number", few([signal.SIGINT, signal.SIGTERM, signal.SIGKILL], signal.SIGTERM))
+@pytest.mark.parametrize(
+    "number", few([signal.SIGINT, signal.SIGTERM, signal.SIGKILL], signal.SIGTERM)
+)
 def test_collect_continues_after_a_signal_with_the_same_table(
     tmp_path: Path, number: signal.Signals, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -102,7 +107,9 @@ def test_collect_continues_after_a_signal_with_the_same_table(
     lines = kept.read_bytes()
     kept.write_bytes(lines + lines[-200:-1])  # as if it was killed while writing
     assert collect.main([*words, str(file), "--jobs", "1"]) == 0
-    assert re.search("collect: [4-7] episodes of an earlier call are reused", capsys.readouterr().err)
+    assert re.search(
+        "collect: [4-7] episodes of an earlier call are reused", capsys.readouterr().err
+    )
     assert list(tmp_path.iterdir()) == [file]
     assert collect.main([*words, str(whole), "--jobs", "1"]) == 0
     one, two = map(read_experience, (whole, file))
@@ -122,8 +129,12 @@ def test_finished_episodes_of_other_settings_are_not_continued(
     (kept,) = (file for file in tmp_path.iterdir() if file.suffix == ".jsonl")
     before = kept.read_bytes()
     assert collect.main([*common, "--seed", "10"]) == 1
-    message = "expected episodes of the same seed, robot, domain, action set and versions, got others"
-    assert f"{kept}: {message}: choose another --out, or delete that file" in capsys.readouterr().err
+    message = (
+        "expected episodes of the same seed, robot, domain, action set and versions, got others"
+    )
+    assert (
+        f"{kept}: {message}: choose another --out, or delete that file" in capsys.readouterr().err
+    )
     assert kept.read_bytes() == before
 
 
@@ -175,7 +186,9 @@ sys.exit(collect.main(sys.argv[1:]))
 """Runs `collect` and prints its progress."""
 
 
-def test_train_writes_models_with_their_accuracy(capsys: pytest.CaptureFixture[str], learned: Path) -> None:
+def test_train_writes_models_with_their_accuracy(
+    capsys: pytest.CaptureFixture[str], learned: Path
+) -> None:
     assert re.search("goToPose: position_error: 1 of .* are left out", capsys.readouterr().err)
     names = ["dribbleBall.json", "goToPose.json"]
     assert sorted(path.name for path in learned.iterdir()) == names
@@ -192,7 +205,9 @@ def test_train_writes_models_with_their_accuracy(capsys: pytest.CaptureFixture[s
     assert data["robot_digest"] == ROBOT.digest()
 
 
-def test_rules_are_printed_by_action_and_by_file(learned: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_rules_are_printed_by_action_and_by_file(
+    learned: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     capsys.readouterr()
     assert train.main(["--rules", "goToPose", "--models", str(learned)]) == 0
     by_action = capsys.readouterr().out
@@ -212,7 +227,10 @@ def test_a_page_of_the_feature_ablation_is_written(learned: Path, tmp_path: Path
     ("words", "message"),
     [
         (["none.parquet"], "none.parquet: expected a Parquet file"),
-        (["--rules", "x.parquet"], "--rules: expected an action or a model, a .json file, got 'x.parquet'"),
+        (
+            ["--rules", "x.parquet"],
+            "--rules: expected an action or a model, a .json file, got 'x.parquet'",
+        ),
         (["--rules", "fly"], "fly.json: expected a model, there is none"),
     ],
 )
@@ -227,7 +245,9 @@ def test_errors_are_one_line(
     assert error.count("\n") == 1
 
 
-def test_experience_of_another_robot_is_rejected(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_experience_of_another_robot_is_rejected(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     foreign = table(tmp_path / "foreign.parquet", 1, robot_digest="0123456789abcdef")
     assert train.main([str(foreign), "--models", str(tmp_path)]) == 1
     assert "metadata.robot_digest: expected" in capsys.readouterr().err

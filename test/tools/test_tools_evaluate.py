@@ -30,9 +30,20 @@ def models(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def evaluate(models: Path, out: Path, *words: str, situations: int = 3, workers: int = 1) -> dict[str, Any]:
+def evaluate(
+    models: Path, out: Path, *words: str, situations: int = 3, workers: int = 1
+) -> dict[str, Any]:
     options = ["--situations", str(situations), "--jobs", str(workers), "--seed", "405"]
-    command = [*options, "--models", str(models), "--out", str(out), "--policies", *POLICIES, *words]
+    command = [
+        *options,
+        "--models",
+        str(models),
+        "--out",
+        str(out),
+        "--policies",
+        *POLICIES,
+        *words,
+    ]
     assert main(command) == 0
     data: dict[str, Any] = json.loads((out / "evaluation.json").read_text())
     return data
@@ -58,11 +69,14 @@ def test_summary_has_every_field_of_every_policy(finished: tuple[Path, dict[str,
         assert {"mean_loss_lower_percent", "oracle_captured_percent", "failures"} <= row.keys()
     assert summary["naive"]["improvement_percent"] == 0.0
     assert summary["oracle"]["improvement_percent"] >= 0.0
-    assert any(None in durations for durations in finished[1]["runs"]["oracle"]["durations"])  # margin
+    # margin
+    assert any(None in durations for durations in finished[1]["runs"]["oracle"]["durations"])
     assert summary["oracle_speed"]["mean_duration_s"] <= summary["oracle"]["mean_duration_s"]
 
 
-def test_report_is_one_file_without_network_or_scripts(finished: tuple[Path, dict[str, Any]]) -> None:
+def test_report_is_one_file_without_network_or_scripts(
+    finished: tuple[Path, dict[str, Any]],
+) -> None:
     text = (finished[0] / "report.html").read_text()
     for words in ("Table 1 of the paper", "To repeat this", "533"):
         assert words in text
@@ -83,7 +97,10 @@ def test_result_is_the_same_for_any_number_of_workers(
 
 def test_evaluation_continues_after_an_interruption(models: Path, tmp_path: Path) -> None:
     settings = Settings(
-        seed=405, chain="dribble", policies=("naive", "refined"), source=ToolsetSource(models=str(models))
+        seed=405,
+        chain="dribble",
+        policies=("naive", "refined"),
+        source=ToolsetSource(models=str(models)),
     )
     whole = run_situations(settings, situations=2, folder=tmp_path / "whole")
     run_situations(settings, situations=1, folder=tmp_path / "parts")
@@ -94,11 +111,16 @@ def test_evaluation_continues_after_an_interruption(models: Path, tmp_path: Path
     assert run_situations(settings, situations=2, folder=tmp_path / "parts") == whole
     assert partial.read_text().splitlines()[1] == lines[1]
     with pytest.raises(FileError, match="expected results of the same settings and models"):
-        run_situations(dataclasses.replace(settings, seed=406), situations=2, folder=tmp_path / "parts")
+        run_situations(
+            dataclasses.replace(settings, seed=406), situations=2, folder=tmp_path / "parts"
+        )
 
 
 def test_the_oracle_of_an_earlier_evaluation_is_taken(
-    models: Path, finished: tuple[Path, dict[str, Any]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    models: Path,
+    finished: tuple[Path, dict[str, Any]],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     earlier, whole = finished
     found = evaluate(models, tmp_path / "again", "--oracle-from", str(earlier), situations=2)
@@ -107,9 +129,19 @@ def test_the_oracle_of_an_earlier_evaluation_is_taken(
     assert {"oracle", "oracle_speed"} <= found["summary"].keys()
     assert found["executed"] < whole["executed"] / 2
     assert "the best of the executed headings" in (tmp_path / "again" / "report.html").read_text()
-    same = ["--models", str(models), "--oracle-from", str(earlier), "--out", str(tmp_path / "other")]
+    same = [
+        "--models",
+        str(models),
+        "--oracle-from",
+        str(earlier),
+        "--out",
+        str(tmp_path / "other"),
+    ]
     for words, expected in (
-        (["--seed", "405", "--situations", "4"], "expected an oracle of at least 4 situations, got 3"),
+        (
+            ["--seed", "405", "--situations", "4"],
+            "expected an oracle of at least 4 situations, got 3",
+        ),
         (["--seed", "406"], "expected an evaluation of {'seed': 406, "),
     ):
         assert main([*same, *words]) == 1

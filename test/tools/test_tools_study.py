@@ -1,4 +1,7 @@
-"""The command line `study`, from experience to a page; its advice on open variables; studies in docs."""
+"""The command line `study`, from experience to a page.
+
+Its advice on open variables; studies in docs.
+"""
 
 import dataclasses
 import json
@@ -83,13 +86,27 @@ def test_a_folder_of_another_study_is_rejected(
 ) -> None:
     assert main(command(robot, studied, seed="6")) == 1
     assert (
-        "study.jsonl: expected a study with the same options, got others: choose" in capsys.readouterr().err
+        "study.jsonl: expected a study with the same options, got others: choose"
+        in capsys.readouterr().err
     )
 
 
 def test_a_study_without_a_chain_is_shown() -> None:
-    action = {"episodes": 4, "success": 0.0, "mean_duration_s": None, "accuracy": {}, "failures": {"lost": 4}}
-    variable = {"step": 2, "top": "visit", "name": "yaw", "free": 0.25, "gain_s": 0.0, "explanation": "none"}
+    action = {
+        "episodes": 4,
+        "success": 0.0,
+        "mean_duration_s": None,
+        "accuracy": {},
+        "failures": {"lost": 4},
+    }
+    variable = {
+        "step": 2,
+        "top": "visit",
+        "name": "yaw",
+        "free": 0.25,
+        "gain_s": 0.0,
+        "explanation": "none",
+    }
     page = study_page(
         {
             "command": "study", "robot": "cart", "domain": "soccer", "action_set": "default",
@@ -109,7 +126,9 @@ def tools() -> Toolset:
 @pytest.fixture(scope="module")
 def trials(tools: Toolset) -> list[Trial]:
     _, library = tools_of(ToolsetSource())
-    return [random_trial(tools.domain, "dribble", library, seed=77, index=index) for index in range(4)]
+    return [
+        random_trial(tools.domain, "dribble", library, seed=77, index=index) for index in range(4)
+    ]
 
 
 def found(tools: Toolset, trials: list[Trial]) -> dict[str, Any]:
@@ -130,7 +149,9 @@ def test_a_model_without_arrivals_at_speed_is_reported(tools: Toolset, trials: l
     model = tools.models["dribbleBall"]
     training = model.metadata["training"]
     starts = {**training["starts"], "v": [0.0, 0.0]}
-    slow = dataclasses.replace(model, metadata={**model.metadata, "training": {**training, "starts": starts}})
+    slow = dataclasses.replace(
+        model, metadata={**model.metadata, "training": {**training, "starts": starts}}
+    )
     models = {**tools.models, "dribbleBall": slow}
     speed = found(dataclasses.replace(tools, models=models), trials)["speed"]
     assert speed["free"] == 0.0
@@ -149,6 +170,10 @@ def test_a_gate_that_rejects_everything_is_reported(tools: Toolset, trials: list
     assert yaw["explanation"].startswith("the gate refuses all gains, of ")
 
 
-@pytest.mark.parametrize("file", sorted((DOCS / "studies").glob("*.json")), ids=lambda file: file.stem)
+@pytest.mark.parametrize(
+    "file", sorted((DOCS / "studies").glob("*.json")), ids=lambda file: file.stem
+)
 def test_a_published_study_is_shown(file: Path) -> None:
-    assert f"{file.stem}: actions and their refinement" in study_page({"variables": [], **read_json(file)})
+    assert f"{file.stem}: actions and their refinement" in study_page(
+        {"variables": [], **read_json(file)}
+    )

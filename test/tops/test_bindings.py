@@ -19,7 +19,9 @@ def bound(*tops: str | Top) -> dict[tuple[int, str], str]:
     return dict(bindings(tuple(LIBRARY[top] if isinstance(top, str) else top for top in tops)))
 
 
-def top_with(pre: tuple[Term, ...] = (), post: tuple[Term, ...] = (), point: Point = Point.AXLE) -> Top:
+def top_with(
+    pre: tuple[Term, ...] = (), post: tuple[Term, ...] = (), point: Point = Point.AXLE
+) -> Top:
     return Top("other", "goToPose", Condition(pre), Condition(post), point)
 
 
@@ -65,19 +67,28 @@ def test_opening_everything_excludes_the_post_conditions_variables() -> None:
         "dribbleBall": {"yaw", "speed"},
         "shoot": {"yaw", "speed"},
     }.items():
-        assert {name for name in ALL if call(top, 0, 0, 0, frozenset({EVERYTHING})).opens(name)} == opened
+        assert {
+            name for name in ALL if call(top, 0, 0, 0, frozenset({EVERYTHING})).opens(name)
+        } == opened
         assert {name for name in ALL if call(top, 0, 0, 0, frozenset({"x"})).opens(name)} == {"x"}
 
 
 def moved(step: TopCall, name: str) -> TopCall:
-    return dataclasses.replace(step, goal=with_values(step.goal, {name: goal_values(step.goal)[name] + 0.5}))
+    return dataclasses.replace(
+        step, goal=with_values(step.goal, {name: goal_values(step.goal)[name] + 0.5})
+    )
 
 
 @pytest.mark.parametrize(
-    "tops", [("goToBall", "dribbleBall", "shoot"), ("goToPose", "goToBall", "dribbleBall", "goToPose")]
+    "tops",
+    [("goToBall", "dribbleBall", "shoot"), ("goToPose", "goToBall", "dribbleBall", "goToPose")],
 )
 def test_a_chain_stays_valid_if_unbound_variables_change(tops: tuple[str, ...]) -> None:
-    places = {"goToPose": (-2.0, 1.0, 0.4), "goToBall": (0.0, 0.0, 0.3), "dribbleBall": (2.3, 1.0, 0.2)}
+    places = {
+        "goToPose": (-2.0, 1.0, 0.4),
+        "goToBall": (0.0, 0.0, 0.3),
+        "dribbleBall": (2.3, 1.0, 0.2),
+    }
     chain = TopChain(tuple(call(top, *places.get(top, (4.0, 0.0, 0.0))) for top in tops))
     assert not chain.violations(world(), ROBOT)
     for index, step in enumerate(chain.calls):

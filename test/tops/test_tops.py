@@ -16,7 +16,11 @@ START = World(0.0, RobotState(Pose(-2.0, 0.0, 0.0)), {BALL: ObjectState(0.0, 0.0
 
 
 PLAN = TopChain(
-    (call("goToBall", 0.0, 0.0, 0.0), call("dribbleBall", 2.0, 0.5, 0.3), call("shoot", 4.0, 0.0, 0.0))
+    (
+        call("goToBall", 0.0, 0.0, 0.0),
+        call("dribbleBall", 2.0, 0.5, 0.3),
+        call("shoot", 4.0, 0.0, 0.0),
+    )
 )
 
 
@@ -41,7 +45,9 @@ def test_an_invalid_chain_has_violations(chain: TopChain, violation: str) -> Non
 
 
 def test_unknown_tops_of_a_library_are_reported() -> None:
-    empty = TopLibrary(ROBOT, "empty", tops=(Top("soar", "fly", Condition(), Condition()),), actions={})
+    empty = TopLibrary(
+        ROBOT, "empty", tops=(Top("soar", "fly", Condition(), Condition()),), actions={}
+    )
     assert (dict(empty), empty.get("soar")) == ({}, None)
     with pytest.raises(KeyError, match=r"^soar needs the action fly; action set empty has none of"):
         empty["soar"]

@@ -30,7 +30,10 @@ def record_of(
     """Return a record with the durations of actions that have succeeded, and of the chain."""
     outcome = Outcome(code=Outcome.SUCCEEDED)
     return ChainPerformance(
-        actions=[ActionPerformance(actual=Performance(duration=each), outcome=outcome) for each in actions],
+        actions=[
+            ActionPerformance(actual=Performance(duration=each), outcome=outcome)
+            for each in actions
+        ],
         actual=Performance(duration=duration),
         outcome=Outcome(code=code, reason=reason),
         refined=refined,
@@ -94,7 +97,9 @@ class InProcessBackend:
         objective = Objective({"duration": 1.0, **draft.weights})
         chains = (draft.chain, *draft.alternatives)
         try:
-            selection = choose(self.refiner, draft.world, chains, objective, placeholders=not as_given)
+            selection = choose(
+                self.refiner, draft.world, chains, objective, placeholders=not as_given
+            )
         except RefinementError as error:
             raise NodesError(str(error)) from error
         found = selection.refinement
@@ -103,7 +108,10 @@ class InProcessBackend:
             found.chain,
             found.refined,
             found.reason,
-            *(tuple(action["duration"] for action in whole.actions) for whole in (found.before, found.after)),
+            *(
+                tuple(action["duration"] for action in whole.actions)
+                for whole in (found.before, found.after)
+            ),
             found.curves,
             selection.number,
         )
@@ -119,7 +127,9 @@ class InProcessBackend:
         self.state = World(self.state.time, world.robot, world.objects)
 
     def execute(self, run: Run, draft: Draft, *, refine: bool) -> None:
-        assert self.state.robot.pose == self.refined[-1].world.robot.pose, "a run begins at the draft's start"
+        assert self.state.robot.pose == self.refined[-1].world.robot.pose, (
+            "a run begins at the draft's start"
+        )
         here = dataclasses.replace(draft, world=self.state)
         chain = self.refine(here).chain if refine else draft.chain
         self.executed.append(chain)

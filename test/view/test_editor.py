@@ -51,7 +51,9 @@ def test_commitments_are_not_refined(editor: Editor) -> None:
     assert "nothing is open" in editor.answer.reason
 
 
-def test_the_best_alternative_is_chosen_and_executed(editor: Editor, backend: InProcessBackend) -> None:
+def test_the_best_alternative_is_chosen_and_executed(
+    editor: Editor, backend: InProcessBackend
+) -> None:
     ball = editor.draft.world.objects["ball"]
     near, far = (Pose(share * ball.x, share * ball.y, 0.0) for share in (0.6, -1.0))
     editor.step([lambda: editor.move_goal(1, near), lambda: editor.edit(Draft.with_alternative)])
@@ -83,17 +85,24 @@ def test_an_invalid_command_is_reported_and_the_next_one_executed(editor: Editor
 # Executions
 
 
-def test_a_race_gives_two_times_from_the_same_start(editor: Editor, backend: InProcessBackend) -> None:
+def test_a_race_gives_two_times_from_the_same_start(
+    editor: Editor, backend: InProcessBackend
+) -> None:
     editor.execute(NAIVE, REFINED)
     draft = editor.draft
-    drags = [lambda: editor.move_robot(Pose(2.0, 2.0, 1.0)), lambda: editor.move_goal(1, Pose(0.0, 0.0, 0.0))]
+    drags = [
+        lambda: editor.move_robot(Pose(2.0, 2.0, 1.0)),
+        lambda: editor.move_goal(1, Pose(0.0, 0.0, 0.0)),
+    ]
     for _ in range(4):
         assert editor.draft is draft  # drags during executions have no effect
         editor.step(drags if editor.executing else [])
     assert not editor.executing
     naive, refined = editor.runs
     assert 0.0 < refined.duration < naive.duration
-    assert editor.verdict.startswith(f"naive {naive.duration:.2f} s, refined {refined.duration:.2f} s")
+    assert editor.verdict.startswith(
+        f"naive {naive.duration:.2f} s, refined {refined.duration:.2f} s"
+    )
     assert backend.executed == [editor.answer.naive, editor.answer.chain]
 
     backend.calls.clear()
@@ -107,11 +116,15 @@ def test_a_race_gives_two_times_from_the_same_start(editor: Editor, backend: InP
 
 def test_a_race_with_a_failure_has_no_gain(editor: Editor) -> None:
     outcomes = {NAIVE: Outcome.SUCCEEDED, REFINED: Outcome.FAILED}
-    editor.runs = [Run(label, record_of(code=code, duration=4.0)) for label, code in outcomes.items()]
+    editor.runs = [
+        Run(label, record_of(code=code, duration=4.0)) for label, code in outcomes.items()
+    ]
     assert editor.verdict == "refined failed"
 
 
-def test_an_invalid_plan_is_reported_and_not_executed(editor: Editor, backend: InProcessBackend) -> None:
+def test_an_invalid_plan_is_reported_and_not_executed(
+    editor: Editor, backend: InProcessBackend
+) -> None:
     editor.situation(chain="shoot", seed=5)
     editor.step([lambda: editor.move_goal(0, Pose(0.0, 0.0, 0.0))])  # goToBall, away from the ball
     assert editor.answer is None
@@ -181,7 +194,9 @@ def test_a_running_robot_is_followed_until_something_is_moved_or_executed(
     assert "place" in backend.calls
 
 
-def test_refinement_is_called_again_when_it_is_available(running: Editor, backend: InProcessBackend) -> None:
+def test_refinement_is_called_again_when_it_is_available(
+    running: Editor, backend: InProcessBackend
+) -> None:
     backend.fails = UnavailableError("expected the service refine_subgoal, it is not there")
     running.step([lambda: running.move_goal(1, Pose(0.5, 0.25, 1.0))])
     assert running.answer is None
@@ -203,7 +218,9 @@ def goal(backend: InProcessBackend) -> Run:
     return Run(OTHERS, record_of(reason="waiting for refinement"), draft)
 
 
-def test_an_external_goal_becomes_the_draft(running: Editor, backend: InProcessBackend, goal: Run) -> None:
+def test_an_external_goal_becomes_the_draft(
+    running: Editor, backend: InProcessBackend, goal: Run
+) -> None:
     backend.external = goal
     running.step()
     assert running.draft.chain is goal.draft.chain
@@ -220,7 +237,11 @@ def test_an_external_goal_becomes_the_draft(running: Editor, backend: InProcessB
         backend.observe(20.0 + 0.1 * number, Pose(-2.0 + 0.1 * number, 0.0, 0.0), (1.0, 0.0))
         running.step()
     answer = running.answer
-    assert (answer.chain, answer.refined, answer.reason) == (goal.draft.chain, True, "gain of 1.2 s")
+    assert (answer.chain, answer.refined, answer.reason) == (
+        goal.draft.chain,
+        True,
+        "gain of 1.2 s",
+    )
     assert answer.naive.calls[0].goal != answer.chain.calls[0].goal
     assert len(answer.before) == len(answer.after) == 2
     assert len(backend.refined) == before + 1
@@ -228,7 +249,8 @@ def test_an_external_goal_becomes_the_draft(running: Editor, backend: InProcessB
 
     goal.record = record_of(code=Outcome.SUCCEEDED, duration=5.0)
     running.step()
-    assert running.draft.world.robot.pose == Pose(-1.6, 0.0, 0.0)  # the editor follows the robot again
+    # the editor follows the robot again
+    assert running.draft.world.robot.pose == Pose(-1.6, 0.0, 0.0)
     assert backend.calls == []  # nothing was placed or stopped
 
 
@@ -273,7 +295,9 @@ def test_without_refinement_it_has_no_predictions(
     assert running.problem == ""
 
 
-def test_an_ended_external_goal_is_not_shown(running: Editor, backend: InProcessBackend, goal: Run) -> None:
+def test_an_ended_external_goal_is_not_shown(
+    running: Editor, backend: InProcessBackend, goal: Run
+) -> None:
     goal.record = record_of(code=Outcome.FAILED)
     backend.external = goal
     draft = running.draft

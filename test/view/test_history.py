@@ -40,7 +40,11 @@ def test_the_gain_is_over_the_last_unrefined_chain_from_the_same_start() -> None
 
 def test_it_reports_error_gain_and_the_newest_chains_first() -> None:
     assert History().report() == "no chain was executed yet"
-    chains = (executed(9.0, refined=False), executed(8.5, refined=True), executed(math.nan, refined=True))
+    chains = (
+        executed(9.0, refined=False),
+        executed(8.5, refined=True),
+        executed(math.nan, refined=True),
+    )
     text = history_of(*chains).report()
     assert "3 chains, 2 of them refined." in text
     assert "Model error, last 2: 0.75 s, mean -0.75 s" in text

@@ -61,7 +61,9 @@ def test_two_clients_receive_the_same_and_one_may_vanish(shown: Shown) -> None:
     first, second = shown.join(), shown.join()
     shown.move_ball(0.5, -1.0)
     for client in (first, second):
-        client.until(lambda client=client: client.scene.get("/objects/ball") == (0.5, -1.0, 0.0), "the ball")
+        client.until(
+            lambda client=client: client.scene.get("/objects/ball") == (0.5, -1.0, 0.0), "the ball"
+        )
     first.until(lambda: first.scene == second.scene, "the same scene")
     pose = shown.backend.state.robot.pose
     assert first.scene["/robots/ann"] == pytest.approx((pose.x, pose.y, 0.0), abs=1e-6)
@@ -70,7 +72,9 @@ def test_two_clients_receive_the_same_and_one_may_vanish(shown: Shown) -> None:
     first.vanish()
     for step in range(10):
         shown.move_ball(0.1 * step, 1.0)
-    second.until(lambda: second.scene["/objects/ball"] == pytest.approx((0.9, 1.0, 0.0)), "the ball, moved")
+    second.until(
+        lambda: second.scene["/objects/ball"] == pytest.approx((0.9, 1.0, 0.0)), "the ball, moved"
+    )
     third = shown.join()
     third.until(lambda: third.scene == second.scene, "the same scene for a later client")
     assert shown.editor.problem == ""
@@ -87,7 +91,8 @@ def test_a_drag_keeps_the_offset_of_its_start(shown: Shown) -> None:
     client.drag("/objects/ball/body", ball.x + 1.05, ball.y)
     client.until(
         lambda: (
-            shown.step() or shown.backend.state.objects["ball"].x == pytest.approx(ball.x + 1.0, abs=0.01)
+            shown.step()
+            or shown.backend.state.objects["ball"].x == pytest.approx(ball.x + 1.0, abs=0.01)
         ),
         "the drag",
     )
@@ -96,13 +101,19 @@ def test_a_drag_keeps_the_offset_of_its_start(shown: Shown) -> None:
 
 def test_several_robots_are_shown_and_one_is_chosen(shown: Shown) -> None:
     client = shown.join()
-    client.until(lambda: client.scene.get("/robots/bob") == pytest.approx((-1.0, 1.5, 0.0)), "the other one")
+    client.until(
+        lambda: client.scene.get("/robots/bob") == pytest.approx((-1.0, 1.5, 0.0)), "the other one"
+    )
     shown.editor.execute(NAIVE)
     shown.page.commands.put(lambda: shown.editor.select(shown.other))
     shown.step()
-    client.until(lambda: client.scene["/objects/ball"] == pytest.approx((2.0, -0.5, 0.0)), "the choice")
+    client.until(
+        lambda: client.scene["/objects/ball"] == pytest.approx((2.0, -0.5, 0.0)), "the choice"
+    )
     start = shown.backend.state.robot.pose
-    client.until(lambda: client.scene["/robots/ann"] == pytest.approx((*start[:2], 0.0)), "the first one")
+    client.until(
+        lambda: client.scene["/robots/ann"] == pytest.approx((*start[:2], 0.0)), "the first one"
+    )
     refined = shown.other.refined[-1]
     assert refined.world.robot.pose == Pose(-1.0, 1.5, 0.5)
     assert refined.chain.calls[0].goal.pose[:2] == (2.0, -0.5)
@@ -116,7 +127,9 @@ def test_several_robots_are_shown_and_one_is_chosen(shown: Shown) -> None:
 def test_a_goal_of_another_client_is_drawn(shown: Shown) -> None:
     client = shown.join()
     draft = situation_draft(SOCCER, shown.backend.libraries["default"], "dribble", seed=3, index=1)
-    record = record_of(2.5, duration=3.0, reason="executing", refined=True, refinement="gain of 1.2 s")
+    record = record_of(
+        2.5, duration=3.0, reason="executing", refined=True, refinement="gain of 1.2 s"
+    )
     goal = Run(OTHERS, record, draft)
     shown.backend.external = goal
     before = client.drawn["/chain/ring0"]
@@ -124,7 +137,9 @@ def test_a_goal_of_another_client_is_drawn(shown: Shown) -> None:
     for words in ("of others: executing", "gain of 1.2 s", "| others, driven | 2.50 |"):
         client.until(lambda words=words: words in client.text(), words)
     client.until(lambda: client.drawn["/chain/ring0"] > before, "the ring of another situation")
-    assert {"/chain/naive/legs", "/chain/chain/legs", "/chain/ring0", "/chain/chosen0"} <= set(client.scene)
+    assert {"/chain/naive/legs", "/chain/chain/legs", "/chain/ring0", "/chain/chosen0"} <= set(
+        client.scene
+    )
     for time in (1.0, 2.0):
         shown.backend.observe(time, Pose(0.1 * time, 0.0, 0.0), (1.0, 0.0))
     shown.step()
@@ -140,7 +155,9 @@ def test_a_port_in_use_is_skipped_and_a_foreign_host_rejected() -> None:
         assert server.get_host() == "127.0.0.1"
         assert server.request_share_url() is None  # clients do not get one either
         server.stop()
-    with pytest.raises(OSError, match=r"expected an address of this machine, got '203\.0\.113\.7': "):
+    with pytest.raises(
+        OSError, match=r"expected an address of this machine, got '203\.0\.113\.7': "
+    ):
         serve(SOCCER, ROBOT, host="203.0.113.7")
 
 

@@ -56,7 +56,9 @@ class ViserClient:
     def _take(self, message: dict[str, Any]) -> None:
         kind, name = message["type"], message.get("name")
         if kind == "RemoveSceneNodeMessage":
-            for node in [node for node in self.scene if node == name or node.startswith(f"{name}/")]:
+            for node in [
+                node for node in self.scene if node == name or node.startswith(f"{name}/")
+            ]:
                 del self.scene[node]
         elif kind == "SetPositionMessage":
             self.scene[str(name)] = tuple(message["position"])
@@ -89,11 +91,19 @@ class ViserClient:
         turn, place = (1.0, 0.0, 0.0, 0.0), (0.0, -1e-3, _HEIGHT)
         up = (0.0, 1.0, 0.0)
         self.send(
-            "ViewerCameraMessage", wxyz=turn, position=place, look_at=(0.0, 0.0, 0.0), up_direction=up, **size
+            "ViewerCameraMessage",
+            wxyz=turn,
+            position=place,
+            look_at=(0.0, 0.0, 0.0),
+            up_direction=up,
+            **size,
         )
 
     def drag(self, node: str, x: float, y: float, phase: str = "update") -> None:
-        """Point at (x, y) m on the floor while a node is dragged; the phase is start, update or end."""
+        """Point at (x, y) m on the floor while a node is dragged.
+
+        The phase is start, update or end.
+        """
         place, pixel = (x, y, 0.0), (0.5, 0.5)
         self.send(
             "SceneNodeDragMessage", phase=phase, name=node, instance_index=None, start_position=place,

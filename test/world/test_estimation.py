@@ -43,7 +43,9 @@ def test_a_kicked_or_placed_ball_is_tracked_immediately() -> None:
     balls = [ObjectState(0.0, 0.0)] * 50 + [ObjectState(1.0, 1.0)] * 10
     estimated = tracked(measurements(balls))
     assert errors(estimated, balls)[50] < 5 * NOISE
-    kicked = [ObjectState(0.0, 0.0)] * 50 + [ObjectState(t * TICK, 0.0, 1.0, 0.0) for t in range(10)]
+    kicked = [ObjectState(0.0, 0.0)] * 50 + [
+        ObjectState(t * TICK, 0.0, 1.0, 0.0) for t in range(10)
+    ]
     assert tracked(measurements(kicked))[50].vx == pytest.approx(1.0, abs=5 * VELOCITY_NOISE)
 
 
@@ -58,7 +60,9 @@ def checked(
     estimated, remarks = [], []
     for tick in range(round(2.0 / TICK)):
         time, (dx, dv) = tick * TICK, rng.normal(size=2)
-        measurement = ObjectState(position(time) + noise * dx, 0.0, velocity(time) + 3.0 * noise * dv)
+        measurement = ObjectState(
+            position(time) + noise * dx, 0.0, velocity(time) + 3.0 * noise * dv
+        )
         ball, remark = check.check(time, measurement)
         estimated.append(ball.vx)
         remarks += [remark] if remark else []
@@ -68,7 +72,9 @@ def checked(
 @pytest.mark.parametrize("noise", [0.0, 0.015])
 @pytest.mark.parametrize("reported", [2.0, 5.0, -40.0])
 def test_a_false_velocity_of_a_resting_ball_is_ignored(reported: float, noise: float) -> None:
-    estimated, remarks = checked(lambda _: 1.0, lambda t: reported if t >= 0.5 else 0.0, noise=noise)
+    estimated, remarks = checked(
+        lambda _: 1.0, lambda t: reported if t >= 0.5 else 0.0, noise=noise
+    )
     assert max(map(abs, estimated[15:])) < 0.6
     assert len(remarks) == 1
     assert "ball.twist.twist.linear: expected about" in remarks[0]

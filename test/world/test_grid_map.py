@@ -28,7 +28,9 @@ def test_a_map_is_read_from_its_lowest_row_on(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("kind", ["png", "plain", "negated", "deep"])
 def test_images_of_all_kinds_are_read(tmp_path: Path, kind: str) -> None:
-    file = write_map(tmp_path, hall(), image="other.png", free_thresh=0.19, negate=int(kind == "negated"))
+    file = write_map(
+        tmp_path, hall(), image="other.png", free_thresh=0.19, negate=int(kind == "negated")
+    )
     shades = 255 - SHADES if kind == "negated" else SHADES
     if kind == "plain":
         (tmp_path / "other.png").write_text(f"P2 3 2 255 {' '.join(map(str, shades.ravel()))}")
@@ -41,7 +43,10 @@ def test_images_of_all_kinds_are_read(tmp_path: Path, kind: str) -> None:
 @pytest.mark.parametrize(
     ("fields", "text"),
     [
-        ({"mode": "raw"}, r"hall\.yaml: expected a map_server file: mode: expected trinary; got 'raw'"),
+        (
+            {"mode": "raw"},
+            r"hall\.yaml: expected a map_server file: mode: expected trinary; got 'raw'",
+        ),
         ({"resolution": 0.0}, "resolution: expected a number from 0.001 to 10; got 0"),
         ({"origin": [0.0, 0.0]}, "origin: expected x, y"),
         ({"image": "none.pgm"}, r"none\.pgm: expected the image of a map, there is none"),
@@ -63,7 +68,9 @@ def test_a_grid_of_another_size_is_rejected() -> None:
 
 @pytest.mark.parametrize("resolution", [1e-30, 1e30, -0.05, float("nan")])
 def test_a_grid_of_cells_of_no_usual_size_is_rejected(resolution: float) -> None:
-    with pytest.raises(FileError, match=r"/map: expected a finite origin and cells of 0\.001 to 10 m"):
+    with pytest.raises(
+        FileError, match=r"/map: expected a finite origin and cells of 0\.001 to 10 m"
+    ):
         map_of_grid("/map", 1, 1, resolution, Pose(0.0, 0.0, 0.0), [0])
 
 

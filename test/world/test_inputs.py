@@ -77,12 +77,21 @@ def test_repeated_stamps_are_ignored_and_decreasing_stamps_are_errors() -> None:
 def test_one_late_message_is_ignored_and_many_are_reported() -> None:
     both, robot = inputs(), RobotState(Pose(0.0, 0.0, 0.0))
     both.object(BALL, 1.0, ObjectState(0.0, 0.0))
-    for stamp, now in ((1.0, 10.0), (1.1, 10.1), (1.05, 10.11), (1.15, 10.15), (2.3, 11.3), (2.25, 11.31)):
+    for stamp, now in (
+        (1.0, 10.0),
+        (1.1, 10.1),
+        (1.05, 10.11),
+        (1.15, 10.15),
+        (2.3, 11.3),
+        (2.25, 11.31),
+    ):
         world = both.robot(stamp, robot, now)
         assert (world is None) == (stamp in (1.05, 2.25))
         assert both.time == (stamp if world else stamp + 0.05)
     assert both.robot(2.35, robot, 11.35) is not None
-    with pytest.raises(StampError, match=r"odom\.header\.stamp: expected after 2\.35 s, got 2\.32 s"):
+    with pytest.raises(
+        StampError, match=r"odom\.header\.stamp: expected after 2\.35 s, got 2\.32 s"
+    ):
         both.robot(2.32, robot, 11.36)
     assert both.robot(2.4, robot, 11.4) is not None  # the clock is unchanged
 

@@ -7,7 +7,13 @@ from typing import Any
 import pytest
 
 from ator_ros.geometry import Pose, wrap_angle
-from ator_ros.world.messages import FrameError, MessageError, ObjectReader, ObjectSource, OdometryReader
+from ator_ros.world.messages import (
+    FrameError,
+    MessageError,
+    ObjectReader,
+    ObjectSource,
+    OdometryReader,
+)
 
 EPOCH = 1_764_000_000
 
@@ -40,7 +46,9 @@ def odometry(
     child: str = "base_link",
     orientation: Any = None,
 ) -> Any:
-    planar = SimpleNamespace(position=vector(pose.x, pose.y), orientation=orientation or turned(pose.yaw))
+    planar = SimpleNamespace(
+        position=vector(pose.x, pose.y), orientation=orientation or turned(pose.yaw)
+    )
     twist = SimpleNamespace(linear=linear, angular=vector(z=w))
     return SimpleNamespace(
         header=header(time, frame),
@@ -73,13 +81,21 @@ def test_the_tilt_on_a_ramp_is_valid_but_another_axis_is_not() -> None:
     _, robot = OdometryReader().read(odometry(FAR, vector(0.3), orientation=ramp))
     assert robot.pose.yaw == pytest.approx(0.0)
     half = math.sqrt(0.5)
-    with pytest.raises(MessageError, match=r"orientation: expected roll and pitch of at most 30 degrees"):
+    with pytest.raises(
+        MessageError, match=r"orientation: expected roll and pitch of at most 30 degrees"
+    ):
         OdometryReader().read(odometry(FAR, vector(), orientation=quaternion(half, 0.0, 0.0, half)))
 
 
-@pytest.mark.parametrize("parts", [(0.0,) * 4, (0.0, 0.0, math.nan, 1.0), (0.0, 0.0, math.inf, 1.0)])
-def test_a_quaternion_without_orientation_is_rejected(parts: tuple[float, float, float, float]) -> None:
-    with pytest.raises(MessageError, match=r"^odom\.pose\.pose\.orientation: expected a quaternion .* got"):
+@pytest.mark.parametrize(
+    "parts", [(0.0,) * 4, (0.0, 0.0, math.nan, 1.0), (0.0, 0.0, math.inf, 1.0)]
+)
+def test_a_quaternion_without_orientation_is_rejected(
+    parts: tuple[float, float, float, float],
+) -> None:
+    with pytest.raises(
+        MessageError, match=r"^odom\.pose\.pose\.orientation: expected a quaternion .* got"
+    ):
         OdometryReader().read(odometry(FAR, vector(), orientation=quaternion(*parts)))
 
 
@@ -87,14 +103,22 @@ def test_a_quaternion_without_orientation_is_rejected(parts: tuple[float, float,
     ("field", "value", "expected"),
     [
         ("x", math.nan, r"odom\.pose\.pose\.position\.x: expected a finite number"),
-        ("x", 1e12, r"odom\.pose\.pose\.position\.x: expected a finite number from -1\d+ to 1\d+ m"),
+        (
+            "x",
+            1e12,
+            r"odom\.pose\.pose\.position\.x: expected a finite number from -1\d+ to 1\d+ m",
+        ),
         ("v", 1e4, r"odom\.twist\.twist\.linear\.x: expected a finite number from -100 to 100 m/s"),
         ("sec", -EPOCH - 1, r"odom\.header\.stamp: expected a time since 0 s"),
     ],
 )
 def test_unrealistic_numbers_are_rejected(field: str, value: Any, expected: str) -> None:
     message = odometry(FAR, vector())
-    owner = {"x": message.pose.pose.position, "v": message.twist.twist.linear, "sec": message.header.stamp}
+    owner = {
+        "x": message.pose.pose.position,
+        "v": message.twist.twist.linear,
+        "sec": message.header.stamp,
+    }
     setattr(owner[field], "x" if field == "v" else field, value)
     with pytest.raises(MessageError, match=expected):
         OdometryReader().read(message)
@@ -105,18 +129,29 @@ def test_unrealistic_numbers_are_rejected(field: str, value: Any, expected: str)
 def test_a_leading_slash_of_a_frame_is_ignored(given: str, expected: str) -> None:
     reader = OdometryReader(expected)
     reader.read(odometry(FAR, vector(), frame=given))
-    with pytest.raises(FrameError, match=r"header\.frame_id: expected the frame 'map', got 'robot1/map'"):
+    with pytest.raises(
+        FrameError, match=r"header\.frame_id: expected the frame 'map', got 'robot1/map'"
+    ):
         reader.read(odometry(FAR, vector(), frame="robot1/map"))
 
 
 def remarks(
-    *, scale: float = 1.0, in_world: bool = False, jump: float = 0.0, seconds: float = 8.0, speed: float = 1.0
+    *,
+    scale: float = 1.0,
+    in_world: bool = False,
+    jump: float = 0.0,
+    seconds: float = 8.0,
+    speed: float = 1.0,
 ) -> list[str]:
     """Drive arcs with a scaled or world-frame twist, or with jumping poses; return the remarks."""
     reader, pose, found = OdometryReader("odom"), FAR, list[str]()
     for tick in range(int(20 * seconds)):
         v, w = (0.5 * speed, 0.8 * speed) if tick % 60 < 40 else (0.0, 0.0)
-        linear = vector(v * math.cos(pose.yaw), v * math.sin(pose.yaw)) if in_world else vector(scale * v)
+        linear = (
+            vector(v * math.cos(pose.yaw), v * math.sin(pose.yaw))
+            if in_world
+            else vector(scale * v)
+        )
         reader.read(odometry(pose, linear, scale * w, time=0.05 * tick))
         found += [reader.remark] * bool(reader.remark)
         pose = pose.compose(Pose(0.05 * v, 0.0, 0.05 * w))

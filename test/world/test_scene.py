@@ -34,14 +34,20 @@ def test_another_domain_has_its_own_objects_and_no_goals() -> None:
 
 def test_the_size_of_the_description_overrides_the_domain() -> None:
     measured = dataclasses.replace(PARCEL, radius=0.3)
-    assert DELIVERY.equip(within(objects={"parcel": measured})).scene.objects == {"parcel": measured}
+    assert DELIVERY.equip(within(objects={"parcel": measured})).scene.objects == {
+        "parcel": measured
+    }
 
 
 def test_objects_are_pushed_and_roll_by_their_size() -> None:
     with Simulation(within(objects={"cup": CUP, "parcel": PARCEL})) as simulation:
-        simulation.place_objects({"cup": ObjectState(0.5, 0.0), "parcel": ObjectState(0.0, 1.5, 0.8, 0.0)})
+        simulation.place_objects(
+            {"cup": ObjectState(0.5, 0.0), "parcel": ObjectState(0.0, 1.5, 0.8, 0.0)}
+        )
         world = drive(simulation, 1.0)
-        assert world.objects["parcel"].x == pytest.approx(0.8**2 / 2 / PARCEL.rolling_deceleration, rel=0.2)
+        assert world.objects["parcel"].x == pytest.approx(
+            0.8**2 / 2 / PARCEL.rolling_deceleration, rel=0.2
+        )
         assert world.objects["cup"].x >= world.robot.pose.x + ROBOT.front + CUP.radius - 0.01
         simulation.place_objects({"parcel": ObjectState(2.0, 1.0)})
         assert set(simulation.world().objects) == {"parcel"}
@@ -54,7 +60,8 @@ def test_a_bay_is_open_in_front_and_closed_behind_and_beside(yaw: float) -> None
     with Simulation(within(bays=(bay,))) as simulation:
         simulation.place_robot(front.ahead(-1.0))
         inside = front.relative(drive(simulation, 2.8).robot.pose)
-        assert inside.x + ROBOT.front == pytest.approx(0.6 - 0.12, abs=0.03)  # the tips touch the back
+        # the tips touch the back
+        assert inside.x + ROBOT.front == pytest.approx(0.6 - 0.12, abs=0.03)
         assert abs(inside.y) < 0.1  # a pushing robot slides along a wall
         beside = front.compose(Pose(0.3, 1.5, -math.pi / 2))
         simulation.place_robot(beside)

@@ -25,7 +25,9 @@ def robot_in_map() -> Transforms:
     """Return a tree: map, odom, base_link, camera (looking ahead, its z axis forward), parcel."""
     known = Transforms()
     known.add("map", "odom", 0.0, planar(1.0, 0.0, math.pi / 2.0))
-    known.add("base_link", "camera", 0.0, Placement((0.2, 0.0, 0.5), (-0.5, 0.5, -0.5, 0.5)), fixed=True)
+    known.add(
+        "base_link", "camera", 0.0, Placement((0.2, 0.0, 0.5), (-0.5, 0.5, -0.5, 0.5)), fixed=True
+    )
     for tick in range(21):
         known.add("odom", "base_link", 0.05 * tick, planar(0.1 * tick, 0.0))
     return known
@@ -39,7 +41,8 @@ def test_a_frame_is_found_along_a_chain_at_the_latest_common_time() -> None:
     time, placement = known.latest("map", "base_link") or (0.0, HERE)
     assert time == pytest.approx(1.0)
     assert pose_of(placement) == pytest.approx(Pose(1.0, 2.0, math.pi / 2.0))
-    known.add("camera", "parcel", 0.975, Placement((0.5, 0.2, 3.0), HERE.turn))  # 3 m ahead, 0.5 m right
+    # 3 m ahead, 0.5 m right
+    known.add("camera", "parcel", 0.975, Placement((0.5, 0.2, 3.0), HERE.turn))
     time, placement = known.latest("odom", "parcel") or (0.0, HERE)
     assert time == 0.975
     assert placement.origin == pytest.approx((1.95 + 0.2 + 3.0, -0.5, 0.3))

@@ -22,12 +22,22 @@ from ator_ros.domains.soccer.thresholds import ball_clearance, check_arrival, ch
 from ator_ros.geometry import FloatArray, Pose, wrap_angle
 from ator_ros.robot.description import Limits, Robot
 from ator_ros.tops.objects import is_at_front
-from ator_ros.world.state import CONTROL_PERIOD, STOP, Command, ObjectState, RobotState, Standstill, World
+from ator_ros.world.state import (
+    CONTROL_PERIOD,
+    STOP,
+    Command,
+    ObjectState,
+    RobotState,
+    Standstill,
+    World,
+)
 
-_STRAIGHT_BEHIND = 3.1  # rad: greatest bearing of the middle control point that a curve is computed with
+# rad: greatest bearing of the middle control point that a curve is computed with
+_STRAIGHT_BEHIND = 3.1
 _SAMPLES = 40
 _STEP = 0.05  # m between places on the shortest path
-_CORRIDOR = (-0.02, 0.06, 0.05)  # m along the axis from the run-in to behind the goal, and to either side
+# m along the axis from the run-in to behind the goal, and to either side
+_CORRIDOR = (-0.02, 0.06, 0.05)
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +47,8 @@ class Style:
     radius: float  # m, of the circle beside the goal on which the curve arrives
     run_in: float  # m, length of the straight line before the goal
     ahead: float  # m, length of the path from a standing robot to the middle control point
-    per_speed: float  # s, growth of that length with the robot's speed, as commands take effect late
+    # s, growth of that length with the robot's speed, as commands take effect late
+    per_speed: float
     sharpest: float  # 1/m, greatest curvature; far above 1/wheel track is turning on the spot
     rotation: float  # rad/s, greatest rotational velocity within the limits, which bounds the speed
     braking: float  # m/s^2, deceleration before the goal and before sharper curves
@@ -47,7 +58,8 @@ class Style:
 class _Curve:
     """A Bezier curve of degree four that leaves in the robot's heading and arrives in the goal's."""
 
-    # In m, in the frame of the goal: robot, its handle, a point round the goal, the goal's handle, run-in.
+    # In m, in the frame of the goal: robot, its handle, a point round the goal, the goal's handle,
+    # run-in.
     points: tuple[tuple[float, float], ...]
     bearing: float  # of the middle control point, relative to the robot's heading, in rad
     bend: float  # curvature at the start in 1/m, positive to the left
@@ -61,8 +73,9 @@ class _Curve:
 def _curve_to(rel: Pose, v: float, style: Style, side: float) -> _Curve:
     """Return the curve for a robot at `rel`, in the frame of the goal, that drives at `v` (m/s).
 
-    Its middle control point lies ahead on the shortest path: the tangent from the robot to a circle beside
-    the goal (to the left of its axis for `side` 1, to the right for -1), the circle, and the run-in.
+    Its middle control point lies ahead on the shortest path: the tangent from the robot to a circle
+    beside the goal (to the left of its axis for `side` 1, to the right for -1), the circle, and the
+    run-in.
     """
     ahead = style.ahead + style.per_speed * max(v, 0.0)
     behind, beyond, beside = _CORRIDOR
@@ -80,7 +93,8 @@ def _curve_to(rel: Pose, v: float, style: Style, side: float) -> _Curve:
     distance = math.hypot(dx, dy)
     bearing = wrap_angle(math.atan2(dy, dx) - rel.yaw)
     angle = math.copysign(min(abs(bearing), _STRAIGHT_BEHIND), bearing)
-    # With this handle the curve begins as the arc to a middle control point ahead; it is 0 for one behind.
+    # With this handle the curve begins as the arc to a middle control point ahead; it is 0 for one
+    # behind.
     handle = math.sqrt(0.375) * distance * math.cos(angle / 2.0)
     bend = 0.75 * distance * math.sin(angle) / handle**2
     points = (
@@ -115,8 +129,16 @@ def _ahead(
     first = min(straight, distance)
     angle = min((distance - first) / radius, turn)
     last, end = distance - first - angle * radius, heading + angle
-    dx = first * math.cos(heading) + radius * (math.sin(end) - math.sin(heading)) + last * math.cos(end)
-    dy = first * math.sin(heading) - radius * (math.cos(end) - math.cos(heading)) + last * math.sin(end)
+    dx = (
+        first * math.cos(heading)
+        + radius * (math.sin(end) - math.sin(heading))
+        + last * math.cos(end)
+    )
+    dy = (
+        first * math.sin(heading)
+        - radius * (math.cos(end) - math.cos(heading))
+        + last * math.sin(end)
+    )
     return dx, dy
 
 
@@ -153,7 +175,8 @@ def _placed(local: FloatArray, goal: Pose) -> FloatArray:
     return np.asarray(local @ np.array([[c, s], [-s, c]]) + (goal.x, goal.y))
 
 
-_LATERAL, _HEADING = 0.04, 0.1  # m from the goal's axis and rad from its heading at which a goal is reached
+# m from the goal's axis and rad from its heading at which a goal is reached
+_LATERAL, _HEADING = 0.04, 0.1
 _SHORT, _PAST = 0.015, 0.06  # m before and behind a goal at which a robot may stand
 _PARKED = Standstill(0.03)  # at its goal a robot may creep: on curves it does not stop at once
 _CREEP = 0.04  # m/s
@@ -163,7 +186,8 @@ _HANDLES = (1.0, 0.25, 2.0)  # ratios of the handles' lengths to those of the st
 _BESIDE = 0.03  # m between the robot's side and a ball that it passes
 _RESERVE = 1.2  # ratio of the greatest deceleration to the planned one
 _TO_ROTATE = 0.6  # s in which the greatest rotational velocity is reached
-_SLIGHT = 0.3  # rad on the circle below which it is driven faster, as rotation needs time to build up
+# rad on the circle below which it is driven faster, as rotation needs time to build up
+_SLIGHT = 0.3
 
 
 class Driver:
@@ -191,7 +215,10 @@ class Driver:
         return None if self._laid is None else _sampled(*self._laid)
 
     def _curve(self, pose: Pose, target: Pose, v: float) -> _Curve:
-        """Return the faster of the two curves to `target`; a path through a wall or the ball takes longer."""
+        """Return the faster of the two curves to `target`.
+
+        A path through a wall or the ball takes longer.
+        """
         if self._side == 0.0:
             self._style = self._fitting(pose, target, v)
         curves = self._curves(pose, target, v, self._style)
@@ -233,10 +260,14 @@ class Driver:
             now = math.hypot(self._ball.x - pose.x, self._ball.y - pose.y)
             into_ball = max(0.0, min(room, now) - _passing_distance(curve, ball.x, ball.y))
         middle = self._robot.scene.area.x
-        farthest = max(abs(pose.x - middle), abs(target.x - middle) + style.run_in + 2.0 * style.radius)
+        farthest = max(
+            abs(pose.x - middle), abs(target.x - middle) + style.run_in + 2.0 * style.radius
+        )
         if farthest <= nearest_to_goals(self._robot):
             return into_ball
-        return max(into_ball, depth_in_goals(_shortest_path(curve, style.radius, target), self._robot))
+        return max(
+            into_ball, depth_in_goals(_shortest_path(curve, style.radius, target), self._robot)
+        )
 
     def follow(self, state: RobotState, target: Pose, end_speed: float) -> Command:
         """Return the command for the next tick to `target`, to be passed at `end_speed` (m/s)."""
@@ -267,7 +298,9 @@ class Driver:
     def turn(self, angle: float) -> Command:
         """Return the command that stops, and turns by an angle (rad)."""
         last, limits, most = self._last, self._limits, self._rotation
-        v = max(last.v - limits.brake * CONTROL_PERIOD, min(last.v + limits.a * CONTROL_PERIOD, 0.0))
+        v = max(
+            last.v - limits.brake * CONTROL_PERIOD, min(last.v + limits.a * CONTROL_PERIOD, 0.0)
+        )
         w = max(-most, min(most, 3.0 * angle))
         return self.send(v, w if abs(v) < 0.2 else last.w)
 
@@ -302,7 +335,8 @@ _DRIBBLING = Style(0.1, 0.05, 0.05, 0.15, 1.2 / 0.1, 0.5, 0.36)
 """Handles of 0.1 m: the least radius on which the ball is led."""
 _TO_SHOT = Style(0.12, 0.05, 0.05, 0.15, 1.2 / 0.12, 0.6, 0.36)
 
-_AT_BALL = 0.2  # m between the ball and the hold of a robot at the goal, up to which the goal is the ball
+# m between the ball and the hold of a robot at the goal, up to which the goal is the ball
+_AT_BALL = 0.2
 _BACKING = 0.3  # m/s at which the robot backs off from a ball in its front
 _STRAIGHTENING = 0.5  # rad that a robot may turn on the spot with the ball between its fins
 
@@ -322,15 +356,17 @@ class _BezierAction(Action):
         """Follow the curve; at the goal's position, turn if it is by at most `most` rad."""
         rel, speed = self._target.relative(state.pose), self._goal.speed
         if speed == 0.0 and _standing_place(rel) and abs(rel.yaw) <= most:
-            return Step(self._driver.turn(-rel.yaw), Status.RUNNING, "turning into the goal's heading")
+            return Step(
+                self._driver.turn(-rel.yaw), Status.RUNNING, "turning into the goal's heading"
+            )
         return Step(self._driver.follow(state, self._target, speed), Status.RUNNING, message)
 
 
 class BezierGoToPose(_BezierAction):
     """Drive to a pose; arrive at a ball without moving it.
 
-    Forward only, except to back off from a ball in front that is not at the goal. A goal with a speed is
-    passed at that speed; one that was missed is approached again.
+    Forward only, except to back off from a ball in front that is not at the goal. A goal with a
+    speed is passed at that speed; one that was missed is approached again.
     """
 
     name: ClassVar[str] = "goToPose"
@@ -342,7 +378,9 @@ class BezierGoToPose(_BezierAction):
         self._target = goal.robot_pose(self.robot)
         ball = ball_of(world)
         front = self.robot.hold_point(self._target)
-        self._to_ball = ball is not None and math.hypot(ball.x - front.x, ball.y - front.y) < _AT_BALL
+        self._to_ball = (
+            ball is not None and math.hypot(ball.x - front.x, ball.y - front.y) < _AT_BALL
+        )
         self._is_backing_off = not self._to_ball and is_at_front(world, self.robot, BALL)
         style = _TO_BALL if self._to_ball else _TO_POSE
         beside = ball if self._to_ball or self._is_backing_off else None
@@ -360,7 +398,9 @@ class BezierGoToPose(_BezierAction):
             clear = ball_clearance(self.robot)
             self._is_backing_off = ball is not None and math.hypot(ball.x - x, ball.y - y) < clear
         if self._is_backing_off:
-            return Step(self._driver.command(-_BACKING, 0.0), Status.RUNNING, "backing off from the ball")
+            return Step(
+                self._driver.command(-_BACKING, 0.0), Status.RUNNING, "backing off from the ball"
+            )
         most = _STRAIGHTENING if self._to_ball else math.pi
         return self._approach(state, "following the curve to the goal", most)
 
@@ -429,7 +469,8 @@ _SHOT_OVER = Standstill(0.05)  # below this, ball and robot are too slow to scor
 class BezierShoot(_BezierHolding):
     """Send the ball into a goal by motion alone.
 
-    The goal's position is in the mouth of one of the field's goals; its heading and speed do not count.
+    The goal's position is in the mouth of one of the field's goals; its heading and speed do not
+    count.
     """
 
     name: ClassVar[str] = "shoot"
@@ -445,9 +486,13 @@ class BezierShoot(_BezierHolding):
         side = field.side_of(x)
         line, middle = field.goal_center(side)
         if abs(x - line) > 0.5 * field.goal_depth or abs(y - middle) > field.goal_width / 2:
-            raise ActionError(f"shoot: expected a position in a goal's mouth, got ({x:.2f}, {y:.2f}) m")
+            raise ActionError(
+                f"shoot: expected a position in a goal's mouth, got ({x:.2f}, {y:.2f}) m"
+            )
         self._side = side
-        self._middle = max(-1.0, min(1.0, (y - middle) / (field.goal_width / 2))) * self._half_mouth()
+        self._middle = (
+            max(-1.0, min(1.0, (y - middle) / (field.goal_width / 2))) * self._half_mouth()
+        )
         self._driver = Driver(self._limits, _TO_SHOT, world.robot)
         self._released = False
 
@@ -476,7 +521,10 @@ class BezierShoot(_BezierHolding):
         return self._run_up(world, -behind_line(ball, mouth, field), crossing - mouth.y)
 
     def _crossing(self, pose: Pose) -> float | None:
-        """Return y (m) at which the robot straight ahead crosses the goal line; None if it does not."""
+        """Return y (m) at which the robot straight ahead crosses the goal line.
+
+        None if it does not.
+        """
         hold = self.robot.hold_point(pose)
         forward = self._side * math.cos(pose.yaw)
         short = self._side * (field_of(self.robot).goal_center(self._side)[0] - hold.x)

@@ -106,7 +106,9 @@ def _shot(robot: Robot, library: TopLibrary, rng: np.random.Generator) -> tuple[
 
     there = drawn_until(
         position,
-        lambda place: place.distance(ball) >= SHORTEST and robot.scene.area.has_floor(place.x, place.y),
+        lambda place: (
+            place.distance(ball) >= SHORTEST and robot.scene.area.has_floor(place.x, place.y)
+        ),
         lambda: _expected(robot, "a place for a shot before the goal"),
     )
     calls = (
@@ -151,7 +153,9 @@ def _expected(robot: Robot, what: str) -> str:
     )
 
 
-def _call(library: TopLibrary, top: str, pose: Pose, opened: frozenset[str] = frozenset()) -> TopCall:
+def _call(
+    library: TopLibrary, top: str, pose: Pose, opened: frozenset[str] = frozenset()
+) -> TopCall:
     return TopCall(library[top], Goal(pose, 0.0, library[top].point), opened)
 
 

@@ -31,10 +31,15 @@ _TO_MOUTH = variables("x y yaw xg yg")
 SHOT = (
     Feature("hold_dist", "m", _TO_MOUTH, lambda g: g.once(from_hold)[0]),
     Feature(
-        "hold_angle", "rad", _TO_MOUTH, lambda g: np.abs(wrap_angles(g.once(from_hold)[1] - g.direct["yaw"]))
+        "hold_angle",
+        "rad",
+        _TO_MOUTH,
+        lambda g: np.abs(wrap_angles(g.once(from_hold)[1] - g.direct["yaw"])),
     ),
     Feature("hold_off_axis", "rad", _TO_MOUTH, lambda g: np.abs(g.once(from_hold)[1])),
-    Feature("heading_off_axis", "rad", variables("yaw"), lambda g: np.abs(wrap_angles(g.direct["yaw"]))),
+    Feature(
+        "heading_off_axis", "rad", variables("yaw"), lambda g: np.abs(wrap_angles(g.direct["yaw"]))
+    ),
 )
 """Features of a shot: the ball is held, and the goal, whose yaw is not used, lies on the field's x axis."""
 
@@ -64,7 +69,10 @@ def goals(robot: Robot) -> Mapping[str, Condition]:
     found = {"ball_held": posts["goToBall"]}
     if field.goal_depth:
         center = dict(zip(("goal.x", "goal.y"), field.goal_center(), strict=True))
-        inside = (dataclasses.replace(term, target=center[str(term.target)]) for term in posts["shoot"].terms)
+        inside = (
+            dataclasses.replace(term, target=center[str(term.target)])
+            for term in posts["shoot"].terms
+        )
         found["ball_in_goal"] = Condition(tuple(inside))
     return found
 

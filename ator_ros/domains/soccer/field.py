@@ -48,7 +48,10 @@ class Field:
 
     @property
     def walls_begin(self) -> float:
-        """Distance in m along x between the center and the walls of a goal; infinite without goals."""
+        """Distance in m along x between the center and the walls of a goal.
+
+        Infinite without goals.
+        """
         return self.length / 2 if self.goal_depth else math.inf
 
     def goal_center(self, side: int = 1) -> tuple[float, float]:
@@ -68,7 +71,10 @@ def field_of(robot: Robot) -> Field:
 
 
 def behind_line(ball: ObjectState, mouth: Pose, field: Field) -> float:
-    """Return the distance in m of a ball's center behind the goal line of `mouth`; negative before it."""
+    """Return the distance in m of a ball's center behind the goal line of `mouth`.
+
+    Negative before it.
+    """
     return (ball.x - mouth.x) * field.side_of(mouth.x)
 
 
@@ -83,15 +89,20 @@ def field_in(scene: Scene) -> tuple[Bay, ...]:
     Raises
     ------
     ConfigError
-        There is no ball, whose radius and mass the actions need, or the bays are no two equal goals.
+        There is no ball, whose radius and mass the actions need, or the bays are no two equal
+        goals.
     """
     if BALL not in scene.objects:
-        raise ConfigError(f"scene.objects: expected {BALL!r} among them, got {sorted(scene.objects)}")
+        raise ConfigError(
+            f"scene.objects: expected {BALL!r} among them, got {sorted(scene.objects)}"
+        )
     (left, _, right, _), middle = scene.area.lines, scene.area.y
     goals = (left, middle, math.pi), (right, middle, 0.0)
     sizes = {(bay.width, bay.depth) for bay in scene.bays}
     poses = sorted((bay.x, bay.y, abs(bay.yaw)) for bay in scene.bays)
-    placed = len(poses) == 2 and all(math.dist(*pair) < _MISPLACED for pair in zip(poses, goals, strict=True))
+    placed = len(poses) == 2 and all(
+        math.dist(*pair) < _MISPLACED for pair in zip(poses, goals, strict=True)
+    )
     if scene.bays and (len(sizes) > 1 or not placed):
         raise ConfigError(
             f"scene.bays: expected two equal goals on the lines x = {left:.10g} and x = {right:.10g} at "
@@ -121,7 +132,9 @@ def depth_in_goals(places: FloatArray, robot: Robot) -> float:
     field = field_of(robot)
     x, y = np.abs(places[:, :2] - (field.x, field.y)).T
     near = x > nearest_to_goals(robot)
-    walls = wall_distance(x[near], y[near], field.length / 2, field.goal_width / 2, field.goal_depth)
+    walls = wall_distance(
+        x[near], y[near], field.length / 2, field.goal_width / 2, field.goal_depth
+    )
     return float(np.max(robot.reach - walls, initial=0.0))
 
 

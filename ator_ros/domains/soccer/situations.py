@@ -27,7 +27,8 @@ from ator_ros.world.state import ObjectState, RobotState, World
 SHORTEST = SHORT  # m between start and goal, where the two are drawn independently
 _LEAVING = 0.04  # share of drives that start with a held ball and end elsewhere
 _ALONE = 0.6  # share of the time limit for the straight path of an action; the rest is for turns
-_SHOT_RANGE = (0.6, 2.5)  # m between the ball and the middle of the goal line at the start of a shot
+# m between the ball and the middle of the goal line at the start of a shot
+_SHOT_RANGE = (0.6, 2.5)
 _DRAWS = 200  # draws before giving up; each is planned, which takes 5 ms
 T = TypeVar("T")
 
@@ -57,7 +58,9 @@ def pose_within(
     return drawn_until(
         lambda: random_pose(robot, rng),
         lambda pose: low <= pose.distance(of) and distance(pose) <= high,
-        lambda: f"{_area_text(robot)}, expected room for starts and goals {low:.2f} to {high:.2f} m apart",
+        lambda: (
+            f"{_area_text(robot)}, expected room for starts and goals {low:.2f} to {high:.2f} m apart"
+        ),
     )
 
 
@@ -92,13 +95,16 @@ def _speed(robot: Robot, rng: np.random.Generator, share: float) -> float:
     return speed if rng.random() < share else 0.0
 
 
-def go_to_pose(robot: Robot, rng: np.random.Generator, *, time_limit: float = TIME_LIMIT) -> Situation:
+def go_to_pose(
+    robot: Robot, rng: np.random.Generator, *, time_limit: float = TIME_LIMIT
+) -> Situation:
     """Draw a drive to a ball, every second time with an arrival speed, or to a pose.
 
-    One start in seven is in motion. One drive in seven is short, see `short_goal`. Without a holder or a ball
-    in the scene, all are drives to a pose.
+    One start in seven is in motion. One drive in seven is short, see `short_goal`. Without a holder
+    or a ball in the scene, all are drives to a pose.
     """
-    situation = _long_drive(robot, rng, time_limit)  # first, so that a scene without room is reported
+    # first, so that a scene without room is reported
+    situation = _long_drive(robot, rng, time_limit)
     start = situation.robot.pose
     short = short_goal(start, rng)
     if short is not None and is_inside(short, robot):
@@ -144,7 +150,10 @@ def _holding(robot: Robot, pose: Pose, speed: float) -> tuple[RobotState, Object
 
 
 def dribble_ball(robot: Robot, rng: np.random.Generator) -> Situation:
-    """Draw a dribble; every second one starts in motion, and one in seven is short, see `short_goal`."""
+    """Draw a dribble.
+
+    Every second one starts in motion, and one in seven is short, see `short_goal`.
+    """
     robot.holder_for("dribbleBall")
     goal = random_pose(robot, rng)
     most = farthest(robot, _ALONE, SHORTEST, with_ball=True)
@@ -178,7 +187,8 @@ def shoot(robot: Robot, rng: np.random.Generator) -> Situation:
 def _shooting_pose(robot: Robot, rng: np.random.Generator) -> Pose:
     """Draw a pose of the robot with the ball in range of the goal."""
     x, y = field_of(robot).goal_center()
-    bearing = rng.uniform(-0.45, 0.45) * math.pi  # from the goal's axis, without places beside the goal
+    # from the goal's axis, without places beside the goal
+    bearing = rng.uniform(-0.45, 0.45) * math.pi
     nearest, most = _SHOT_RANGE
     distance = rng.uniform(nearest, min(most, farthest(robot, _ALONE, nearest, with_ball=True)))
     ball = Pose(
@@ -190,12 +200,18 @@ def _shooting_pose(robot: Robot, rng: np.random.Generator) -> Pose:
 
 
 def shoot_with_room(robot: Robot, rng: np.random.Generator) -> Situation:
-    """Draw a shot for which the planned action finds a run-up; NoPlaceError if the robot is too large."""
+    """Draw a shot for which the planned action finds a run-up.
+
+    NoPlaceError if the robot is too large.
+    """
     return with_room(robot, lambda: shoot(robot, rng), lambda situation: situation)
 
 
 def with_room(robot: Robot, draw: Callable[[], T], shot: Callable[[T], Situation]) -> T:
-    """Draw until the planned action finds a run-up for the shot; raise NoPlaceError if it never does."""
+    """Draw until the planned action finds a run-up for the shot.
+
+    Raise NoPlaceError if it never does.
+    """
     return drawn_until(
         draw,
         lambda drawn: _has_room(robot, shot(drawn)),

@@ -27,7 +27,9 @@ _LEAST_END_MARGIN, _LEAST_SIDE_MARGIN, _LEAST_CLEARANCE = 0.9, 0.4, 0.6  # m
 def check_arrival(goal: Goal, most: float, action: str) -> None:
     """Raise ActionError unless the goal's arrival speed is from 0 to `most` m/s."""
     if not 0.0 <= goal.speed <= most:
-        raise ActionError(f"{action}: expected an arrival speed from 0 to {most:g} m/s, got {goal.speed:g}")
+        raise ActionError(
+            f"{action}: expected an arrival speed from 0 to {most:g} m/s, got {goal.speed:g}"
+        )
 
 
 def approach_run(robot: Robot) -> float:
@@ -54,7 +56,9 @@ def check_held(world: World, robot: Robot, action: str) -> None:
     """Raise ActionError unless the ball is in the hold."""
     if lost_ball(world, robot):
         distance = robot.hold_offset(world, BALL)
-        raise ActionError(f"{action}: expected the ball in front, it is {distance:.2f} m from the hold")
+        raise ActionError(
+            f"{action}: expected the ball in front, it is {distance:.2f} m from the hold"
+        )
 
 
 def ball_clearance(robot: Robot) -> float:
@@ -65,13 +69,16 @@ def ball_clearance(robot: Robot) -> float:
 def line_margins(robot: Robot) -> tuple[float, float]:
     """Return the least distances in m of starts and goals from the goal lines and from the side lines.
 
-    A robot has room to turn there; in a scene with objects or bays also with a ball, and beside the posts.
+    A robot has room to turn there; in a scene with objects or bays also with a ball, and beside the
+    posts.
     """
     room = robot.reach + _BODY_ROOM
     if not robot.scene.objects and not robot.scene.bays:
         return room, room
     with_ball = robot.hold + (robot.holder.radius if robot.holder else 0.0)
-    return max(_LEAST_END_MARGIN, room + with_ball), max(_LEAST_SIDE_MARGIN, robot.half_width + _BODY_ROOM)
+    return max(_LEAST_END_MARGIN, room + with_ball), max(
+        _LEAST_SIDE_MARGIN, robot.half_width + _BODY_ROOM
+    )
 
 
 def steady_rate(robot: Robot, w: float, v: float) -> float:
@@ -80,7 +87,12 @@ def steady_rate(robot: Robot, w: float, v: float) -> float:
 
 
 def farthest(
-    robot: Robot, share: float, least: float, *, with_ball: bool = False, time_limit: float = TIME_LIMIT
+    robot: Robot,
+    share: float,
+    least: float,
+    *,
+    with_ball: bool = False,
+    time_limit: float = TIME_LIMIT,
 ) -> float:
     """Return the distance in m that a robot drives at full speed in a share of `time_limit` (s).
 

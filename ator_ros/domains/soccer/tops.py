@@ -46,16 +46,20 @@ def dribble_ball(held: float = 0.1, lost: float = 0.12) -> Top:
 def shoot(field: Field = _USUAL_FIELD, lost: float = 0.12) -> Top:
     """Return shoot, whose goal is the middle of a goal's mouth.
 
-    As a dribble ends up to 0.16 m from its goal, refinement places the ball 0.9 to 2.5 m before the mouth,
-    and at 0.9 m within 50 degrees of the middle.
+    As a dribble ends up to 0.16 m from its goal, refinement places the ball 0.9 to 2.5 m before the
+    mouth, and at 0.9 m within 50 degrees of the middle.
     """
     region = (
         Distance("ball", "goal", 0.74, 2.66),
         Bearing("ball", "goal", math.radians(60.0), math.pi, mirrored=True, center=field.x),
     )
-    behind_line = Region("ball.x", "goal.x", 0.0, field.goal_depth + _NET, outward=True, center=field.x)
+    behind_line = Region(
+        "ball.x", "goal.x", 0.0, field.goal_depth + _NET, outward=True, center=field.x
+    )
     inside = Condition((behind_line, Term("ball.y", "goal.y", field.goal_width / 2)))
-    return Top("shoot", "shoot", Condition(_holding(lost).terms, region), inside, Point.HOLD, settles=6.0)
+    return Top(
+        "shoot", "shoot", Condition(_holding(lost).terms, region), inside, Point.HOLD, settles=6.0
+    )
 
 
 def _holding(most: float) -> Condition:
@@ -68,7 +72,10 @@ TOPS = (GO_TO_POSE, GO_TO_BALL, DRIBBLE_BALL, SHOOT)
 
 
 def tops_for(robot: Robot) -> tuple[Top, ...]:
-    """Return the TOPs for the fins of a robot and the goals of its field; without these, as shipped."""
+    """Return the TOPs for the fins of a robot and the goals of its field.
+
+    Without these, as shipped.
+    """
     if robot.holder is None:
         return TOPS
     held, lost, field = held_within(robot), robot.holder_length, field_of(robot)

@@ -9,15 +9,17 @@ import numpy as np
 from ator_ros.geometry import FloatArray
 from ator_ros.performance.tree.nodes import IntArray
 
-# Moments are the normal equations of nodes over standardized rows, shape (…, n_features + 2, n_features + 2).
+# Moments are the normal equations of nodes over standardized rows, shape (…, n_features + 2,
+# n_features + 2).
 
-# Added to the diagonal of the moments: it determines the slopes of features that are constant or collinear in
-# a node, and biases the others by a millionth.
+# Added to the diagonal of the moments: it determines the slopes of features that are constant or
+# collinear in a node, and biases the others by a millionth.
 _RIDGE = 1e-6
-# How much each term of a model counts in v of the corrected error. Quinlan's 1 does not count the choice of
-# the split and keeps half as many leaves again without being more accurate.
+# How much each term of a model counts in v of the corrected error. Quinlan's 1 does not count the
+# choice of the split and keeps half as many leaves again without being more accurate.
 TERM_COST = 2.0
-# Share of the target's squares that keeps an exact fit from appearing better than exact by rounding.
+# Share of the target's squares that keeps an exact fit from appearing better than exact by
+# rounding.
 _ROUNDING = 1e-9
 
 
@@ -25,8 +27,8 @@ _ROUNDING = 1e-9
 class Standardized:
     """Rows centered and scaled for well-conditioned normal equations, and the conversion of models to units.
 
-    `rows` (n, n_features + 2) are the constant 1, the features and the target, with mean 0 and deviation 1
-    (or 0). `mean` and `scale` (n_features + 1,) are those of features and target.
+    `rows` (n, n_features + 2) are the constant 1, the features and the target, with mean 0 and
+    deviation 1 (or 0). `mean` and `scale` (n_features + 1,) are those of features and target.
     """
 
     rows: FloatArray
@@ -98,8 +100,8 @@ def corrected_error(squared: FloatArray, samples: FloatArray, terms: FloatArray)
 def fit_node_models(moments: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Fit every node's linear model and greedily remove terms while the corrected error does not grow.
 
-    The moments of all nodes are swept together: sweeping a column in or out adds or removes its term, and the
-    swept matrix has the cost of each removal.
+    The moments of all nodes are swept together: sweeping a column in or out adds or removes its
+    term, and the swept matrix has the cost of each removal.
 
     Returns
     -------
@@ -116,7 +118,9 @@ def fit_node_models(moments: FloatArray) -> tuple[FloatArray, FloatArray]:
     for term in range(n_terms):
         swept = _sweep(swept, np.full(len(swept), term, dtype=np.intp))
     kept = np.ones((len(swept), n_terms), dtype=bool)
-    error = corrected_error(swept[:, -1, -1] * samples, samples, np.full(len(swept), TERM_COST * n_terms))
+    error = corrected_error(
+        swept[:, -1, -1] * samples, samples, np.full(len(swept), TERM_COST * n_terms)
+    )
     active = np.arange(len(swept))
     while len(active):
         # The term of each node whose removal costs least, and the mean squared error without it.

@@ -35,10 +35,11 @@ except ImportError:  # scikit-learn before 1.6
 class ModelTreeRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
     """A regression tree with a linear model at each leaf.
 
-    Learning follows M5' (Quinlan 1992; Wang and Witten 1997): splits by standard-deviation reduction, a
-    linear model at every node with greedy term removal, bottom-up pruning by the corrected error
-    RMSE × (n + v) / (n − v), and smoothing. It differs from M5' in one measured point: the deviation that a
-    split reduces is that around linear models, not around means (see `partition`).
+    Learning follows M5' (Quinlan 1992; Wang and Witten 1997): splits by standard-deviation
+    reduction, a linear model at every node with greedy term removal, bottom-up pruning by the
+    corrected error RMSE × (n + v) / (n − v), and smoothing. It differs from M5' in one measured
+    point: the deviation that a split reduces is that around linear models, not around means (see
+    `partition`).
 
     Nothing is random: the same rows give the same tree.
 
@@ -51,7 +52,8 @@ class ModelTreeRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
     smoothing : float, default=15.0
         How many samples the model of the node above counts for (M5's k); 0 for none.
     extrapolation : float, default=1.0
-        How far a leaf's predictions may leave the range of its targets, as a multiple of that range.
+        How far a leaf's predictions may leave the range of its targets, as a multiple of that
+        range.
 
     Attributes
     ----------
@@ -81,7 +83,9 @@ class ModelTreeRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         features, target = (np.asarray(part, dtype=np.float64) for part in checked)
         standard = Standardized.from_rows(features, target)
         nodes = Partition(features, standard.rows, self.min_samples_leaf, self.max_leaves).grow()
-        names = getattr(self, "feature_names_in_", [f"x{column}" for column in range(features.shape[1])])
+        names = getattr(
+            self, "feature_names_in_", [f"x{column}" for column in range(features.shape[1])]
+        )
         self.tree_ = self._finish(nodes, standard, tuple(str(name) for name in names))
         return self
 
@@ -91,8 +95,13 @@ class ModelTreeRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         tree: ModelTree = self.tree_
         return tree.predict(validate_data(self, X, dtype=np.float64, order="C", reset=False))
 
-    def _finish(self, nodes: list[GrownNode], standard: Standardized, names: tuple[str, ...]) -> ModelTree:
-        """Fit the linear models, prune and smooth; return the remaining nodes as arrays in preorder."""
+    def _finish(
+        self, nodes: list[GrownNode], standard: Standardized, names: tuple[str, ...]
+    ) -> ModelTree:
+        """Fit the linear models, prune and smooth.
+
+        Return the remaining nodes as arrays in preorder.
+        """
         children = [node.children for node in nodes]
         moments = np.stack([node.moments for node in nodes])
         samples = moments[:, 0, 0]
@@ -103,30 +112,39 @@ class ModelTreeRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         for node, pair in reversed(list(enumerate(children))):
             if pair is not None:
                 first, second = pair
-                of_subtree = (samples[first] * best[first] + samples[second] * best[second]) / samples[node]
+                of_subtree = (
+                    samples[first] * best[first] + samples[second] * best[second]
+                ) / samples[node]
                 is_leaf[node], best[node] = error[node] <= of_subtree, min(error[node], of_subtree)
-        # M5 smooths a prediction p from the leaf up to the root: p' = (n p + k q) / (n + k), with q predicted
-        # by the node above, n the samples and k `smoothing`. All are linear in the features, so mixing the
-        # coefficients once, from the root down, predicts the same.
+        # M5 smooths a prediction p from the leaf up to the root: p' = (n p + k q) / (n + k), with q
+        # predicted by the node above, n the samples and k `smoothing`. All are linear in the
+        # features, so mixing the coefficients once, from the root down, predicts the same.
         models = fitted.copy()
         for node, pair in enumerate(children):
             for child in pair or ():
                 share = samples[child] / (samples[child] + self.smoothing)
                 models[child] = share * models[child] + (1 - share) * models[node]
-        # Smoothing adds traces of the terms of all models above. They would clutter the rules and count as
-        # features that influence performance (paper, section 4.2). A term is removed if its deviation over a
-        # node's rows is a trace of the error; its mean is added to the constant.
+        # Smoothing adds traces of the terms of all models above. They would clutter the rules and
+        # count as features that influence performance (paper, section 4.2). A term is removed if
+        # its deviation over a node's rows is a trace of the error; its mean is added to the
+        # constant.
         features = np.arange(1, models.shape[1])
         mean = moments[:, 0, 1:-1] / samples[:, None]
         variance = np.maximum(moments[:, features, features] / samples[:, None] - mean**2, 0.0)
         most = _TRACE * np.sqrt(squared_error(models, moments) / samples)[:, None]
         traces = np.where(np.abs(models[:, 1:]) * np.sqrt(variance) < most, models[:, 1:], 0.0)
-        models = np.column_stack([models[:, 0] + (traces * mean).sum(axis=1), models[:, 1:] - traces])
+        models = np.column_stack(
+            [models[:, 0] + (traces * mean).sum(axis=1), models[:, 1:] - traces]
+        )
         terms = TERM_COST * np.count_nonzero(fitted, axis=1).clip(1)
         squared = squared_error(models, moments)
         spread = corrected_error(squared, samples, terms)
-        spread = np.where(np.isfinite(spread), spread, np.sqrt(squared / samples)) * standard.scale[-1]
-        ranges = np.array([node.target_range for node in nodes]) * standard.scale[-1] + standard.mean[-1]
+        spread = (
+            np.where(np.isfinite(spread), spread, np.sqrt(squared / samples)) * standard.scale[-1]
+        )
+        ranges = (
+            np.array([node.target_range for node in nodes]) * standard.scale[-1] + standard.mean[-1]
+        )
         margin = self.extrapolation * np.ptp(ranges, axis=1)
         intercept, slopes = standard.to_units(models)
         at, below = _preorder(children, is_leaf)
@@ -145,7 +163,9 @@ class ModelTreeRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         )
 
 
-def _preorder(children: list[tuple[int, int] | None], is_leaf: BoolArray) -> tuple[IntArray, IntArray]:
+def _preorder(
+    children: list[tuple[int, int] | None], is_leaf: BoolArray
+) -> tuple[IntArray, IntArray]:
     """Return the remaining nodes in preorder: their old numbers (n,), and new numbers of children (n, 2)."""
     at: list[int] = []
     below: list[list[int]] = []

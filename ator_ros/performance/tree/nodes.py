@@ -37,16 +37,16 @@ class Hinge:
 class ModelTree:
     """A binary tree with a linear model at each leaf.
 
-    Nodes are numbered in preorder: the root is 0 and a node comes before all nodes below it. A leaf is its
-    own child, so that walking down from a leaf stays there.
+    Nodes are numbered in preorder: the root is 0 and a node comes before all nodes below it. A leaf
+    is its own child, so that walking down from a leaf stays there.
 
     Attributes
     ----------
     names : tuple of str
         Names of the features, in the order of the columns of `X`.
     feature, threshold : arrays, shape (n_nodes,)
-        A row goes to the first child if its feature in this column is at most the threshold, else to the
-        second; 0 at leaves.
+        A row goes to the first child if its feature in this column is at most the threshold, else
+        to the second; 0 at leaves.
     children : array of int, shape (n_nodes, 2)
         Numbers of the two nodes below; a leaf's own number, twice.
     intercept, coefficients : arrays of float, shape (n_nodes,) and (n_nodes, n_features)
@@ -107,7 +107,9 @@ class ModelTree:
     def evaluate(self, rows: FloatArray) -> tuple[FloatArray, IntArray]:
         """Return the results of `predict` and `apply` for the transpose of `X`, shape (n_features, n)."""
         if rows.ndim != 2 or len(rows) != len(self.names):
-            raise ValueError(f"expected features of shape (n, {len(self.names)}), got {rows.T.shape}")
+            raise ValueError(
+                f"expected features of shape (n, {len(self.names)}), got {rows.T.shape}"
+            )
         splits = self.feature, self.threshold, self.children
         models = self.intercept, self.coefficients, self.lower, self.upper
         return _evaluate(rows, splits, models, self._base_terms)
@@ -116,7 +118,9 @@ class ModelTree:
     def _base_terms(self) -> tuple[IntArray, FloatArray, FloatArray]:
         """Column, `above` and slope of each term of the base, arrays of shape (terms,)."""
         columns = np.array([self.names.index(hinge.feature) for hinge in self.base], dtype=np.intp)
-        above, slopes = ([getattr(hinge, name) for hinge in self.base] for name in ("above", "slope"))
+        above, slopes = (
+            [getattr(hinge, name) for hinge in self.base] for name in ("above", "slope")
+        )
         return columns, np.array(above, dtype=float), np.array(slopes, dtype=float)
 
 
@@ -184,7 +188,9 @@ class RuleWriter:
         tree = self.tree
         conditions = " & ".join(self._condition(name, *pair) for name, pair in bounds.items())
         start = f"if {conditions} then " if conditions else ""
-        certainty = f"(± {tree.spread[leaf]:.3g} {self.target_unit}, {tree.samples[leaf]:g} samples)"
+        certainty = (
+            f"(± {tree.spread[leaf]:.3g} {self.target_unit}, {tree.samples[leaf]:g} samples)"
+        )
         terms = self._terms(leaf, () if shared else tree.base)
         formula = self._formula(terms, float(tree.intercept[leaf]), shared)
         return f"{start}{self.target} = {formula}  [{self.target_unit}]  {certainty}"
@@ -192,7 +198,8 @@ class RuleWriter:
     def rules(self) -> str:
         """Return all rules of the tree, one a line; exactly one holds in any situation.
 
-        If a tree with several leaves has a base with bends, the base is printed once, in a line before them.
+        If a tree with several leaves has a base with bends, the base is printed once, in a line
+        before them.
         """
         base, unit = self.tree.base, self.target_unit
         shared = "shared" if self.tree.n_leaves > 1 and any(hinge.above for hinge in base) else ""
@@ -202,7 +209,10 @@ class RuleWriter:
     def explanation(self, situation: FloatArray) -> str:
         """Return the rule in one situation (n_features,), terms of the base included, and their values."""
         tree, values = self.tree, dict(zip(self.tree.names, situation.tolist(), strict=True))
-        predicted, leaf = float(tree.predict(situation[None, :])[0]), int(tree.apply(situation[None, :])[0])
+        predicted, leaf = (
+            float(tree.predict(situation[None, :])[0]),
+            int(tree.apply(situation[None, :])[0]),
+        )
         intercept, spread = float(tree.intercept[leaf]), float(tree.spread[leaf])
         lines = [
             self.rule(leaf, dict(leaves(tree))[leaf]),
@@ -218,7 +228,9 @@ class RuleWriter:
         base = sum(hinge.of(values[hinge.feature]) for hinge in tree.base)
         lower, upper = base + float(tree.lower[leaf]), base + float(tree.upper[leaf])
         if not lower <= linear <= upper:
-            lines.append(f"  held within {lower:.3f} to {upper:.3f}: {linear:.3f} is beyond the experience")
+            lines.append(
+                f"  held within {lower:.3f} to {upper:.3f}: {linear:.3f} is beyond the experience"
+            )
         return "\n".join(lines)
 
     def _condition(self, name: str, lower: float, upper: float) -> str:

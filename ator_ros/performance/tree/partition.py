@@ -1,9 +1,9 @@
 """Grow the partition of a model tree by standard-deviation reduction (paper, section 3).
 
-M5 chooses the split with the least standard deviation on both sides, as if each side were predicted by a
-constant. Here each side is predicted as in a model tree, by a linear model of all features, and its deviation
-is corrected for the number of its terms. That finds the kinks of the target rather than its slopes, and trees
-with as many leaves have half the error.
+M5 chooses the split with the least standard deviation on both sides, as if each side were predicted
+by a constant. Here each side is predicted as in a model tree, by a linear model of all features,
+and its deviation is corrected for the number of its terms. That finds the kinks of the target
+rather than its slopes, and trees with as many leaves have half the error.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ _WORST = 1e6  # deviation, in those of the target, of a side with no more sample
 class GrownNode:
     """A node while the tree grows; without children it is a leaf.
 
-    `order` (n_features, n) are its rows, sorted by each feature; `moments` are those of `linear_models`;
-    `target_range` is the least and the greatest standardized target.
+    `order` (n_features, n) are its rows, sorted by each feature; `moments` are those of
+    `linear_models`; `target_range` is the least and the greatest standardized target.
     """
 
     order: IntArray
@@ -113,11 +113,14 @@ class Partition:
         if squared <= _EXACT**2 * total:
             return None
         self._residuals[node.order[0], -1] = residual
-        # Splits at quantiles of each feature, by the rows to the left; none falls between equal values.
+        # Splits at quantiles of each feature, by the rows to the left; none falls between equal
+        # values.
         count, n = min(_CANDIDATES, int(total // minimum)), node.order.shape[1]
         quantiles = np.ceil(n * np.arange(1, count + 1) / (count + 1)).astype(np.intp) - 1
         values = (column[order] for column, order in zip(self.X.T, node.order, strict=True))
-        ends = np.array([np.searchsorted(sorted_, sorted_[quantiles], side="right") for sorted_ in values])
+        ends = np.array(
+            [np.searchsorted(sorted_, sorted_[quantiles], side="right") for sorted_ in values]
+        )
         positions, is_split = np.minimum(ends, n - 1), ends < n
         sums = self._moments_left(node, positions)
         left, right = sums[:, :-1], (sums[:, -1:] - sums)[:, :-1]
@@ -129,9 +132,12 @@ class Partition:
         # Rows × corrected deviation around the linear models of both sides.
         sides = np.stack([left[is_split], right[is_split]])
         weight = sides[..., 0, 0]
-        error = corrected_error(residual_squares(sides), weight, np.full(weight.shape, len(solution)))
+        error = corrected_error(
+            residual_squares(sides), weight, np.full(weight.shape, len(solution))
+        )
         after[is_split] = (weight * np.where(np.isfinite(error), error, _WORST)).sum(axis=0)
-        # Rounding errors must not choose between equal splits: the first is chosen, in any order of the rows.
+        # Rounding errors must not choose between equal splits: the first is chosen, in any order of
+        # the rows.
         best = np.round(after / before, 6).argmin()
         feature, candidate = np.unravel_index(int(best), after.shape)
         reduction = float(before - after[feature, candidate])

@@ -18,7 +18,8 @@ _NonNegative = Annotated[float, Within(0.0)]
 class StoredLeaf:
     """A leaf: number of training examples, and a linear model with slopes other than 0 by feature.
 
-    `range` are the least and the greatest prediction, `spread` is the standard deviation of the residuals.
+    `range` are the least and the greatest prediction, `spread` is the standard deviation of the
+    residuals.
     """
 
     samples: _NonNegative

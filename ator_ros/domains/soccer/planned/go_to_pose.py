@@ -27,18 +27,23 @@ from ator_ros.tops.objects import is_at_front
 from ator_ros.world.state import ObjectState, RobotState, World
 
 _MOVED = 0.04  # m
-_LAGGING = 0.05  # s: motors that lag more brake too late after catching up, and the robot returns for 3 s
-_TURNS_WITHIN = 0.04  # m from the goal within which a standing robot only turns; less than the tolerance
-_LEAVING = (0.0, 0.3)  # speeds at the end of the straight drive away from a ball, as shares of the limit
-_TRIES_AT_SPEED = 1000  # paths to arrive at a speed that are checked in a tick, half as many to leave a ball
+# s: motors that lag more brake too late after catching up, and the robot returns for 3 s
+_LAGGING = 0.05
+# m from the goal within which a standing robot only turns; less than the tolerance
+_TURNS_WITHIN = 0.04
+# speeds at the end of the straight drive away from a ball, as shares of the limit
+_LEAVING = (0.0, 0.3)
+# paths to arrive at a speed that are checked in a tick, half as many to leave a ball
+_TRIES_AT_SPEED = 1000
 _SLOWER = (1.0, 0.75, 0.5)  # shares of the goal's speed that are tried one after the other, then 0
 
 
 class GoToPose(PlannedAction):
     """Drives to a pose of the axle, or of the hold if the goal is a ball (paper: goToPose, goToBall).
 
-    A ball at the goal is approached in a straight run to where it will come to rest. A ball elsewhere is an
-    obstacle. A robot that starts too near the ball first drives straight away from it, usually backward.
+    A ball at the goal is approached in a straight run to where it will come to rest. A ball
+    elsewhere is an obstacle. A robot that starts too near the ball first drives straight away from
+    it, usually backward.
     """
 
     name = "goToPose"
@@ -52,7 +57,11 @@ class GoToPose(PlannedAction):
     def setup(self) -> None:
         """Compute the tables of drives and approaches from rest to rest; see `Action.setup`."""
         limits = self.plan_limits
-        free_entries(limits, 0.0), free_exits(limits, 0.0), run_exits(limits, 0.0, approach_run(self.robot))
+        (
+            free_entries(limits, 0.0),
+            free_exits(limits, 0.0),
+            run_exits(limits, 0.0, approach_run(self.robot)),
+        )
 
     def start(self, world: World, goal: Goal) -> None:
         """Plan the path to `goal`; see `Action.start`."""
@@ -66,7 +75,9 @@ class GoToPose(PlannedAction):
         """Plan an approach or a plain drive; see `PlannedAction.plan`."""
         rest = self._rest(world)
         if self._approach and rest is not None:
-            self.goal = dataclasses.replace(self.goal, pose=Pose(rest.x, rest.y, self.goal.pose.yaw))
+            self.goal = dataclasses.replace(
+                self.goal, pose=Pose(rest.x, rest.y, self.goal.pose.yaw)
+            )
         self._planned_for = rest
         # A robot that has a plan keeps it if there is no path at the goal's speed.
         slower = _SLOWER if self._tracker is None and self.goal.speed else ()
@@ -111,7 +122,13 @@ class GoToPose(PlannedAction):
         return fastest(self.robot, pose, goal, entries, exits, limits, obstacles, tries=tries)
 
     def _leaving_ball(
-        self, start: RobotState, goal: Pose, exits: Ends, obstacles: Obstacles, away: float, tries: int
+        self,
+        start: RobotState,
+        goal: Pose,
+        exits: Ends,
+        obstacles: Obstacles,
+        away: float,
+        tries: int,
     ) -> Manoeuvre:
         """Plan a straight drive by `away` (m, signed), which clears the ball, and on to `goal`."""
         limits, clear = self.plan_limits, start.pose.ahead(away)
@@ -123,7 +140,9 @@ class GoToPose(PlannedAction):
                 continue
             entries = free_entries(limits, speed, stops=False)
             try:
-                found = fastest(self.robot, clear, goal, entries, exits, limits, obstacles, tries=tries)
+                found = fastest(
+                    self.robot, clear, goal, entries, exits, limits, obstacles, tries=tries
+                )
             except ActionError as error:
                 failure = error
                 continue
@@ -144,8 +163,13 @@ class GoToPose(PlannedAction):
         return not touching and math.hypot(rest.x - planned.x, rest.y - planned.y) > _MOVED
 
     def missed(self, world: World) -> str | None:
-        """Return why the robot is not at the goal; None if it is, after an approach with the ball."""
-        caught = not self._approach or self.robot.hold_offset(world, BALL) <= caught_within(self.robot)
+        """Return why the robot is not at the goal.
+
+        None if it is, after an approach with the ball.
+        """
+        caught = not self._approach or self.robot.hold_offset(world, BALL) <= caught_within(
+            self.robot
+        )
         return super().missed(world) or (None if caught else "the ball is not in front")
 
     def _rest(self, world: World) -> ObjectState | None:

@@ -21,7 +21,8 @@ from ator_ros.world.state import World
 _MARGIN = 0.05  # m/s^2: least push against the ball, in turns and while braking
 # Speeds, changes of speed and turn rates as shares of the limits for dribbling.
 _ENTRY_SPEEDS = (0.0, 0.05, 0.1, 0.15, 0.2, 0.35, 0.55, 0.8)
-_ENTRY_GAINS = (*(step / 16 for step in range(15)), 0.9625)  # the last a little less than `PLAN_SHARE`
+# the last a little less than `PLAN_SHARE`
+_ENTRY_GAINS = (*(step / 16 for step in range(15)), 0.9625)
 _EXIT_SPEEDS = (0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.5, 0.6, 0.75, 0.95)
 _EXIT_LOSSES = (0.0, 0.25, 0.5, 0.75, 0.9)
 _RATES = tuple(1.0 - 0.02 * step for step in range(40))
@@ -35,18 +36,22 @@ def held_limits(robot: Robot, what: str) -> Limits:
     """Return the limits that keep the ball in the holder, which `what` needs."""
     limits = robot.holder_for(what).limits
     rolling = robot.scene.objects[BALL].rolling_deceleration
-    return dataclasses.replace(limits, brake=min(limits.brake, max(rolling - _MARGIN, 0.5 * rolling)))
+    return dataclasses.replace(
+        limits, brake=min(limits.brake, max(rolling - _MARGIN, 0.5 * rolling))
+    )
 
 
 def _push(robot: Robot, v: float, w: float, acceleration: float) -> float:
     """Return the push of the front against the held ball as an acceleration in m/s^2; negative if it leaves.
 
-    The ball, `hold` ahead of the axle, is on a circle. Only its rolling resistance and the acceleration of
-    the robot (m/s^2) provide the centripetal acceleration toward the axle.
+    The ball, `hold` ahead of the axle, is on a circle. Only its rolling resistance and the
+    acceleration of the robot (m/s^2) provide the centripetal acceleration toward the axle.
     """
     swing = robot.hold * w
     speed = math.hypot(v, swing)
-    resistance = robot.scene.objects[BALL].rolling_deceleration * (v / speed if speed > 0.0 else 0.0)
+    resistance = robot.scene.objects[BALL].rolling_deceleration * (
+        v / speed if speed > 0.0 else 0.0
+    )
     return acceleration - robot.hold * w * w + resistance
 
 
@@ -65,11 +70,17 @@ def entries_with_ball(robot: Robot, limits: Limits, speed: float) -> Ends:
 
 @lru_cache(maxsize=4096)
 def _fastest_rate(robot: Robot, limits: Limits, v: float, change: float) -> float:
-    """Return the greatest turn rate in rad/s that keeps the ball at a changing speed; 0 if none does."""
+    """Return the greatest turn rate in rad/s that keeps the ball at a changing speed.
+
+    0 if none does.
+    """
     for rate in (share * limits.w for share in _RATES):
         # The turn must also keep the ball at the greatest speed, if that is reached.
         fast = v + change * _LARGEST_TURN / rate >= limits.v
-        pushes = [_push(robot, v, rate, change), *([_push(robot, limits.v, rate, 0.0)] if fast else [])]
+        pushes = [
+            _push(robot, v, rate, change),
+            *([_push(robot, limits.v, rate, 0.0)] if fast else []),
+        ]
         if all(push >= _MARGIN for push in pushes):
             return rate
     return 0.0
@@ -117,7 +128,9 @@ class HoldingAction(PlannedAction):
     def _check_turns(self, *tables: Ends) -> None:
         """Raise ActionError if a table of entries or exits with the ball is empty."""
         if any(len(ends.times) == 0 for ends in tables):
-            raise ActionError(f"{self.name}: expected a turn in which the ball stays in front, there is none")
+            raise ActionError(
+                f"{self.name}: expected a turn in which the ball stays in front, there is none"
+            )
 
     def start(self, world: World, goal: Goal) -> None:
         """Plan the path to `goal`; see `Action.start`."""
@@ -138,7 +151,9 @@ class DribbleBall(HoldingAction):
     def setup(self) -> None:
         """Compute the tables of dribbles from rest to rest; see `Action.setup`."""
         limits = self.plan_limits
-        self._check_turns(entries_with_ball(self.robot, limits, 0.0), dribble_exits(self.robot, limits, 0.0))
+        self._check_turns(
+            entries_with_ball(self.robot, limits, 0.0), dribble_exits(self.robot, limits, 0.0)
+        )
 
     def plan(self, world: World) -> Manoeuvre:
         """Plan forward turns and drives that keep the ball in front."""
@@ -146,4 +161,6 @@ class DribbleBall(HoldingAction):
         entries = entries_with_ball(self.robot, limits, round(max(0.0, world.robot.v), 3))
         exits = dribble_exits(self.robot, limits, self.goal.speed)
         start, goal = world.robot.pose, self.target()
-        return fastest(self.robot, start, goal, entries, exits, limits, Obstacles(), forward_only=True)
+        return fastest(
+            self.robot, start, goal, entries, exits, limits, Obstacles(), forward_only=True
+        )

@@ -112,14 +112,19 @@ class PlannedAction(Action):
             return self._arrived(world, STOP)
         tracker.keep_time(world)
         over = tracker.left(world) <= 0.0
-        # At speed, a robot at its goal may be farther along than planned by more than counts as disturbed.
+        # At speed, a robot at its goal may be farther along than planned by more than counts as
+        # disturbed.
         if tracker.disturbed(world) and not (over and self.missed(world) is None):
             return self.replan(world, "disturbed")
         if self.outdated(world):
             return self.replan(world, "the goal has moved", counts=self.counts_moved_goals)
         if over:
             return PlannedAction.arrive(self, world) if self._stopping else self.arrive(world)
-        return Step(tracker.command(world), Status.RUNNING, f"{self.verb}, {tracker.left(world):.1f} s to go")
+        return Step(
+            tracker.command(world),
+            Status.RUNNING,
+            f"{self.verb}, {tracker.left(world):.1f} s to go",
+        )
 
     def replan(self, world: World, why: str, *, counts: bool = True) -> Step:
         """Plan again from here, or fail after too many plans for which `counts` is true."""

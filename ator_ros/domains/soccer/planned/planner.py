@@ -28,7 +28,8 @@ from ator_ros.motion.trajectory import most_states, write_states
 from ator_ros.robot.description import Limits, Robot
 from ator_ros.world.state import ObjectState
 
-_INTERVALS = (0.25, 0.05)  # s between the states that are checked, coarse and fine: 6 cm at full speed
+# s between the states that are checked, coarse and fine: 6 cm at full speed
+_INTERVALS = (0.25, 0.05)
 _BALL_MARGIN = 0.04  # m of free space around a ball
 _CLEARING = np.arange(0.0, 1.5, 0.01)  # m: lengths of straight drives away from a ball
 
@@ -54,10 +55,15 @@ def is_free(start: Pose, goal: Pose, obstacles: Obstacles, robot: Robot) -> bool
 def distance_to_clear(start: Pose, goal: Pose, obstacles: Obstacles, robot: Robot) -> float:
     """Return the distance in m (negative: backward) of a straight drive that clears the ball.
 
-    It is 0 if the robot is clear at the start, or if each drive comes nearer to the ball or touches a goal.
+    It is 0 if the robot is clear at the start, or if each drive comes nearer to the ball or touches
+    a goal.
     """
     ball = obstacles.ball
-    if ball is None or is_free(start, goal, obstacles, robot) or touches_goals(np.array([start]), robot):
+    if (
+        ball is None
+        or is_free(start, goal, obstacles, robot)
+        or touches_goals(np.array([start]), robot)
+    ):
         return 0.0
     found = []
     for sign in (-1.0, 1.0):
@@ -155,7 +161,10 @@ def is_clear(
     around: Surroundings,
     forward: bool,
 ) -> bool:
-    """Return whether a manoeuvre is clear and, if `forward`, without driving backward; see `Manoeuvre`."""
+    """Return whether a manoeuvre is clear and, if `forward`, without driving backward.
+
+    See `Manoeuvre`.
+    """
     speeds, turns = np.empty((SPEED_PIECES, 3)), np.empty((TURN_PIECES, 3))
     duration = write_pieces(speeds, turns, first, last, drive, entry, leaving, around.rates)
     if forward and not is_forward(speeds, drive, around.rates):
@@ -170,7 +179,10 @@ def is_clear(
 
 @compiled
 def _touches(states: FloatArray, goal: Pose, shape: Outline, ball: BallObstacle) -> bool:
-    """Return whether the robot touches a wall or the ball in any of the states; see `write_states`."""
+    """Return whether the robot touches a wall or the ball in any of the states.
+
+    See `write_states`.
+    """
     for index in range(len(states)):
         x, y = abs(states[index, 0]), abs(states[index, 1])
         if x > shape.line - shape.reach:
@@ -188,7 +200,10 @@ def _touches(states: FloatArray, goal: Pose, shape: Outline, ball: BallObstacle)
     for index in range(end + 1):
         dx, dy = ball.x - states[index, 0], ball.y - states[index, 1]
         is_near = abs(dx) < near and abs(dy) < near
-        if is_near and _outline_distance(dx, dy, states[index, 2], shape) - ball.radius < _BALL_MARGIN:
+        if (
+            is_near
+            and _outline_distance(dx, dy, states[index, 2], shape) - ball.radius < _BALL_MARGIN
+        ):
             return True
     return False
 
@@ -229,7 +244,9 @@ def free_entries(limits: Limits, speed: float, *, stops: bool = True) -> Ends:
     sides = _free_sides(limits, speed)
     if stops and speed != 0.0:
         stop = math.copysign(0.5 * speed * speed / limits.brake, speed)
-        sides += [side._replace(length=stop, outer_speed=speed) for side in _free_sides(limits, 0.0)]
+        sides += [
+            side._replace(length=stop, outer_speed=speed) for side in _free_sides(limits, 0.0)
+        ]
     return entries_of(sides, limits)
 
 
@@ -264,7 +281,9 @@ def fastest(
             f"expected a start clear of ball and goals, got ({start.x:.2f}, {start.y:.2f}) m, "
             "which is too near one of them"
         )
-    paths = find_paths(start, goal, entries, exits, limits, forward=forward_only, longest=longest, most=tries)
+    paths = find_paths(
+        start, goal, entries, exits, limits, forward=forward_only, longest=longest, most=tries
+    )
     found, first, last, drive = _first_clear(
         from_center(start, robot),
         from_center(goal, robot),
@@ -284,13 +303,24 @@ def fastest(
     return Manoeuvre(start, goal, *sides, first, last, drive, limits)
 
 
-def turn_on_spot(robot: Robot, start: Pose, yaw: float, limits: Limits, obstacles: Obstacles) -> Manoeuvre:
-    """Plan to turn to the heading `yaw` (rad) from rest; ActionError if the robot touches something."""
+def turn_on_spot(
+    robot: Robot, start: Pose, yaw: float, limits: Limits, obstacles: Obstacles
+) -> Manoeuvre:
+    """Plan to turn to the heading `yaw` (rad) from rest.
+
+    ActionError if the robot touches something.
+    """
     turn, goal = Side(0.0, 0.0, 0.0, 0.0, limits.w), start._replace(yaw=yaw)
     table, around = np.array(turn), surroundings(robot, limits, obstacles)
-    begin, end, angle = from_center(start, robot), from_center(goal, robot), float(start.relative(goal).yaw)
+    begin, end, angle = (
+        from_center(start, robot),
+        from_center(goal, robot),
+        float(start.relative(goal).yaw),
+    )
     if not is_clear(begin, end, angle, 0.0, 0.0, table, table, around, False):
-        raise ActionError(f"expected room to turn at ({start.x:.2f}, {start.y:.2f}) m, there is none")
+        raise ActionError(
+            f"expected room to turn at ({start.x:.2f}, {start.y:.2f}) m, there is none"
+        )
     return Manoeuvre(start, goal, turn, turn, angle, 0.0, 0.0, limits)
 
 
@@ -304,15 +334,22 @@ def _first_clear(
     around: Surroundings,
     forward: bool,
 ) -> tuple[int, float, float, float]:
-    """Return the index of the first clear path, with its turns and drive after closing; -1 if none is."""
+    """Return the index of the first clear path, with its turns and drive after closing.
+
+    -1 if none is.
+    """
     speeds, turns = np.empty((SPEED_PIECES, 3)), np.empty((TURN_PIECES, 3))
     for index in range(len(paths.times)):
         entry, leaving = entries[paths.entries[index]], exits[paths.exits[index]]
         first, last, drive = paths.firsts[index], paths.lasts[index], paths.drives[index]
         if is_clear(start, goal, first, last, drive, entry, leaving, around, forward):
-            first, last, drive, found = close(first, last, start, goal, entry, leaving, around.rates)
+            first, last, drive, found = close(
+                first, last, start, goal, entry, leaving, around.rates
+            )
             time = write_pieces(speeds, turns, first, last, drive, entry, leaving, around.rates)
             as_fast = found and time < paths.times[index] + _LONGER
-            if as_fast and is_clear(start, goal, first, last, drive, entry, leaving, around, forward):
+            if as_fast and is_clear(
+                start, goal, first, last, drive, entry, leaving, around, forward
+            ):
                 return index, first, last, drive
     return -1, 0.0, 0.0, 0.0

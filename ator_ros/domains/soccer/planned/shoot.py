@@ -30,7 +30,8 @@ from ator_ros.robot.description import Limits, Robot
 from ator_ros.world.state import World
 
 _SLANT = math.radians(60.0)  # greatest angle between a shot and the goal's axis
-_ROLL_SHARE = 0.62  # of the ball's rolling distance, at which it is released; the rest is for losses
+# of the ball's rolling distance, at which it is released; the rest is for losses
+_ROLL_SHARE = 0.62
 _ROOM = 0.05  # m between the robot and the goal's posts and walls
 _AIMS = (-0.6, -0.3, 0.0, 0.3, 0.6)  # shares of half the goal's width
 _SLANTS = tuple(math.radians(angle) for angle in (-50.0, -25.0, 0.0, 25.0, 50.0))
@@ -53,7 +54,9 @@ class _Shooting(NamedTuple):
     depth: float
 
 
-def _run_up(robot: Robot, start: Pose, mouth: Pose, entries: Ends, limits: Limits) -> Manoeuvre | None:
+def _run_up(
+    robot: Robot, start: Pose, mouth: Pose, entries: Ends, limits: Limits
+) -> Manoeuvre | None:
     """Plan the run-up with one turn that has the ball in the goal first; None if the posts block all.
 
     `mouth` is the middle of the goal's mouth, heading out of the field.
@@ -81,8 +84,8 @@ def _run_up(robot: Robot, start: Pose, mouth: Pose, entries: Ends, limits: Limit
 def _run_ups(start: Pose, entries: Ends, shooting: _Shooting) -> FloatArray:
     """Return all run-ups on the grid from a pose relative to the goal's mouth, shape (n, 6).
 
-    Columns: time in s until the ball is in, number of the entry, length of its lead in m, turn in rad, length
-    of the last straight in m, speed at its end in m/s.
+    Columns: time in s until the ball is in, number of the entry, length of its lead in m, turn in
+    rad, length of the last straight in m, speed at its end in m/s.
     """
     rates, sides, (along, across) = shooting.rates, entries.sides, entries.turns
     found, count = np.empty((len(_TURNS) * len(sides) * len(_LEADS), 6)), 0
@@ -94,7 +97,12 @@ def _run_ups(start: Pose, entries: Ends, shooting: _Shooting) -> FloatArray:
         c, s = math.cos(heading), math.sin(heading)
         ahead, aside = math.cos(start.yaw + turn), math.sin(start.yaw + turn)
         for entry in range(len(sides)):
-            outer, begin, change, rate = sides[entry, 1], sides[entry, 2], sides[entry, 3], sides[entry, 4]
+            outer, begin, change, rate = (
+                sides[entry, 1],
+                sides[entry, 2],
+                sides[entry, 3],
+                sides[entry, 4],
+            )
             turning = turn_time(turn, rate, rates.aw)
             speed = min(max(begin + change * turning, -rates.v), rates.v)
             forth = look_up(along, entry, turn) + begin * turning
@@ -120,8 +128,9 @@ def _release(
 ) -> tuple[float, float, float]:
     """Return how far (m) and to which speed (m/s) to push a ball straight on, and the time (s) to the goal.
 
-    The straight begins at the axle's place (x, y) in the frame of the goal's mouth, at `speed`, in the
-    direction with cosine `c` and sine `s`. The time is infinite if ball or robot would miss the mouth.
+    The straight begins at the axle's place (x, y) in the frame of the goal's mouth, at `speed`, in
+    the direction with cosine `c` and sine `s`. The time is infinite if ball or robot would miss the
+    mouth.
     """
     ball_x, ball_y = x + shooting.hold * c, y + shooting.hold * s
     left, crossing = (shooting.radius - ball_x) / c, ball_y - ball_x * s / c
@@ -149,11 +158,18 @@ def _rolling_time(deceleration: float, speed: float, distance: float) -> float:
 
 
 @compiled
-def _first_clear_run_up(start: Pose, found: FloatArray, entries: FloatArray, around: Surroundings) -> int:
+def _first_clear_run_up(
+    start: Pose, found: FloatArray, entries: FloatArray, around: Surroundings
+) -> int:
     """Return the index of the first run-up that is clear of walls; -1 if none is."""
     for index in range(len(found)):
         entry = entries[int(found[index, 1])].copy()
-        entry[0], turn, pushed, released = found[index, 2], found[index, 3], found[index, 4], found[index, 5]
+        entry[0], turn, pushed, released = (
+            found[index, 2],
+            found[index, 3],
+            found[index, 4],
+            found[index, 5],
+        )
         leaving = np.array((0.0, released, released, 0.0, around.rates.w))
         goal = _end_of(start, found[index], entry, around.rates)
         if is_clear(start, goal, turn, 0.0, pushed, entry, leaving, around, False):
@@ -209,7 +225,9 @@ class Shoot(HoldingAction):
     def setup(self) -> None:
         """Compute the tables of run-ups from rest; see `Action.setup`."""
         limits = self.plan_limits
-        self._check_turns(entries_with_ball(self.robot, limits, 0.0), release_exits(self.robot, limits))
+        self._check_turns(
+            entries_with_ball(self.robot, limits, 0.0), release_exits(self.robot, limits)
+        )
 
     def start(self, world: World, goal: Goal) -> None:
         """Plan the run-up; see `Action.start`."""

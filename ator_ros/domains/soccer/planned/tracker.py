@@ -16,15 +16,16 @@ from ator_ros.world.state import CONTROL_PERIOD, STOP, Command, RobotState, Worl
 _LEAST_LAG_SHARE = 0.8  # of the described acceleration: least one at which a lag is measured
 _FOLLOWS = 0.8  # share of the set speed's change below which a base is weak
 _LEAST = 3  # ticks
-_SURPRISE = 0.03  # s above the described lag; at the Pioneer as described the estimate is 0.005 s more
+# s above the described lag; at the Pioneer as described the estimate is 0.005 s more
+_SURPRISE = 0.03
 _MOST = 0.2  # s
 
 
 class LagEstimator:
     """Estimates a first-order lag by least squares from speeds below rising set speeds.
 
-    Set speeds are those of a base as described, without a lag. A base that accelerates too slowly is weak;
-    its lag is not estimated.
+    Set speeds are those of a base as described, without a lag. A base that accelerates too slowly
+    is weak; its lag is not estimated.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -64,20 +65,22 @@ _ROUNDING = 1e-6  # s: greatest error of sums of ticks
 _LONGEST_WAIT = 1.0  # s for the robot's start, on a computer that plans slowly
 _SHORT = 0.5  # s; in a shorter plan a robot may hardly move
 _SEEN_LATE = 0.02  # s by which a robot has the speeds of its plan late
-# m/s^2 and rad/s^2: times the square of the preview, the deviation from which on the plan's time slows down.
-# For the Pioneer that is 0.028 m and 0.063 rad, where its deviation as described is 0.0114 and 0.033 at most;
-# for the Pioneer LX 0.2 and 0.47, where it is 0.12 and 0.11.
+# m/s^2 and rad/s^2: times the square of the preview, the deviation from which on the plan's time
+# slows down. For the Pioneer that is 0.028 m and 0.063 rad, where its deviation as described is
+# 0.0114 and 0.033 at most; for the Pioneer LX 0.2 and 0.47, where it is 0.12 and 0.11.
 _BEHIND, _TURNED_OFF = 5.7, 12.9
 _STRETCH, _TURN_STRETCH = 0.125, 0.3  # m and rad above these at which the time would stop
-_RARE = 1.5  # control periods; states that are farther apart, three times in a row, have a lower rate
+# control periods; states that are farther apart, three times in a row, have a lower rate
+_RARE = 1.5
 _LEAST_RATE = 0.3  # s of the plan in 1 s
 
 
 class Tracker:
     """Steers a robot along a trajectory.
 
-    The time of the trajectory passes more slowly while the robot falls behind, as when the base is weaker
-    than its description: so it stays on the planned path (time scaling, Dahl and Nielsen 1990).
+    The time of the trajectory passes more slowly while the robot falls behind, as when the base is
+    weaker than its description: so it stays on the planned path (time scaling, Dahl and Nielsen
+    1990).
 
     Parameters
     ----------
@@ -86,14 +89,14 @@ class Tracker:
     waits : bool
         Whether the trajectory starts later if the robot does.
     reserve : float
-        Deceleration in m/s^2 of the base beyond that of the trajectory; infinite if a robot that overshoots
-        can drive back.
+        Deceleration in m/s^2 of the base beyond that of the trajectory; infinite if a robot that
+        overshoots can drive back.
     """
 
     GAIN_ALONG = 2.0
     GAIN_HEADING = 3.0
-    # Turn rate per lateral deviation: falls with speed so that the loop's damping stays above one half, and
-    # is 0 at rest, where turning corrects nothing.
+    # Turn rate per lateral deviation: falls with speed so that the loop's damping stays above one
+    # half, and is 0 at rest, where turning corrects nothing.
     GAIN_ACROSS = 12.0
     ACROSS_BANDWIDTH = 6.0
     SLOW = 0.1
@@ -149,7 +152,10 @@ class Tracker:
         self._set_preview(self._lag.seconds)
 
     def _wait_for_start(self, world: World) -> None:
-        """Start the plan's time when the robot starts moving; after long planning the command is late."""
+        """Start the plan's time when the robot starts moving.
+
+        After long planning the command is late.
+        """
         if not self._waits:
             return
         patient = world.time - self._created < _LONGEST_WAIT
@@ -163,8 +169,11 @@ class Tracker:
 
         def error(ticks: int) -> float:
             planned = self.trajectory.at(ticks * CONTROL_PERIOD - _SEEN_LATE)
-            change = abs(planned.v - world.robot.v) + self._robot.track / 2.0 * abs(planned.w - world.robot.w)
-            # Just after a start the speed differs most; a meter counts as much as a meter per second.
+            change = abs(planned.v - world.robot.v) + self._robot.track / 2.0 * abs(
+                planned.w - world.robot.w
+            )
+            # Just after a start the speed differs most; a meter counts as much as a meter per
+            # second.
             return change + planned.pose.distance(world.robot.pose)
 
         self._start = world.time - min(range(1, most + 1), key=error) * CONTROL_PERIOD
