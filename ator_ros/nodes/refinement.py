@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import random
 import time
 import traceback
@@ -9,7 +10,9 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
+import numpy as np
 from rclpy.node import Node
+from rclpy.task import Future
 from visualization_msgs.msg import MarkerArray
 
 from ator_interfaces.srv import PlanChains, PredictDurations, RefineSubgoal
@@ -38,13 +41,13 @@ from ator_ros.nodes.parameters import (
 )
 from ator_ros.nodes.path_planner import with_planner
 from ator_ros.nodes.qos import SERVICES
-from ator_ros.nodes.running import run_node
+from ator_ros.nodes.running import pause, run_node
 from ator_ros.nodes.segments import refinement_shapes
 from ator_ros.planning.goals import PlanningError
 from ator_ros.planning.planner import chains_for
 from ator_ros.printable import printable
 from ator_ros.refinement import RefinementError
-from ator_ros.refinement.durations import predict_durations
+from ator_ros.refinement.durations import Durations, predict_durations
 from ator_ros.refinement.gate import NO_GATE, Gate
 from ator_ros.refinement.objective import MOST_WEIGHT
 from ator_ros.refinement.refiner import Refiner, Selection, choose
@@ -84,6 +87,7 @@ PARAMETERS = (
 
 _LONGEST_REASON = 500
 _MOST_PREDICTED = 100  # situations, and calls, of one request
+_PREDICTED_AT_ONCE = 100  # steps, each from one situation: 50 ms on one core
 
 
 class RefinementNode(Node):
@@ -120,6 +124,8 @@ class RefinementNode(Node):
         self._goals = domain.goals(robot)
         self._variables = state_variables(domain.objects, holder=robot.holder is not None)
         self._answered, self._cut_short, self._last_error = 0, 0, ""
+        self._last_prediction = Future()  # done when the last request for durations is answered
+        self._last_prediction.set_result(None)
         self._tf = TfListener(self)
         self._markers = LazyPublisher(self, MarkerArray, "refinement_markers")
         for kind, name, answer in (
@@ -174,10 +180,11 @@ class RefinementNode(Node):
         cost = cost if cost >= 0.0 else self._domain.time_limit
         return Refiner(self._robot, read.models, gate, ranges=self._ranges, failure_cost=cost)
 
-    def _serve(self, answer: Callable[[Any], Any], request: Any, response: Any) -> Any:
+    async def _serve(self, answer: Callable[[Any], Any], request: Any, response: Any) -> Any:
         started = time.monotonic()
         try:
-            response = answer(request)
+            found = answer(request)
+            response = await found if inspect.isawaitable(found) else found
         except Exception as error:  # a defect must not end the node
             if isinstance(error, MessageError | RefinementError | PlanningError):
                 reason = printable(str(error), _LONGEST_REASON)
@@ -197,6 +204,7 @@ class RefinementNode(Node):
 
     def _refine(self, request: RefineSubgoal.Request) -> RefineSubgoal.Response:
         end, frame = time.monotonic() + self._settings["deadline"], self._frame
+        messages.expect_sizes(request)
         action_set = messages.action_set_from(request.chain, allowed=self._libraries)
         present, library = self._sets.present[action_set], self._libraries[action_set]
         if not present.models:
@@ -245,7 +253,11 @@ class RefinementNode(Node):
             ],
         )
 
-    def _predict(self, request: PredictDurations.Request) -> PredictDurations.Response:
+    async def _predict(self, request: PredictDurations.Request) -> PredictDurations.Response:
+        """Predict durations in blocks, between which other requests are answered.
+
+        Requests of this service take turns.
+        """
         for field in ("situations", "calls"):
             count(getattr(request, field), field, least=1, most=_MOST_PREDICTED)
         name = messages.action_set_from(request, allowed=self._libraries, where="request")
@@ -255,8 +267,21 @@ class RefinementNode(Node):
             messages.into_frame(self._frame, self._tf.base, (), situation)
             worlds.append(world_from(situation, frame=self._frame, where=f"situations[{number}]"))
         calls = messages.calls_from(request.calls, self._libraries[name], frame=self._frame)
-        found = predict_durations(worlds, calls, self._robot, self._sets.present[name].models)
-        durations, spreads, success = (values.ravel().tolist() for values in found)
+        previous, self._last_prediction = self._last_prediction, Future()
+        over = self._last_prediction
+        try:
+            await previous
+            models, blocks = self._sets.present[name].models, list[Durations]()
+            size = max(1, _PREDICTED_AT_ONCE // len(worlds))
+            for first in range(0, len(calls), size):
+                block = calls[first : first + size]
+                blocks.append(predict_durations(worlds, block, self._robot, models))
+                await pause(self)
+        finally:
+            over.set_result(None)
+        durations, spreads, success = (
+            np.hstack(parts).ravel().tolist() for parts in zip(*blocks, strict=True)
+        )
         reason = "" if self._robot.grid is None else f"map {self._robot.grid}"
         return PredictDurations.Response(
             accepted=True, reason=reason, durations=durations, spreads=spreads, success=success
