@@ -6,7 +6,7 @@ import inspect
 import random
 import time
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -43,6 +43,7 @@ from ator_ros.nodes.path_planner import with_planner
 from ator_ros.nodes.qos import SERVICES
 from ator_ros.nodes.running import pause, run_node
 from ator_ros.nodes.segments import refinement_shapes
+from ator_ros.performance.model import PerformanceModel
 from ator_ros.planning.goals import PlanningError
 from ator_ros.planning.planner import chains_for
 from ator_ros.printable import printable
@@ -53,10 +54,12 @@ from ator_ros.refinement.objective import MOST_WEIGHT
 from ator_ros.refinement.refiner import Refiner, Selection, choose
 from ator_ros.refinement.search import Deadline, no_deadline
 from ator_ros.robot.description import Robot
+from ator_ros.tops.chain import TopCall
 from ator_ros.tops.conditions import state_variables
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.grid_map import PATHS_OF
 from ator_ros.world.messages import MessageError, count, pose_from, world_from
+from ator_ros.world.state import World
 
 PARAMETERS = (
     FRAME,
@@ -87,7 +90,8 @@ PARAMETERS = (
 
 _LONGEST_REASON = 500
 _MOST_PREDICTED = 100  # situations, and calls, of one request
-_PREDICTED_AT_ONCE = 100  # steps, each from one situation: 50 ms on one core
+_FIRST_BLOCK = 10  # situations from which a step is predicted at once, before its pace is known
+_BLOCK_TIME = 0.03  # real s; on maps and with planners a prediction takes 0.5 to 10 ms
 
 
 class RefinementNode(Node):
@@ -271,21 +275,33 @@ class RefinementNode(Node):
         over = self._last_prediction
         try:
             await previous
-            models, blocks = self._sets.present[name].models, list[Durations]()
-            size = max(1, _PREDICTED_AT_ONCE // len(worlds))
-            for first in range(0, len(calls), size):
-                block = calls[first : first + size]
-                blocks.append(predict_durations(worlds, block, self._robot, models))
-                await pause(self)
+            models = self._sets.present[name].models
+            columns = [await self._column(worlds, call, models) for call in calls]
         finally:
             over.set_result(None)
         durations, spreads, success = (
-            np.hstack(parts).ravel().tolist() for parts in zip(*blocks, strict=True)
+            np.hstack(parts).ravel().tolist() for parts in zip(*columns, strict=True)
         )
         reason = "" if self._robot.grid is None else f"map {self._robot.grid}"
         return PredictDurations.Response(
             accepted=True, reason=reason, durations=durations, spreads=spreads, success=success
         )
+
+    async def _column(
+        self, worlds: Sequence[World], call: TopCall, models: Mapping[str, PerformanceModel]
+    ) -> Durations:
+        """Predict one step from all situations, in blocks that take about `_BLOCK_TIME`."""
+        blocks = list[Durations]()
+        first, size = 0, _FIRST_BLOCK
+        while first < len(worlds):
+            started = time.monotonic()
+            block = worlds[first : first + size]
+            blocks.append(predict_durations(block, [call], self._robot, models))
+            first += size
+            pace = _BLOCK_TIME / max(time.monotonic() - started, 1e-3)
+            size = max(1, round(size * min(pace, 4.0)))
+            await pause(self)
+        return Durations(*(np.vstack(parts) for parts in zip(*blocks, strict=True)))
 
     def _health(self) -> Health:
         usable = any(read.models for read in self._sets.present.values())
