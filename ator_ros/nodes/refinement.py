@@ -276,32 +276,37 @@ class RefinementNode(Node):
         try:
             await previous
             models = self._sets.present[name].models
-            columns = [await self._column(worlds, call, models) for call in calls]
+            found = await self._predict_in_blocks(worlds, calls, models)
         finally:
             over.set_result(None)
-        durations, spreads, success = (
-            np.hstack(parts).ravel().tolist() for parts in zip(*columns, strict=True)
-        )
+        durations, spreads, success = (values.ravel().tolist() for values in found)
         reason = "" if self._robot.grid is None else f"map {self._robot.grid}"
         return PredictDurations.Response(
             accepted=True, reason=reason, durations=durations, spreads=spreads, success=success
         )
 
-    async def _column(
-        self, worlds: Sequence[World], call: TopCall, models: Mapping[str, PerformanceModel]
+    async def _predict_in_blocks(
+        self,
+        worlds: Sequence[World],
+        calls: Sequence[TopCall],
+        models: Mapping[str, PerformanceModel],
     ) -> Durations:
-        """Predict one step from all situations, in blocks that take about `_BLOCK_TIME`."""
-        blocks = list[Durations]()
-        first, size = 0, _FIRST_BLOCK
-        while first < len(worlds):
-            started = time.monotonic()
-            block = worlds[first : first + size]
-            blocks.append(predict_durations(block, [call], self._robot, models))
-            first += size
-            pace = _BLOCK_TIME / max(time.monotonic() - started, 1e-3)
-            size = max(1, round(size * min(pace, 4.0)))
-            await pause(self)
-        return Durations(*(np.vstack(parts) for parts in zip(*blocks, strict=True)))
+        """Predict steps from situations, in blocks that take about `_BLOCK_TIME`."""
+        found = Durations(*np.full((3, len(worlds), len(calls)), np.nan))
+        size = _FIRST_BLOCK
+        for column, call in enumerate(calls):
+            first = 0
+            while first < len(worlds):
+                started = time.monotonic()
+                last = first + size
+                block = predict_durations(worlds[first:last], [call], self._robot, models)
+                for values, part in zip(found, block, strict=True):
+                    values[first:last, column] = part[:, 0]
+                pace = _BLOCK_TIME / max(time.monotonic() - started, 1e-3)
+                first = last
+                size = min(max(1, round(size * pace)), _MOST_PREDICTED)
+                await pause(self)
+        return found
 
     def _health(self) -> Health:
         usable = any(read.models for read in self._sets.present.values())
