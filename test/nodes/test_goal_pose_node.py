@@ -59,9 +59,8 @@ def test_the_robot_stops_where_its_client_is_killed(start: Start, client: Client
 
     client.eventually(drives, "the robot drives")
     node.kill()
-    killed = time.monotonic()
+    # without a lease it would arrive within a few s
     client.eventually(
         lambda: any("client of this goal is gone" in each.outcome.reason for each in chains.chains),
         "the end of the goal",
     )
-    assert time.monotonic() - killed < 5.0
