@@ -22,6 +22,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import Outcome, TopCall, TopChain
+from ator_ros.nodes.leases import publish_lease
 
 TICK_PERIOD = 0.1  # s
 
@@ -41,6 +42,7 @@ class ExecuteChainBehaviour(py_trees.behaviour.Behaviour):
 
     def setup(self, **kwargs: Any) -> None:
         """Create the action client on `node`."""
+        self._goal.lease = publish_lease(kwargs["node"])  # the goal ends with this program
         self._client = ActionClient(kwargs["node"], ExecuteChain, "execute_chain")
 
     def initialise(self) -> None:

@@ -28,6 +28,8 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
 
+from ator_ros.nodes.leases import publish_lease
+
 _TIMEOUT = 10.0  # s
 _POLL = 0.1  # s: Ctrl-C is handled between two waits
 
@@ -142,8 +144,11 @@ def send_goal(node: Node, action: str, kind: Any, values: Any, *, feedback: bool
         raise CallError(
             f"expected the action {action} of this type within {_TIMEOUT:g} s, found none"
         )
+    goal = filled(kind.Goal, values, "goal")
+    if not getattr(goal, "lease", "none"):
+        goal.lease = publish_lease(node)  # a chain of execute_chain ends with this program
     sent = client.send_goal_async(
-        filled(kind.Goal, values, "goal"),
+        goal,
         feedback_callback=(lambda message: show({"feedback": message.feedback}))
         if feedback
         else None,

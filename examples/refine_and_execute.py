@@ -23,6 +23,7 @@ from rclpy.task import Future
 from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import ChainPerformance, ObjectState, Outcome, Situation, TopCall, TopChain
 from ator_interfaces.srv import RefineSubgoal
+from ator_ros.nodes.leases import publish_lease
 
 _TIMEOUT = 60.0  # s
 
@@ -54,6 +55,7 @@ def executed(node: Node, goal: ExecuteChain.Goal) -> ExecuteChain.Result:
     client = ActionClient(node, ExecuteChain, "execute_chain")
     if not client.wait_for_server(timeout_sec=_TIMEOUT):
         raise TimeoutError(f"execute_chain: expected the action within {_TIMEOUT:g} s, found none")
+    goal.lease = publish_lease(node)  # the goal ends with this program
     handle = _waited(
         node, client.send_goal_async(goal, feedback_callback=_print_feedback), "execute_chain"
     )

@@ -72,7 +72,8 @@ class Expectation:
 class Success:
     """The final states of a goal, and the fields of its result, that mean success.
 
-    `reason` is a field of the result with the reason of a failure, for messages.
+    `reason` is a field of the result with the reason of a failure, for messages; None: the field
+    error_msg, if the result has it.
     """
 
     status: tuple[Literal["succeeded", "aborted", "canceled"], ...] = ("succeeded",)
@@ -107,6 +108,8 @@ class RemoteCall:
     goal: tuple[Filling, ...]  # other fields keep their defaults
     success: Success = dataclasses.field(default_factory=Success)
     timeouts: Timeouts = dataclasses.field(default_factory=Timeouts)
+    # other action servers, all goals of which are canceled if this server is gone or hangs
+    cancel_too: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         require(
@@ -118,6 +121,9 @@ class RemoteCall:
         fields = [filling.field for filling in self.goal]
         require(bool(fields), "goal", "at least one field", fields)
         require(len(set(fields)) == len(fields), "goal", "each field once", fields)
+        others = list(self.cancel_too)
+        distinct = len({self.server, *others}) == len(others) + 1
+        require(distinct, "cancel_too", f"each name once, without {self.server}", others)
 
 
 class UnreachableAction(Action):
@@ -134,6 +140,8 @@ class UnreachableAction(Action):
         raise NotImplementedError
 
 
+_ERROR_CODE, _ERROR_TEXT = "error_code", "error_msg"
+"""Fields of the results of Nav2's actions, and of others that follow them."""
 _STATUS = ("unknown", "accepted", "executing", "canceling", "succeeded", "canceled", "aborted")
 """Names of the states of action_msgs/GoalStatus, by number."""
 
@@ -158,7 +166,15 @@ def failure_in(call: RemoteCall, status: int, result: Any) -> str | None:
             wrong.append(f"{expected.field}: {f'{name} ({value})' if name else expects}")
     if not wrong:
         return None
-    reason = "" if success.reason is None else str(value_at(result, success.reason) or "")
+    declared = {expected.field for expected in success.fields}
+    code = getattr(result, _ERROR_CODE, None)
+    if code and _ERROR_CODE not in declared:
+        name = _constant_name(result, _ERROR_CODE)
+        wrong.append(f"{_ERROR_CODE}: {f'{name} ({code})' if name else code}")
+    if success.reason is not None:
+        reason = str(value_at(result, success.reason) or "")
+    else:
+        reason = str(getattr(result, _ERROR_TEXT, ""))
     return "; ".join(wrong) + (f" ({printable(reason, 200)})" if reason else "")
 
 

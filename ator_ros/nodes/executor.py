@@ -42,8 +42,9 @@ from ator_ros.nodes.diagnostics import (
 from ator_ros.nodes.drawing import ExecutionDrawing
 from ator_ros.nodes.goal_run import GoalRun, concluded, unstarted
 from ator_ros.nodes.inputs import Subscriptions
+from ator_ros.nodes.leases import Leases
 from ator_ros.nodes.maps import follow_map
-from ator_ros.nodes.messages import into_frame
+from ator_ros.nodes.messages import expect_sizes, into_frame
 from ator_ros.nodes.models import LEARNED, LearnedSets
 from ator_ros.nodes.parameters import (
     FENCE,
@@ -60,7 +61,7 @@ from ator_ros.nodes.parameters import (
     fence_of,
     live,
 )
-from ator_ros.nodes.qos import LATCHED, RESULTS, SERVICES
+from ator_ros.nodes.qos import ACTION_QUEUES, LATCHED, RESULTS, SERVICES
 from ator_ros.nodes.remote_actions import RemoteServers
 from ator_ros.nodes.running import run_node, spin_out
 from ator_ros.robot.description import Robot
@@ -192,6 +193,7 @@ class ExecutorNode(Node):
         self._commands = CommandPublisher(self, stamped=stamped, frame=frame)
         self._actions = self.create_publisher(ActionPerformance, "performance/action", RESULTS)
         self._chains = self.create_publisher(ChainPerformance, "performance/chain", LATCHED)
+        self._leases = Leases(self)
         self._refinement = self.create_client(RefineSubgoal, "refine_subgoal", qos_profile=SERVICES)
         subscribed = Subscriptions(
             self, settings, robot, map(self._domain.source, self._domain.objects),
@@ -202,10 +204,7 @@ class ExecutorNode(Node):
             self, ExecuteChain, "execute_chain", self._execute,
             goal_callback=lambda _: GoalResponse.REJECT if self._shutting_down else GoalResponse.ACCEPT,
             cancel_callback=self._cancel,
-            goal_service_qos_profile=SERVICES,
-            result_service_qos_profile=SERVICES,
-            cancel_service_qos_profile=SERVICES,
-            result_timeout=_RESULT_TIMEOUT,
+            result_timeout=_RESULT_TIMEOUT, **ACTION_QUEUES,
         )  # fmt: skip
         self.create_timer(WATCH_PERIOD, self._check_deadlines, clock=STEADY)
 
@@ -276,6 +275,8 @@ class ExecutorNode(Node):
         if self._run is None:
             return
         self._commands.adapt()
+        if self._leases.has_ended(self._run.handle.request.lease):
+            self._run.supervisor.end(Ending.CANCELED, "the client of this goal is gone")
         now = time.monotonic()
         silence, ending = now - self._odom_at, self._remotes.ending()
         if ending and silence <= self._odom_timeout:
@@ -295,6 +296,7 @@ class ExecutorNode(Node):
         settings, present = self._settings, self._sets.present
         try:
             sent = handle.request.chain, *handle.request.alternatives
+            expect_sizes(handle.request)
             into_frame(settings["frame"], self._tf.base, sent)
             run = GoalRun(
                 handle,
@@ -305,6 +307,7 @@ class ExecutorNode(Node):
                 self._fence,
                 self._rolling,
             )
+            self._leases.watch(handle.request.lease)
         except MessageError as error:  # the running goal continues
             self._warn(f"refused: {error}")
             result = unstarted(handle, Ending.REFUSED, str(error), frame=settings["frame"])
@@ -346,6 +349,7 @@ class ExecutorNode(Node):
         self._drawing.follow(run, self._world)
         if not run.ended:
             return
+        self._leases.release(run.handle.request.lease)
         self._run, now = None, time.monotonic()
         if now - self._odom_at > 0.5 * self._odom_timeout:
             self._stop_until = now + LONGEST_STOP_TIME

@@ -13,6 +13,7 @@ from rclpy.node import Node
 from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import TopChain
 from ator_ros.geometry import Pose
+from ator_ros.nodes.leases import publish_lease
 from ator_ros.nodes.messages import call_of
 from ator_ros.nodes.parameters import (
     DOMAIN,
@@ -21,7 +22,7 @@ from ator_ros.nodes.parameters import (
     domain_and_robot,
     driving_top,
 )
-from ator_ros.nodes.qos import RESULTS
+from ator_ros.nodes.qos import ACTION_QUEUES, RESULTS
 from ator_ros.nodes.running import run_node
 from ator_ros.tops.chain import TopCall
 
@@ -44,7 +45,8 @@ class GoalPoseNode(Node):
         library = domain.library(robot)
         top = driving_top(library)
         self._call = call_of(TopCall(top, library.goal(top, Pose(0.0, 0.0, 0.0))), frame="")
-        self._chains = ActionClient(self, ExecuteChain, "execute_chain")
+        self._chains = ActionClient(self, ExecuteChain, "execute_chain", **ACTION_QUEUES)
+        self._lease = publish_lease(self)
         self.create_subscription(PoseStamped, "goal_pose", self._take, RESULTS)
         self.get_logger().info(
             f"poses on goal_pose become goals of {top.name} (domain {domain.name})"
@@ -61,7 +63,7 @@ class GoalPoseNode(Node):
             )
             return
         self._call.goal = pose  # the executor checks it
-        goal = ExecuteChain.Goal(chain=TopChain(calls=[self._call]))
+        goal = ExecuteChain.Goal(chain=TopChain(calls=[self._call]), lease=self._lease)
         handle: Any = await self._chains.send_goal_async(goal)
         if not handle.accepted:
             self.get_logger().warning("execute_chain: the executor rejected the goal; see its log")

@@ -267,7 +267,7 @@ def unstarted(handle: ServerGoalHandle, ending: Ending, reason: str, *, frame: s
     outcome = Outcome(code=ending.value, reason=reason)
     record = ChainPerformance(
         chain_id=_id_of(handle),
-        chain=handle.request.chain,
+        chain=messages.short_chain(handle.request.chain),
         refinement="not requested",
         gain=gain_of(),
         predicted=performance_of(),
@@ -282,7 +282,7 @@ def concluded(result: Any, handle: ServerGoalHandle) -> Any:
     """Put a goal into its final state and return its result."""
     if result.outcome.code == Outcome.SUCCEEDED:
         handle.succeed()
-    elif result.outcome.code == Outcome.CANCELED:
+    elif result.outcome.code == Outcome.CANCELED and handle.is_cancel_requested:
         handle.canceled()
     else:
         handle.abort()

@@ -37,7 +37,7 @@ from ator_ros.nodes.parameters import (
     map_topic,
 )
 from ator_ros.nodes.path_planner import expect_planner_usable
-from ator_ros.nodes.qos import RESULTS
+from ator_ros.nodes.qos import RESULTS, SERVICES
 from ator_ros.nodes.running import run_node
 from ator_ros.printable import printable
 from ator_ros.robot.description import Robot
@@ -121,8 +121,8 @@ class LearningNode(Node):
             for topic in topics:
                 self.create_subscription(kind, topic, take, RESULTS)
                 subscribed[topic] = kind
-        self.create_service(Trigger, "~/learn_now", self._learn_now)
-        self.create_service(SetBool, "~/freeze", self._freeze)
+        self.create_service(Trigger, "~/learn_now", self._learn_now, qos_profile=SERVICES)
+        self.create_service(SetBool, "~/freeze", self._freeze, qos_profile=SERVICES)
         self.create_timer(_PERIOD, self._work, clock=STEADY)
         Diagnostics(self, self._health, subscribed)
         self.get_logger().info(

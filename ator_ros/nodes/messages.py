@@ -16,6 +16,7 @@ from geometry_msgs.msg import Quaternion, Twist
 from nav_msgs.msg import OccupancyGrid, Odometry
 
 import ator_interfaces.msg as msg
+from ator_interfaces.action import ExecuteChain
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.actions.base import Goal
@@ -46,6 +47,7 @@ from ator_ros.world.state import Command, ObjectState, RobotState, World
 
 # times the robot's limit, which may be an estimate; a speed in km/h would be 3.6 times
 _FASTEST_GOAL = 3.0
+_LONGEST_NAMES = 65_536  # characters of all names in a refused chain that is sent back
 
 
 def stamp_of(seconds: float) -> Time:
@@ -67,6 +69,30 @@ def twist_of(command: Command) -> Twist:
     message = Twist()
     message.linear.x, message.angular.z = float(command.v), float(command.w)
     return message
+
+
+def expect_sizes(request: ExecuteChain.Goal | RefineSubgoal.Request) -> None:
+    """Raise MessageError if a request has too many chains, or its chain has too many calls.
+
+    Call this first: all other work grows with them.
+    """
+    expect_chain_size(request.chain, "chain")
+    checks.count(request.alternatives, "alternatives", least=0, most=MOST_ALTERNATIVES)
+
+
+def expect_chain_size(chain: msg.TopChain, where: str) -> None:
+    """Raise MessageError unless a chain has a call, and not too many."""
+    checks.count(chain.calls, f"{where}.calls", least=1, most=LONGEST_CHAIN)
+
+
+def short_chain(chain: msg.TopChain) -> msg.TopChain:
+    """Return a chain that was refused, or an empty one if it is too long to be sent back."""
+    names = [chain.action_set]
+    for call in chain.calls[:LONGEST_CHAIN]:
+        values = (value.name for value in call.values)
+        names += [call.top, call.goal.header.frame_id, *call.open, *values]
+    is_short = len(chain.calls) <= LONGEST_CHAIN and sum(map(len, names)) <= _LONGEST_NAMES
+    return chain if is_short else msg.TopChain()
 
 
 def into_frame(
@@ -155,7 +181,7 @@ def chain_from(
     fence: Fence | None = None,
 ) -> TopChain:
     """Read a chain with goals in `frame`; raises MessageError also if it leads out of the fence."""
-    checks.count(chain.calls, f"{where}.calls", least=1, most=LONGEST_CHAIN)
+    expect_chain_size(chain, where)
     read = TopChain(tuple(calls_from(chain.calls, library, frame=frame, where=f"{where}.calls")))
     violation = None if fence is None else fence.violation(read, library.robot, where)
     if violation is not None:
@@ -203,7 +229,13 @@ def _call_from(call: msg.TopCall, library: TopLibrary, frame: str, where: str) -
     opened = checks.names(
         call.open, f"{where}.open", allowed=(*GOAL_VARIABLES, *goal.values, EVERYTHING)
     )
-    return TopCall(top, goal, opened)
+    read = TopCall(top, goal, opened)
+    if unmet := read.contradictions(library.robot):
+        raise MessageError(
+            f"{where}.goal ({top.name}): expected a goal at which its post-condition holds: "
+            f"{'; '.join(unmet)}"
+        )
+    return read
 
 
 def chain_of(chain: TopChain, *, action_set: str, frame: str) -> msg.TopChain:
@@ -341,6 +373,7 @@ def _alternative(
 
 def refused(reason: str, chain: msg.TopChain) -> RefineSubgoal.Response:
     """Write the answer to a request that cannot be evaluated, with its `chain`."""
+    chain = short_chain(chain)
     response = RefineSubgoal.Response(reason=reason, chain=chain, original=chain, gain=gain_of())
     response.before = response.after = performance_of()
     response.cost_before = response.cost_after = math.nan

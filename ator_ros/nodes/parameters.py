@@ -114,6 +114,13 @@ STAMPED = Parameter(
     "whether cmd_vel is a TwistStamped; auto: what the base subscribes to",
     choices=("auto", "true", "false"),
 )
+SHARED = frozenset(
+    (
+        *(item.name for item in (*FRAMES, *WORLD, STATE, STAMPED, FENCE, MODELS, PLANNER)),
+        "learned",
+    )
+)
+"""Names of parameters that several nodes have: one section of a file may set them for all nodes."""
 OBJECT = "OBJECT"  # placeholder for the name of an object in ``--help``
 live = partial(Parameter, live=True)
 
@@ -165,8 +172,8 @@ def declare_parameters(
 ) -> dict[str, Any]:
     """Declare parameters with type, description and bounds, and return their values by name.
 
-    The values of live parameters change with them. Unknown parameters, except `unused` ones, are
-    reported if the node was made with ``automatically_declare_parameters_from_overrides``. Raises
+    The values of live parameters change with them. Unknown parameters, except `unused` and `SHARED`
+    ones, are reported if the node was made with ``automatically_declare_parameters_from_overrides``. Raises
     SetupError if a value has another type, or is not allowed.
     """
     values = {parameter.name: _declared(node, parameter) for parameter in parameters}
@@ -174,7 +181,7 @@ def declare_parameters(
     unknown = sorted(name for name in given if name not in _OF_ROS)
     for name in unknown:
         node.undeclare_parameter(name)
-    if unknown := [name for name in unknown if name not in unused]:
+    if unknown := [name for name in unknown if name not in SHARED.union(unused)]:
         text = f"ignored: parameters {', '.join(map(printable, unknown[:5]))}"
         node.get_logger().warning(f"{text}: expected some of {', '.join(values)}")
 

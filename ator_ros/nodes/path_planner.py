@@ -19,6 +19,7 @@ from ator_ros.domains.domain import Domain
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.nodes.messages import pose_of
 from ator_ros.nodes.parameters import FRAME, MAP, PLANNER, SetupError
+from ator_ros.nodes.qos import ACTION_QUEUES
 from ator_ros.nodes.remote_messages import RemoteError, action_type
 from ator_ros.printable import quoted
 from ator_ros.refinement import RefinementError
@@ -50,7 +51,7 @@ class PlannerClient:
         self._node = Node(
             "path_planner", start_parameter_services=False, use_global_arguments=False
         )
-        self._client = ActionClient(self._node, self._kind, name)
+        self._client = ActionClient(self._node, self._kind, name, **ACTION_QUEUES)
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self._node)
         self._was_called = False

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.duration import Duration
+from rclpy.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
 
 SENSOR_DATA = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 """For sensor topics, and for subscribing to commands: only the newest message counts."""
@@ -21,3 +22,15 @@ LATCHED_BY_MANY = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LO
 
 SERVICES = QoSProfile(depth=2000)
 """For services, actions and their clients: requests beyond the depth, by default 10, are lost silently."""
+
+ACTION_QUEUES = {
+    f"{service}_service_qos_profile": SERVICES for service in ("goal", "result", "cancel")
+}
+"""Keyword arguments of action servers and action clients, so that they have these queues."""
+
+LEASE = QoSProfile(
+    depth=1,
+    liveliness=LivelinessPolicy.AUTOMATIC,
+    liveliness_lease_duration=Duration(seconds=2.0),
+)
+"""For topics without messages that show whether a client runs; DDS itself gives the signs."""

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import inspect
 import random
 import time
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
+import numpy as np
 from rclpy.node import Node
+from rclpy.task import Future
 from visualization_msgs.msg import MarkerArray
 
 from ator_interfaces.srv import PlanChains, PredictDurations, RefineSubgoal
@@ -38,22 +41,25 @@ from ator_ros.nodes.parameters import (
 )
 from ator_ros.nodes.path_planner import with_planner
 from ator_ros.nodes.qos import SERVICES
-from ator_ros.nodes.running import run_node
+from ator_ros.nodes.running import pause, run_node
 from ator_ros.nodes.segments import refinement_shapes
+from ator_ros.performance.model import PerformanceModel
 from ator_ros.planning.goals import PlanningError
 from ator_ros.planning.planner import chains_for
 from ator_ros.printable import printable
 from ator_ros.refinement import RefinementError
-from ator_ros.refinement.durations import predict_durations
+from ator_ros.refinement.durations import Durations, predict_durations
 from ator_ros.refinement.gate import NO_GATE, Gate
 from ator_ros.refinement.objective import MOST_WEIGHT
 from ator_ros.refinement.refiner import Refiner, Selection, choose
 from ator_ros.refinement.search import Deadline, no_deadline
 from ator_ros.robot.description import Robot
+from ator_ros.tops.chain import TopCall
 from ator_ros.tops.conditions import state_variables
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.grid_map import PATHS_OF
 from ator_ros.world.messages import MessageError, count, pose_from, world_from
+from ator_ros.world.state import World
 
 PARAMETERS = (
     FRAME,
@@ -84,6 +90,8 @@ PARAMETERS = (
 
 _LONGEST_REASON = 500
 _MOST_PREDICTED = 100  # situations, and calls, of one request
+_FIRST_BLOCK = 10  # situations from which a step is predicted at once, before its pace is known
+_BLOCK_TIME = 0.03  # real s; on maps and with planners a prediction takes 0.5 to 10 ms
 
 
 class RefinementNode(Node):
@@ -120,6 +128,8 @@ class RefinementNode(Node):
         self._goals = domain.goals(robot)
         self._variables = state_variables(domain.objects, holder=robot.holder is not None)
         self._answered, self._cut_short, self._last_error = 0, 0, ""
+        self._last_prediction = Future()  # done when the last request for durations is answered
+        self._last_prediction.set_result(None)
         self._tf = TfListener(self)
         self._markers = LazyPublisher(self, MarkerArray, "refinement_markers")
         for kind, name, answer in (
@@ -174,10 +184,11 @@ class RefinementNode(Node):
         cost = cost if cost >= 0.0 else self._domain.time_limit
         return Refiner(self._robot, read.models, gate, ranges=self._ranges, failure_cost=cost)
 
-    def _serve(self, answer: Callable[[Any], Any], request: Any, response: Any) -> Any:
+    async def _serve(self, answer: Callable[[Any], Any], request: Any, response: Any) -> Any:
         started = time.monotonic()
         try:
-            response = answer(request)
+            found = answer(request)
+            response = await found if inspect.isawaitable(found) else found
         except Exception as error:  # a defect must not end the node
             if isinstance(error, MessageError | RefinementError | PlanningError):
                 reason = printable(str(error), _LONGEST_REASON)
@@ -197,6 +208,7 @@ class RefinementNode(Node):
 
     def _refine(self, request: RefineSubgoal.Request) -> RefineSubgoal.Response:
         end, frame = time.monotonic() + self._settings["deadline"], self._frame
+        messages.expect_sizes(request)
         action_set = messages.action_set_from(request.chain, allowed=self._libraries)
         present, library = self._sets.present[action_set], self._libraries[action_set]
         if not present.models:
@@ -245,7 +257,11 @@ class RefinementNode(Node):
             ],
         )
 
-    def _predict(self, request: PredictDurations.Request) -> PredictDurations.Response:
+    async def _predict(self, request: PredictDurations.Request) -> PredictDurations.Response:
+        """Predict durations in blocks, between which other requests are answered.
+
+        Requests of this service take turns.
+        """
         for field in ("situations", "calls"):
             count(getattr(request, field), field, least=1, most=_MOST_PREDICTED)
         name = messages.action_set_from(request, allowed=self._libraries, where="request")
@@ -255,12 +271,42 @@ class RefinementNode(Node):
             messages.into_frame(self._frame, self._tf.base, (), situation)
             worlds.append(world_from(situation, frame=self._frame, where=f"situations[{number}]"))
         calls = messages.calls_from(request.calls, self._libraries[name], frame=self._frame)
-        found = predict_durations(worlds, calls, self._robot, self._sets.present[name].models)
+        previous, self._last_prediction = self._last_prediction, Future()
+        over = self._last_prediction
+        try:
+            await previous
+            models = self._sets.present[name].models
+            found = await self._predict_in_blocks(worlds, calls, models)
+        finally:
+            over.set_result(None)
         durations, spreads, success = (values.ravel().tolist() for values in found)
         reason = "" if self._robot.grid is None else f"map {self._robot.grid}"
         return PredictDurations.Response(
             accepted=True, reason=reason, durations=durations, spreads=spreads, success=success
         )
+
+    async def _predict_in_blocks(
+        self,
+        worlds: Sequence[World],
+        calls: Sequence[TopCall],
+        models: Mapping[str, PerformanceModel],
+    ) -> Durations:
+        """Predict steps from situations, in blocks that take about `_BLOCK_TIME`."""
+        found = Durations(*np.full((3, len(worlds), len(calls)), np.nan))
+        size = _FIRST_BLOCK
+        for column, call in enumerate(calls):
+            first = 0
+            while first < len(worlds):
+                started = time.monotonic()
+                last = first + size
+                block = predict_durations(worlds[first:last], [call], self._robot, models)
+                for values, part in zip(found, block, strict=True):
+                    values[first:last, column] = part[:, 0]
+                pace = _BLOCK_TIME / max(time.monotonic() - started, 1e-3)
+                first = last
+                size = min(max(1, round(size * pace)), _MOST_PREDICTED)
+                await pause(self)
+        return found
 
     def _health(self) -> Health:
         usable = any(read.models for read in self._sets.present.values())

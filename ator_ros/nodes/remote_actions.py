@@ -21,6 +21,7 @@ from rclpy.task import Future
 from ator_ros.actions.base import Action, ActionError, Goal, Status, Step, finished
 from ator_ros.actions.remote import RemoteCall, failure_in
 from ator_ros.domains.domain import Domain
+from ator_ros.nodes.qos import ACTION_QUEUES, SERVICES
 from ator_ros.nodes.remote_messages import RemoteError, RemoteInterface
 from ator_ros.robot.description import Robot
 from ator_ros.tops.library import TopLibrary
@@ -71,8 +72,12 @@ class RemoteServers:
         return any(server.ending() for server in self._servers.values())
 
     def warnings(self) -> list[str]:
-        """Return warnings, each once, of servers that have ignored a cancellation."""
-        return list(filter(None, (server.warning() for server in self._servers.values())))
+        """Return warnings, each once.
+
+        They are about servers that have ignored a cancellation, and about goals of other servers
+        that were canceled instead.
+        """
+        return [text for server in self._servers.values() for text in server.warnings()]
 
 
 class RemoteAction(Action):
@@ -136,7 +141,8 @@ class RemoteAction(Action):
         if sent.accepted is False:
             return finished(Status.REFUSED, f"{name} rejected the goal")
         if server.lost():
-            missing = f"its action server has been missing for {limits.server:g} s"
+            server.cancel_others()
+            missing = f"its action server has been missing for {server.longest_absence:g} s"
             return finished(Status.FAILED, f"{name} is gone: {missing}")
         if sent.accepted is None:
             if time.monotonic() - self._since <= limits.acceptance:
@@ -146,6 +152,7 @@ class RemoteAction(Action):
         if self._accepted_at is None:
             self._accepted_at = world.time
         if sent.silence() > limits.silence:
+            server.cancel_others()
             within = f"expected a sign of life within {limits.silence:g} s, got none"
             return finished(Status.FAILED, f"{name} is gone or hangs: {within}")
         if world.time - self._accepted_at > limits.result:
@@ -166,10 +173,15 @@ class RemoteServer:
         self._present_at = -math.inf  # real s
         self._released: RemoteGoal | None = None
         self._cancel_deadline = 0.0  # real s; for the end of `_released`
+        self._warnings: list[str] = []
         try:
             self._interface = RemoteInterface(call, frame)
-            self._client = ActionClient(node, self._interface.kind, call.server)
-            self._cancel = node.create_client(CancelGoal, f"{call.server}/_action/cancel_goal")
+            self._client = ActionClient(node, self._interface.kind, call.server, **ACTION_QUEUES)
+            self._cancel, *others = (
+                node.create_client(CancelGoal, f"{name}/_action/cancel_goal", qos_profile=SERVICES)
+                for name in (call.server, *call.cancel_too)
+            )
+            self._others = dict(zip(call.cancel_too, others, strict=True))
         except (RemoteError, NameValidationException) as error:
             self.fault = f"action server {call.server}: {error}"
 
@@ -179,9 +191,14 @@ class RemoteServer:
         self._present_at = time.monotonic() if is_present else self._present_at
         return is_present
 
+    @property
+    def longest_absence(self) -> float:
+        """The real s after which a missing server counts as lost during the execution of a goal."""
+        return min(self.timeouts.server, self.timeouts.silence)
+
     def lost(self) -> bool:
-        """Return whether the server has been missing for longer than its timeout."""
-        return not self.present() and time.monotonic() - self._present_at > self.timeouts.server
+        """Return whether the server has been missing for longer than `longest_absence`."""
+        return not self.present() and time.monotonic() - self._present_at > self.longest_absence
 
     def unusable(self) -> str:
         """Return why no goal can be sent now.
@@ -206,24 +223,51 @@ class RemoteServer:
     def release(self, sent: RemoteGoal) -> None:
         """Cancel a goal unless it is over.
 
-        The server is `ending` until then, or until a timeout.
+        The server is `ending` until then, or until a timeout. If there is no server any more, all
+        goals of the servers `cancel_too` are canceled.
         """
-        if sent.release() and self.present():
+        if not sent.release():
+            return
+        if self.present():
             self._released, self._cancel_deadline = sent, time.monotonic() + self.timeouts.cancel
+        else:
+            self.cancel_others()
+
+    def cancel_others(self) -> None:
+        """Cancel all goals of the servers `cancel_too`, which may move the robot without this one."""
+        for name, client in self._others.items():
+            if client.service_is_ready():
+                # an empty goal id and a stamp of 0 mean all goals
+                answer = client.call_async(CancelGoal.Request())
+                answer.add_done_callback(partial(self._take_canceled, name))
+
+    def _take_canceled(self, name: str, answer: Future) -> None:
+        canceled = len(answer.result().goals_canceling)
+        if canceled:
+            self._warnings.append(
+                f"{self.name} is gone, hangs or ignored its cancellation; canceled {canceled} goals "
+                f"of {name}"
+            )
 
     def ending(self) -> bool:
         """Return whether a canceled goal may still be executed."""
         return self._is_canceling() and self.present() and time.monotonic() <= self._cancel_deadline
 
-    def warning(self) -> str:
-        """Return a warning, once, if the server has ignored a cancellation; otherwise empty."""
-        if not self._is_canceling() or time.monotonic() <= self._cancel_deadline:
-            return ""
-        self._released = None
-        return (
-            f"{self.name} did not end its goal within {self.timeouts.cancel:g} s of its cancellation: "
-            "it may still move the robot"
-        )
+    def warnings(self) -> list[str]:
+        """Return warnings, each once.
+
+        A server that has ignored a cancellation is not tracked any more. Then all goals of the
+        servers `cancel_too` are canceled.
+        """
+        found, self._warnings = self._warnings, []
+        if self._is_canceling() and time.monotonic() > self._cancel_deadline:
+            self._released = None
+            self.cancel_others()
+            found.append(
+                f"{self.name} did not end its goal within {self.timeouts.cancel:g} s of its "
+                "cancellation: it may still move the robot"
+            )
+        return found
 
     def _is_canceling(self) -> bool:
         return self._released is not None and not self._released.over

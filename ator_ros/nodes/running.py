@@ -20,6 +20,7 @@ from rclpy.exceptions import NameValidationException, ParameterException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
 from rclpy.utilities import remove_ros_args
 
 from ator_ros.nodes.network import stay_on_this_machine
@@ -116,6 +117,14 @@ def uninterrupted() -> Iterator[None]:
             signal.signal(number, handler)
         if received:
             signal.raise_signal(received[0])
+
+
+async def pause(node: Node) -> None:
+    """Let a node process other messages in the middle of a long callback."""
+    executor: Any = node.executor
+    over = Future()
+    executor.create_task(over.set_result, None)
+    await over
 
 
 def spin_out(node: Node) -> None:

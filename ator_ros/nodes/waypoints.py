@@ -11,6 +11,7 @@ from contextlib import suppress
 from functools import partial
 from typing import Any
 
+from geometry_msgs.msg import Pose as PoseMessage
 from geometry_msgs.msg import PoseStamped
 from rclpy.action import ActionClient, ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
@@ -25,6 +26,7 @@ from ator_ros.domains.domain import Domain
 from ator_ros.geometry import Pose
 from ator_ros.nodes.diagnostics import STEADY, WARNING_PERIOD
 from ator_ros.nodes.inputs import Subscriptions
+from ator_ros.nodes.leases import publish_lease
 from ator_ros.nodes.maps import follow_map
 from ator_ros.nodes.messages import chain_of, pose_of, stamp_of
 from ator_ros.nodes.parameters import (
@@ -38,8 +40,9 @@ from ator_ros.nodes.parameters import (
     driving_top,
     fence_of,
 )
+from ator_ros.nodes.qos import ACTION_QUEUES
 from ator_ros.nodes.remote_messages import action_type
-from ator_ros.nodes.running import run_node, spin_out
+from ator_ros.nodes.running import pause, run_node, spin_out
 from ator_ros.printable import printable, quoted
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopCall, TopChain
@@ -51,6 +54,8 @@ _PERIOD = 0.1  # real s between two checks of awaited conditions and of the exec
 _TF_TIMEOUT = 1.0  # real s until the frame of a pose counts as unknown
 _SERVER_TIMEOUT = 3.0  # real s until the executor counts as missing; DDS may still be connecting it
 _LONGEST_REASON = 500
+_MOST_WAYPOINTS = 2000  # a goal; three hours of drives of 5 s
+_BLOCK = 50  # poses that are read at once: 5 ms, after which other messages are processed
 _COMPLETED, _FAILED = 1, 3  # a WaypointStatus; 0 means pending
 _FREE = frozenset({"yaw"})
 
@@ -64,6 +69,7 @@ _NO_EXECUTOR = "execute_chain: expected its action server, got none; start the e
 _RESTARTED = (
     "execute_chain: the executor was restarted, or a second one was started; send the goal again"
 )
+_PREEMPTED = "a newer goal took over"
 _SHUTDOWN = "the node waypoints was ended"
 
 ACTIONS = {
@@ -92,10 +98,11 @@ class WaypointGoal:
 
     A *leg* is the drive to one waypoint. The legs of all loops are numbered consecutively: `leg` is
     the current one, `end` the one after the last. `poses` are the waypoints as sent, `targets` by
-    index those that can be driven to, in the node's frame.
+    index those that can be driven to, in the node's frame. `pace` is the time in s per m along
+    straight lines that is expected before the first prediction.
     """
 
-    def __init__(self, handle: ServerGoalHandle, kind: Any) -> None:
+    def __init__(self, handle: ServerGoalHandle, kind: Any, pace: float) -> None:
         request = handle.request
         self.handle, self._kind = handle, kind
         self.is_follow_waypoints = loops = hasattr(request, "number_of_loops")
@@ -106,13 +113,19 @@ class WaypointGoal:
         self.end = len(self.poses) * (1 + request.number_of_loops if loops else 1)
         self._missed: list[tuple[int, int, str]] = []  # waypoint index, error code, reason
         self._start_time = math.nan  # s, by odometry's stamps
-        self._pace = 0.0  # predicted s per m along straight lines, for the chains after this one
+        self._pace = pace  # predicted s per m along straight lines, for the chains after this one
+        self._lengths: list[float] = []  # m along straight lines from the first pose to each
         self._result = Future()
         self._chain_goal: Any = None
 
     def waypoint_index(self, leg: int) -> int:
         """Return the index of the waypoint at the end of a leg."""
         return leg % len(self.poses)
+
+    @property
+    def unknown_error(self) -> int:
+        """The error code for reasons without one of their own."""
+        return _FW_UNKNOWN if self.is_follow_waypoints else _POSES_UNKNOWN
 
     def next_legs(self) -> list[int]:
         """Return the legs of the next chain; none at the end."""
@@ -133,11 +146,11 @@ class WaypointGoal:
         return _POSES_TF_ERROR if frame else _POSES_UNKNOWN, reason
 
     def send(
-        self, client: ActionClient, chain: ChainMessage, on_feedback: Callable[[Any], None]
+        self, client: ActionClient, goal: ExecuteChain.Goal, on_feedback: Callable[[Any], None]
     ) -> Future:
         """Send the next chain; return the future of its result."""
         self._result, self._chain_goal = Future(), None
-        sent = client.send_goal_async(ExecuteChain.Goal(chain=chain, refine=True), on_feedback)
+        sent = client.send_goal_async(goal, on_feedback)
         sent.add_done_callback(partial(self._take_response, self._result))
         return self._result
 
@@ -180,10 +193,13 @@ class WaypointGoal:
             )
             return
         self._start_time = now if math.isnan(self._start_time) else self._start_time
-        places = [pose, *(self.targets[leg] for leg in range(self.leg, self.end))]
-        lengths = [start.distance(end) for start, end in itertools.pairwise(places)]
-        steps = legs[-1] + 1 - self.leg
-        chain, later = sum(lengths[:steps]), sum(lengths[steps:])
+        if not self._lengths:
+            places = [self.targets[leg] for leg in range(self.end)]
+            steps = (start.distance(end) for start, end in itertools.pairwise(places))
+            self._lengths = list(itertools.accumulate(steps, initial=0.0))
+        to_next = pose.distance(self.targets[self.leg])
+        chain = to_next + self._lengths[legs[-1]] - self._lengths[self.leg]
+        later = self._lengths[-1] - self._lengths[legs[-1]]
         predicted = executed.predicted_remaining
         # at first it is that of the chain as sent
         if executed.elapsed == 0.0 or math.isnan(predicted):
@@ -196,7 +212,7 @@ class WaypointGoal:
                 seconds=max(0.0, predicted + self._pace * later)
             ).to_msg(),
             distance_remaining=chain + later,
-            number_of_poses_remaining=len(lengths),
+            number_of_poses_remaining=self.end - self.leg,
         )
         feedback.current_pose.header.stamp, feedback.current_pose.header.frame_id = (
             stamp_of(now),
@@ -281,6 +297,8 @@ class WaypointsNode(Node):
         self._library, self._fence = domain.library(self._robot), fence_of(settings, self._robot)
         self._top, self._frame = driving_top(self._library), settings["frame"]
         self._active: WaypointGoal | None = None
+        self._arrived = 0  # goals
+        self._newest_executed = 0  # number of a goal, in the order of arrival
         self._waiting: list[Future] = []
         self._robot_pose: tuple[float, Pose] | None = None  # with its stamp in s
         self._executor_count, self._shutting_down = 0, False
@@ -290,12 +308,14 @@ class WaypointsNode(Node):
         )  # fmt: skip
         self._tf = subscribed.tf
         follow_map(self, settings, domain, self._robot, self._take_map)
-        self._chains = ActionClient(self, ExecuteChain, "execute_chain")
+        self._chains = ActionClient(self, ExecuteChain, "execute_chain", **ACTION_QUEUES)
+        self._lease = publish_lease(self)
         self._servers = [
             ActionServer(
-                self, kind, name, partial(self._execute, kind),
+                self, kind, name, self._execute,
                 goal_callback=lambda _: GoalResponse.REJECT if self._shutting_down else GoalResponse.ACCEPT,
-                cancel_callback=self._cancel,
+                handle_accepted_callback=partial(self._take_goal, kind),
+                cancel_callback=self._cancel, **ACTION_QUEUES,
             )
             for kind, name in zip(kinds, ACTIONS.values(), strict=True)
         ]  # fmt: skip
@@ -340,10 +360,18 @@ class WaypointsNode(Node):
             await self._waiting[-1]
         return condition()
 
-    async def _execute(self, kind: Any, handle: ServerGoalHandle) -> Any:
-        goal = WaypointGoal(handle, kind)
+    def _take_goal(self, kind: Any, handle: ServerGoalHandle) -> None:
+        """Start to execute an accepted goal; the order of these calls decides which one is newer."""
+        self._arrived += 1
+        goal = WaypointGoal(handle, kind, pace=1.0 / self._robot.limits.v)
+        handle.execute(partial(self._execute, goal=goal, number=self._arrived))
+
+    async def _execute(self, handle: ServerGoalHandle, goal: WaypointGoal, number: int) -> Any:
         code, reason = await self._read(goal)
+        if not reason and number < self._newest_executed:
+            code, reason = goal.unknown_error, _PREEMPTED
         if not reason and not handle.is_cancel_requested:
+            self._newest_executed = number
             previous, self._active = self._active, goal
             code, reason = await self._execute_chains(goal)
             if self._active is goal:
@@ -369,6 +397,11 @@ class WaypointsNode(Node):
             if not count:
                 return code, "poses: expected at least 1 pose"
             return code, f"goal_index: expected less than {count}, got {goal.leg}"
+        if count > _MOST_WAYPOINTS:
+            reason = (
+                f"poses: expected at most {_MOST_WAYPOINTS} poses, got {count}; send several goals"
+            )
+            return goal.unknown_error, reason
         used = {
             goal.waypoint_index(leg) for leg in range(goal.leg, min(goal.end, goal.leg + count))
         }
@@ -378,10 +411,18 @@ class WaypointsNode(Node):
             await self._wait_for(
                 lambda: all(self._tf.base(self._frame, each) for each in frames), _TF_TIMEOUT
             )
+        keep_heading = self._kept_headings(goal) | {goal.waypoint_index(goal.end - 1)}
+        previous = Pose(0.0, 0.0, 0.0) if self._robot_pose is None else self._robot_pose[1]
         end = 0, ""
-        for index in sorted(used):
+        for number, index in enumerate(sorted(used), start=1):
+            if number % _BLOCK == 0:
+                await pause(self)
+                if goal.handle.is_cancel_requested:
+                    return goal.unknown_error, "canceled"
+            source = None if index in keep_heading else previous
             try:
-                goal.targets[index] = self._target(goal.poses[index], f"poses[{index}]")
+                previous = self._target(goal.poses[index], f"poses[{index}]", source)
+                goal.targets[index] = previous
             except MessageError as error:
                 self._warn(str(error))
                 end = goal.miss(index, str(error), frame=isinstance(error, FrameError))
@@ -390,16 +431,26 @@ class WaypointsNode(Node):
         )
         return (0, "") if continues else end
 
-    def _target(self, stamped: PoseStamped, where: str) -> Pose:
+    def _target(self, stamped: PoseStamped, where: str, previous: Pose | None) -> Pose:
         """Read a pose into the node's frame.
 
-        Raises MessageError, also if it lies outside the fence.
+        If its heading does not count, `previous` is the pose before it: a heading that cannot be
+        read becomes the direction from there. Raises MessageError, also if it lies outside the
+        fence.
         """
-        pose, other = pose_from(stamped.pose, f"{where}.pose"), stamped.header.frame_id
+        other, start = stamped.header.frame_id, None
+        try:
+            pose = pose_from(stamped.pose, f"{where}.pose")
+        except MessageError:
+            if previous is None:
+                raise
+            pose, start = pose_from(PoseMessage(position=stamped.pose.position), where), previous
         if (origin := self._tf.base(self._frame, other)) is not None:
             pose = origin.compose(pose)
         else:
             expect_frame(other, f"{where}.header.frame_id", expected=self._frame)
+        if start is not None:
+            pose = pose._replace(yaw=math.atan2(pose.y - start.y, pose.x - start.x))
         violation = self._fence.violation(TopChain((self._call(pose),)), self._robot, where)
         if violation is not None:
             raise MessageError(violation)
@@ -410,11 +461,15 @@ class WaypointsNode(Node):
             self._top, self._library.goal(self._top, pose), _FREE if free else frozenset()
         )
 
-    def _chain(self, goal: WaypointGoal, legs: Sequence[int]) -> ChainMessage:
-        count, calls = len(goal.poses), []
-        kept = {
+    def _kept_headings(self, goal: WaypointGoal) -> set[int]:
+        """Return the indices of the waypoints that keep their heading in each round."""
+        count = len(goal.poses)
+        return {
             index % count for index in self._settings["keep_headings"] if -count <= index < count
         }
+
+    def _chain(self, goal: WaypointGoal, legs: Sequence[int]) -> ChainMessage:
+        calls, kept = [], self._kept_headings(goal)
         for leg in legs:
             index = goal.waypoint_index(leg)
             calls.append(
@@ -427,15 +482,14 @@ class WaypointsNode(Node):
 
         Return error code and reason, or 0 and "" after the last chain.
         """
-        unknown = _FW_UNKNOWN if goal.is_follow_waypoints else _POSES_UNKNOWN
+        unknown = goal.unknown_error
         while legs := goal.next_legs():
             if not await self._wait_for(self._chains.server_is_ready, _SERVER_TIMEOUT):
                 return unknown, _NO_EXECUTOR
             if reason := self._interruption(goal):
                 return unknown, reason
-            result = await goal.send(
-                self._chains, self._chain(goal, legs), partial(self._report, goal, legs)
-            )
+            chain = ExecuteChain.Goal(chain=self._chain(goal, legs), refine=True, lease=self._lease)
+            result = await goal.send(self._chains, chain, partial(self._report, goal, legs))
             outcome = result.outcome
             if outcome.code == Outcome.SUCCEEDED:
                 goal.leg = legs[-1] + 1
@@ -463,7 +517,7 @@ class WaypointsNode(Node):
         if self._shutting_down:
             return _SHUTDOWN
         if goal is not self._active:
-            return "a newer goal took over"
+            return _PREEMPTED
         return "canceled" if goal.handle.is_cancel_requested else ""
 
     def _report(self, goal: WaypointGoal, legs: Sequence[int], message: Any) -> None:

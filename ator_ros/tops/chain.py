@@ -112,6 +112,29 @@ class TopCall:
     goal: Goal
     open: frozenset[str] = frozenset()
 
+    def contradictions(self, robot: Robot) -> list[str]:
+        """Return the statements of the post-condition that cannot hold once the robot is at the goal.
+
+        They compare a variable of the robot with a number. Variables that the plan opens may still
+        change, and are not compared.
+        """
+        if not self.top.arrives:
+            return []
+        here = arrived(World(0.0, RobotState(Pose(0.0, 0.0, 0.0), 0.0)), self.goal, robot)
+        state, goal, determined_by = (
+            state_of(here, robot),
+            goal_values(self.goal),
+            self.top.arrival(),
+        )
+        fixed = (
+            term
+            for term in self.top.post.terms
+            if term.variable in determined_by
+            and not isinstance(term.target, str)
+            and not any(map(self.opens, determined_by[term.variable]))
+        )
+        return [reason for term in fixed if (reason := term.violation(state, goal)) is not None]
+
     def opens(self, name: str) -> bool:
         """Return whether the plan opens the goal variable `name`.
 

@@ -31,10 +31,11 @@ from ator_interfaces.srv import PlaceObject, PlaceRobot, RefineSubgoal
 from ator_ros.domains.domain import Domain
 from ator_ros.geometry import Pose
 from ator_ros.nodes.inputs import Subscriptions
+from ator_ros.nodes.leases import publish_lease
 from ator_ros.nodes.messages import action_set_from, chain_from, chain_of, pose_of, situation_of
 from ator_ros.nodes.network import NodesError, UnavailableError
 from ator_ros.nodes.parameters import STATE, SetupError
-from ator_ros.nodes.qos import LATCHED, LATCHED_BY_MANY, RESULTS, SERVICES
+from ator_ros.nodes.qos import ACTION_QUEUES, LATCHED, LATCHED_BY_MANY, RESULTS, SERVICES
 from ator_ros.nodes.running import uninterrupted
 from ator_ros.printable import printable
 from ator_ros.refinement.refiner import SubgoalCurve
@@ -136,7 +137,8 @@ class Backend:
         self._pause = node.create_client(SetBool, "pause", qos_profile=SERVICES)
         self._refine = node.create_client(RefineSubgoal, "refine_subgoal", qos_profile=SERVICES)
         self._settings = node.create_client(GetParameters, "executor/get_parameters")
-        self._server = ActionClient(node, ExecuteChain, "execute_chain")
+        self._server = ActionClient(node, ExecuteChain, "execute_chain", **ACTION_QUEUES)
+        self._lease = publish_lease(node)
         self._cancel = node.create_client(CancelGoal, "execute_chain/_action/cancel_goal")
 
     def ready(self, *, simulated: bool, refinement: bool = True) -> None:
@@ -408,7 +410,7 @@ class Backend:
         run.chain_id = uuid.uuid4().hex
         self._own_runs.append(run)
         self._active = run
-        goal = ExecuteChain.Goal(refine=refine, **self._fields_of(draft))
+        goal = ExecuteChain.Goal(refine=refine, lease=self._lease, **self._fields_of(draft))
         future = self._server.send_goal_async(goal, goal_uuid=_goal_info(run.chain_id).goal_id)
         try:
             self.until(lambda: run.record or _is_rejected(future), "the status of execute_chain")

@@ -156,6 +156,11 @@ def test_a_top_without_a_declared_action_is_omitted(tmp_path: Path) -> None:
         ),
         ("tops.0.pre.1.high", 0.1, r"tops\[0\].pre\[1\]: range of robot.x: expected low <= high"),
         (
+            "actions.0.remote.cancel_too",
+            ["follow_path", "follow_path"],
+            r"actions\[0\].remote: cancel_too: expected each name once, without .*'follow_path'",
+        ),
+        (
             "actions.1.local.domain",
             "chess",
             r"actions\[1\].local: domain: expected an entry point .*'chess'",

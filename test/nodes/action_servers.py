@@ -36,14 +36,16 @@ class Server(ActionServer):
     It may reject goals or cancellations.
     """
 
-    def __init__(self, node: Node, *, accepts: bool = True, cancels: bool = True) -> None:
+    def __init__(
+        self, node: Node, name: str = NAME, *, accepts: bool = True, cancels: bool = True
+    ) -> None:
         self.goals: list[ServerGoalHandle] = []
         self.canceled: list[ServerGoalHandle] = []
         self._cancels = cancels
         super().__init__(
             node,
             ExecuteChain,
-            NAME,
+            name,
             self.goals.append,
             goal_callback=lambda _: GoalResponse.ACCEPT if accepts else GoalResponse.REJECT,
             cancel_callback=self._cancel,

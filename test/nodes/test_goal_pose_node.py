@@ -41,3 +41,26 @@ def test_the_robot_drives_to_a_pose_and_other_frames_are_ignored(
     client.eventually(
         lambda: client.robot().pose.distance(Pose(-1.0, 0.5, 1.0)) < 0.06, "the robot"
     )
+
+
+def test_the_robot_stops_where_its_client_is_killed(start: Start, client: Client) -> None:
+    start("simulation")
+    start("executor", odom_timeout=1.5, action_timeout=600.0)
+    node, chains = start("goal_pose"), ChainClient(client)
+    chains.wait_for_publishers()
+    sender = client.node.create_publisher(PoseStamped, "goal_pose", RESULTS)
+    client.eventually(sender.get_subscription_count, "a subscription to goal_pose")
+    target = Pose(2.5, 1.5, 0.0)
+
+    def drives() -> bool:
+        sender.publish(PoseStamped(pose=pose_of(target)))
+        time.sleep(1.0)
+        return client.robot().v > 0.2
+
+    client.eventually(drives, "the robot drives")
+    node.kill()
+    # without a lease it would arrive within a few s
+    client.eventually(
+        lambda: any("client of this goal is gone" in each.outcome.reason for each in chains.chains),
+        "the end of the goal",
+    )

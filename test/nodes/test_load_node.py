@@ -4,16 +4,20 @@ import time
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
 import pytest
+from chain_client import ChainClient, call
 from process import PATIENCE, Processes
 from rclpy.action import ActionClient
 from refinement_requests import request_of_the_paper, worst_request
 from ros_client import Client
 
 from ator_interfaces.action import ExecuteChain
-from ator_interfaces.msg import Outcome
-from ator_interfaces.srv import RefineSubgoal
-from ator_ros.nodes.qos import SERVICES
+from ator_interfaces.msg import Outcome, Situation
+from ator_interfaces.srv import PredictDurations, RefineSubgoal
+from ator_ros.geometry import Pose
+from ator_ros.nodes.messages import pose_of
+from ator_ros.nodes.qos import ACTION_QUEUES, SERVICES
 from ator_ros.nodes.refinement import PARAMETERS
 
 DEADLINE = next(parameter.default for parameter in PARAMETERS if parameter.name == "deadline")
@@ -64,18 +68,55 @@ def test_a_long_chain_is_answered_at_its_deadline_with_a_note(requests: Any) -> 
 
 def test_a_too_large_request_is_rejected_in_a_short_line(requests: Any) -> None:
     long = request_of_the_paper()
-    long.chain.calls = long.chain.calls * 1000
+    long.chain.calls = long.chain.calls * 20
     text = request_of_the_paper()
     text.chain.calls[0].top = "\x1b" * 10_000_000
     answers = [requests.call(request, timeout_sec=PATIENCE) for request in (long, text)]
+    assert answers[0].reason == "chain.calls: expected 1 to 32 items, got 40"
+    assert not any(answer.chain.calls for answer in answers)
     assert not any(answer.accepted for answer in answers)
     assert all(len(answer.reason) <= 200 and answer.reason.isprintable() for answer in answers)
 
 
+def test_a_message_that_takes_long_to_read_cannot_be_sent(requests: Any) -> None:
+    long = request_of_the_paper()
+    long.chain.calls = long.chain.calls * 1000
+    unsent = requests.call_async(long)
+    assert requests.call(request_of_the_paper(), timeout_sec=PATIENCE).accepted
+    assert not unsent.done()
+    requests.remove_pending_request(unsent)
+
+
+def test_a_refused_goal_is_not_sent_back_if_it_is_long(nodes: Client) -> None:
+    chains = ChainClient(nodes, commands=None)
+    goal = request_of_the_paper().chain.calls
+    goal[0].top = "a" * 1_000_000
+    result = chains.send(goal).result()
+    assert result.outcome.code == Outcome.REFUSED
+    assert not result.record.chain.calls
+    assert len(result.outcome.reason) < 300
+
+
+def test_requests_are_answered_while_many_durations_are_predicted(
+    nodes: Client, requests: Any
+) -> None:
+    client = nodes.node.create_client(PredictDurations, "predict_durations", qos_profile=SERVICES)
+    assert client.wait_for_service(timeout_sec=PATIENCE)
+    start = Situation(robot=pose_of(Pose(-2.0, 0.0, 0.0)))
+    steps = [call("goToPose", Pose(0.02 * number, 0.5, 0.0)) for number in range(100)]
+    large = PredictDurations.Request(situations=[start] * 100, calls=steps)
+    predicted = [client.call_async(large) for _ in range(2)]
+    requests.call(request_of_the_paper(), timeout_sec=PATIENCE)
+    assert not predicted[1].done()
+    found = answers(predicted)
+    assert [len(each.durations) for each in found] == [10_000] * 2
+    assert np.array_equal(found[0].durations, found[1].durations)
+    assert np.all(np.diff(found[0].durations[:100]) > 0.0)
+
+
 def test_each_of_many_goals_is_accepted_and_has_a_result(nodes: Client) -> None:
-    client, services, number = nodes, ("goal", "result", "cancel"), 100
-    depths = {f"{name}_service_qos_profile": SERVICES for name in services}
-    server = ActionClient(client.node, ExecuteChain, "execute_chain", **depths)
+    client, number = nodes, 100
+    server = ActionClient(client.node, ExecuteChain, "execute_chain", **ACTION_QUEUES)
     assert server.wait_for_server(timeout_sec=PATIENCE)
     client.wait_for_discovery_by("execute_chain")
     goal = ExecuteChain.Goal(chain=request_of_the_paper().chain)

@@ -5,9 +5,12 @@ import time
 from pathlib import Path
 
 import pytest
+import yaml
+from conftest import Host
 from documentation import ROOT
 from nav2_interfaces import provide_nav2_msgs
 from process import PATIENCE, Process
+from ros_client import Client
 
 pytestmark = pytest.mark.node
 READY = {
@@ -38,3 +41,16 @@ def test_nodes_start(
         assert "ignored: parameters" not in node.output
     finally:
         node.kill()
+
+
+def test_one_section_for_all_nodes_causes_no_warnings(
+    host: Host, client: Client, tmp_path: Path
+) -> None:
+    file = tmp_path / "all.yaml"
+    shared = {
+        "frame": "odom", "robot_from": "odom", "fence": [-5.0, -5.0, 5.0, 5.0],
+        "learned": "", "planner": "", "stamped_commands": "auto", "deadline": 0.1, "fense": 1,
+    }  # fmt: skip
+    file.write_text(yaml.safe_dump({"/**": {"ros__parameters": shared}}), encoding="utf-8")
+    node = host("refinement", "--params-file", str(file))
+    client.eventually(lambda: "ignored: parameters fense: expected" in node.output, "one warning")

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 import rclpy
 from action_servers import Server, declared
+from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
@@ -31,19 +32,20 @@ class Bench:
     def __init__(self, domain: int) -> None:
         self._context = rclpy.Context()
         self._context.init(domain_id=domain)
-        self.client_node, self.server_node = (
-            Node(name, context=self._context) for name in ("client_node", "server_node")
-        )
+        self.client_node, self.server_node, self.controller_node = self._nodes = [
+            Node(name, context=self._context)
+            for name in ("client_node", "server_node", "controller_node")
+        ]
         self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self.client_node)
-        self._executor.add_node(self.server_node)
+        for node in self._nodes:
+            self._executor.add_node(node)
         self.declare()
         self.steps: list[Step] = []
         self._time = 0.0
 
-    def declare(self, **timeouts: float) -> None:
-        """Set the timeouts of the server's declaration."""
-        call = declared()
+    def declare(self, cancel_too: tuple[str, ...] = (), **timeouts: float) -> None:
+        """Set `cancel_too` and the timeouts of the server's declaration."""
+        call = declared(cancel_too=cancel_too)
         call = dataclasses.replace(call, timeouts=dataclasses.replace(call.timeouts, **timeouts))
         self.server = RemoteServer(self.client_node, call, "odom")
         self.action = RemoteAction(ROBOT, self.server)
@@ -97,7 +99,7 @@ class Bench:
 
     def close(self) -> None:
         self._executor.shutdown()
-        for node in (self.client_node, self.server_node):
+        for node in self._nodes:
             for waitable in list(node.waitables):  # otherwise they outlive their node
                 getattr(waitable, "destroy", bool)()
             node.destroy_node()
@@ -206,7 +208,7 @@ def test_a_killed_server_is_detected_long_before_dds_drops_it(bench: Bench) -> N
     assert step.message == "drive is gone or hangs: expected a sign of life within 0.6 s, got none"
     assert step.status is Status.FAILED
     assert 0.4 < took < 0.6 + SLACK
-    bench.until(lambda: "it may still move the robot" in bench.server.warning())
+    bench.until(lambda: any("it may still move" in text for text in bench.server.warnings()))
 
 
 def test_feedback_resets_the_silence_timeout(bench: Bench) -> None:
@@ -231,7 +233,7 @@ def test_a_server_that_never_ends_times_out_and_is_canceled(bench: Bench) -> Non
     bench.until(lambda: server.canceled)
     server.finish("canceled")
     bench.until(lambda: not bench.server.ending(), patience=0.5 + SLACK)
-    assert bench.server.warning() == ""
+    assert not bench.server.warnings()
 
 
 def test_two_servers_with_one_name_are_rejected(bench: Bench) -> None:
@@ -243,3 +245,57 @@ def test_two_servers_with_one_name_are_rejected(bench: Bench) -> None:
     assert step.message == f"drive: {within}, got 2: each would move the robot"
     assert 0.6 < took < 0.6 + SLACK
     assert not any(server.goals for server in servers)
+
+
+@pytest.fixture
+def controller(bench: Bench) -> Iterator[Server]:
+    """Yield another server, which has a goal of the first one, as Nav2's controller has."""
+    made = Server(bench.controller_node, "follow_path")
+    client = ActionClient(bench.server_node, ExecuteChain, "follow_path")
+    bench.until(client.server_is_ready)
+    client.send_goal_async(ExecuteChain.Goal())
+    bench.until(lambda: made.goals)
+    bench.declare(cancel_too=("follow_path", "spin"), result=600.0, server=5.0)
+    yield made
+    client.destroy()
+
+
+@pytest.mark.parametrize("kind", ["hangs", "ends", "ignores its cancellation"])
+def test_what_drives_for_a_server_is_canceled_with_it(
+    bench: Bench, controller: Server, kind: str
+) -> None:
+    server = Server(bench.server_node)
+    bench.begin()
+    drive_for(bench, 1.2)
+    assert not controller.canceled
+    if kind == "hangs":
+        bench.freeze()
+        assert "drive is gone" in bench.outcome()[0].message
+    elif kind == "ends":
+        server.destroy()
+        assert "drive is gone" in bench.outcome()[0].message
+    else:
+        bench.action.end("canceled by the client")
+    warnings: list[str] = []
+    bench.until(lambda: warnings.extend(bench.server.warnings()) or controller.canceled)
+    assert controller.canceled == controller.goals
+    expected = "canceled 1 goals of follow_path"
+    bench.until(
+        lambda: (
+            warnings.extend(bench.server.warnings()) or any(expected in each for each in warnings)
+        )
+    )
+
+
+def test_a_server_that_ends_its_canceled_goal_leaves_others_alone(
+    bench: Bench, controller: Server
+) -> None:
+    server = Server(bench.server_node)
+    bench.begin()
+    bench.drive(lambda: server.goals)
+    bench.action.end("canceled by the client")
+    bench.until(lambda: server.canceled)
+    server.finish("canceled")
+    bench.until(lambda: not bench.server.ending())
+    assert not bench.server.warnings()
+    assert not controller.canceled

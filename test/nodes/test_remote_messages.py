@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from action_servers import declared
 
-from ator_interfaces.action import ExecuteChain
+from ator_interfaces.action import DriveTo, ExecuteChain
 from ator_ros.actions.base import Goal
 from ator_ros.actions.remote import Expectation, Filling, Success, failure_in
 from ator_ros.geometry import Pose
@@ -47,7 +47,7 @@ def test_poses_have_the_frame_of_the_states_unless_declared() -> None:
         ),
         (
             Filling("chain.calls.speed", source="goal.speed"),
-            r"goal\[0\].field: expected nothing within sequence<ator_interfaces/TopCall>, got 'speed'",
+            r"goal\[0\].field: expected nothing within sequence<ator_interfaces/TopCall, 64>, got 'speed'",
         ),
         (Filling("refine.x", constant=1), r"goal\[0\].field: expected nothing within boolean"),
         (
@@ -145,3 +145,16 @@ def test_an_error_code_is_reported_by_its_name_also_if_forwarded(
         assert failure_in(call, 6, result) == f"its goal is aborted; error_code: {text}"
     result.error_code = 5
     assert failure_in(call, 4, result) == "error_code: expected 0, got 5"
+
+
+def test_the_servers_own_reason_is_quoted_without_a_declaration() -> None:
+    result = DriveTo.Result(error_code=3, error_msg="Timed out while waiting for action server")
+    text = (
+        "its goal is aborted; error_code: CANCELED (3) (Timed out while waiting for action server)"
+    )
+    assert failure_in(declared(success=Success()), ABORTED, result) == text
+    assert failure_in(declared(success=Success()), SUCCEEDED, result) is None
+    result.error_code = 0
+    declaration = Success(fields=(Expectation("error_code", 0),))
+    expected = "its goal is aborted (Timed out while waiting for action server)"
+    assert failure_in(declared(success=declaration), ABORTED, result) == expected

@@ -17,7 +17,7 @@ POSES = [PoseStamped() for _ in range(3)]
 def waypoint_goal(request: Any, **result: Any) -> WaypointGoal:
     """Return a goal whose results have these fields."""
     kind = SimpleNamespace(Result=lambda **fields: SimpleNamespace(**result, **fields))
-    return WaypointGoal(Mock(request=request, is_cancel_requested=False), kind)
+    return WaypointGoal(Mock(request=request, is_cancel_requested=False), kind, pace=2.0)
 
 
 @pytest.fixture(autouse=True)

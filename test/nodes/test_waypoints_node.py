@@ -20,7 +20,7 @@ from tf2_msgs.msg import TFMessage
 from ator_interfaces.action import ExecuteChain
 from ator_ros.geometry import Pose
 from ator_ros.nodes.messages import pose_of
-from ator_ros.nodes.qos import LATCHED
+from ator_ros.nodes.qos import ACTION_QUEUES, LATCHED
 from ator_ros.nodes.simulation import transform_of
 
 pytestmark = [pytest.mark.node, pytest.mark.long]
@@ -63,13 +63,17 @@ class Navigator:
 
     def send(self, name: str, poses: list[Pose], frame: str = "odom", **fields: Any) -> SentPoses:
         """Send a goal; wait until it is accepted."""
+        stamped = [PoseStamped(pose=pose_of(pose)) for pose in poses]
+        for each in stamped:
+            each.header.frame_id = frame
+        return self.send_goal(name, stamped, **fields)
+
+    def send_goal(self, name: str, poses: list[PoseStamped], **fields: Any) -> SentPoses:
+        """Send a goal; wait until it is accepted."""
         kind, server = self._clients[name]
         assert server.wait_for_server(timeout_sec=PATIENCE), self.node.output
         self.client.wait_for_discovery_by(f"waypoints/{name}")
-        goal = kind.Goal(poses=[PoseStamped(pose=pose_of(pose)) for pose in poses], **fields)
-        for pose in goal.poses:
-            pose.header.frame_id = frame
-        return SentPoses(self.client, server, goal)
+        return SentPoses(self.client, server, kind.Goal(poses=poses, **fields))
 
     def is_at(self, pose: Pose) -> bool:
         """Return whether the robot is at a pose, within the tolerance of the tour's TOP."""
@@ -140,6 +144,7 @@ def test_poses_are_navigated_through_with_times_from_the_models(navigator: Navig
         number for number, _ in groupby(each.number_of_poses_remaining for each in sent.feedback)
     ]
     assert remaining == [*range(9, 0, -1)]
+    assert seconds(sent.feedback[0].estimated_time_remaining) > 1.0
     first = next(each for each in sent.feedback if each.number_of_poses_remaining == 8)
     last = sent.feedback[-1]
     took = seconds(last.navigation_time) - seconds(first.navigation_time)
@@ -180,6 +185,57 @@ def test_a_newer_goal_preempts_also_one_of_the_other_action(navigator: Navigator
     assert unusable.end()[0] == GoalStatus.STATUS_ABORTED  # and the other one goes on
     assert second.end()[0] == GoalStatus.STATUS_SUCCEEDED
     assert navigator.is_at(SQUARE[2])
+
+
+def test_an_older_goal_that_is_readable_later_does_not_preempt(navigator: Navigator) -> None:
+    older = navigator.send("navigate_through_poses", [START], "cellar")
+    newer = navigator.send("follow_waypoints", [SQUARE[0]])
+    navigator.chains.wait_until_moving()
+    static = navigator.client.node.create_publisher(TFMessage, "/tf_static", LATCHED)
+    cellar = transform_of(0.0, Pose(0.0, 0.0, 0.0), frame="odom", child="cellar")
+    static.publish(TFMessage(transforms=[cellar]))
+    status, result = older.end()
+    assert (status, result.error_msg) == (GoalStatus.STATUS_ABORTED, "a newer goal took over")
+    assert newer.end()[0] == GoalStatus.STATUS_SUCCEEDED
+    assert navigator.is_at(SQUARE[0])
+
+
+def test_each_of_many_goals_has_a_result_and_the_last_one_wins(navigator: Navigator) -> None:
+    client, number = navigator.client, 100
+    kind = importlib.import_module("nav2_msgs.action").FollowWaypoints
+    server = ActionClient(client.node, kind, "waypoints/follow_waypoints", **ACTION_QUEUES)
+    assert server.wait_for_server(timeout_sec=PATIENCE)
+    client.wait_for_discovery_by("waypoints/follow_waypoints")
+    goals = [kind.Goal(poses=[PoseStamped(pose=pose_of(pose))]) for pose in SQUARE[:2]]
+    chosen = [goals[each == number - 1] for each in range(number)]
+    sent = client.within(lambda: [server.send_goal_async(goal) for goal in chosen])
+    client.eventually(lambda: all(each.done() for each in sent), "100 acceptances")
+    results = client.within(lambda: [each.result().get_result_async() for each in sent])
+    client.eventually(lambda: all(each.done() for each in results), "100 results", 2 * PATIENCE)
+    statuses = [each.result().status for each in results]
+    assert statuses == [GoalStatus.STATUS_ABORTED] * (number - 1) + [GoalStatus.STATUS_SUCCEEDED]
+    assert navigator.is_at(SQUARE[1])
+    server.destroy()
+
+
+def test_only_headings_that_count_are_checked(navigator: Navigator) -> None:
+    def send(*without: int) -> SentPoses:
+        poses = [PoseStamped(pose=pose_of(pose)) for pose in SQUARE[:2]]
+        for index in without:
+            poses[index].pose.orientation.w = poses[index].pose.orientation.z = 0.0
+        return navigator.send_goal("follow_waypoints", poses)
+
+    assert send(0).end()[0] == GoalStatus.STATUS_SUCCEEDED
+    assert navigator.is_at(SQUARE[1])
+    status, result = send(0, 1).end()
+    assert status == GoalStatus.STATUS_ABORTED
+    assert [each.index for each in result.missed_waypoints] == [1]
+    assert "poses[1].pose.orientation: expected a quaternion" in result.error_msg
+
+
+def test_too_many_waypoints_are_refused(navigator: Navigator) -> None:
+    result = navigator.send("navigate_through_poses", SQUARE * 1000).end()[1]
+    assert result.error_msg == ("poses: expected at most 2000 poses, got 3000; send several goals")
 
 
 def test_a_goal_ends_where_the_executor_was_restarted(navigator: Navigator) -> None:

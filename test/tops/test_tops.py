@@ -3,12 +3,15 @@
 import pytest
 from refinement_fakes import LIBRARY, ROBOT, call
 
-from ator_ros.domains.domain import DomainError
+from ator_ros.actions.base import Goal
+from ator_ros.domains.domain import Domain, DomainError
+from ator_ros.domains.drive import DRIVE
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import BALL
 from ator_ros.geometry import Pose
-from ator_ros.tops.chain import Top, TopChain
-from ator_ros.tops.conditions import Condition
+from ator_ros.robot.description import load_robot
+from ator_ros.tops.chain import Top, TopCall, TopChain
+from ator_ros.tops.conditions import Condition, Term
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import ObjectState, RobotState, World
 
@@ -42,6 +45,33 @@ def test_a_valid_chain_has_no_violations() -> None:
 )
 def test_an_invalid_chain_has_violations(chain: TopChain, violation: str) -> None:
     assert violation in "; ".join(chain.violations(START, ROBOT))
+
+
+@pytest.mark.parametrize(
+    ("x", "opened", "unmet"),
+    [
+        (-7.2, (), []),
+        (0.0, (), ["expected robot.x within 0.3 of -7.0, it is 6.7 beyond"]),
+        (0.0, ("x",), []),  # refinement may still change it
+        (0.0, ("y",), ["expected robot.x within 0.3 of -7.0, it is 6.7 beyond"]),
+    ],
+)
+def test_a_goal_that_contradicts_the_post_condition_is_reported(
+    x: float, opened: tuple[str, ...], unmet: list[str]
+) -> None:
+    post = Condition((Term("robot.x", -7.0, 0.3), Term("robot.y", "goal.y", 0.3)))
+    back = Top("backToBase", "goToPose", Condition(), post)
+    step = TopCall(back, Goal(Pose(x, 1.0, 0.0)), frozenset(opened))
+    assert step.contradictions(ROBOT) == unmet
+
+
+@pytest.mark.parametrize("domain", [SOCCER, DRIVE])
+def test_goals_of_the_tops_of_shipped_domains_contradict_none(domain: Domain) -> None:
+    robot = load_robot()
+    library = domain.library(robot)
+    for top in library.values():
+        step = TopCall(top, library.goal(top, Pose(1.0, 0.5, 0.3)))
+        assert step.contradictions(robot) == []
 
 
 def test_unknown_tops_of_a_library_are_reported() -> None:
