@@ -36,20 +36,27 @@ class ConfigError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """Greatest speeds and accelerations, the same forward and backward."""
+    """Greatest speeds and accelerations, the same forward and backward unless `v_back` is 0."""
 
     v: Annotated[float, Within(LEAST, GREATEST["v"])]  # m/s
     w: Annotated[float, Within(LEAST, GREATEST["w"])]  # rad/s
     a: Annotated[float, Within(LEAST, GREATEST["a"])]  # m/s^2; gaining speed
     brake: Annotated[float, Within(LEAST, GREATEST["brake"])]  # m/s^2; losing speed
     aw: Annotated[float, Within(LEAST, GREATEST["aw"])]  # rad/s^2
+    # m/s; 0: the base never drives backward, otherwise it does so at up to `v`
+    v_back: Annotated[float, Within(0.0, GREATEST["v"])] = math.inf
+
+    @property
+    def backward(self) -> float:
+        """Greatest speed backward in m/s: 0 or `v`."""
+        return min(self.v, self.v_back)
 
     def scaled(self, factor: float) -> Limits:
         """Return these limits times `factor`."""
         return Limits(*(factor * getattr(self, field.name) for field in dataclasses.fields(self)))
 
     def within(self, other: Limits) -> Limits:
-        """Return the smaller of both limits in each of the five values."""
+        """Return the smaller of both limits in each value."""
         names = (field.name for field in dataclasses.fields(self))
         return Limits(*(min(getattr(self, name), getattr(other, name)) for name in names))
 
@@ -146,6 +153,11 @@ class Robot(Base):
             2.0 * self.half_width,
             least_torque(self.mass, self.wheel_radius, self.limits),
         )
+        if 0.0 < self.limits.v_back < self.limits.v:
+            raise ConfigError(
+                f"robot.limits.v_back: expected 0, for a base that never drives backward, or at least v "
+                f"({self.limits.v:g}), got {self.limits.v_back:g}"
+            )
         _at_most(
             "build.wheel_mass", build.wheel_mass, _MOST_WHEEL * self.mass, "as the body has a mass"
         )
@@ -243,9 +255,12 @@ class Robot(Base):
         return _digest_of(content if self.grid is None else {**content, "grid": str(self.grid)})
 
     def _content(self) -> dict[str, Any]:
-        """Return all fields but the map, nested ones as dicts."""
+        """Return all fields but the map, nested ones as dicts, without a default `v_back`."""
         content = dataclasses.asdict(dataclasses.replace(self, grid=None))
         del content["grid"]
+        for section in filter(None, (content, content["holder"])):
+            if math.isinf(section["limits"]["v_back"]):
+                del section["limits"]["v_back"]
         return content
 
 
