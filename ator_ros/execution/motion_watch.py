@@ -84,6 +84,9 @@ class Fault(enum.Enum):
     )
 
 
+_NEVER_BACKWARD = "; if the base never drives backward, set limits.v_back: 0 in its description"
+
+
 class Debounce:
     """Determines whether a condition persists, by the stamps and in real time."""
 
@@ -533,9 +536,9 @@ class MotionWatch:
                 against = axis.speed * command <= -axis.thresholds.tolerance * abs(command)
                 fault = Fault.REVERSED if fault is Fault.STILL and against and command else fault
                 limit = axis.thresholds.limit
-                return (
-                    f"the base {fault.value.format(move=move, shown=shown, limit=limit, unit=unit)}"
-                )
+                text = fault.value.format(move=move, shown=shown, limit=limit, unit=unit)
+                backward = fault is Fault.STILL and axis is self._v and command < 0.0
+                return f"the base {text}{_NEVER_BACKWARD if backward else ''}"
         return None
 
 

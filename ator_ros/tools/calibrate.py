@@ -29,7 +29,15 @@ from ator_ros.nodes.inputs import Subscriptions
 from ator_ros.nodes.network import stay_on_this_machine
 from ator_ros.nodes.parameters import FRAME, ROBOT_FRAME, STATE
 from ator_ros.nodes.running import uninterrupted
-from ator_ros.robot.description import KIND, Limits, Robot, least_torque, load_robot
+from ator_ros.robot.description import (
+    GREATEST,
+    KIND,
+    Limits,
+    Robot,
+    least_torque,
+    load_robot,
+    robot_of,
+)
 from ator_ros.robot.identification import BaseEstimate, check_plausible, identify
 from ator_ros.robot.probe_drive import DriveError, ProbeDrive
 from ator_ros.tools.command_line import destination, guarded, number, without_ros_arguments
@@ -37,7 +45,7 @@ from ator_ros.world.messages import plain_frame
 from ator_ros.world.state import STOP, RobotState
 
 _FACTOR = 1.5  # of commands to the described limits, so that odometry shows the limits of the base
-_LEAST, _GREATEST = 0.001, 1000.0  # m, m/s or rad/s; a sprint to 15 m/s needs some hundred m
+_LEAST, _MOST = 0.001, 1000.0  # m, m/s or rad/s; a sprint to 15 m/s needs some hundred m
 _ODOM_TIMEOUT = 2.0  # real s without odometry after which the drive is aborted
 _START_TIMEOUT = 5.0  # real s to wait for odometry
 _POINT_TOLERANCE = 0.03  # m; wheels that slide in turns move the axle by less
@@ -76,8 +84,8 @@ def calibrate(options: argparse.Namespace, words: Sequence[str]) -> None:
         f"# {line}\n" for line in ("Written by:", portable_command("calibrate", words), *lines)
     ]
     content = yaml.safe_dump({**header(KIND), **robot.sections()}, sort_keys=False)
+    robot_of(robot.sections())  # raises SchemaError if an estimate is out of bounds
     write_text(options.out, "".join(comments) + content)
-    load_robot(options.out)  # raises ConfigError if an estimate is implausible
     print("\n".join((*lines, f"written to {options.out}")))
 
 
@@ -86,8 +94,8 @@ def described(template: Robot, estimate: BaseEstimate) -> Robot:
 
     The motors' torque is raised if it is too weak for the estimated accelerations.
     """
-    values = (round(value, 3) for value in dataclasses.astuple(estimate.limits))
-    limits = dataclasses.replace(Limits(*values), v_back=template.limits.v_back)
+    rounded = {name: round(getattr(estimate.limits, name), 3) for name in GREATEST}
+    limits = Limits(**rounded, v_back=template.limits.v_back)
     lag, holder = round(max(estimate.lag, 0.002), 3), template.holder
     if holder is not None:
         holder = dataclasses.replace(holder, limits=holder.limits.within(limits))
@@ -199,14 +207,14 @@ def arguments() -> argparse.ArgumentParser:
     parser.add_argument("--name", help="name of the robot (default: that of --robot)")
     parser.add_argument(
         "--space",
-        type=number(_LEAST, _GREATEST),
+        type=number(_LEAST, _MOST),
         default=3.0,
         help="free space ahead of the robot in m (default: %(default)s)",
     )
     for axis, unit in (("v", "m/s"), ("w", "rad/s")):
         parser.add_argument(
             f"--{axis}",
-            type=number(_LEAST, _GREATEST),
+            type=number(_LEAST, _MOST),
             help=f"greatest command in {unit} (default: 1.5 times the limit of --robot)",
         )
     parser.add_argument(
