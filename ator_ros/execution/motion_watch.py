@@ -12,6 +12,7 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from ator_ros.execution.odometry_point import OdometryPoint
 from ator_ros.geometry import wrap_angle
 from ator_ros.robot.description import Robot
 from ator_ros.robot.response import Foresight, clip
@@ -414,6 +415,7 @@ class MotionWatch:
         self._robot, self._latency = robot, latency
         self._driving, self._turning = Thresholds.of(robot)
         self.foresight = Foresight(robot, latency)
+        self._point = OdometryPoint()
         self._forget()
 
     def reset(self) -> None:
@@ -445,13 +447,14 @@ class MotionWatch:
 
     @property
     def remark(self) -> str:
-        """A sentence on a base that is slower than commanded, else empty."""
+        """A sentence on a slow base, and on odometry of another point than the axle; else empty."""
         parts = [
             f"{verb} at about {100 * round(axis.share, 1):.0f} % of the commanded speed"
             for verb, axis in (("drives", self._v), ("turns", self._w))
             if axis.share < 1.0
         ]
-        return f"the base {' and '.join(parts)}" if parts else ""
+        slow = f"the base {' and '.join(parts)}" if parts else ""
+        return "; ".join(filter(None, (slow, self._point.remark)))
 
     def sent(self, time: float, command: Command | None, now: float = -math.inf) -> None:
         """Record a command that was sent in response to a state of `time` (s), at `now` in real s.
@@ -471,6 +474,7 @@ class MotionWatch:
 
         Return the fault in words, or None.
         """
+        self._point.update(time, robot.pose)
         last = self._states[-1] if self._states else (time, robot)
         if time < last[0]:
             self._forget()
