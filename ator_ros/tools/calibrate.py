@@ -83,8 +83,9 @@ def calibrate(options: argparse.Namespace, words: Sequence[str]) -> None:
     comments = [
         f"# {line}\n" for line in ("Written by:", portable_command("calibrate", words), *lines)
     ]
-    content = yaml.safe_dump({**header(KIND), **robot.sections()}, sort_keys=False)
-    robot_of(robot.sections())  # raises SchemaError if an estimate is out of bounds
+    sections = yaml.safe_dump(robot.sections(), sort_keys=False)
+    content = yaml.safe_dump(header(KIND), sort_keys=False) + sections
+    robot_of(yaml.safe_load(sections))  # raises SchemaError if an estimate is out of bounds
     write_text(options.out, "".join(comments) + content)
     print("\n".join((*lines, f"written to {options.out}")))
 

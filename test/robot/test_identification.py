@@ -13,12 +13,13 @@ from ator_ros.robot.identification import BaseEstimate, check_plausible, identif
 from ator_ros.robot.probe_drive import DriveError, DrivePart, DriveSample, ProbeDrive
 from ator_ros.simulation.sensors import SensorConfig, Sensors
 from ator_ros.simulation.simulation import Simulation
-from ator_ros.tools.calibrate import report
+from ator_ros.tools.calibrate import described, report
 from ator_ros.world.state import Command, RobotState
 
 PIONEER = load_robot()
 SLOW = Limits(v=0.4, w=1.2, a=0.3, brake=0.4, aw=2.0)
 MIDDLING = Limits(v=0.8, w=1.8, a=0.6, brake=0.6, aw=2.5)
+AT_REST = RobotState(Pose(0.0, 0.0, 0.0))
 QUICK = Limits(v=1.6, w=4.0, a=2.0, brake=2.0, aw=8.0)
 
 
@@ -211,3 +212,23 @@ def test_the_point_that_odometry_describes_is_found(point: tuple[float, float]) 
     assert estimate.point == pytest.approx(point, abs=0.01)
     words = f"odometry describes a point {point[0]:.2f} m ahead and {point[1]:.2f} m to the left"
     assert any(line.startswith(words) for line in report(estimate)) is (point != (0.0, 0.0))
+
+
+def test_a_base_that_never_drives_backward_is_probed_forward_only() -> None:
+    drive, robot, tick = ProbeDrive(v=0.7, w=1.5, space=3.0, backward=False), AT_REST, 0
+    while (command := drive.command(0.05 * tick, robot)) is not None:
+        assert command.v >= 0.0
+        moved = Pose(0.05 * command.v, 0.0, 0.05 * command.w)
+        robot, tick = RobotState(robot.pose.compose(moved), command.v, command.w), tick + 1
+    check_plausible(identify(drive.samples))
+    description = dataclasses.replace(
+        PIONEER, limits=dataclasses.replace(PIONEER.limits, v_back=0.0)
+    )
+    assert described(description, identify(drive.samples)).limits.backward == 0.0
+
+
+def test_a_base_that_refuses_to_drive_backward_names_the_setting() -> None:
+    with pytest.raises(
+        DriveError, match=r"never drives backward, set limits\.v_back: 0 in --robot"
+    ):
+        probed(1.0, 20.0, response=lambda command: Command(max(0.0, command.v), command.w))
