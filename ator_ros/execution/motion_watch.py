@@ -12,12 +12,15 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from ator_ros.execution.odometry_point import OdometryPoint
 from ator_ros.geometry import wrap_angle
 from ator_ros.robot.description import Robot
 from ator_ros.robot.response import Foresight, clip
 from ator_ros.world.state import STOP, Command, RobotState
 
 _DELAY = 0.1  # s by which a base may be later than `latency`: two messages at 20 Hz
+# s by which a base may be earlier than `latency`: 0.1 s, and one message at 20 Hz
+_EARLY = 0.15
 _WINDOW = 0.3  # s of commands that are compared, besides twice the lag of the motors
 _PERSISTS = 0.15  # s after which a fault is reported: three messages at 20 Hz, longer than noise
 _LEAST_REAL_TIME = 0.1  # s in which commands reach the base, however fast simulated time passes
@@ -78,10 +81,16 @@ class Fault(enum.Enum):
     )
     REVERSED = "{move}s in the wrong direction: {shown}: motors or odometry with the wrong sign"
     EXCESS = "{move}s although it was not commanded to: {shown}"
+    EARLY = (
+        "reacts earlier than `latency` {latency:g} s: lower it (`calibrate` measures it): {shown}"
+    )
     CONSTANT = (
         "does not follow its commands: {shown}, constantly: another program may steer it, or it cannot reach "
         "the described {limit:.2f} {unit} (see calibrate)"
     )
+
+
+_NEVER_BACKWARD = "; if the base never drives backward, set limits.v_back: 0 in its description"
 
 
 class Debounce:
@@ -124,10 +133,13 @@ class Axis:
     base that reaches a quarter of the commanded speeds or more is slow, which is no fault, unless
     it keeps a constant speed that is not its share of the commands: plans that start at the
     measured speed conceal such a base.
+
+    A base may be up to `early` s earlier than its latency: commands that were sent but should act
+    only then may explain its motion, too.
     """
 
-    def __init__(self, thresholds: Thresholds) -> None:
-        self.thresholds = thresholds
+    def __init__(self, thresholds: Thresholds, early: float = 0.0) -> None:
+        self.thresholds, self._early = thresholds, early
         self._measured: deque[tuple[float, float]] = deque()
         self._smooth: deque[tuple[float, float]] = deque()
         self._fault = Debounce()
@@ -163,12 +175,13 @@ class Axis:
         if len(self._smooth) == 1:
             return None
         limit = self.thresholds.limit
-        recent = [clip(command, limit) for command in commands.between(time - _DELAY, time)]
+        latest = time + self._early
+        recent = [clip(command, limit) for command in commands.between(time - _DELAY, latest)]
         fault = self._fault_now(time, speed, recent, commands, gap)
         was_constant, self._constant = self._constant, fault is Fault.CONSTANT
         needed = _CONSTANT_PERSISTS if was_constant and self._constant else _PERSISTS
         persists = self._fault.update(fault is not None, gap, needed)
-        stood = 0.0 in commands.between(time - _DELAY - 2.0 * self.thresholds.lag, time)
+        stood = 0.0 in commands.between(time - _DELAY - 2.0 * self.thresholds.lag, latest)
         loses = not stood and self._loses(speed, min(recent), max(recent), gap)
         self._observe_share(speed, recent, gap.elapsed)
         return fault if persists else Fault.STILL if loses else None
@@ -178,11 +191,10 @@ class Axis:
     ) -> Fault | None:
         tolerance = self.thresholds.tolerance
         since, before = self._smooth[0]
-        fast = [
-            0.0,
-            before,
-            *self._fast(since, before, time, commands)[-round(_COASTING / _STEP) :],
-        ]
+        fast = [0.0, before]
+        for early in {0.0, self._early}:
+            predicted = self._fast(since, before, time, commands, early)
+            fast += predicted[-round(_COASTING / _STEP) :]
         if (
             not min(fast) - _BEYOND * tolerance
             <= self._measured[-1][1]
@@ -232,7 +244,8 @@ class Axis:
             return False
         speed = speeds[-1]
         # The last commands cannot be the cause of a speed that was constant before.
-        sent = [clip(command, axis.limit) for command in commands.between(since, time - _DELAY)]
+        latest = time - _DELAY + self._early
+        sent = [clip(command, axis.limit) for command in commands.between(since, latest)]
         low, high = min(sent), max(sent)
         if low - axis.tolerance < speed < high + axis.tolerance:
             return False
@@ -283,10 +296,12 @@ class Axis:
             speed += (setpoint - speed) * min(1.0, dt / max(axis.lag, _STEP))
         return speed
 
-    def _fast(self, since: float, speed: float, time: float, commands: Commands) -> list[float]:
+    def _fast(
+        self, since: float, speed: float, time: float, commands: Commands, early: float
+    ) -> list[float]:
         """Return the speeds until `time` of a base that changes its speed twice as fast as described."""
         speeds, (count, dt) = [], _steps(time - since)
-        for command in commands.sampled(since + dt, dt, count):
+        for command in commands.sampled(since + early + dt, dt, count):
             speed += clip(
                 (speed if command is None else command) - speed, 2.0 * self.thresholds.rate * dt
             )
@@ -400,6 +415,7 @@ class MotionWatch:
         self._robot, self._latency = robot, latency
         self._driving, self._turning = Thresholds.of(robot)
         self.foresight = Foresight(robot, latency)
+        self._point = OdometryPoint()
         self._forget()
 
     def reset(self) -> None:
@@ -420,7 +436,10 @@ class MotionWatch:
         self._forget()
 
     def _forget(self) -> None:
-        self._v, self._w = Axis(self._driving), Axis(self._turning)
+        early = min(self._latency, _EARLY)
+        self._v, self._w = Axis(self._driving, early), Axis(self._turning, early)
+        # These raise no fault where a shorter latency explains the motion.
+        self._at_once = Axis(self._driving, self._latency), Axis(self._turning, self._latency)
         self._commands = Commands(), Commands()
         self._last = STOP
         self._states: deque[tuple[float, RobotState]] = deque()
@@ -428,13 +447,14 @@ class MotionWatch:
 
     @property
     def remark(self) -> str:
-        """A sentence on a base that is slower than commanded, else empty."""
+        """A sentence on a slow base, and on odometry of another point than the axle; else empty."""
         parts = [
             f"{verb} at about {100 * round(axis.share, 1):.0f} % of the commanded speed"
             for verb, axis in (("drives", self._v), ("turns", self._w))
             if axis.share < 1.0
         ]
-        return f"the base {' and '.join(parts)}" if parts else ""
+        slow = f"the base {' and '.join(parts)}" if parts else ""
+        return "; ".join(filter(None, (slow, self._point.remark)))
 
     def sent(self, time: float, command: Command | None, now: float = -math.inf) -> None:
         """Record a command that was sent in response to a state of `time` (s), at `now` in real s.
@@ -454,6 +474,7 @@ class MotionWatch:
 
         Return the fault in words, or None.
         """
+        self._point.update(time, robot.pose)
         last = self._states[-1] if self._states else (time, robot)
         if time < last[0]:
             self._forget()
@@ -470,6 +491,11 @@ class MotionWatch:
                 (self._v, self._w), (v, w), self._commands, strict=True
             )
         ]
+        if self._latency > _EARLY:
+            for number, (axis, speed) in enumerate(zip(self._at_once, (v, w), strict=True)):
+                tolerant = axis.update(time, speed, self._commands[number], gap)
+                if tolerant is None and faults[number] is not None:
+                    faults[number] = Fault.EARLY
         for commands in self._commands:
             commands.forget(time - 2.0 * self._driving.window)
         return self._frozen(time, robot) or self._message(robot, faults)
@@ -533,9 +559,11 @@ class MotionWatch:
                 against = axis.speed * command <= -axis.thresholds.tolerance * abs(command)
                 fault = Fault.REVERSED if fault is Fault.STILL and against and command else fault
                 limit = axis.thresholds.limit
-                return (
-                    f"the base {fault.value.format(move=move, shown=shown, limit=limit, unit=unit)}"
+                text = fault.value.format(
+                    move=move, shown=shown, limit=limit, unit=unit, latency=self._latency
                 )
+                backward = fault is Fault.STILL and axis is self._v and command < 0.0
+                return f"the base {text}{_NEVER_BACKWARD if backward else ''}"
         return None
 
 

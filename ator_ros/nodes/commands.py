@@ -15,6 +15,7 @@ from ator_ros.nodes.qos import NEWEST
 from ator_ros.world.state import Command
 
 _TOPIC = "cmd_vel"
+_ODOMETRY = "odom"
 
 
 class CommandPublisher:
@@ -24,8 +25,9 @@ class CommandPublisher:
     ----------
     stamped : str
         "true": geometry_msgs/TwistStamped; "false": Twist; "auto": the type that the base
-        subscribes to, and Twist without a base, or if there are bases of both types. `adapt` has to
-        be called periodically.
+        subscribes to, and Twist without a base. The base is the node that publishes odometry; if
+        that does not subscribe, any subscriber may be the base, and the type is kept while one
+        takes it. `adapt` has to be called periodically.
     frame : str
         The robot's own frame, for stamped commands.
 
@@ -61,21 +63,29 @@ class CommandPublisher:
 
     def adapt(self) -> None:
         """Switch to the other type if all bases subscribe to that one and "auto" is set."""
-        if self._setting != "auto" or self.connected:
+        if self._setting != "auto":
             return
         other = Twist if self._stamped else TwistStamped
-        if {info.topic_type for info in self._subscriptions()} == {type_name(other)}:
+        if {info.topic_type for info in self._bases()} == {type_name(other)}:
             self._node.destroy_publisher(self._publisher)
             self._use(not self._stamped)
 
     def mismatch(self) -> str:
-        """Return which base subscribes to another type, and the remedy; empty if none does."""
-        others = (info for info in self._subscriptions() if info.topic_type != type_name(self.kind))
-        if (info := next(others, None)) is None:
+        """Return which base subscribes to another type, and the remedy.
+
+        Empty if a base takes the published type: the others may be viewers.
+        """
+        bases = self._bases()
+        own = type_name(self.kind)
+        if not bases or any(info.topic_type == own for info in bases):
             return ""
+        return f"{_TOPIC}: the base {self._described(bases[0])}"
+
+    def _described(self, info: TopicEndpointInfo) -> str:
+        """Return a sentence on a subscription to a type that is not published, and the remedy."""
         kind = info.topic_type
         text = (
-            f"{_TOPIC}: the base {node_of(info)} subscribes to {kind.replace('/msg/', '/')}, "
+            f"{node_of(info)} subscribes to {kind.replace('/msg/', '/')}, "
             f"this node publishes {self.kind.__name__}"
         )
         if kind not in (type_name(Twist), type_name(TwistStamped)):
@@ -88,9 +98,9 @@ class CommandPublisher:
         node = self._node
         if mismatch := self.mismatch():
             return mismatch
-        receivers = [
-            info for info in self._subscriptions() if info.topic_type == type_name(self.kind)
-        ]
+        subscriptions, own_type = self._subscriptions(), type_name(self.kind)
+        receivers = [info for info in subscriptions if info.topic_type == own_type]
+        others = [info for info in subscriptions if info.topic_type != own_type]
         if not receivers:
             return unconnected(node, _TOPIC, self.kind)
         publishers = {node_of(info): info for info in node.get_publishers_info_by_topic(_TOPIC)}
@@ -100,7 +110,20 @@ class CommandPublisher:
                 return f"{_TOPIC}: the quality of service of {node_of(info)} does not fit: {reason}"
         if publishers:
             return f"{_TOPIC}: {', '.join(sorted(publishers))} publishes commands as well"
-        return f"{_TOPIC} is received only by {', '.join(sorted({node_of(info) for info in receivers}))}"
+        names = ", ".join(sorted({node_of(info) for info in receivers}))
+        if others:
+            return f"{_TOPIC} is received by {names}; if {node_of(others[0])} is the base: " + (
+                self._described(others[0])
+            )
+        return f"{_TOPIC} is received only by {names}"
+
+    def _bases(self) -> list[TopicEndpointInfo]:
+        """Return the subscriptions of the node that publishes odometry; if it has none, all."""
+        subscriptions = self._subscriptions()
+        if len({info.topic_type for info in subscriptions}) < 2:
+            return subscriptions
+        senders = {node_of(info) for info in self._node.get_publishers_info_by_topic(_ODOMETRY)}
+        return [info for info in subscriptions if node_of(info) in senders] or subscriptions
 
     def _subscriptions(self) -> list[TopicEndpointInfo]:
         """Return the subscriptions to cmd_vel, except those of programs that record or print it."""

@@ -113,7 +113,7 @@ class SimulatedWorld:
         """
         limits = self.robot.limits
         self._check_inside(pose.x, pose.y, "pose.pose.position")
-        messages.number(v, "v", low=-limits.v, high=limits.v, unit="m/s")
+        messages.number(v, "v", low=-limits.backward, high=limits.v, unit="m/s")
         messages.number(w, "w", low=-limits.w, high=limits.w, unit="rad/s")
         _check_clear(self.simulation.robot_overlap(pose, number=number), "pose.pose.position")
         self.simulation.place_robot(pose, v=v, w=w, number=number)

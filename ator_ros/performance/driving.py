@@ -109,6 +109,8 @@ _CHANGES = (-1.0, -0.6, -0.25, 0.0, 0.25, 0.6, 1.0)  # of speed in a turn
 # speeds at which a run of given length begins, from the least to the greatest
 RUNS = (0.0, 0.35, 0.8, 1.0)
 _GAINS = _LOSSES = (0.0, 0.25, 0.5, 0.75, 1.0)  # of speed, of actions that only drive forward
+# losses of speed in the first turn, and least speeds at which it may begin
+_SLOWING = ((-0.25, 0.1), (-0.6, 0.3), (-1.0, 0.5))
 _LEADS = (0.05, 0.1, 0.15, 0.2, 0.35, 0.55, 0.8, 1.0)  # speeds to reach before the first turn
 # after the last
 _ARRIVALS = (0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.5, 0.6, 0.75, 0.95, 1.0)
@@ -129,6 +131,23 @@ def free_shapes(limits: Limits, runs: Iterable[float] = (0.0,)) -> list[Shape]:
         for first, last, direction, share in itertools.product(
             _CHANGES, _CHANGES, (1.0, -1.0), runs
         )
+    ]
+
+
+def plain_forward_shapes(limits: Limits) -> list[Shape]:
+    """Return the shapes of paths forward of a base that turns at its limit at any speed."""
+    begins = (*((gain, math.nan) for gain in _GAINS), *_SLOWING)
+    return [
+        Shape(
+            first * limits.a,
+            limits.w,
+            last * limits.a,
+            limits.w,
+            share=math.nan,
+            least_start=least * limits.v,
+        )
+        for first, least in begins
+        for last in _LOSSES
     ]
 
 
@@ -185,6 +204,7 @@ def plain_driving(robot: Robot) -> DrivingStyle:
     ends = np.stack(
         (np.linspace(0.1, 5.0, _PLAIN), unturned, unturned, speeds, np.roll(speeds, _PLAIN // 2))
     )
-    return DrivingStyle(
-        limits, chosen_shapes(free_shapes(limits), Rules(rates_of(limits)), ends, hold=0.0)
-    )
+    forward = not limits.backward
+    shapes = plain_forward_shapes(limits) if forward else free_shapes(limits)
+    rules = Rules(rates_of(limits), math.nan if forward else 0.0, forward=forward)
+    return DrivingStyle(limits, chosen_shapes(shapes, rules, ends, hold=0.0), forward=forward)

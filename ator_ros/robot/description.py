@@ -36,22 +36,32 @@ class ConfigError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """Greatest speeds and accelerations, the same forward and backward."""
+    """Greatest speeds and accelerations, the same forward and backward unless `v_back` is 0."""
 
     v: Annotated[float, Within(LEAST, GREATEST["v"])]  # m/s
     w: Annotated[float, Within(LEAST, GREATEST["w"])]  # rad/s
     a: Annotated[float, Within(LEAST, GREATEST["a"])]  # m/s^2; gaining speed
     brake: Annotated[float, Within(LEAST, GREATEST["brake"])]  # m/s^2; losing speed
     aw: Annotated[float, Within(LEAST, GREATEST["aw"])]  # rad/s^2
+    # m/s; 0: the base never drives backward, otherwise it does so at up to `v`
+    v_back: Annotated[float, Within(0.0, GREATEST["v"])] | None = None
+
+    @property
+    def backward(self) -> float:
+        """Greatest speed backward in m/s: 0 or `v`."""
+        return 0.0 if self.v_back == 0.0 else self.v
 
     def scaled(self, factor: float) -> Limits:
         """Return these limits times `factor`."""
-        return Limits(*(factor * getattr(self, field.name) for field in dataclasses.fields(self)))
+        return dataclasses.replace(
+            self, **{name: factor * getattr(self, name) for name in GREATEST}
+        )
 
     def within(self, other: Limits) -> Limits:
-        """Return the smaller of both limits in each of the five values."""
-        names = (field.name for field in dataclasses.fields(self))
-        return Limits(*(min(getattr(self, name), getattr(other, name)) for name in names))
+        """Return the smaller of both limits in each value."""
+        least = {name: min(getattr(self, name), getattr(other, name)) for name in GREATEST}
+        v_back = 0.0 if 0.0 in (self.v_back, other.v_back) else None
+        return Limits(**least, v_back=v_back)
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,6 +156,12 @@ class Robot(Base):
             2.0 * self.half_width,
             least_torque(self.mass, self.wheel_radius, self.limits),
         )
+        v_back = self.limits.v_back
+        if v_back is not None and 0.0 < v_back < self.limits.v:
+            raise ConfigError(
+                "robot.limits.v_back: expected 0, for a base that never drives backward, or at "
+                f"least v ({self.limits.v:g}), got {v_back:g}"
+            )
         _at_most(
             "build.wheel_mass", build.wheel_mass, _MOST_WHEEL * self.mass, "as the body has a mass"
         )
@@ -243,9 +259,12 @@ class Robot(Base):
         return _digest_of(content if self.grid is None else {**content, "grid": str(self.grid)})
 
     def _content(self) -> dict[str, Any]:
-        """Return all fields but the map, nested ones as dicts."""
+        """Return all fields but the map, nested ones as dicts, without a default `v_back`."""
         content = dataclasses.asdict(dataclasses.replace(self, grid=None))
         del content["grid"]
+        for section in filter(None, (content, content["holder"])):
+            if section["limits"]["v_back"] is None:
+                del section["limits"]["v_back"]
         return content
 
 
@@ -271,17 +290,19 @@ def load_robot(path: Path | str | None = None) -> Robot:
     """
     file = Path(path) if path is not None else resource_path(*SHIPPED)
     try:
-        data = content_with_optional_header(read_yaml(file, largest=_LARGEST), KIND)
-        read = structured(data, Description)
-        fields = {
-            item.name: getattr(read.robot, item.name) for item in dataclasses.fields(read.robot)
-        }
-        robot = Robot(**fields, scene=read.scene)
-        _check_held(robot)
+        return robot_of(content_with_optional_header(read_yaml(file, largest=_LARGEST), KIND))
     except FileError as error:
         raise ConfigError(str(error)) from error
     except (SchemaError, ConfigError) as error:
         raise ConfigError(f"{file}: {error}") from error
+
+
+def robot_of(content: Any) -> Robot:
+    """Return the robot that the content of a file describes; raises SchemaError or ConfigError."""
+    read = structured(content, Description)
+    fields = {item.name: getattr(read.robot, item.name) for item in dataclasses.fields(read.robot)}
+    robot = Robot(**fields, scene=read.scene)
+    _check_held(robot)
     return robot
 
 

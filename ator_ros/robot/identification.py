@@ -22,8 +22,14 @@ _STARTS = 3
 _RESPONDING = 0.5  # least share of a creeping command with which a base moves outside its dead zone
 _LAST = 0.25  # s at the end of a creeping step that are evaluated
 _REACHED = 0.97  # share of the greatest command below which a steady speed is a limit of the base
-_NEAR = 0.02  # greatest deviation from the limit, as a share of it
-_PLATEAU = 6  # least number of samples near the limit
+_NEAR = 0.02  # share of the limit by which a speed would have exceeded it without it, besides noise
+_HELD = 0.15  # s; least time at the limit: in each sprint the speed has to be steady for 0.3 s
+_FEWEST = 3  # least number of samples in that time
+_FAR_BELOW = 0.5  # share of the greatest command below which an unreached limit says nothing
+_UNFIT = 0.15  # RMS error, as a share of the greatest speed, of a base that follows otherwise
+_EDGE = 0.99  # share of the greatest latency and lag from which an estimate is only a bound
+_ON_THE_SPOT = (DrivePart.CREEP_W, DrivePart.SPRINT_W)
+_LEAST_TURN = 0.5  # rad; turns on the spot by less do not show which point odometry describes
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,6 +40,7 @@ class AxisEstimate:
     dead_zone: float  # greatest creeping command without motion
     limited: bool  # whether the greatest measured speed is the limit of the base
     error: float  # RMS difference of measured and fitted speeds
+    commanded: float  # greatest command
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +49,8 @@ class BaseEstimate:
 
     driving: AxisEstimate
     turning: AxisEstimate
+    # m; the point whose pose odometry gives, ahead of the middle of the axle and to its left
+    point: tuple[float, float] = (0.0, 0.0)
 
     @property
     def latency(self) -> float:
@@ -69,9 +78,59 @@ def identify(samples: Sequence[DriveSample]) -> BaseEstimate:
     DriveError if a part is missing.
     """
     return BaseEstimate(
-        _axis(samples, DrivePart.SPRINT_V, DrivePart.CREEP_V, lambda s: (s.command.v, s.v)),
-        _axis(samples, DrivePart.SPRINT_W, DrivePart.CREEP_W, lambda s: (s.command.w, s.w)),
+        _axis(samples, DrivePart.SPRINT_V, DrivePart.CREEP_V, lambda s: (s.command.v, s.robot.v)),
+        _axis(samples, DrivePart.SPRINT_W, DrivePart.CREEP_W, lambda s: (s.command.w, s.robot.w)),
+        _point([sample for sample in samples if sample.part in _ON_THE_SPOT]),
     )
+
+
+def check_plausible(estimate: BaseEstimate) -> None:
+    """Raise DriveError if an estimate cannot be right; the message names it and the remedy."""
+    for name, axis, unit in (("v", estimate.driving, "m/s"), ("w", estimate.turning, "rad/s")):
+        response, least = axis.response, _FAR_BELOW * axis.commanded
+        if axis.error > _UNFIT * response.limit:
+            raise DriveError(
+                f"response of {name}: expected odometry that follows the commands within "
+                f"{_UNFIT * response.limit:.3f} {unit} (RMS), got {axis.error:.3f}; check that the "
+                "wheels grip, that nothing is in the way, and sign and unit of odometry's twist"
+            )
+        if not axis.limited and response.limit < least:
+            raise DriveError(
+                f"limits.{name}: expected at least half of the commanded {axis.commanded:.2f} {unit}, "
+                f"got {response.limit:.2f} {unit} while the base still accelerated; "
+                f"give more --space, or a lower --{name}"
+            )
+        for what, value, most in (
+            ("latency", response.latency, _UPPER[0]),
+            ("lag", response.lag, _UPPER[1]),
+        ):
+            if value > _EDGE * most:
+                raise DriveError(
+                    f"{what} of {name}: expected less than {most:g} s, got more; "
+                    "check the stamps of odometry"
+                )
+
+
+def _point(spins: Sequence[DriveSample]) -> tuple[float, float]:
+    """Return where the point whose pose odometry gives lies, in m ahead and to the left of the axle.
+
+    In turns on the spot it moves in a circle around the middle of the axle; the circle is fitted by
+    least squares. (0, 0) if the robot hardly turned.
+    """
+    yaws = np.unwrap([sample.robot.pose.yaw for sample in spins])
+    if len(yaws) < _FEWEST or float(np.ptp(yaws)) < _LEAST_TURN:
+        return 0.0, 0.0
+    cos, sin, one, zero = np.cos(yaws), np.sin(yaws), np.ones_like(yaws), np.zeros_like(yaws)
+    # x = center_x + ahead cos(yaw) - left sin(yaw), y = center_y + ahead sin(yaw) + left cos(yaw)
+    rows = np.concatenate(
+        (
+            np.stack((one, zero, cos, -sin), axis=1),
+            np.stack((zero, one, sin, cos), axis=1),
+        )
+    )
+    places = [sample.robot.pose.x for sample in spins] + [sample.robot.pose.y for sample in spins]
+    ahead, left = np.linalg.lstsq(rows, np.array(places), rcond=None)[0][2:].tolist()
+    return ahead, left
 
 
 def _axis(
@@ -89,13 +148,24 @@ def _axis(
     times = [sample.time for sample in fast]
     commands, speeds = np.array([of(sample) for sample in fast]).T
     response = _fitted(times, commands, speeds)
-    errors = response.speeds(times, commands.tolist()) - speeds
-    rms = float(np.sqrt(np.mean(errors**2)))
-    near = np.abs(np.abs(speeds) - response.limit) < max(_NEAR * response.limit, 2.0 * rms)
-    limited = response.limit < _REACHED * np.abs(commands).max() and int(near.sum()) >= _PLATEAU
+    fitted = response.speeds(times, commands.tolist())
+    rms = float(np.sqrt(np.mean((fitted - speeds) ** 2)))
+    commanded = float(np.abs(commands).max())
+    limited = response.limit < _REACHED * commanded and _is_held(response, times, commands, rms)
     if not limited:  # the fit may exceed the speed that was reached
-        response = replace(response, limit=min(response.limit, float(np.abs(speeds).max())))
-    return AxisEstimate(response, _dead_zone([(s.time, *of(s)) for s in slow]), bool(limited), rms)
+        response = replace(response, limit=min(response.limit, float(np.abs(fitted).max())))
+    dead_zone = _dead_zone([(s.time, *of(s)) for s in slow])
+    return AxisEstimate(response, dead_zone, bool(limited), rms, commanded)
+
+
+def _is_held(
+    response: AxisResponse, times: Sequence[float], commands: FloatArray, noise: float
+) -> bool:
+    """Return whether the limit held the base back: without it the fit would have gone on to gain speed."""
+    unlimited = replace(response, limit=_UPPER[2]).speeds(times, commands.tolist())
+    least = response.limit + max(_NEAR * response.limit, noise)
+    beyond = (np.abs(unlimited) > least) & (np.abs(commands) > response.limit)
+    return int(beyond.sum()) >= _FEWEST and float(np.diff(times)[beyond[:-1]].sum()) >= _HELD
 
 
 def _fitted(times: Sequence[float], commands: FloatArray, speeds: FloatArray) -> AxisResponse:

@@ -18,7 +18,8 @@ _LONGEST_PERIOD = 0.1  # s between two states of slow odometry
 _STEADY = 0.02  # greatest change of a steady speed within the window, as a share of the speed
 _RESOLUTION = 0.005  # m/s and rad/s; least such change
 _SURELY_MOVING = 0.02, 0.04  # m/s and rad/s above which the base moves, whatever the noise
-_TIMEOUT = 4.0  # s until a sprint ends although the speed is not steady
+_TIMEOUT = 10.0  # s until a sprint ends although the speed is not steady: 1 m/s at 0.1 m/s^2
+_STOP_TIMEOUT = 4.0  # s until a stop counts as reached, although noise looks like motion
 _START = 1.5  # s within which the base must move
 _SLOW = 0.3  # share of the speed that a sprint brakes to
 _SHARE = 0.45  # share of the free space in which a sprint may gain speed
@@ -44,8 +45,7 @@ class DriveSample:
     part: DrivePart
     time: float  # s; stamp of the state
     command: Command
-    v: float  # m/s
-    w: float  # rad/s
+    robot: RobotState
 
 
 class ProbeDrive:
@@ -58,11 +58,13 @@ class ProbeDrive:
     space : float
         Free distance ahead of the robot in m. It also needs half a meter behind it, and space to
         turn.
+    backward : bool
+        Whether the base drives backward; if not, it sprints forward only.
     """
 
-    def __init__(self, *, v: float, w: float, space: float) -> None:
+    def __init__(self, *, v: float, w: float, space: float, backward: bool = True) -> None:
         self.samples: list[DriveSample] = []
-        self._greatest, self._space = Command(v, w), space
+        self._greatest, self._space, self._backward = Command(v, w), space, backward
         self._commands = self._drive()
         self._states: deque[tuple[float, RobotState]] = deque()
         self._part = DrivePart.CREEP_V
@@ -77,7 +79,7 @@ class ProbeDrive:
             self._states.popleft()
         command = next(self._commands, None)
         if command is not None:
-            self.samples.append(DriveSample(self._part, time, command, robot.v, robot.w))
+            self.samples.append(DriveSample(self._part, time, command, robot))
         return command
 
     # Each generator resumes after its `yield` with the next state.
@@ -89,7 +91,7 @@ class ProbeDrive:
             (DrivePart.SPRINT_V, Command(v=self._greatest.v)),
             (DrivePart.SPRINT_W, Command(w=self._greatest.w)),
         ):
-            for sign in (1.0, -1.0):
+            for sign in (1.0, -1.0) if part is DrivePart.SPRINT_W or self._backward else (1.0,):
                 self._part = part
                 yield from self._sprint(Command(sign * top.v, sign * top.w))
                 yield from self._stand()
@@ -107,9 +109,10 @@ class ProbeDrive:
             if self._now.pose.distance(start) > _SHARE * self._space:
                 break
             if self._time - began > _START and not self._moving:
+                advice = "; if it never drives backward, set limits.v_back: 0 in --robot"
                 raise DriveError(
                     f"the base does not move: expected motion within {_START:g} s of the command "
-                    f"v={top.v:g} m/s, w={top.w:g} rad/s"
+                    f"v={top.v:g} m/s, w={top.w:g} rad/s{advice if top.v < 0.0 else ''}"
                 )
             yield top
         slow = Command(_SLOW * self._now.v, _SLOW * self._now.w)
@@ -123,7 +126,7 @@ class ProbeDrive:
     def _stand(self) -> Iterator[Command]:
         began = self._time
         yield from self._hold(STOP, _WINDOW)
-        while self._moving and self._time - began < _TIMEOUT:
+        while self._moving and self._time - began < _STOP_TIMEOUT:
             yield STOP
 
     def _hold(self, command: Command, seconds: float) -> Iterator[Command]:
@@ -141,19 +144,26 @@ class ProbeDrive:
 
     @property
     def _moving(self) -> bool:
-        return abs(self._now.v) > _SURELY_MOVING[0] or abs(self._now.w) > _SURELY_MOVING[1]
+        return _moves(self._now)
 
     @property
     def _steady(self) -> bool:
-        """Whether the base moves and its mean speeds in both halves of the window are the same."""
+        """Whether the base moved for the whole window, at the same mean speed in both halves."""
         half = len(self._states) // 2
         # s; up to one period of odometry less than the window
         covered = self._time - self._states[0][0]
-        if not self._moving or covered < _WINDOW - _LONGEST_PERIOD or not half:
+        if covered < _WINDOW - _LONGEST_PERIOD or not half:
             return False
         states = [state for _, state in self._states]
+        # Of a base that has just started, the mean of the window is small, whatever it accelerates.
+        if not (_moves(states[0]) and _moves(states[half]) and _moves(states[-1])):
+            return False
         for speeds in ([state.v for state in states], [state.w for state in states]):
             before, after = fmean(speeds[:half]), fmean(speeds[half:])
             if abs(after - before) > max(_STEADY * abs(after), _RESOLUTION):
                 return False
         return True
+
+
+def _moves(state: RobotState) -> bool:
+    return abs(state.v) > _SURELY_MOVING[0] or abs(state.w) > _SURELY_MOVING[1]

@@ -72,7 +72,8 @@ class SimulatedBase:
     def command(self, command: Command, time: float) -> None:
         """Execute a command for 0.15 s from `time` (s) on."""
         limits = self.robot.limits
-        self._command = Command(clip(command.v, limits.v), clip(command.w, limits.w))
+        v = max(-limits.backward, min(limits.v, command.v))
+        self._command = Command(v, clip(command.w, limits.w))
         self._expires = time + COMMAND_TIMEOUT - _ROUNDING
 
     def commanded(self, time: float) -> Command | None:

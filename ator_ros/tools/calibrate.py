@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import math
 import os
 import sys
 import time
@@ -28,17 +29,26 @@ from ator_ros.nodes.inputs import Subscriptions
 from ator_ros.nodes.network import stay_on_this_machine
 from ator_ros.nodes.parameters import FRAME, ROBOT_FRAME, STATE
 from ator_ros.nodes.running import uninterrupted
-from ator_ros.robot.description import KIND, Limits, Robot, least_torque, load_robot
-from ator_ros.robot.identification import BaseEstimate, identify
+from ator_ros.robot.description import (
+    GREATEST,
+    KIND,
+    Limits,
+    Robot,
+    least_torque,
+    load_robot,
+    robot_of,
+)
+from ator_ros.robot.identification import BaseEstimate, check_plausible, identify
 from ator_ros.robot.probe_drive import DriveError, ProbeDrive
 from ator_ros.tools.command_line import destination, guarded, number, without_ros_arguments
 from ator_ros.world.messages import plain_frame
 from ator_ros.world.state import STOP, RobotState
 
 _FACTOR = 1.5  # of commands to the described limits, so that odometry shows the limits of the base
-_LEAST, _GREATEST = 0.001, 1000.0  # m, m/s or rad/s; a sprint to 15 m/s needs some hundred m
+_LEAST, _MOST = 0.001, 1000.0  # m, m/s or rad/s; a sprint to 15 m/s needs some hundred m
 _ODOM_TIMEOUT = 2.0  # real s without odometry after which the drive is aborted
 _START_TIMEOUT = 5.0  # real s to wait for odometry
+_POINT_TOLERANCE = 0.03  # m; wheels that slide in turns move the axle by less
 _STOPS = 10  # stop commands at the end, because DDS may lose some
 
 
@@ -46,12 +56,13 @@ def calibrate(options: argparse.Namespace, words: Sequence[str]) -> None:
     """Drive the base that subscribes to cmd_vel, stop it, and write a description with the estimates.
 
     `options` are those of `arguments`, `words` the whole command line with arguments for ROS.
-    Raises DriveError if odometry is missing, another program commands the base, or the base does
-    not move.
+    Raises DriveError if odometry is missing, another program commands the base, the base does not
+    move, or an estimate cannot be right: then nothing is written.
     """
     template = load_robot(options.robot)
     v, w = options.v or _FACTOR * template.limits.v, options.w or _FACTOR * template.limits.w
-    drive = ProbeDrive(v=v, w=w, space=options.space)
+    backward = template.limits.backward > 0.0
+    drive = ProbeDrive(v=v, w=w, space=options.space, backward=backward)
     stay_on_this_machine(os.environ)
     # rclpy's own handlers would invalidate the context before the robot has been stopped.
     rclpy.init(args=["calibrate", *words], signal_handler_options=SignalHandlerOptions.NO)
@@ -62,6 +73,7 @@ def calibrate(options: argparse.Namespace, words: Sequence[str]) -> None:
         node.destroy_node()
         rclpy.try_shutdown()
     estimate = identify(drive.samples)
+    check_plausible(estimate)
     robot = described(dataclasses.replace(template, name=options.name or template.name), estimate)
     lines = report(estimate)
     if robot.wheel_torque != template.wheel_torque:
@@ -71,18 +83,20 @@ def calibrate(options: argparse.Namespace, words: Sequence[str]) -> None:
     comments = [
         f"# {line}\n" for line in ("Written by:", portable_command("calibrate", words), *lines)
     ]
-    content = yaml.safe_dump({**header(KIND), **robot.sections()}, sort_keys=False)
+    sections = yaml.safe_dump(robot.sections(), sort_keys=False)
+    content = yaml.safe_dump(header(KIND), sort_keys=False) + sections
+    robot_of(yaml.safe_load(sections))  # raises SchemaError if an estimate is out of bounds
     write_text(options.out, "".join(comments) + content)
-    load_robot(options.out)  # raises ConfigError if an estimate is implausible
     print("\n".join((*lines, f"written to {options.out}")))
 
 
 def described(template: Robot, estimate: BaseEstimate) -> Robot:
-    """Return the template with the estimated limits and lag.
+    """Return the template with the estimated limits and lag; `v_back` is that of the template.
 
     The motors' torque is raised if it is too weak for the estimated accelerations.
     """
-    limits = Limits(*(round(value, 3) for value in dataclasses.astuple(estimate.limits)))
+    rounded = {name: round(getattr(estimate.limits, name), 3) for name in GREATEST}
+    limits = Limits(**rounded, v_back=template.limits.v_back)
     lag, holder = round(max(estimate.lag, 0.002), 3), template.holder
     if holder is not None:
         holder = dataclasses.replace(holder, limits=holder.limits.within(limits))
@@ -110,6 +124,12 @@ def report(estimate: BaseEstimate) -> list[str]:
                 f"limits.{name}: {axis.response.limit:.3f} {unit} is the fastest speed in odometry; "
                 f"the base may be faster (give more --space, or a greater --{name})"
             )
+    ahead, left = estimate.point
+    if math.hypot(ahead, left) > _POINT_TOLERANCE:
+        lines.append(
+            f"odometry describes a point {ahead:.2f} m ahead and {left:.2f} m to the left of the middle "
+            "of the axle, but drives need that of the axle: correct the driver, or its robot_frame"
+        )
     return lines
 
 
@@ -188,14 +208,14 @@ def arguments() -> argparse.ArgumentParser:
     parser.add_argument("--name", help="name of the robot (default: that of --robot)")
     parser.add_argument(
         "--space",
-        type=number(_LEAST, _GREATEST),
+        type=number(_LEAST, _MOST),
         default=3.0,
         help="free space ahead of the robot in m (default: %(default)s)",
     )
     for axis, unit in (("v", "m/s"), ("w", "rad/s")):
         parser.add_argument(
             f"--{axis}",
-            type=number(_LEAST, _GREATEST),
+            type=number(_LEAST, _MOST),
             help=f"greatest command in {unit} (default: 1.5 times the limit of --robot)",
         )
     parser.add_argument(

@@ -40,6 +40,7 @@ class Outcome:
     duration: float  # s
     excess: float  # greatest ratio of a command to its limit
     reason: str
+    backward: float = 0.0  # m/s; greatest commanded speed backward
 
 
 def situation_of(task: Task, robot: Robot) -> Situation:
@@ -67,13 +68,14 @@ def execute(task: Task) -> Outcome:
 
 def execute_situation(situation: Situation, task: Task) -> Outcome:
     robot, goal = SOCCER.robot(task.robot or None), situation.goal
-    limits, worlds, excess = robot.limits, list[World](), [0.0]
+    limits, worlds, excess, backward = robot.limits, list[World](), [0.0], [0.0]
 
     def watched(action: Action, world: World) -> Step:
         step = action.step(world)
         if step.status is Status.RUNNING:
             command = step.command or STOP
             worlds.append(world)
+            backward.append(-command.v)
             excess.append(max(abs(command.v) / limits.v, abs(command.w) / limits.w))
         return step
 
@@ -90,7 +92,7 @@ def execute_situation(situation: Situation, task: Task) -> Outcome:
     early = task.kind == "approach" and any(
         _touched_early(situation, world, robot) for world in worlds
     )
-    return Outcome(judgment.success, early, duration, max(excess), judgment.reason)
+    return Outcome(judgment.success, early, duration, max(excess), judgment.reason, max(backward))
 
 
 def _touched_early(situation: Situation, world: World, robot: Robot) -> bool:

@@ -15,7 +15,7 @@ from ator_ros.simulation.simulation import Simulation
 from ator_ros.world.state import ObjectState, RobotState, World
 
 PIONEER = load_robot()
-_V, _W, _A, _BRAKE, _AW = dataclasses.astuple(PIONEER.limits)
+_V, _W, _A, _BRAKE, _AW, _ = dataclasses.astuple(PIONEER.limits)
 ROBOTS = {
     "described": PIONEER,
     "weak": dataclasses.replace(PIONEER, limits=Limits(_V, _W, 0.7 * _A, _BRAKE, 0.7 * _AW)),

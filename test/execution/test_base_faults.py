@@ -228,3 +228,49 @@ def test_a_canceled_goal_reports_that_the_base_still_moves() -> None:
     assert done.ending is Ending.CANCELED
     assert "canceled by the client; the robot still moves at 0.80 m/s and" in done.execution.reason
     assert all(command == Command() for command in done.commands[-95:])  # for 5 s
+
+
+@pytest.mark.parametrize("rate", [20.0, 50.0])
+@pytest.mark.parametrize("latency", [0.0, 0.1])
+@pytest.mark.parametrize("beyond", [0.06, 0.1])
+def test_a_latency_that_is_set_a_little_too_high_raises_no_fault(
+    rate: float, latency: float, beyond: float
+) -> None:
+    for pose in (Pose(2.0, 1.0, 1.57), Pose(0.0, 0.0, 2.5), Pose(0.4, 0.1, -0.5)):
+        base = KinematicBase(PIONEER, Pose(0.0, 0.0, 0.0), latency=latency)
+        chain = go(PIONEER, pose)
+        done = execute(SOCCER.library(PIONEER), chain, base, rate=rate, latency=latency + beyond)
+        assert done.ending is Ending.SUCCEEDED, done.execution.reason
+
+
+@pytest.mark.parametrize("rate", [20.0, 50.0])
+def test_a_latency_that_is_set_far_too_high_is_named(rate: float) -> None:
+    base = KinematicBase(PIONEER, Pose(0.0, 0.0, 0.0))
+    chain = go(PIONEER, Pose(2.0, 1.0, 1.57))
+    done = execute(SOCCER.library(PIONEER), chain, base, rate=rate, latency=0.3)
+    assert done.ending is Ending.BASE_FAULT
+    expected = "the base reacts earlier than `latency` 0.3 s: lower it"
+    assert done.execution.reason.startswith(expected)
+
+
+@pytest.mark.parametrize("axis", ["v", "w"])
+@pytest.mark.parametrize("kind", ["stuck", "reversed"])
+def test_a_high_latency_does_not_hide_a_fault(axis: str, kind: str) -> None:
+    failure = Failure(kind, axis, 1.0, "motion")
+    base = KinematicBase(PIONEER, Pose(0.0, 0.0, 0.0), latency=0.3, failure=failure)
+    done = execute(
+        SOCCER.library(PIONEER), go(PIONEER, Pose(2.0, 1.0, 1.57)), base, latency=0.3, longest=6.0,
+    )  # fmt: skip
+    assert done.ending is Ending.BASE_FAULT
+    assert done.late <= 0.5
+    assert "latency" not in done.execution.reason
+
+
+def test_a_base_that_refuses_to_drive_backward_names_the_setting() -> None:
+    failure = Failure("constant", "v", 0.2, "motion", 0.0)
+    base = KinematicBase(PIONEER, Pose(0.0, 0.0, 0.0), failure=failure)
+    chain = go(PIONEER, Pose(-1.5, 0.0, 0.0))
+    done = execute(SOCCER.library(PIONEER), chain, base, longest=6.0)
+    assert done.ending is Ending.BASE_FAULT
+    assert "set limits.v_back: 0 in its description" in done.execution.reason
+    assert len(done.execution.reason) <= 300

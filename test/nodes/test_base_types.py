@@ -10,6 +10,8 @@ from ros_client import Client
 
 from ator_interfaces.msg import Outcome
 from ator_ros.geometry import Pose
+from ator_ros.nodes.commands import CommandPublisher
+from ator_ros.world.state import Command
 
 CLIENT = {"silent": True}
 NEAR = [call("goToPose", Pose(0.5, 0.0, 0.0))]
@@ -74,3 +76,50 @@ def test_the_result_reports_a_base_at_half_the_commanded_speed(host: Host, clien
     outcome = ChainClient(client).send([call("goToPose", Pose(2.0, 0.0, 0.0))]).outcome()
     assert outcome.code == Outcome.SUCCEEDED, outcome.reason
     assert "; the base drives at about 50 % of the commanded speed" in outcome.reason
+
+
+@pytest.mark.parametrize(("kind", "other"), [(Twist, TwistStamped), (TwistStamped, Twist)])
+@pytest.mark.parametrize("odometry", ["odom", "localization"])
+def test_a_viewer_with_the_other_type_is_not_the_base(
+    client: Client, domain: int, kind: type, other: type, odometry: str
+) -> None:
+    """Whichever of the two takes the published type first is served; no other is called the base."""
+    base, viewer = (Client(domain, name=name, silent=True) for name in ("base", "viewer"))
+    commands = CommandPublisher(client.node, stamped="auto", frame="base_link")
+    try:
+        MovingBase(base, kind, odom=odometry)
+        client.eventually(lambda: client.within(commands.adapt) or commands.connected, "the base")
+        viewer.listen(other, "cmd_vel", 10)
+        client.eventually(lambda: client.node.count_subscribers("cmd_vel") == 2, "the viewer")
+        client.within(commands.adapt)
+        assert commands.kind is kind
+        assert commands.mismatch() == ""
+        expected = "cmd_vel is received by /base; if /viewer is the base: /viewer subscribes to"
+        client.eventually(lambda: commands.cause().startswith(expected), expected)
+    finally:
+        base.close()
+        viewer.close()
+
+
+@pytest.mark.parametrize(("kind", "other"), [(Twist, TwistStamped), (TwistStamped, Twist)])
+def test_the_node_that_publishes_odometry_is_the_base_also_if_a_viewer_came_first(
+    client: Client, domain: int, kind: type, other: type
+) -> None:
+    base, viewer = (Client(domain, name=name, silent=True) for name in ("base", "viewer"))
+    commands = CommandPublisher(client.node, stamped="auto", frame="base_link")
+    try:
+        viewer.listen(other, "cmd_vel", 10)
+        client.eventually(lambda: client.within(commands.adapt) or commands.connected, "the viewer")
+        moving = MovingBase(base, kind)
+
+        def received() -> bool:
+            client.within(commands.adapt)
+            commands.publish(Command(0.1, 0.0), 0.0)
+            return moving.received > 0
+
+        client.eventually(received, "a command at the base")
+        assert commands.kind is kind
+        assert commands.mismatch() == ""
+    finally:
+        base.close()
+        viewer.close()

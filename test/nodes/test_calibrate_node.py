@@ -79,6 +79,20 @@ def test_a_base_that_subscribes_to_stamped_commands_is_driven(domain: int, tmp_p
     assert load_robot(file).limits.v == pytest.approx(0.8, rel=0.05)
 
 
+def test_an_implausible_estimate_is_not_written(domain: int, tmp_path: Path) -> None:
+    """Odometry shows twice the commanded speed."""
+    client = Client(domain, silent=True)
+    MovingBase(client, share=2.0).set_pace(10.0)
+    file = tmp_path / "mine.yaml"
+    try:
+        done = calibrate(domain, "--v", "0.8", "--out", str(file))
+    finally:
+        client.close()
+    assert done.returncode == 1
+    assert done.stderr.splitlines()[-1].startswith("calibrate: response of v: expected odometry")
+    assert not file.exists()
+
+
 @pytest.mark.long
 def test_a_description_is_written(start: Start, domain: int, tmp_path: Path) -> None:
     timing = {"real_time_factor": 5.0, "command_wait": 0.5, "latency": 0.1}

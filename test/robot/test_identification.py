@@ -2,23 +2,24 @@
 
 import dataclasses
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import pytest
 
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import Limits, Robot, load_robot
-from ator_ros.robot.identification import BaseEstimate, identify
+from ator_ros.robot.identification import BaseEstimate, check_plausible, identify
 from ator_ros.robot.probe_drive import DriveError, DrivePart, DriveSample, ProbeDrive
 from ator_ros.simulation.sensors import SensorConfig, Sensors
 from ator_ros.simulation.simulation import Simulation
-from ator_ros.tools.calibrate import report
+from ator_ros.tools.calibrate import described, report
 from ator_ros.world.state import Command, RobotState
 
 PIONEER = load_robot()
 SLOW = Limits(v=0.4, w=1.2, a=0.3, brake=0.4, aw=2.0)
 MIDDLING = Limits(v=0.8, w=1.8, a=0.6, brake=0.6, aw=2.5)
+AT_REST = RobotState(Pose(0.0, 0.0, 0.0))
 QUICK = Limits(v=1.6, w=4.0, a=2.0, brake=2.0, aw=8.0)
 
 
@@ -96,8 +97,9 @@ def test_an_unreached_limit_is_the_maximum_speed_in_the_odometry() -> None:
             part,
             0.05 * tick,
             Command(v, w),
-            0.4 * 0.05 * tick * (v > 0.0),
-            0.4 * 0.05 * tick * (w > 0.0),
+            RobotState(
+                Pose(0.0, 0.0, 0.0), 0.4 * 0.05 * tick * (v > 0.0), 0.4 * 0.05 * tick * (w > 0.0)
+            ),
         )
         for part, v, w in (
             (DrivePart.SPRINT_V, 9.0, 0.0),
@@ -109,11 +111,15 @@ def test_an_unreached_limit_is_the_maximum_speed_in_the_odometry() -> None:
     ]
     estimate = identify(samples)
     assert not estimate.turning.limited
-    assert estimate.limits.w == pytest.approx(0.4 * 1.95)
+    assert estimate.limits.w == pytest.approx(0.4 * 1.95, rel=0.01)
     assert any(
         line.startswith("limits.w: 0.780 rad/s is the fastest speed in")
         for line in report(estimate)
     )
+    with pytest.raises(
+        DriveError, match=r"limits\.v: expected at least half of .* 9\.00 m/s, got 0\.7"
+    ):
+        check_plausible(estimate)
 
 
 def test_a_base_that_does_not_move_is_reported() -> None:
@@ -121,3 +127,108 @@ def test_a_base_that_does_not_move_is_reported() -> None:
     still = RobotState(Pose(0.0, 0.0, 0.0))
     with pytest.raises(DriveError, match=r"does not move: expected motion within 1\.5 s"):
         deque((drive.command(0.05 * tick, still) for tick in range(2000)), maxlen=0)
+
+
+def probed(
+    acceleration: float,
+    rate: float,
+    *,
+    noise: float = 0.0,
+    point: tuple[float, float] = (0.0, 0.0),
+    v: float = 0.7,
+    w: float = 1.5,
+    response: Callable[[Command], Command] = lambda command: command,
+) -> Sequence[DriveSample]:
+    """Return the samples of a base that ramps its speeds without a lag; accelerations in m/s^2, rates in Hz.
+
+    Its odometry is that of a `point` in m ahead and to the left of the axle.
+    """
+    rng = np.random.default_rng(3)
+    drive, robot, tick = ProbeDrive(v=v, w=w, space=3.0), RobotState(Pose(0.0, 0.0, 0.0)), 0
+    while True:
+        errors = rng.normal(0.0, noise, 2)
+        pose = robot.pose.compose(Pose(*point, 0.0))
+        shown = RobotState(pose, robot.v + errors[0], robot.w + errors[1])
+        command = drive.command(tick / rate, shown)
+        if command is None:
+            return drive.samples
+        target, tick = response(command), tick + 1
+        change, turning = acceleration / rate, 4.0 * acceleration / rate
+        next_v = robot.v + float(np.clip(target.v - robot.v, -change, change))
+        next_w = robot.w + float(np.clip(target.w - robot.w, -turning, turning))
+        moved = Pose(0.5 * (robot.v + next_v) / rate, 0.0, 0.5 * (robot.w + next_w) / rate)
+        robot = RobotState(robot.pose.compose(moved), next_v, next_w)
+
+
+def greatest_speeds(samples: Sequence[DriveSample]) -> list[float]:
+    """Return the greatest speeds in m/s and rad/s of the sprints to and fro, and of both spins."""
+    v = [sample.robot.v for sample in samples if sample.part is DrivePart.SPRINT_V]
+    w = [sample.robot.w for sample in samples if sample.part is DrivePart.SPRINT_W]
+    return [max(v), -min(v), max(w), -min(w)]
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.01])
+@pytest.mark.parametrize("rate", [10.0, 20.0, 30.0, 50.0, 100.0])
+@pytest.mark.parametrize("acceleration", [0.2, 0.5, 0.9, 1.0, 2.0, 4.0])
+def test_a_sprint_lasts_until_the_commanded_speed(
+    acceleration: float, rate: float, noise: float
+) -> None:
+    speeds = greatest_speeds(probed(acceleration, rate, noise=noise))
+    assert speeds == pytest.approx([0.7, 0.7, 1.5, 1.5], abs=0.02 + 4.0 * noise)
+
+
+@pytest.mark.parametrize(("acceleration", "rate"), [(0.9, 30.0), (2.0, 50.0), (1.0, 100.0)])
+@pytest.mark.parametrize("noise", [0.0, 0.02])
+def test_a_base_that_accelerates_gently_is_identified(
+    acceleration: float, rate: float, noise: float
+) -> None:
+    estimate = identify(probed(acceleration, rate, noise=noise))
+    check_plausible(estimate)
+    assert estimate.limits.v == pytest.approx(0.7, abs=0.01)
+    assert estimate.limits.a == pytest.approx(acceleration, rel=0.1)
+    assert not estimate.driving.limited
+
+
+def test_a_peak_at_the_end_of_the_space_is_no_limit() -> None:
+    assert not identify(probed(0.1, 20.0)).driving.limited
+
+
+def test_implausible_estimates_are_refused() -> None:
+    rng = np.random.default_rng(0)
+    for response, expected in (
+        (lambda command: Command(2.0 * command.v, command.w), "response of v: expected odometry"),
+        (lambda command: Command(command.v, -command.w), "response of w: expected odometry"),
+        (lambda command: Command(command.v * rng.random(), command.w), "response of v: expected"),
+    ):
+        with pytest.raises(DriveError, match=expected):
+            check_plausible(identify(probed(2.0, 20.0, response=response)))
+    with pytest.raises(DriveError, match=r"limits\.v: expected at least half .* give more --space"):
+        check_plausible(identify(probed(0.1, 20.0, v=1.5)))
+
+
+@pytest.mark.parametrize("point", [(0.2, 0.0), (-0.2, 0.0), (0.1, -0.15), (0.0, 0.0)])
+def test_the_point_that_odometry_describes_is_found(point: tuple[float, float]) -> None:
+    estimate = identify(probed(0.8, 20.0, point=point))
+    assert estimate.point == pytest.approx(point, abs=0.01)
+    words = f"odometry describes a point {point[0]:.2f} m ahead and {point[1]:.2f} m to the left"
+    assert any(line.startswith(words) for line in report(estimate)) is (point != (0.0, 0.0))
+
+
+def test_a_base_that_never_drives_backward_is_probed_forward_only() -> None:
+    drive, robot, tick = ProbeDrive(v=0.7, w=1.5, space=3.0, backward=False), AT_REST, 0
+    while (command := drive.command(0.05 * tick, robot)) is not None:
+        assert command.v >= 0.0
+        moved = Pose(0.05 * command.v, 0.0, 0.05 * command.w)
+        robot, tick = RobotState(robot.pose.compose(moved), command.v, command.w), tick + 1
+    check_plausible(identify(drive.samples))
+    description = dataclasses.replace(
+        PIONEER, limits=dataclasses.replace(PIONEER.limits, v_back=0.0)
+    )
+    assert described(description, identify(drive.samples)).limits.backward == 0.0
+
+
+def test_a_base_that_refuses_to_drive_backward_names_the_setting() -> None:
+    with pytest.raises(
+        DriveError, match=r"never drives backward, set limits\.v_back: 0 in --robot"
+    ):
+        probed(1.0, 20.0, response=lambda command: Command(max(0.0, command.v), command.w))

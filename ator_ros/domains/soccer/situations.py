@@ -122,7 +122,7 @@ def _long_drive(robot: Robot, rng: np.random.Generator, time_limit: float) -> Si
     start = pose_within(robot, rng, goal, nearest, most)
     state = RobotState(start)
     if rng.random() < 1.0 / 7.0:
-        v = float(rng.uniform(-0.3, 0.8) * robot.limits.v)
+        v = float(rng.uniform(-0.3 if robot.limits.backward else 0.0, 0.8) * robot.limits.v)
         w = float(rng.uniform(-0.5, 0.5) * robot.limits.w)
         state = RobotState(start, v, steady_rate(robot, w, v))
     if not with_ball:

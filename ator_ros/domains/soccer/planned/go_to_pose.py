@@ -43,7 +43,7 @@ class GoToPose(PlannedAction):
 
     A ball at the goal is approached in a straight run to where it will come to rest. A ball
     elsewhere is an obstacle. A robot that starts too near the ball first drives straight away from
-    it, usually backward.
+    it, usually backward. A base with `limits.v_back` 0 never drives backward.
     """
 
     name = "goToPose"
@@ -51,6 +51,7 @@ class GoToPose(PlannedAction):
 
     def __init__(self, robot: Robot) -> None:
         super().__init__(robot, robot.limits)
+        self._forward_only = not robot.limits.backward
         if robot.motor_time_constant > _LAGGING:
             self.reserve = max(0.0, robot.limits.brake - self.plan_limits.brake)
 
@@ -119,7 +120,15 @@ class GoToPose(PlannedAction):
         if stays and pose.distance(goal) < _TURNS_WITHIN:
             return turn_on_spot(self.robot, pose, goal.yaw, limits, obstacles)
         entries, tries = free_entries(limits, start.v), TRIES if speed == 0.0 else _TRIES_AT_SPEED
-        return fastest(self.robot, pose, goal, entries, exits, limits, obstacles, tries=tries)
+        return self._fastest(pose, goal, entries, exits, obstacles, tries)
+
+    def _fastest(
+        self, start: Pose, goal: Pose, entries: Ends, exits: Ends, obstacles: Obstacles, tries: int
+    ) -> Manoeuvre:
+        return fastest(
+            self.robot, start, goal, entries, exits, self.plan_limits, obstacles,
+            forward_only=self._forward_only, tries=tries,
+        )  # fmt: skip
 
     def _leaving_ball(
         self,
@@ -140,9 +149,7 @@ class GoToPose(PlannedAction):
                 continue
             entries = free_entries(limits, speed, stops=False)
             try:
-                found = fastest(
-                    self.robot, clear, goal, entries, exits, limits, obstacles, tries=tries
-                )
+                found = self._fastest(clear, goal, entries, exits, obstacles, tries)
             except ActionError as error:
                 failure = error
                 continue

@@ -148,7 +148,9 @@ class PlannedAction(Action):
 
     def _planned(self, world: World, *, waits: bool = False) -> Tracker:
         """Return the tracker of a plan from `world`."""
-        opening = opening_of(world.robot, self.plan_limits)
+        # A base that never drives backward may still roll back, or seem to.
+        rolls_back = world.robot.v < 0.0 and not self.robot.limits.backward
+        opening = opening_of(world.robot, self.plan_limits, stops=rolls_back)
         manoeuvre = self.plan(dataclasses.replace(world, robot=opening.end))
         self._stopping = False
         return self._follower(world, Trajectory(manoeuvre, opening), waits=waits)

@@ -56,7 +56,7 @@ def distance_to_clear(start: Pose, goal: Pose, obstacles: Obstacles, robot: Robo
     """Return the distance in m (negative: backward) of a straight drive that clears the ball.
 
     It is 0 if the robot is clear at the start, or if each drive comes nearer to the ball or touches
-    a goal.
+    a goal. A robot that never drives backward cannot leave a ball at its front.
     """
     ball = obstacles.ball
     if (
@@ -65,8 +65,12 @@ def distance_to_clear(start: Pose, goal: Pose, obstacles: Obstacles, robot: Robo
         or touches_goals(np.array([start]), robot)
     ):
         return 0.0
-    found = []
-    for sign in (-1.0, 1.0):
+    found = list[float]()
+    signs: tuple[float, ...] = (-1.0, 1.0)
+    if not robot.limits.backward:
+        at_front = start.relative(Pose(ball.x, ball.y, 0.0)).x > robot.front
+        signs = () if at_front else (1.0,)
+    for sign in signs:
         drives = sign * _CLEARING
         poses = np.array([start.ahead(drive) for drive in drives])
         distances = ball_distances(poses, ball, robot)
@@ -217,9 +221,14 @@ _LONGER = 0.05  # s that closing a path may add; some then need a drive back of 
 
 
 def _free_sides(limits: Limits, speed: float) -> list[Side]:
-    """Return candidate sides without a ball: an immediate turn, at several changes of speed."""
+    """Return candidate sides without a ball: an immediate turn, at several changes of speed.
+
+    Without those that are backward from the beginning if the base never drives so.
+    """
     change = min(limits.a, limits.brake)  # the direction of driving decides which of them applies
-    return [Side(0.0, speed, speed, share * change, limits.w) for share in _SHARES]
+    least = -1.0 if limits.backward or speed > 0.0 else 0.0
+    shares = [share for share in _SHARES if share >= least]
+    return [Side(0.0, speed, speed, share * change, limits.w) for share in shares]
 
 
 @lru_cache(maxsize=16)
@@ -234,6 +243,7 @@ def run_exits(limits: Limits, speed: float, length: float) -> Ends:
         Side(length, speed, at, share * (limits.brake if share > 0.0 else change), limits.w)
         for at in sorted(speeds)
         for share in _RUN_CHANGES
+        if share >= 0.0 or at > 0.0 or limits.backward
     ]
     return exits_of(sides, limits)
 
@@ -279,7 +289,7 @@ def fastest(
     if not is_free(start, goal, obstacles, robot):
         raise ActionError(
             f"expected a start clear of ball and goals, got ({start.x:.2f}, {start.y:.2f}) m, "
-            "which is too near one of them"
+            f"which is too near one of them{_only_forward(limits)}"
         )
     paths = find_paths(
         start, goal, entries, exits, limits, forward=forward_only, longest=longest, most=tries
@@ -296,11 +306,16 @@ def fastest(
     if found < 0:
         raise ActionError(
             f"expected a free path from ({start.x:.2f}, {start.y:.2f}) m "
-            f"to ({goal.x:.2f}, {goal.y:.2f}) m, found none"
+            f"to ({goal.x:.2f}, {goal.y:.2f}) m, found none{_only_forward(limits)}"
         )
     entry, exit_ = entries.sides[paths.entries[found]], exits.sides[paths.exits[found]]
     sides = Side(*entry.tolist()), Side(*exit_.tolist())
     return Manoeuvre(start, goal, *sides, first, last, drive, limits)
+
+
+def _only_forward(limits: Limits) -> str:
+    """Return the setting that leaves out paths backward, for a message."""
+    return "" if limits.backward else "; the robot never drives backward (limits.v_back: 0)"
 
 
 def turn_on_spot(

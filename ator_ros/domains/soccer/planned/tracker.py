@@ -209,7 +209,8 @@ class Tracker:
         turning = self._pace * self.GAIN_HEADING * math.sin(error.yaw)
         w = planned_w + self._across(planned_v) * error.y + turning
         bound = self._robot.limits
-        self._command = Command(max(-bound.v, min(bound.v, v)), max(-bound.w, min(bound.w, w)))
+        v = max(-bound.backward, min(bound.v, v))
+        self._command = Command(v, max(-bound.w, min(bound.w, w)))
         return self._command
 
     def _across(self, v: float) -> float:
