@@ -116,20 +116,22 @@ class Routes:
             )
         self._map = np.pad(grid.free, ((0, -rows % step), (0, -columns % step)))
         # The greatest clearance in a cell counts, so that narrow doors stay open.
-        self._clearance, self._clearest = _coarse(
-            ndimage.distance_transform_edt(np.pad(self._map, 1))[1:-1, 1:-1], step
-        )
+        self._clearance, self._clearest = _clearances(self._map, step)
         usable = self._clearance > radius / self._cell - _TOLERANCE
         # For each of `CLEARANCES`: free cells, the nearest one to each cell, and connected
         # components.
         frees, nearest, components = [], [], []
         for distance in CLEARANCES:
             free = self._clearance > (radius + distance) / self._cell
-            away, (row, column) = ndimage.distance_transform_edt(~free, return_indices=True)
-            near = usable & (away <= distance / self._cell + _TOLERANCE) & free.any()
-            beside = np.where(near, row * free.shape[1] + column, -1).ravel().astype(np.int32)
-            _drop_hidden(beside, self._map, self._clearest)
-            nearest.append(beside)
+            nearest.append(
+                _nearest_free(
+                    free,
+                    usable,
+                    _offsets(distance / self._cell + _TOLERANCE),
+                    self._map,
+                    self._clearest,
+                )
+            )
             components.append(ndimage.label(free)[0].ravel())
             frees.append(free)
         self._free: BoolArray = np.stack(frees)
@@ -400,31 +402,93 @@ def _line_of_sight(free: BoolArray, cell: int, other: int) -> bool:
 
 
 @compiled
-def _coarse(clearance: FloatArray, step: int) -> tuple[Table, Cells]:
-    """Return the greatest clearance of each block of `step` x `step` cells of the map, and where it is.
+def _clearances(free: BoolArray, step: int) -> tuple[Table, Cells]:
+    """Return the greatest clearance in each block of `step` x `step` cells of the map, and where it is.
 
-    Both clearances are in their cells, the places are cells of the map.
+    Clearances are exact distances from the nearest obstacle (Meijster, Roerdink and Hesselink 2000),
+    in blocks; beyond the map are obstacles. The places are cells of the map.
     """
-    rows, columns = clearance.shape[0] // step, clearance.shape[1] // step
-    greatest = np.full((rows, columns), -1.0, dtype=np.float32)
-    clearest = np.zeros(rows * columns, dtype=np.int32)
-    for row in range(rows * step):
-        for column in range(columns * step):
-            value = np.float32(clearance[row, column] / step)
-            block = row // step, column // step
-            if value > greatest[block]:
-                greatest[block] = value
-                clearest[block[0] * columns + block[1]] = row * columns * step + column
+    rows, columns = free.shape
+    across = np.zeros((rows, columns), dtype=np.int32)  # distance within the column
+    for row in range(rows):
+        for column in range(columns):
+            if free[row, column]:
+                across[row, column] = 1 + (across[row - 1, column] if row > 0 else 0)
+    for row in range(rows - 1, -1, -1):
+        for column in range(columns):
+            below = across[row + 1, column] if row + 1 < rows else 0
+            across[row, column] = min(across[row, column], below + 1)
+    blocks = columns // step
+    greatest = np.full((rows // step, blocks), -1.0, dtype=np.float32)
+    clearest = np.zeros(rows // step * blocks, dtype=np.int32)
+    # The nearest obstacle of each place is in the column `nearest[part]` from the place `first[part]`
+    # on. Columns count from 1; 0 and the last one are beyond the map.
+    nearest, first = np.zeros(columns + 2, dtype=np.int64), np.zeros(columns + 2, dtype=np.int64)
+    squares = np.zeros(columns + 2, dtype=np.int64)
+    for row in range(rows):
+        for column in range(columns):
+            squares[column + 1] = np.int64(across[row, column]) ** 2
+        nearest[0], first[0], part = 0, 0, 0
+        for column in range(1, columns + 2):
+            while part >= 0:
+                other, place = nearest[part], first[part]
+                if (place - other) ** 2 + squares[other] <= (place - column) ** 2 + squares[column]:
+                    break
+                part -= 1
+            begin = 0
+            if part >= 0:
+                other = nearest[part]
+                further = column**2 - other**2 + squares[column] - squares[other]
+                begin = 1 + further // (2 * (column - other))
+            if begin < columns + 2:
+                part += 1
+                nearest[part], first[part] = column, begin
+        for place in range(columns + 1, 0, -1):
+            if place <= columns:
+                distance = math.sqrt((place - nearest[part]) ** 2 + squares[nearest[part]])
+                value = np.float32(distance / step)
+                block = row // step, (place - 1) // step
+                if value > greatest[block]:
+                    greatest[block] = value
+                    clearest[block[0] * blocks + block[1]] = row * columns + place - 1
+            if place == first[part]:
+                part -= 1
     return greatest, clearest
 
 
+def _offsets(most: float) -> Cells:
+    """Return the steps from a cell to those at most so many cells away, shape (n, 2), nearest first."""
+    reach = np.arange(-int(most), int(most) + 1)
+    right, down = (values.ravel() for values in np.meshgrid(reach, reach, indexing="ij"))
+    squares = down**2 + right**2
+    order = np.argsort(squares, kind="stable")
+    return np.stack([down, right], axis=1)[order[squares[order] <= most**2]].astype(np.int32)
+
+
 @compiled
-def _drop_hidden(nearest: Cells, free: BoolArray, clearest: Cells) -> None:
-    """Replace the nearest free cells behind obstacles of the map by -1."""
-    for cell in range(len(nearest)):
-        other = nearest[cell]
-        if other >= 0 and not _line_of_sight(free, clearest[cell], clearest[other]):
-            nearest[cell] = -1
+def _nearest_free(
+    free: BoolArray, usable: BoolArray, offsets: Cells, whole: BoolArray, clearest: Cells
+) -> Cells:
+    """Return the nearest free cell to each usable one, at one of `offsets`, else -1, shape (cells,).
+
+    On the line between them all cells of the map, `whole`, are free.
+    """
+    rows, columns = free.shape
+    nearest = np.full(rows * columns, -1, dtype=np.int32)
+    for row in range(rows):
+        for column in range(columns):
+            if not usable[row, column]:
+                continue
+            cell = row * columns + column
+            for step in range(len(offsets)):
+                down, right = row + offsets[step, 0], column + offsets[step, 1]
+                if not (0 <= down < rows and 0 <= right < columns and free[down, right]):
+                    continue
+                other = down * columns + right
+                if _line_of_sight(whole, clearest[cell], clearest[other]):
+                    nearest[cell] = other
+                    break
+    return nearest
 
 
 @compiled
