@@ -112,7 +112,7 @@ class LearningNode(Node):
         except (FileError, OSError) as error:
             self._lock.close()
             raise SetupError(f"parameter learned: {error}") from error
-        follow_map(self, settings, self._domain, self._robot, self._take_map)
+        self._map = follow_map(self, settings, self._domain, self._robot, self._take_map)
         subscribed: dict[str, type[Any]] = {}
         for kind, topics, take in (
             (ActionPerformance, settings["records"], self._take),
@@ -183,7 +183,8 @@ class LearningNode(Node):
         values = self._learner.diagnostics()
         if self._domain.grid is not None:
             values["map"] = str(self._domain.grid)
-        return Health(self._learner.problem, values=values)
+        problems = filter(None, (self._map.problem, self._learner.problem))
+        return Health("; ".join(problems), values=values)
 
     def stop(self) -> None:
         """End the current round, and close the files."""

@@ -289,7 +289,7 @@ class WaypointsNode(Node):
             take_robot=self._take_robot, take_object=lambda *_: None, warn=self._warn,
         )  # fmt: skip
         self._tf = subscribed.tf
-        follow_map(self, settings, domain, self._robot, self._take_map)
+        self._map = follow_map(self, settings, domain, self._robot, self._take_map)
         self._chains = ActionClient(self, ExecuteChain, "execute_chain")
         self._servers = [
             ActionServer(
@@ -369,6 +369,9 @@ class WaypointsNode(Node):
             if not count:
                 return code, "poses: expected at least 1 pose"
             return code, f"goal_index: expected less than {count}, got {goal.leg}"
+        if not await self._wait_for(lambda: not self._map.is_missing, _TF_TIMEOUT):
+            unknown = _FW_UNKNOWN if goal.is_follow_waypoints else _POSES_UNKNOWN
+            return unknown, printable(self._map.problem, _LONGEST_REASON)
         used = {
             goal.waypoint_index(leg) for leg in range(goal.leg, min(goal.end, goal.leg + count))
         }

@@ -141,6 +141,14 @@ def map_of_grid(
     return GridMap(name, free.reshape(height, width), side, origin)
 
 
+def values_of(data: Sequence[int]) -> str:
+    """Return which values the cells of an OccupancyGrid have, and which of them are free, for messages."""
+    values = np.asarray(data, dtype=np.int16)
+    if not values.size:
+        return "it has no cells"
+    return f"its cells have values from {values.min()} to {values.max()}, free are 0 to {_FREE}"
+
+
 def load_map(path: Path | str) -> GridMap:
     """Read the map that a YAML file of map_server describes.
 
