@@ -36,7 +36,7 @@ from ator_ros.nodes.parameters import (
     map_file,
     map_topic,
 )
-from ator_ros.nodes.path_planner import expect_planner_usable
+from ator_ros.nodes.path_planner import expect_planner_usable, planner_name
 from ator_ros.nodes.qos import RESULTS
 from ator_ros.nodes.running import run_node
 from ator_ros.printable import printable
@@ -86,7 +86,7 @@ class LearningNode(Node):
         self._folder = folder = Path(settings["learned"] or _DEFAULT_FOLDER).expanduser()
         self._lock = contextlib.ExitStack()
         given = {name: settings[name] for name in ("domain", "robot", "models", "frame")}
-        planner = self.resolve_topic_name(settings["planner"]) if settings["planner"] else ""
+        planner = planner_name(self, settings)
         expect_planner_usable(settings, self._domain)
         self._grid, self._awaits_map = map_file(settings), bool(map_topic(settings))
         models = self._domain.models_root(settings["models"])

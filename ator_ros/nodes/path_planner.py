@@ -159,6 +159,20 @@ def expect_planner_usable(settings: Mapping[str, Any], domain: Domain) -> None:
         raise SetupError(f"parameter planner: {error}") from error
 
 
+def planner_name(node: Node, settings: Mapping[str, Any]) -> str:
+    """Return the full name of the action that the parameter `PLANNER` names, in the node's namespace.
+
+    Empty if it names none. Raises SetupError if it is no name.
+    """
+    name = settings[PLANNER.name]
+    try:
+        return node.resolve_topic_name(name) if name else ""
+    except (ValueError, RuntimeError) as error:
+        raise SetupError(
+            f"parameter planner: expected the name of an action, got {quoted(name)}"
+        ) from error
+
+
 def with_planner(
     node: Node, settings: Mapping[str, Any], domain: Domain, robot: Robot
 ) -> tuple[Domain, Robot]:
@@ -168,12 +182,10 @@ def with_planner(
     Raises SetupError as `expect_planner_usable` does.
     """
     expect_planner_usable(settings, domain)
-    name = settings[PLANNER.name]
+    name = planner_name(node, settings)
     if not name:
         return domain, robot
-    domain = planned_by(
-        node.resolve_topic_name(name), settings[FRAME.name], domain, timeout=_PATH_TIMEOUT
-    )
+    domain = planned_by(name, settings[FRAME.name], domain, timeout=_PATH_TIMEOUT)
     return domain, domain.equip(robot)
 
 

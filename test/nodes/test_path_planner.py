@@ -29,6 +29,7 @@ from ator_ros.domains.domain import find_domain
 from ator_ros.experience.table import Experience, write_experience
 from ator_ros.geometry import Pose
 from ator_ros.nodes.messages import pose_of
+from ator_ros.nodes.parameters import SetupError
 from ator_ros.performance.model_file import load_model, save_model
 from ator_ros.performance.training import train
 from ator_ros.world.grid_map import save_map
@@ -189,10 +190,20 @@ def test_names_of_a_planner_are_alike_in_files_parameters_and_namespaces(
     assert expected in answer.reason
 
 
+def test_a_name_that_is_none_is_rejected(
+    host: Host, models: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    provide_nav2_msgs(monkeypatch)
+    with pytest.raises(
+        SetupError, match="parameter planner: expected the name of an action, got 'a b'"
+    ):
+        host("refinement", map=models / "map.yaml", planner="a b")
+
+
 def test_models_are_learned_from_its_paths(
     client: Client, models: Path, serve: Callable[..., Planned], domain: int
 ) -> None:
-    planned = serve(interruptions=itertools.islice(itertools.cycle(BESIDE_NAV2), 60))
+    planned = serve(interruptions=2 * BESIDE_NAV2)
     experience = models / "drives.parquet"
     write_experience(
         experience, Experience(DRIVES, {"robot_digest": ROBOT.digest(), "domain": "pursuit"})
