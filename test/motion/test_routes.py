@@ -135,15 +135,15 @@ def walled(wall: slice, *, side: int = 1600, door: bool = False) -> GridMap:
 
 @pytest.mark.parametrize("wall", [slice(800, 801), slice(802, 803), slice(803, 805)])
 def test_a_thin_wall_separates_on_a_large_map(wall: slice) -> None:
-    closed = Routes(walled(wall), RADIUS)
+    closed = Routes(walled(wall), 0.13)
     assert np.isnan(between((38.0, 5.0, 42.0, 5.0), routes=closed).length[0])
 
 
 def test_routes_lead_to_the_far_door_of_a_large_map() -> None:
-    routes = Routes(walled(slice(803, 804), door=True), RADIUS)
+    routes = Routes(walled(slice(803, 804), door=True), 0.13)
     far, near = (38.0, 5.0, 42.0, 5.0), (38.0, 5.0, 36.0, 8.0)
     found = between(far, near, routes=routes)
-    around = 2.0 * math.hypot(2.0, 78.5 + RADIUS + CLEARANCES[0] - 5.0)
+    around = 2.0 * math.hypot(2.0, 78.5 + 0.13 + CLEARANCES[0] - 5.0)
     assert found.length == pytest.approx([around, math.hypot(2.0, 3.0)], abs=1.0)
     assert found.length[1] == pytest.approx(between(near, routes=routes).length[0])
 
