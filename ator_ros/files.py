@@ -10,6 +10,7 @@ import contextlib
 import fcntl
 import json
 import os
+import re
 import shlex
 import tempfile
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -240,3 +241,11 @@ class _PlainLoader(yaml.SafeLoader):
                 )
             seen.add((key.tag, key.value))
         return super().construct_mapping(node, deep)
+
+
+# PyYAML reads numbers as in YAML 1.1, where 5e-2 is a text: it has no point, or no sign.
+_PlainLoader.add_implicit_resolver(
+    "tag:yaml.org,2002:float",
+    re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+$"),
+    list("-+.0123456789"),
+)

@@ -6,8 +6,12 @@ and tables of the route's length, least clearance, turn and heading at the end (
 between two places is read from the field of one of them, as the straight line to a parent and the
 parent's entries in the tables.
 
-Fields are computed by Lazy Theta* (Nash, Koenig and Tovey, AAAI 2010) without a heuristic. If the
+Fields are computed by Lazy Theta* (Nash, Koenig and Tovey, AAAI 2010) without a heuristic. On large
+maps a field covers a window around its goal, which grows until no route can lead around it. If the
 map has a planner, the routes are its paths instead.
+
+The cells of routes are those of the map, or blocks of them, which are so small for the robot that
+two free blocks side by side have no wall between them, however thin.
 """
 
 from __future__ import annotations
@@ -35,12 +39,19 @@ CLEARANCES = (0.35, 0.25, 0.15, 0.05, 0.0)
 
 It is the largest at which start and goal, or the nearest free cells to them, are connected. Planners prefer
 such a distance, as Nav2 does with its inflation layer."""
-_CELL, _MOST_CELLS = 0.1, 250_000  # m; with so many cells a field takes 40 ms
+_CELL = 0.1  # m; a usual side of a cell
+# Least radius of the robot in sides of a cell, where a cell is a block of k x k cells of the map. The
+# places with the greatest clearance in two blocks side by side are at most √((2k - 1)² + (k - 1)²)
+# apart, less than √5 k. If each keeps a radius of more than half of that and 0.71 cells of the map
+# from obstacles, the line between them crosses no wall, not even one of cells that touch at corners.
+_LEAST_RADIUS = 1.15
+_MOST_CELLS = 16_000_000  # 400 x 400 m; 45 bytes each
+_WINDOW_CELLS, _WINDOW_REACH = 250_000, 250  # of a first window; its field takes 40 ms
 # Cells by which clearances may be too large: a cell has the greatest one in it, and its diagonal is
 # √2 cells. A start or goal may be nearer to an obstacle by as much, which allows for errors of
 # localization, too.
 _TOLERANCE = 1.5
-_FIELD_BYTES = 200_000_000  # memory of the cached fields of a map
+_FIELD_BYTES = 200_000_000  # memory of the cached fields of a map, unless a single one has more
 _FEW, _CACHED_PAIRS = 64, 20_000  # up to so many pairs in one call are cached; size of that cache
 _BUCKETS = 4.0  # buckets of the queue per cell of length
 Cells = NDArray[np.int32]
@@ -63,6 +74,25 @@ class RouteSet(NamedTuple):
     straight: BoolArray  # whether it has no bends
 
 
+class _Field(NamedTuple):
+    """The routes to one place from the cells of a window of the map, which its own cells number."""
+
+    low: int  # row and column of the map at which the window begins
+    left: int
+    rows: int
+    columns: int
+    reach: float  # cells from the goal to the edges of the window; infinite if it is the map
+    goal: int
+    parent: Cells
+    tables: Tables
+
+    def cells(self, cells: Cells, columns: int) -> Cells:
+        """Return cells of a map with so many columns as cells of the window, -1 outside."""
+        row, column = cells // columns - self.low, cells % columns - self.left
+        inside = (row >= 0) & (row < self.rows) & (column >= 0) & (column < self.columns)
+        return np.where(inside, row * self.columns + column, -1).astype(np.int32)
+
+
 class Routes:
     """The search for routes on a map, with its cache of fields; it returns routes as a `RouteSet`.
 
@@ -74,42 +104,50 @@ class Routes:
 
         self.grid, self.radius = grid, radius
         rows, columns = grid.free.shape
-        step = max(
-            round(_CELL / grid.resolution), math.ceil(math.sqrt(rows * columns / _MOST_CELLS)), 1
-        )
+        finest = math.floor(radius / (_LEAST_RADIUS * grid.resolution) + 1e-9)
+        step = max(min(round(_CELL / grid.resolution), finest), 1)
         self._step, self._cell = step, step * grid.resolution
-        padded = np.pad(grid.free, ((1, 1 + -rows % step), (1, 1 + -columns % step)))
-        clearance = ndimage.distance_transform_edt(padded)[1:-1, 1:-1] / step
+        if rows * columns > _MOST_CELLS * step**2:
+            width, height = columns * grid.resolution, rows * grid.resolution
+            raise FileError(
+                f"{grid.name}: expected at most {_MOST_CELLS / 1e6:g} million cells of {self._cell:g} m, "
+                f"which a robot {2.0 * radius:g} m wide needs, got {width:.0f} x {height:.0f} m; use "
+                "a part of this map"
+            )
+        self._map = np.pad(grid.free, ((0, -rows % step), (0, -columns % step)))
         # The greatest clearance in a cell counts, so that narrow doors stay open.
-        blocks = clearance.reshape(
-            clearance.shape[0] // step, step, clearance.shape[1] // step, step
-        )
-        self._clearance: Table = blocks.max(axis=(1, 3)).astype(np.float32)
+        self._clearance, self._clearest = _clearances(self._map, step)
         usable = self._clearance > radius / self._cell - _TOLERANCE
         # For each of `CLEARANCES`: free cells, the nearest one to each cell, and connected
         # components.
         frees, nearest, components = [], [], []
         for distance in CLEARANCES:
             free = self._clearance > (radius + distance) / self._cell
-            away, (row, column) = ndimage.distance_transform_edt(~free, return_indices=True)
-            near = usable & (away <= distance / self._cell + _TOLERANCE) & free.any()
-            nearest.append(np.where(near, row * free.shape[1] + column, -1).ravel())
-            components.append(ndimage.label(free, np.ones((3, 3)))[0].ravel())
+            nearest.append(
+                _nearest_free(
+                    free,
+                    usable,
+                    _offsets(distance / self._cell + _TOLERANCE),
+                    self._map,
+                    self._clearest,
+                )
+            )
+            components.append(ndimage.label(free)[0].ravel())
             frees.append(free)
         self._free: BoolArray = np.stack(frees)
-        self._nearest: Cells = np.stack(nearest).astype(np.int32)
+        self._nearest: Cells = np.stack(nearest)
         self._component: Cells = np.stack(components).astype(np.int32)
-        self._fields: OrderedDict[tuple[int, complex], tuple[Cells, Tables]] = OrderedDict()
+        self._fields: OrderedDict[tuple[int, complex], _Field] = OrderedDict()
         self._cached = lru_cache(_CACHED_PAIRS)(
             lambda *pair: self._between(np.array([pair]).T)[:, 0]
         )
         self._paths: dict[tuple[int, ...], FloatArray] = {}  # of the map's planner
-        free = np.argwhere(self._free[-1])
-        if not len(free):
+        open_cells = np.argwhere(self._free[-1])
+        if not len(open_cells):
             raise FileError(
                 f"{grid.name}: expected a place {radius:g} m from obstacles, got none: check resolution"
             )
-        place = np.array([complex(free[0, 1], free[0, 0])])
+        place = np.array([complex(open_cells[0, 1], open_cells[0, 0])])
         self._routes(place, place)  # loads compiled code
 
     def between(self, x: FloatArray, y: FloatArray, to_x: FloatArray, to_y: FloatArray) -> RouteSet:
@@ -204,10 +242,8 @@ class Routes:
                     which = to_end[levels[to_end] == level]
                     goal = self._nearest[level, to_cells[which[0]]]
                     cells = self._nearest[level, from_cells[which]]
-                    field = self._field(int(level), int(goal), complex(end))
-                    columns, look = self._clearance.shape[1], LOOK_AHEAD / self._cell
-                    found[:, which] = _look_up(
-                        starts[which], cells, *field, columns, goal, end, look
+                    found[:, which] = self._routes_to(
+                        complex(end), int(goal), starts[which], cells, int(level)
                     )
         if backward:
             found[3], found[4] = found[4] + math.pi, found[3] + math.pi
@@ -220,23 +256,71 @@ class Routes:
 
     def _cells(self, places: Places) -> NDArray[np.intp]:
         """Return the cells in which places lie, -1 outside the map."""
-        rows, columns = self._clearance.shape
-        row, column = np.floor(places.imag + 0.5), np.floor(places.real + 0.5)
-        inside = (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
-        return np.where(inside, row * columns + column, -1.0).astype(np.intp)
+        found = _cells_of(
+            places.ravel(), self._clearance.shape, self._step, self._map, self._clearest
+        )
+        return found.reshape(places.shape)
 
-    def _field(self, level: int, goal: int, end: complex) -> tuple[Cells, Tables]:
-        """Return parents and tables of the routes to a place, in the cell `goal`."""
-        key = level, end
-        if key not in self._fields:
-            parent, order = _parents(self._free[level], goal)
-            look, clearance = LOOK_AHEAD / self._cell, self._clearance.ravel()
-            tables = _tables(parent, order, self._clearance.shape[1], end, clearance, look)
-            self._fields[key] = parent, tables
-            while len(self._fields) > max(4, _FIELD_BYTES // (20 * clearance.size)):
-                self._fields.popitem(last=False)
-        self._fields.move_to_end(key)
-        return self._fields[key]
+    def _routes_to(
+        self, end: complex, goal: int, starts: Places, cells: Cells, level: int
+    ) -> FloatArray:
+        """Return the routes to a place, in the cell `goal`, from starts in `cells`, shape (6, n)."""
+        columns, look = self._clearance.shape[1], LOOK_AHEAD / self._cell
+        field = self._fields.get((level, end))
+        if field is None:
+            field = self._field(level, goal, end, _WINDOW_REACH)
+        self._fields.move_to_end((level, end))
+        while True:
+            corner = complex(field.left, field.low)
+            inside = field.cells(cells, columns)
+            found = _look_up(
+                starts - corner,
+                inside,
+                field.parent,
+                field.tables,
+                field.columns,
+                field.goal,
+                end - corner,
+                look,
+            )
+            # A route that leaves the window is longer than the way from the goal to its edge.
+            if (found[0] <= field.reach).all():
+                return found
+            field = self._field(level, goal, end, 2 * int(field.reach))
+
+    def _field(self, level: int, goal: int, end: complex, reach: int) -> _Field:
+        """Return, and cache, the field of a place, in the cell `goal`, in a window.
+
+        The edges of the window are at least `reach` cells from the goal, or those of the map.
+        """
+        rows, columns = self._clearance.shape
+        row, column = divmod(goal, columns)
+        low, high = max(row - reach, 0), min(row + reach + 1, rows)
+        left, right = max(column - reach, 0), min(column + reach + 1, columns)
+        if rows * columns <= _WINDOW_CELLS:
+            low, high, left, right = 0, rows, 0, columns
+        whole = (high - low, right - left) == (rows, columns)
+        free = np.ascontiguousarray(self._free[level, low:high, left:right])
+        clearance = np.ascontiguousarray(self._clearance[low:high, left:right]).ravel()
+        inside = (row - low) * (right - left) + column - left
+        parent, order = _parents(free, inside)
+        corner, look = complex(left, low), LOOK_AHEAD / self._cell
+        tables = _tables(parent, order, right - left, end - corner, clearance, look)
+        field = _Field(
+            low,
+            left,
+            high - low,
+            right - left,
+            math.inf if whole else reach,
+            inside,
+            parent,
+            tables,
+        )
+        self._fields[level, end] = field
+        size = sum(20 * len(other.parent) for other in self._fields.values())
+        while size > _FIELD_BYTES and len(self._fields) > 1:
+            size -= 20 * len(self._fields.popitem(last=False)[1].parent)
+        return field
 
 
 _routes_on = lru_cache(maxsize=4)(Routes)
@@ -295,16 +379,135 @@ def _levels(
 
 @compiled
 def _line_of_sight(free: BoolArray, cell: int, other: int) -> bool:
-    """Return whether the cells on the line between two cells are free."""
+    """Return whether the cells on the line between two cells are free.
+
+    Of the two cells beside a diagonal step one must be: else a thin wall leads between them.
+    """
     columns = free.shape[1]
     row, column = cell // columns, cell % columns
     down, right = other // columns - row, other % columns - column
     steps = max(abs(down), abs(right))
-    for step in range(1, steps):
+    before_row, before_column = row, column
+    for step in range(1, steps + 1):
         share = step / steps
-        if not free[row + math.floor(share * down + 0.5), column + math.floor(share * right + 0.5)]:
+        at_row = row + math.floor(share * down + 0.5)
+        at_column = column + math.floor(share * right + 0.5)
+        if step < steps and not free[at_row, at_column]:
             return False
+        is_diagonal = at_row != before_row and at_column != before_column
+        if is_diagonal and not (free[at_row, before_column] or free[before_row, at_column]):
+            return False
+        before_row, before_column = at_row, at_column
     return True
+
+
+@compiled
+def _clearances(free: BoolArray, step: int) -> tuple[Table, Cells]:
+    """Return the greatest clearance in each block of `step` x `step` cells of the map, and where it is.
+
+    Clearances are exact distances from the nearest obstacle (Meijster, Roerdink and Hesselink 2000),
+    in blocks; beyond the map are obstacles. The places are cells of the map.
+    """
+    rows, columns = free.shape
+    across = np.zeros((rows, columns), dtype=np.int32)  # distance within the column
+    for row in range(rows):
+        for column in range(columns):
+            if free[row, column]:
+                across[row, column] = 1 + (across[row - 1, column] if row > 0 else 0)
+    for row in range(rows - 1, -1, -1):
+        for column in range(columns):
+            below = across[row + 1, column] if row + 1 < rows else 0
+            across[row, column] = min(across[row, column], below + 1)
+    blocks = columns // step
+    greatest = np.full((rows // step, blocks), -1.0, dtype=np.float32)
+    clearest = np.zeros(rows // step * blocks, dtype=np.int32)
+    # The nearest obstacle of each place is in the column `nearest[part]` from the place `first[part]`
+    # on. Columns count from 1; 0 and the last one are beyond the map.
+    nearest, first = np.zeros(columns + 2, dtype=np.int64), np.zeros(columns + 2, dtype=np.int64)
+    squares = np.zeros(columns + 2, dtype=np.int64)
+    for row in range(rows):
+        for column in range(columns):
+            squares[column + 1] = np.int64(across[row, column]) ** 2
+        nearest[0], first[0], part = 0, 0, 0
+        for column in range(1, columns + 2):
+            while part >= 0:
+                other, place = nearest[part], first[part]
+                if (place - other) ** 2 + squares[other] <= (place - column) ** 2 + squares[column]:
+                    break
+                part -= 1
+            begin = 0
+            if part >= 0:
+                other = nearest[part]
+                further = column**2 - other**2 + squares[column] - squares[other]
+                begin = 1 + further // (2 * (column - other))
+            if begin < columns + 2:
+                part += 1
+                nearest[part], first[part] = column, begin
+        for place in range(columns + 1, 0, -1):
+            if place <= columns:
+                distance = math.sqrt((place - nearest[part]) ** 2 + squares[nearest[part]])
+                value = np.float32(distance / step)
+                block = row // step, (place - 1) // step
+                if value > greatest[block]:
+                    greatest[block] = value
+                    clearest[block[0] * blocks + block[1]] = row * columns + place - 1
+            if place == first[part]:
+                part -= 1
+    return greatest, clearest
+
+
+def _offsets(most: float) -> Cells:
+    """Return the steps from a cell to those at most so many cells away, shape (n, 2), nearest first."""
+    reach = np.arange(-int(most), int(most) + 1)
+    right, down = (values.ravel() for values in np.meshgrid(reach, reach, indexing="ij"))
+    squares = down**2 + right**2
+    order = np.argsort(squares, kind="stable")
+    return np.stack([down, right], axis=1)[order[squares[order] <= most**2]].astype(np.int32)
+
+
+@compiled
+def _nearest_free(
+    free: BoolArray, usable: BoolArray, offsets: Cells, whole: BoolArray, clearest: Cells
+) -> Cells:
+    """Return the nearest free cell to each usable one, at one of `offsets`, else -1, shape (cells,).
+
+    On the line between them all cells of the map, `whole`, are free.
+    """
+    rows, columns = free.shape
+    nearest = np.full(rows * columns, -1, dtype=np.int32)
+    for row in range(rows):
+        for column in range(columns):
+            if not usable[row, column]:
+                continue
+            cell = row * columns + column
+            for step in range(len(offsets)):
+                down, right = row + offsets[step, 0], column + offsets[step, 1]
+                if not (0 <= down < rows and 0 <= right < columns and free[down, right]):
+                    continue
+                other = down * columns + right
+                if _line_of_sight(whole, clearest[cell], clearest[other]):
+                    nearest[cell] = other
+                    break
+    return nearest
+
+
+@compiled
+def _cells_of(
+    places: Places, shape: tuple[int, int], step: int, free: BoolArray, clearest: Cells
+) -> NDArray[np.intp]:
+    """Return the cells in which places lie, -1 outside the map and behind a wall in the cell."""
+    rows, columns = shape
+    found = np.full(len(places), -1, dtype=np.intp)
+    for at in range(len(places)):
+        row, column = places[at].imag + 0.5, places[at].real + 0.5
+        if not (0.0 <= row < rows and 0.0 <= column < columns):
+            continue
+        cell = int(row) * columns + int(column)
+        place_row = min(int(row * step), rows * step - 1)
+        place = place_row * columns * step + min(int(column * step), columns * step - 1)
+        if _line_of_sight(free, place, clearest[cell]):
+            found[at] = cell
+    return found
 
 
 @compiled
@@ -462,6 +665,9 @@ def _look_up(
     found = np.empty((6, len(starts)))
     for at in range(len(starts)):
         start, cell = starts[at], cells[at]
+        if cell < 0 or parent[cell] < 0:  # beyond the window, or connected beyond it
+            found[:, at] = np.inf
+            continue
         bend = parent[cell]
         place = _place(bend, columns, goal, end)
         first = place - start

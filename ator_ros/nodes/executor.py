@@ -163,7 +163,9 @@ class ExecutorNode(Node):
         for reason in filter(None, reasons):
             self.get_logger().warning(reason)
         self._sets = LearnedSets(self, domain, self._libraries, self._settings)
-        follow_map(self, self._settings, domain, robot, self._take_map, lambda: self._run is None)
+        self._map = follow_map(
+            self, self._settings, domain, robot, self._take_map, lambda: self._run is None
+        )
         for name, library in self._libraries.items():
             warm_up_actions(library, Predictor(library.robot, self._sets.present[name].models))
         self._inputs = inputs_of(self._settings, domain.objects)
@@ -295,6 +297,7 @@ class ExecutorNode(Node):
         """Start a goal and wait for its end, which the callbacks of odometry and timer detect."""
         settings, present = self._settings, self._sets.present
         try:
+            self._map.expect_usable()
             sent = handle.request.chain, *handle.request.alternatives
             expect_sizes(handle.request)
             into_frame(settings["frame"], self._tf.base, sent)
@@ -438,11 +441,13 @@ class ExecutorNode(Node):
         problems = (
             missing,
             self._commands.mismatch(),
+            self._map.problem,
             self._sets.problem,
             self._remotes.problem,
             rivals,
         )
-        return Health("; ".join(filter(None, problems)), stale and self._run is not None, values)
+        is_error = self._map.is_missing or (stale and self._run is not None)
+        return Health("; ".join(filter(None, problems)), is_error, values)
 
     def stop(self) -> None:
         """Stop the robot and end the running goal, before the node ends."""

@@ -36,7 +36,7 @@ from ator_ros.nodes.parameters import (
     map_file,
     map_topic,
 )
-from ator_ros.nodes.path_planner import expect_planner_usable
+from ator_ros.nodes.path_planner import expect_planner_usable, planner_name
 from ator_ros.nodes.qos import RESULTS, SERVICES
 from ator_ros.nodes.running import run_node
 from ator_ros.printable import printable
@@ -86,7 +86,7 @@ class LearningNode(Node):
         self._folder = folder = Path(settings["learned"] or _DEFAULT_FOLDER).expanduser()
         self._lock = contextlib.ExitStack()
         given = {name: settings[name] for name in ("domain", "robot", "models", "frame")}
-        planner = self.resolve_topic_name(settings["planner"]) if settings["planner"] else ""
+        planner = planner_name(self, settings)
         expect_planner_usable(settings, self._domain)
         self._grid, self._awaits_map = map_file(settings), bool(map_topic(settings))
         models = self._domain.models_root(settings["models"])
@@ -112,7 +112,7 @@ class LearningNode(Node):
         except (FileError, OSError) as error:
             self._lock.close()
             raise SetupError(f"parameter learned: {error}") from error
-        follow_map(self, settings, self._domain, self._robot, self._take_map)
+        self._map = follow_map(self, settings, self._domain, self._robot, self._take_map)
         subscribed: dict[str, type[Any]] = {}
         for kind, topics, take in (
             (ActionPerformance, settings["records"], self._take),
@@ -183,7 +183,8 @@ class LearningNode(Node):
         values = self._learner.diagnostics()
         if self._domain.grid is not None:
             values["map"] = str(self._domain.grid)
-        return Health(self._learner.problem, values=values)
+        problems = filter(None, (self._map.problem, self._learner.problem))
+        return Health("; ".join(problems), values=values)
 
     def stop(self) -> None:
         """End the current round, and close the files."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 from nav_msgs.msg import OccupancyGrid
@@ -15,12 +16,27 @@ from ator_ros.nodes.diagnostics import STEADY, WARNING_PERIOD
 from ator_ros.nodes.messages import grid_from
 from ator_ros.nodes.parameters import SetupError, map_topic
 from ator_ros.nodes.qos import LATCHED
-from ator_ros.printable import quoted
+from ator_ros.printable import printable, quoted
 from ator_ros.robot.description import Robot
-from ator_ros.world.grid_map import GridMap
+from ator_ros.world.grid_map import GridMap, values_of
 from ator_ros.world.messages import MessageError
 
 _PERIOD = 0.5  # real s between two checks whether a node that was busy is idle
+
+
+@dataclass
+class FollowedMap:
+    """The map that a node takes from a topic; of a node without such a topic it has no fault."""
+
+    problem: str = ""
+    """Why the newest map cannot be used, or that there is none yet; empty if it is in use."""
+    is_missing: bool = False
+    """Whether no map of the topic is in use."""
+
+    def expect_usable(self) -> None:
+        """Raise MessageError if no map is in use, although the node was asked to use one."""
+        if self.is_missing:
+            raise MessageError(self.problem)
 
 
 def follow_map(
@@ -30,17 +46,23 @@ def follow_map(
     robot: Robot,
     take: Callable[[Domain, Robot], None],
     is_idle: Callable[[], bool] = lambda: True,
-) -> None:
-    """Subscribe to the topic of the map, if `settings` name one.
+) -> FollowedMap:
+    """Subscribe to the topic of the map, if `settings` name one; return the state of its map.
 
     `take` is called with domain and robot on each map that differs from the previous one, as soon
-    as `is_idle`: reading a map takes longer than a control tick. A map that cannot be used is
-    ignored, also if `take` raises OSError. Raises SetupError if `settings` name neither a file nor
-    a topic.
+    as `is_idle`: reading a map takes longer than a control tick. A map that cannot be used leaves
+    the previous one in use, also if `take` raises OSError. Raises SetupError if `settings` name
+    neither a file nor a topic.
     """
     topic = map_topic(settings)
+    followed = FollowedMap()
     if not topic:
-        return
+        return followed
+    followed.is_missing = True
+    shown = printable(topic)
+    followed.problem = (
+        f"{shown}: expected a map, got none yet; start map_server, or set the parameter map"
+    )
     pending: OccupancyGrid | None = None
     current: GridMap | None = None
 
@@ -57,13 +79,20 @@ def follow_map(
         try:
             grid = grid_from(message, topic, frame=settings.get("frame", message.header.frame_id))
             if grid == current:
+                followed.problem = ""
                 return
             mapped = domain.on_map(grid)
             take(mapped, mapped.equip(robot))
         except (MessageError, FileError, OSError) as error:
-            node.get_logger().warning(f"ignored: {error}", throttle_duration_sec=WARNING_PERIOD)
+            found = f"; {values_of(message.data)}" if isinstance(error, FileError) else ""
+            kept = "" if followed.is_missing else "; the previous map is used"
+            followed.problem = f"{error}{found}{kept}"
+            node.get_logger().warning(
+                f"ignored: {followed.problem}", throttle_duration_sec=WARNING_PERIOD
+            )
             return
         current = grid
+        followed.problem, followed.is_missing = "", False
         node.get_logger().info(f"on the map {grid}")
 
     try:
@@ -72,3 +101,4 @@ def follow_map(
         expected = "expected a file (.yaml) or the name of a topic"
         raise SetupError(f"parameter map: {expected}, got {quoted(topic)}") from error
     node.create_timer(_PERIOD, use_pending, clock=STEADY)
+    return followed

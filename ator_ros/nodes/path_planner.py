@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import time
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -27,6 +28,16 @@ from ator_ros.robot.description import Robot
 
 _TYPE = "nav2_msgs/action/ComputePathToPose"
 _PATH_TIMEOUT = 1.0  # real s for each path that a request to refinement needs
+_FIRST_PAUSE, _LONGEST_PAUSE = 0.05, 1.0  # real s before an interrupted request is repeated
+# The answers that there is no path. Nav2's server ends a request without any if another client,
+# such as bt_navigator, sends one, or cancels all; TIMEOUT and TF_ERROR may pass, too.
+_NO_PATH = (
+    "START_OUTSIDE_MAP",
+    "GOAL_OUTSIDE_MAP",
+    "START_OCCUPIED",
+    "GOAL_OCCUPIED",
+    "NO_VALID_PATH",
+)
 _TOLERANCE = 1.0  # greatest m between a place and the end of its path; Nav2's planners allow 0.5 m
 
 
@@ -42,12 +53,14 @@ class PlannerClient:
     frame : str
         The frame of the map, in which places and paths are.
     timeout : float
-        Longest wait for the server, and for each of its answers, in real s.
+        Longest wait for the server, for each of its answers, and for the end of a request that it
+        interrupts, in real s.
     """
 
     def __init__(self, name: str, frame: str, timeout: float) -> None:
         self._name, self._frame, self._timeout = name, frame, timeout
         self._kind = action_type(_TYPE)
+        self._no_path = [getattr(self._kind.Result, name, None) for name in _NO_PATH]
         self._node = Node(
             "path_planner", start_parameter_services=False, use_global_arguments=False
         )
@@ -62,8 +75,9 @@ class PlannerClient:
     def __call__(self, start: tuple[float, float], goal: tuple[float, float]) -> FloatArray | None:
         """Return the path between two places in m, shape (n, 2), or None if the server finds none.
 
-        Raises RefinementError if the server is missing, rejects the goal, does not answer in time,
-        or answers with an unusable path.
+        A request that the server interrupts is repeated. Raises RefinementError if the server is
+        missing, rejects the goal, does not answer in time, interrupts all requests, or answers with
+        an unusable path.
         """
         # At the first call, DDS may still be connecting the server. Later calls do not wait.
         discovery_timeout = 0.0 if self._was_called else self._timeout
@@ -72,19 +86,20 @@ class PlannerClient:
             raise RefinementError(
                 f"planner: expected the action server {self._name}, got none; start Nav2's planner_server"
             )
-        ends = {"start": self._pose_stamped(*start), "goal": self._pose_stamped(*goal)}
-        request = self._kind.Goal(use_start=True, **ends)
-        handle = self._answer(self._client.send_goal_async(request))
-        if handle is None:
-            raise self._unanswered(start, goal)
-        if not handle.accepted:
-            raise RefinementError(f"planner: {self._name} rejected the goal; is it active?")
-        answer = self._answer(handle.get_result_async())
-        if answer is None:
-            handle.cancel_goal_async()
-            raise self._unanswered(start, goal)
-        if answer.status != GoalStatus.STATUS_SUCCEEDED:
-            return None
+        end = time.monotonic() + self._timeout
+        pause = _FIRST_PAUSE
+        while (answer := self._request(start, goal)).status != GoalStatus.STATUS_SUCCEEDED:
+            code = answer.result.error_code
+            if answer.status == GoalStatus.STATUS_ABORTED and code in self._no_path:
+                return None
+            if time.monotonic() + pause > end:
+                ended = "canceled" if answer.status == GoalStatus.STATUS_CANCELED else "aborted"
+                raise RefinementError(
+                    f"planner: {self._name} {ended} all requests for {self._timeout:g} s "
+                    f"(error code {code}); if another client uses it, such as a driving Nav2, try again later"
+                )
+            time.sleep(pause)
+            pause = min(2.0 * pause, _LONGEST_PAUSE)
         found = answer.result.path
         path = np.array([(item.pose.position.x, item.pose.position.y) for item in found.poses])
         if (
@@ -101,6 +116,20 @@ class PlannerClient:
                 f"planner: expected a path {_between(start, goal)}, got one {_between(path[0], path[-1])}"
             )
         return path
+
+    def _request(self, start: tuple[float, float], goal: tuple[float, float]) -> Any:
+        """Return the server's answer to a request, of any status; raises RefinementError without one."""
+        ends = {"start": self._pose_stamped(*start), "goal": self._pose_stamped(*goal)}
+        handle = self._answer(self._client.send_goal_async(self._kind.Goal(use_start=True, **ends)))
+        if handle is None:
+            raise self._unanswered(start, goal)
+        if not handle.accepted:
+            raise RefinementError(f"planner: {self._name} rejected the goal; is it active?")
+        answer = self._answer(handle.get_result_async())
+        if answer is None:
+            handle.cancel_goal_async()
+            raise self._unanswered(start, goal)
+        return answer
 
     def _pose_stamped(self, x: float, y: float) -> PoseStamped:
         return PoseStamped(header=Header(frame_id=self._frame), pose=pose_of(Pose(x, y, 0.0)))
@@ -131,6 +160,20 @@ def expect_planner_usable(settings: Mapping[str, Any], domain: Domain) -> None:
         raise SetupError(f"parameter planner: {error}") from error
 
 
+def planner_name(node: Node, settings: Mapping[str, Any]) -> str:
+    """Return the full name of the action that the parameter `PLANNER` names, in the node's namespace.
+
+    Empty if it names none. Raises SetupError if it is no name.
+    """
+    name = settings[PLANNER.name]
+    try:
+        return node.resolve_topic_name(name) if name else ""
+    except (ValueError, RuntimeError) as error:
+        raise SetupError(
+            f"parameter planner: expected the name of an action, got {quoted(name)}"
+        ) from error
+
+
 def with_planner(
     node: Node, settings: Mapping[str, Any], domain: Domain, robot: Robot
 ) -> tuple[Domain, Robot]:
@@ -140,12 +183,10 @@ def with_planner(
     Raises SetupError as `expect_planner_usable` does.
     """
     expect_planner_usable(settings, domain)
-    name = settings[PLANNER.name]
+    name = planner_name(node, settings)
     if not name:
         return domain, robot
-    domain = planned_by(
-        node.resolve_topic_name(name), settings[FRAME.name], domain, timeout=_PATH_TIMEOUT
-    )
+    domain = planned_by(name, settings[FRAME.name], domain, timeout=_PATH_TIMEOUT)
     return domain, domain.equip(robot)
 
 

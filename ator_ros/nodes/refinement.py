@@ -124,7 +124,7 @@ class RefinementNode(Node):
         # places are searched inside the fence
         self._ranges = self._fence.narrowed(domain.ranges, robot)
         self._sets = LearnedSets(self, domain, self._libraries, self._settings, self._warm_up)
-        follow_map(self, self._settings, domain, robot, self._take_map)
+        self._map = follow_map(self, self._settings, domain, robot, self._take_map)
         self._goals = domain.goals(robot)
         self._variables = state_variables(domain.objects, holder=robot.holder is not None)
         self._answered, self._cut_short, self._last_error = 0, 0, ""
@@ -213,6 +213,7 @@ class RefinementNode(Node):
         present, library = self._sets.present[action_set], self._libraries[action_set]
         if not present.models:
             raise RefinementError(f"action set {action_set}: {present.absent}")
+        self._map.expect_usable()
         sent = request.chain, *request.alternatives
         messages.into_frame(frame, self._tf.base, sent, request.situation)
         gains = self._sets.gains.of(action_set)
@@ -241,6 +242,7 @@ class RefinementNode(Node):
         return answer
 
     def _plan(self, request: PlanChains.Request) -> PlanChains.Response:
+        self._map.expect_usable()
         name = messages.action_set_from(request, allowed=self._libraries, where="request")
         goal = messages.statements_from(request.goal, self._goals, self._variables)
         messages.into_frame(self._frame, self._tf.base, (), request.situation)
@@ -264,6 +266,7 @@ class RefinementNode(Node):
         """
         for field in ("situations", "calls"):
             count(getattr(request, field), field, least=1, most=_MOST_PREDICTED)
+        self._map.expect_usable()
         name = messages.action_set_from(request, allowed=self._libraries, where="request")
         messages.into_frame(self._frame, self._tf.base, (request,))
         worlds = []
@@ -310,13 +313,17 @@ class RefinementNode(Node):
 
     def _health(self) -> Health:
         usable = any(read.models for read in self._sets.present.values())
-        problem = self._sets.problem or ("" if usable else "no models for any action set")
+        reasons = (
+            self._map.problem,
+            self._sets.problem or ("" if usable else "no models for any action set"),
+        )
         counts = {
             "requests answered": self._answered,
             "requests cut short by their deadline": self._cut_short,
             "last error": self._last_error,
         }
-        return Health(problem, not usable, self._sets.diagnostics() | counts)
+        is_error = self._map.is_missing or not usable
+        return Health("; ".join(filter(None, reasons)), is_error, self._sets.diagnostics() | counts)
 
 
 def refine_request(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import inspect
 import os
+import re
 import signal
 import sys
 import threading
@@ -28,6 +29,7 @@ from ator_ros.nodes.parameters import Parameter, SetupError
 from ator_ros.printable import printable
 from ator_ros.resources import ResourceError
 
+_EMPTY_PARAMETER = re.compile(r"parameter override rule: '(-p \S+:=)'")  # rcl gives no reason
 _SPIN_PERIOD = 0.1  # s within which a signal ends the node
 _LAST_SPINS = 0.3  # s for which `spin_out` sends
 # characters of the error with which a node ends: a part of a path may have 255
@@ -77,6 +79,8 @@ def run_node(
         rclpy.try_shutdown()
         # those of rcl have several lines
         reason = printable(" ".join(str(error).split()), _LONGEST_REASON)
+        if empty := _EMPTY_PARAMETER.search(reason):
+            reason = f"{empty[1]}: expected a value, got none; an empty text is {empty[1]}\"''\""
         sys.exit(f"{Path(sys.argv[0]).name}: {reason}")
     # Libraries and models live as long as the process: scanning them for garbage would take up to
     # 50 ms.

@@ -307,7 +307,7 @@ class WaypointsNode(Node):
             take_robot=self._take_robot, take_object=lambda *_: None, warn=self._warn,
         )  # fmt: skip
         self._tf = subscribed.tf
-        follow_map(self, settings, domain, self._robot, self._take_map)
+        self._map = follow_map(self, settings, domain, self._robot, self._take_map)
         self._chains = ActionClient(self, ExecuteChain, "execute_chain", **ACTION_QUEUES)
         self._lease = publish_lease(self)
         self._servers = [
@@ -402,6 +402,8 @@ class WaypointsNode(Node):
                 f"poses: expected at most {_MOST_WAYPOINTS} poses, got {count}; send several goals"
             )
             return goal.unknown_error, reason
+        if not await self._wait_for(lambda: not self._map.is_missing, _TF_TIMEOUT):
+            return goal.unknown_error, printable(self._map.problem, _LONGEST_REASON)
         used = {
             goal.waypoint_index(leg) for leg in range(goal.leg, min(goal.end, goal.leg + count))
         }

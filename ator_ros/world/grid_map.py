@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
@@ -16,11 +17,14 @@ import yaml
 from ator_ros.files import FileError, atomic_write, read_yaml, write_text
 from ator_ros.geometry import BoolArray, FloatArray, Pose
 from ator_ros.printable import printable
-from ator_ros.schema import Must, SchemaError, Within, structured
+from ator_ros.schema import Must, SchemaError, Within, require, structured
 
 _LARGEST_YAML = 100_000  # bytes; map_server's have 200
 _FREE = 25  # percent up to which a cell of an OccupancyGrid is free, as map_saver writes it
 _MOST_CELLS = 100_000_000  # 500 x 500 m at 5 cm
+# Decoders of images. Pillow has many others, of which some start programs.
+_FORMATS = ("PPM", "PNG", "BMP")  # PPM includes PGM and PBM
+_TRANSPARENT = ("LA", "PA", "RGBA")  # Pillow's modes of images with an alpha channel
 
 Planner = Callable[[tuple[float, float], tuple[float, float]], FloatArray | None]
 """Returns a path between two places, shape (n, 2), in m, or None if there is none. Its text names it."""
@@ -36,8 +40,14 @@ class _MapFile:
         tuple[float, ...], Must("x, y (m) and yaw (rad)", lambda origin: len(origin) == 3)
     ]
     free_thresh: Annotated[float, Within(0.0, 1.0)]
+    occupied_thresh: Annotated[float, Within(0.0, 1.0)]
     negate: int | bool = 0
-    mode: Annotated[str, Must("trinary", lambda mode: mode == "trinary")] = "trinary"
+    mode: Annotated[str, Must("trinary", lambda mode: mode.lower() == "trinary")] = "trinary"
+
+    def __post_init__(self) -> None:
+        """Raise SchemaError if a cell could be both free and occupied."""
+        expected = f"a number of at most occupied_thresh {self.occupied_thresh:g}"
+        require(self.free_thresh <= self.occupied_thresh, "free_thresh", expected, self.free_thresh)
 
 
 PATHS_OF = ", paths of "
@@ -131,6 +141,14 @@ def map_of_grid(
     return GridMap(name, free.reshape(height, width), side, origin)
 
 
+def values_of(data: Sequence[int]) -> str:
+    """Return which values the cells of an OccupancyGrid have, and which of them are free, for messages."""
+    values = np.asarray(data, dtype=np.int16)
+    if not values.size:
+        return "it has no cells"
+    return f"its cells have values from {values.min()} to {values.max()}, free are 0 to {_FREE}"
+
+
 def load_map(path: Path | str) -> GridMap:
     """Read the map that a YAML file of map_server describes.
 
@@ -143,11 +161,12 @@ def load_map(path: Path | str) -> GridMap:
             data = {item.name: data[item.name] for item in fields(_MapFile) if item.name in data}
         read = structured(data, _MapFile)
     except SchemaError as error:
-        raise FileError(f"{file}: expected a map_server file: {error}") from error
-    shade = _image(file.parent / read.image)
-    occupied = shade if read.negate else 1.0 - shade
+        raise FileError(f"{printable(file, 200)}: expected a map_server file: {error}") from error
     return GridMap(
-        file.name, (occupied < read.free_thresh)[::-1], read.resolution, Pose(*read.origin)
+        printable(file.name),
+        _free_pixels(file.parent / read.image, read)[::-1],
+        read.resolution,
+        Pose(*read.origin),
     )
 
 
@@ -168,22 +187,39 @@ def save_map(grid: GridMap, folder: Path) -> Path:
     return folder / "map.yaml"
 
 
-def _image(file: Path) -> FloatArray:
-    """Read an image, such as PGM or PNG: from 0 (black) to 1 (white), shape (height, width)."""
+def _free_pixels(file: Path, read: _MapFile) -> BoolArray:
+    """Return which pixels of an image are free, shape (height, width): bright ones, unless `negate`.
+
+    Pixels that are not opaque are unknown, as in map_server.
+    """
     from PIL import Image  # slow to import, and needed with a map only
 
-    if not file.is_file():  # opening a pipe would block
-        raise FileError(
-            f"{file}: expected the image of a map, there is none: check the field image"
-        )
+    shown = printable(file, 200)
     try:
-        with Image.open(file) as image:
+        if not file.is_file():  # opening a pipe would block
+            raise FileError(
+                f"{shown}: expected the image of a map, there is none: check the field image"
+            )
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of Pillow, whose limit is similar to ours
+            image = Image.open(file, formats=_FORMATS)
+        with image:
             if image.width * image.height > _MOST_CELLS:
-                raise ValueError(f"expected at most 1e8 cells, got {image.width} x {image.height}")
+                raise ValueError(f"expected at most 1e8 pixels, got {image.width} x {image.height}")
+            opaque = None
+            if image.mode in _TRANSPARENT or "transparency" in image.info:
+                opaque = np.asarray(image.convert("RGBA").getchannel("A")) == 255
             deep = image.mode.startswith("I")  # 16 bit
-            values = np.asarray(image if deep else image.convert("L"), dtype=float)
+            values = np.asarray(image if deep else image.convert("L"))
+    except FileError:
+        raise
     except Exception as error:  # Pillow raises many on damaged files
         raise FileError(
-            f"{file}: expected a readable PGM or PNG: {printable(error, 200)}"
+            f"{shown}: expected a readable PGM or PNG, or a BMP: {printable(error, 200)}"
         ) from error
-    return values / (65535.0 if deep else 255.0)
+    most = 65535 if deep else 255
+    occupied = np.arange(most + 1) / most
+    if not read.negate:
+        occupied = 1.0 - occupied
+    free: BoolArray = (occupied < read.free_thresh)[np.clip(values, 0, most)]
+    return free if opaque is None else free & opaque

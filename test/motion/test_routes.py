@@ -126,6 +126,70 @@ def test_a_door_is_passed_if_the_robot_fits(width: int) -> None:
     assert np.isfinite(found.length) == (width * 0.05 > 2.0 * RADIUS)
 
 
+def walled(wall: slice, *, side: int = 1600, door: bool = False) -> GridMap:
+    """Return a square map of cells of 5 cm, with a wall across, and a door at its far end."""
+    free = np.ones((side, side), dtype=bool)
+    free[: side - 30 if door else side, wall] = False
+    return GridMap("large", free, 0.05, Pose(0.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize("wall", [slice(800, 801), slice(802, 803), slice(803, 805)])
+def test_a_thin_wall_separates_on_a_large_map(wall: slice) -> None:
+    closed = Routes(walled(wall), 0.13)
+    assert np.isnan(between((38.0, 5.0, 42.0, 5.0), routes=closed).length[0])
+
+
+def test_routes_lead_to_the_far_door_of_a_large_map() -> None:
+    routes = Routes(walled(slice(803, 804), door=True), 0.13)
+    far, near = (38.0, 5.0, 42.0, 5.0), (38.0, 5.0, 36.0, 8.0)
+    found = between(far, near, routes=routes)
+    around = 2.0 * math.hypot(2.0, 78.5 + 0.13 + CLEARANCES[0] - 5.0)
+    assert found.length == pytest.approx([around, math.hypot(2.0, 3.0)], abs=1.0)
+    assert found.length[1] == pytest.approx(between(near, routes=routes).length[0])
+
+
+@pytest.mark.parametrize("resolution", [0.02, 0.05, 0.2])
+@pytest.mark.parametrize("radius", [0.05, 0.13, RADIUS])
+@pytest.mark.parametrize("angle", [0.0, 0.3, math.pi / 4, 1.3])
+def test_a_wall_of_one_cell_separates_any_robot_and_a_door_of_its_width_does_not(
+    resolution: float, radius: float, angle: float
+) -> None:
+    side = 121
+    middles = np.arange(side) - 60.0
+    x, y = np.meshgrid(middles, middles)
+    # One cell in each row or column, whichever of them the line crosses at a steeper angle.
+    size = max(abs(math.cos(angle)), abs(math.sin(angle)))
+    across = (y * math.cos(angle) - x * math.sin(angle)) / size
+    along = x * math.cos(angle) + y * math.sin(angle)
+    wall = (across > -0.5) & (across <= 0.5)
+    grids = [
+        GridMap(name, ~blocked, resolution, Pose(0.0, 0.0, 0.0))
+        for name, blocked in (
+            ("closed", wall),
+            ("open", wall & (np.abs(along) > radius / resolution + 0.75)),
+        )
+    ]
+    closed, passable = (Routes(grid, radius) for grid in grids)
+    rng = np.random.default_rng(0)
+    starts = rng.uniform(0.0, side, (200, 2))
+    starts[:100] = starts[:100] * 0.02 + 59.0  # next to the wall
+    rows, columns = starts[:, 1].astype(int), starts[:, 0].astype(int)
+    above = across[rows, columns] > 0.5
+    below = across[rows, columns] <= -0.5
+    places = resolution * starts
+    pairs = np.concatenate([places[above][:40], places[below][:40]], axis=1).T
+    assert not closed.connected(pairs).any()
+    middle = 0.5 * side * resolution
+    there = 40.0 * resolution * np.array([-math.sin(angle), math.cos(angle)])
+    through = middle - there[0], middle - there[1], middle + there[0], middle + there[1]
+    assert np.isfinite(between(through, routes=passable).length[0])
+
+
+def test_a_map_too_large_for_the_robot_is_rejected() -> None:
+    with pytest.raises(FileError, match=r"large: expected at most 16 million cells of 0\.1 m"):
+        Routes(walled(slice(0, 1), side=9000), RADIUS)
+
+
 def test_a_map_without_room_for_the_robot_is_rejected() -> None:
     with pytest.raises(FileError, match=r"hall: expected a place 9 m from obstacles, got none"):
         Routes(GRID, 9.0)

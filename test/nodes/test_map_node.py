@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from chain_client import ChainClient, call
 from conftest import Host, Start
+from diagnostic_msgs.msg import DiagnosticStatus
 from experience_rows import route_drives
 from maps import hall_map
 from nav_msgs.msg import OccupancyGrid
@@ -110,6 +111,44 @@ def test_the_executor_refuses_a_goal_in_a_wall_before_the_robot_moves(
     assert outcome.code == Outcome.REFUSED
     assert "chain.calls[1].goal (visit): expected a place in free space" in outcome.reason
     assert not chains.commands
+
+
+def test_goals_are_refused_while_the_map_that_was_asked_for_is_unusable(
+    host: Host, client: Client
+) -> None:
+    maps = client.node.create_publisher(OccupancyGrid, "map", LATCHED)
+    node = host("executor", domain="building", map="map")
+    chains = ChainClient(client)
+    there = [call("visit", Pose(-2.0, 0.0, 0.0))]
+    outcome = chains.send(there).outcome()
+    assert outcome.code == Outcome.REFUSED
+    assert "map: expected a map, got none yet; start map_server" in outcome.reason
+    continuous = occupancy_grid_of(WALL, frame="odom")
+    shades = np.where(WALL.free, 30, 97).astype(np.int8)
+    shades[::3, ::3] = 8
+    continuous.data = shades.ravel().tolist()
+    maps.publish(continuous)
+    found = "its cells have values from 8 to 97, free are 0 to 25"
+    client.eventually(lambda: found in node.output, "a warning")
+    status = client.status_of("executor")
+    assert status.level == DiagnosticStatus.ERROR
+    assert found in status.message
+    refused = chains.send(there).outcome()
+    assert refused.code == Outcome.REFUSED
+    assert found in refused.reason
+    assert "map: expected a place 0.17 m from obstacles, got none" in refused.reason
+    assert len(refused.reason) <= 300
+    assert not chains.commands
+    maps.publish(occupancy_grid_of(WALL, frame="odom"))
+    client.eventually(lambda: "on the map map (" in node.output, "the map")
+    inside = chains.send([call("visit", Pose(0.0, 0.0, 0.0))]).outcome()
+    assert "expected a place in free space" in inside.reason
+    maps.publish(continuous)
+    health = client.statuses()
+    client.eventually(
+        lambda: any("the previous map is used" in status.message for status in health),
+        "diagnostics of a map that is not used",
+    )
 
 
 def test_a_map_is_used_once_the_node_is_idle_unless_it_has_no_room(client: Client) -> None:

@@ -52,6 +52,11 @@ def test_images_of_all_kinds_are_read(tmp_path: Path, kind: str) -> None:
         ({"image": "none.pgm"}, r"none\.pgm: expected the image of a map, there is none"),
         ({"image": "hall.yaml"}, r"hall\.yaml: expected a readable PGM or PNG"),
         ({"free_thresh": 0.0}, "expected free cells, got none"),
+        (
+            {"free_thresh": 0.7},
+            "free_thresh: expected a number of at most occupied_thresh 0.65; got 0.7",
+        ),
+        ({"image": "x" * 5000}, r"x{100,}… \(50\d\d characters\): expected a readable PGM or PNG"),
     ],
 )
 def test_an_unusable_map_is_rejected_with_the_reason(
@@ -59,6 +64,52 @@ def test_an_unusable_map_is_rejected_with_the_reason(
 ) -> None:
     with pytest.raises(FileError, match=text):
         load_map(write_map(tmp_path, hall(), **fields))
+
+
+@pytest.mark.parametrize("mode", ["LA", "RGBA", "P", "L"])
+def test_pixels_that_are_not_opaque_are_unknown(tmp_path: Path, mode: str) -> None:
+    image = Image.fromarray(np.array([[254, 253, 254]], dtype=np.uint8))
+    if mode in ("LA", "RGBA"):
+        image.putalpha(Image.fromarray(np.array([[255, 0, 254]], dtype=np.uint8)))
+        image.convert(mode).save(tmp_path / "other.png")
+    else:
+        color = 253 if mode == "L" else image.convert("P").getpixel((1, 0))
+        image.convert(mode).save(tmp_path / "other.png", transparency=color)
+    read = load_map(write_map(tmp_path, hall(), image="other.png"))
+    assert read.free.tolist() == [[True, False, mode not in ("LA", "RGBA")]]
+
+
+@pytest.mark.parametrize(("text", "number"), [("5e-2", 0.05), ("1.e-1", 0.1), ("+.5E0", 0.5)])
+def test_numbers_are_those_of_yaml_1_2(tmp_path: Path, text: str, number: float) -> None:
+    file = write_map(tmp_path, hall())
+    content = file.read_text().replace("resolution: 0.05", f"resolution: {text}")
+    file.write_text(content)
+    assert load_map(file).resolution == number
+
+
+def test_only_images_that_map_server_writes_are_decoded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    started = tmp_path / "started"
+    program = tmp_path / "gs"
+    program.write_text(f"#!/bin/sh\ntouch {started}\n")
+    program.chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path), prepend=":")
+    file = write_map(tmp_path, hall())
+    (tmp_path / "hall.pgm").write_text(
+        "%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 9 9\nshowpage\n"
+    )
+    with pytest.raises(FileError, match="expected a readable PGM or PNG"):
+        load_map(file)
+    assert not started.exists()
+
+
+@pytest.mark.parametrize("header", [b"P5 131072 131072 255\n", b"P4 10001 10001\n"])
+def test_pixels_are_counted_before_they_are_decoded(tmp_path: Path, header: bytes) -> None:
+    file = write_map(tmp_path, hall())
+    (tmp_path / "hall.pgm").write_bytes(header + bytes(12_000))
+    with pytest.raises(FileError, match=r"hall\.pgm: expected a readable PGM or PNG.*pixels"):
+        load_map(file)
 
 
 def test_a_grid_of_another_size_is_rejected() -> None:
