@@ -37,6 +37,7 @@ _MOST_RATIO = 200  # of zstd for a whole file; odometry of a robot at rest reach
 _LEAST_RATIO_SIZE = 64 << 20  # bytes up to which any ratio is accepted
 _BLOCK = 1 << 20  # bytes that are decompressed at once
 _REORDERED = 32 << 20  # bytes of messages among which the order of time is restored
+_MOST_AT_ONCE = 1000  # messages of one time that are compared
 _OVERHEAD = 200  # bytes of a message in Python, besides its data
 _STEPS = 20_000  # instructions of SQLite, about a millisecond, between two looks for signals
 
@@ -316,7 +317,10 @@ class _Sqlite:
     """
 
     def __init__(self, path: Path, stack: contextlib.ExitStack) -> None:
-        database = sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro&immutable=1", uri=True)
+        # Without a log of changes beside it, the file is complete, also on read-only media.
+        whole = not path.with_name(f"{path.name}-wal").exists()
+        options = "mode=ro&immutable=1" if whole else "mode=ro"
+        database = sqlite3.connect(f"{path.absolute().as_uri()}?{options}", uri=True)
         self._data = stack.enter_context(contextlib.closing(database))
         self._data.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, _LARGEST_CHUNK)
         # A pending signal makes the call of the handler fail, which interrupts the query.
@@ -477,15 +481,14 @@ class Bag:
         """
         streams = [_labeled(file, topics) for file in self._files]
         decoders: dict[tuple[File, int], Callable[[bytes], Any]] = {}
-        time, at_once = -1, set[tuple[Topic, bytes]]()
+        time, at_once = -1, dict[tuple[Topic, bytes], File]()
         for raw, file in _in_order(heapq.merge(*streams, key=lambda each: each[0].time)):
-            if raw.time != time:
+            if raw.time != time or len(at_once) > _MOST_AT_ONCE:
                 time = raw.time
                 at_once.clear()
-            if (raw.topic, raw.data) in at_once:
+            if at_once.setdefault((raw.topic, raw.data), file) is not file:
                 self._repeated += 1
                 continue
-            at_once.add((raw.topic, raw.data))
             try:
                 data = _unpacked_message(raw.data)
                 key = file, raw.definition

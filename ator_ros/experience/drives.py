@@ -61,11 +61,11 @@ _CEASED = 1.0  # s without commands; within that time the watchdogs of most base
 SHORTEST = 0.5  # s, the shortest drive
 NOT_DRIVEN = Standstill(0.01, 0.02)
 """Greatest speeds of a command to stop, and greatest measured speeds of a robot at rest."""
-_MOST_NUMBERS = 16_000_000
-"""Numbers of a recording that are kept, 128 MB: 12 h of odometry at 50 Hz and commands at 20 Hz."""
+_MOST_NUMBERS = 10_000_000
+"""Numbers of a recording that are kept, 80 MB: 7 h of odometry at 50 Hz and commands at 20 Hz."""
 _MOST_RECORDS = 20_000
 """Records of a recording that are kept: a week of actions of 30 s."""
-_MOST_SAMPLES = 500_000  # of all drives of a recording: 14 h of driving
+_MOST_SAMPLES = 300_000  # of all drives of a recording: 8 h of driving
 _LONGEST = 3600.0  # s, the longest drive
 _MOST_FRAMES, _LONGEST_NAME = 1000, 256  # frames in tf, and characters of their names
 _JUMP_SLACK = (
@@ -270,7 +270,7 @@ class Reader:
             f"{self.errors[role]}"
             for role, count in self.left_out.items()
         )
-        return [*self._remarks, *self._doubts(), *left_out]
+        return [*self._doubts(), *self._remarks, *left_out]
 
     def _doubts(self) -> Iterator[str]:
         """Yield remarks about what all messages show together."""
@@ -443,6 +443,7 @@ class Track:
         self.odom = segment.odom.in_order()
         self.odom[:, 3] = np.unwrap(self.odom[:, 3])
         self.corrected = _correct_twists(self.odom)
+        self._times = np.ascontiguousarray(self.odom[:, 0])  # searching a column would copy it
         self.objects = {name: rows.in_order() for name, rows in segment.objects.items() if rows}
         self._odom_pose = Pose(0.0, 0.0, 0.0)
         self.begin, self.end = float(self.odom[0, 0]), float(self.odom[-1, 0])
@@ -463,12 +464,12 @@ class Track:
     def states(self, times: FloatArray) -> FloatArray:
         """Return the states at times (n,) in s, one a row: t, x, y, yaw, v, w, then x, y of each object.
 
-        Objects are NaN before their first message.
+        Objects are NaN before their first message. The times increase.
         """
         since = np.round(times - self.begin, _DIGITS)
         columns = [
             np.interp(since, stamps, row, left=np.nan)
-            for stamps, *rows in self._rows
+            for stamps, *rows in (_around(table, since) for table in self._rows)
             for row in rows
         ]
         states, (x, y, yaw) = np.column_stack([times, *columns]), self._odom_pose
@@ -497,7 +498,7 @@ class Track:
 
         The robot may drive faster than described: see `FASTEST`.
         """
-        times = self.odom[:, 0]
+        times = self._times
         first = max(0, int(np.searchsorted(times, since, "right")) - 1)
         during = self.odom[first : np.searchsorted(times, until, "right")]
         elapsed = np.diff(during[:, 0])
@@ -509,11 +510,26 @@ class Track:
         )
         return _JUMPS if (beyond > _JUMP_SLACK).any() else ""
 
+    def between(self, since: float, until: float) -> FloatArray:
+        """Return the rows of odometry from one time (s) to another, both included."""
+        begin = np.searchsorted(self._times, since)
+        return self.odom[begin : np.searchsorted(self._times, until, "right")]
+
     def stood(self, since: float, until: float) -> bool:
         """Return whether the robot stood at any time between two (s)."""
-        times = self.odom[:, 0]
+        times = self._times
         during = self.odom[np.searchsorted(times, since, "right") : np.searchsorted(times, until)]
         return bool(NOT_DRIVEN.holds(during[:, 4], during[:, 5]).any())
+
+
+def _around(table: FloatArray, times: FloatArray) -> FloatArray:
+    """Return the columns of a table (stamps first) between which these times (s) lie.
+
+    Interpolation in the whole table takes time that grows with its length.
+    """
+    first = max(0, int(np.searchsorted(table[0], times[0], "right")) - 1)
+    last = int(np.searchsorted(table[0], times[-1], "right")) + 1
+    return table[:, min(first, table.shape[1] - 1) : last]
 
 
 def _correct_twists(odom: FloatArray) -> set[str]:
@@ -623,9 +639,7 @@ def _spans(commands: FloatArray, track: Track) -> Iterator[tuple[float, float]]:
 
 def _rest(track: Track, ceased: float) -> float:
     """Return when (s) the robot came to rest after its commands ceased; `ceased` if it did not."""
-    times = track.odom[:, 0]
-    last = ceased + PAUSE + _ROUNDING
-    after = track.odom[np.searchsorted(times, ceased) : np.searchsorted(times, last, "right")]
+    after = track.between(ceased, ceased + PAUSE + _ROUNDING)
     still = NOT_DRIVEN.holds(after[:, 4], after[:, 5])
     return float(after[still][0, 0]) if still.any() else ceased
 
