@@ -132,15 +132,23 @@ def drives(jump: float = 0.0) -> list[list[Tick]]:
 
 
 def write_bag(
-    bag: Path, make: Messages, ticks: Sequence[Tick], *topics: Extra, storage: str = "MCAP"
+    bag: Path,
+    make: Messages,
+    ticks: Sequence[Tick],
+    *topics: Extra,
+    storage: str = "MCAP",
+    compressed: str = "NONE",
 ) -> Path:
     """Write a recording.
 
-    `topics` are name, type, and factory of the messages, at most one for each tick.
+    `topics` are name, type, and factory of the messages, at most one for each tick. `compressed` is
+    what is compressed with zstd: MESSAGE, FILE or NONE.
     """
-    from rosbags.rosbag2 import StoragePlugin, Writer
+    from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
-    with Writer(bag, version=9, storage_plugin=StoragePlugin[storage]) as writer:
+    opened = Writer(bag, version=9, storage_plugin=StoragePlugin[storage])
+    opened.set_compression(CompressionMode[compressed], CompressionFormat.ZSTD)
+    with opened as writer:
         links = [
             writer.add_connection(topic, kind, typestore=make.store) for topic, kind, _ in topics
         ]

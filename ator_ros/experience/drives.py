@@ -10,8 +10,9 @@ from __future__ import annotations
 import copy
 import dataclasses
 import math
+from array import array
 from collections import Counter, defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -22,9 +23,17 @@ from ator_ros.actions import DEFAULT_SET
 from ator_ros.actions.base import Goal, Point
 from ator_ros.actions.situation import Situation
 from ator_ros.experience.episode import Episode
-from ator_ros.experience.records import ENDED, Vocabulary, episode_of, fault_in
-from ator_ros.experience.server_goals import GOAL_POSE, PLAN, ServerGoal, ServerGoals, status_topics
+from ator_ros.experience.records import ENDED, FASTEST, Vocabulary, episode_of, fault_in
+from ator_ros.experience.server_goals import (
+    GOAL_POSE,
+    NOT_CONNECTED,
+    PLAN,
+    ServerGoal,
+    ServerGoals,
+    status_topics,
+)
 from ator_ros.geometry import FloatArray, Pose, wrap_angle, wrap_angles
+from ator_ros.printable import printable, quoted
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import Top
 from ator_ros.tops.objects import held_first, held_last, is_held
@@ -52,29 +61,71 @@ _CEASED = 1.0  # s without commands; within that time the watchdogs of most base
 SHORTEST = 0.5  # s, the shortest drive
 NOT_DRIVEN = Standstill(0.01, 0.02)
 """Greatest speeds of a command to stop, and greatest measured speeds of a robot at rest."""
-Rows = list[tuple[float, ...]]
-"""Rows of numbers, the time in s first."""
+_MOST_NUMBERS = 10_000_000
+"""Numbers of a recording that are kept, 80 MB: 7 h of odometry at 50 Hz and commands at 20 Hz."""
+_MOST_RECORDS = 20_000
+"""Records of a recording that are kept: a week of actions of 30 s."""
+_MOST_SAMPLES = 300_000  # of all drives of a recording: 8 h of driving
+_LONGEST = 3600.0  # s, the longest drive
+_MOST_FRAMES, _LONGEST_NAME = 1000, 256  # frames in tf, and characters of their names
+_JUMP_SLACK = (
+    0.1  # m or rad between two messages, beyond `FASTEST`, above which the pose has jumped
+)
+_MOVING = 0.05  # m/s or rad/s, speeds above which pose and twist are compared
+_BESIDE = 0.1  # s before and after a state between which its velocity is derived from the poses
+_LEAST_TIME = 1.0  # s for which pose and twist have to contradict each other
+_CONTRADICTING = 0.3  # share of the speed by which pose and twist may differ, as in `TwistCheck`
+_SEGMENT = 100  # numbers that need as much memory as a segment without messages
+_JUMPS = "the pose jumps during the drive"
+_TOO_LONG = f"expected at most {_LONGEST:.0f} s"
 _ROUNDING, _DIGITS = 1e-6, 6  # s, and digits of s; stamps since 1970 are rounded to 0.24 us
+
+
+class Rows:
+    """Rows of `width` numbers, the time in s first; they need no more memory than the numbers."""
+
+    def __init__(self, width: int) -> None:
+        self._width = width
+        self._numbers = array("d")
+
+    def __len__(self) -> int:
+        return len(self._numbers) // self._width
+
+    def append(self, *row: float) -> None:
+        """Append a row."""
+        self._numbers.extend(row)
+
+    @property
+    def first(self) -> tuple[float, ...]:
+        """The first row."""
+        return tuple(self._numbers[: self._width])
+
+    @property
+    def last(self) -> tuple[float, ...]:
+        """The last row."""
+        return tuple(self._numbers[-self._width :])
+
+    def in_order(self) -> FloatArray:
+        """Return the rows as a table (n, width) in the order of their times."""
+        table: FloatArray = np.array(self._numbers, dtype=float).reshape(-1, self._width)
+        times = table[:, 0]
+        if (times[1:] >= times[:-1]).all():
+            return table
+        return table[np.argsort(times, kind="stable")]
 
 
 @dataclass
 class Segment:
     """Recorded without a gap: odom (t, x, y, yaw, v, w), commands (t, v, w), objects (t, x, y)."""
 
-    odom: Rows = field(default_factory=list)
-    cmd_vel: Rows = field(default_factory=list)
-    objects: dict[str, Rows] = field(default_factory=lambda: defaultdict(list))
+    odom: Rows = field(default_factory=lambda: Rows(6))
+    cmd_vel: Rows = field(default_factory=lambda: Rows(3))
+    objects: dict[str, Rows] = field(default_factory=lambda: defaultdict(lambda: Rows(3)))
 
     @cached_property
     def track(self) -> Track:
         """The states in it, once all messages are there."""
         return Track(self)
-
-
-def _in_order(rows: Rows, width: int) -> FloatArray:
-    """Return rows as a table (n, width) in the order of their times."""
-    table = np.array(rows, dtype=float).reshape(-1, width)
-    return table[np.argsort(table[:, 0], kind="stable")]
 
 
 class Reader:
@@ -120,6 +171,10 @@ class Reader:
         self._velocity = RobotVelocity(robot.limits.v, robot.limits.w)
         self._is_older = False
         self._counts: Counter[str] = Counter()
+        self._numbers = 0
+        self._odometry_remark = ""
+        self._parents: dict[str, str] = {}
+        """By frame in tf, its parent."""
         self.left_out: Counter[str] = Counter()
         self.errors: dict[str, str] = {}
 
@@ -132,16 +187,16 @@ class Reader:
             return
         self._counts[role] += 1
         newest = self.segments[-1]
-        now, *pose = newest.odom[-1][:4] if newest.odom else (math.nan,) * 4
+        now, *pose = newest.odom.last[:4] if newest.odom else (math.nan,) * 4
         try:
             if role == ODOM:
                 self._add_state(*self._odometry.read(message))
-                if self._odometry.remark:
-                    self._remarks.append(self._odometry.remark)
+                self._odometry_remark = self._odometry_remark or self._odometry.remark
             elif role == CMD_VEL:
                 command = command_from(message, CMD_VEL)
                 if newest.odom:  # a Twist has no stamp: it gets that of the last odometry message
-                    newest.cmd_vel.append((now, command.v, command.w))
+                    newest.cmd_vel.append(now, command.v, command.w)
+                    self._numbers += 3
             elif role == RECORDS:
                 self.records.append(episode_of(message, self._domain, self._robot))
                 self.action_sets.add(message.action_set or DEFAULT_SET)
@@ -160,17 +215,53 @@ class Reader:
             self.left_out[role] += 1
             self.errors.setdefault(role, str(error))
 
+    @property
+    def is_full(self) -> bool:
+        """Whether no further messages may be added, which would need too much memory."""
+        return self._numbers > _MOST_NUMBERS or len(self.records) >= _MOST_RECORDS
+
+    @property
+    def has_both(self) -> bool:
+        """Whether the robot's states and commands to move are known."""
+        return any(segment.odom and segment.cmd_vel for segment in self.segments)
+
+    @property
+    def has_goals(self) -> bool:
+        """Whether there are goals of action servers."""
+        return bool(self._goals.goals)
+
     def episodes(self) -> list[Episode]:
         """Return the executor's records or, without any, the goals of action servers or else the drives."""
-        return (
-            self.records
-            or self._server_episodes()
-            or [
-                each
-                for segment in self.segments
-                for each in drives(segment, self._robot, self._domain)
-            ]
+        if self.records:
+            return self.records
+        if episodes := self._server_episodes():
+            return episodes
+        found = (
+            each for segment in self.segments for each in drives(segment, self._robot, self._domain)
         )
+        return self._accepted("drives", (("", each) for each in found))
+
+    def _accepted(self, what: str, found: Iterable[tuple[str, Episode | str]]) -> list[Episode]:
+        """Return the episodes among what was found for each action, and note why others are left out."""
+        episodes = list[Episode]()
+        rejected, total = Counter[tuple[str, str]](), Counter[str]()
+        spare = _MOST_SAMPLES
+        for name, each in found:
+            total[name] += 1
+            if isinstance(each, str):
+                rejected[name, each] += 1
+            elif len(each.samples) > spare:
+                hours = _MOST_SAMPLES * PERIOD / 3600.0
+                rejected[
+                    name, f"expected at most {hours:.0f} h of driving: split the recording"
+                ] += 1
+            else:
+                spare -= len(each.samples)
+                episodes.append(each)
+        for (name, reason), count in rejected.most_common():
+            of = f" of {name}" if name else ""
+            self._remarks.append(f"left out {count} of {total[name]} {what}{of}: {reason}")
+        return episodes
 
     def remarks(self) -> list[str]:
         """Return remarks about doubtful messages, and about messages that were left out, by role."""
@@ -179,36 +270,65 @@ class Reader:
             f"{self.errors[role]}"
             for role, count in self.left_out.items()
         )
-        return [*self._remarks, *left_out]
+        return [*self._doubts(), *self._remarks, *left_out]
+
+    def _doubts(self) -> Iterator[str]:
+        """Yield remarks about what all messages show together."""
+        states = [segment for segment in self.segments if segment.odom]
+        if self.is_full:
+            yield (
+                f"read only the first {self._counts.total():,} messages, as many as memory is meant for: "
+                "split the recording"
+            )
+        same = [segment for segment in states if segment.odom.first[0] == segment.odom.last[0]]
+        if len(states) == len(same) == 1 and len(same[0].odom) > 1:
+            yield (
+                f"odom.header.stamp: expected stamps that increase, got {same[0].odom.last[0]:g} s in all "
+                f"{len(same[0].odom)} messages: the driver has to set them"
+            )
+        if self._robot_in_tf and not states and self._parents:
+            frames = ", ".join(printable(name) for name in self._transforms.frames[:8])
+            yield (
+                f"tf: expected {_ROBOT_FRAME}, or a single frame, in {_ODOMETRY_FRAME}; "
+                f"got the frames {frames}"
+            )
+        corrected = sorted(set().union(*(each.track.corrected for each in states)))
+        contradiction = self._odometry_remark
+        if corrected and not contradiction:
+            contradiction = f"odom: {' and '.join(corrected)} and poses contradict each other"
+        if contradiction:
+            yield f"{contradiction}; the poses decide" if corrected else contradiction
 
     def _server_episodes(self) -> list[Episode]:
         """Return the goals that action servers executed.
 
         Note how many others there are, and why.
         """
-        goals, episodes, rejected = (
-            self._goals.goals.values(),
-            list[Episode](),
-            Counter[tuple[str, str]](),
+        goals = self._goals.goals.values()
+        return self._accepted(
+            "goals",
+            ((goal.action, self._rejection(goal) or self._server_episode(goal)) for goal in goals),
         )
-        for goal in goals:
-            found = goal.rejection() or self._server_episode(goal)
-            if isinstance(found, Episode):
-                episodes.append(found)
-            else:
-                rejected[goal.action, found] += 1
-        total = Counter(goal.action for goal in goals)
-        self._remarks += [
-            f"left out {count} of {total[action]} goals of {action}: {reason}"
-            for (action, reason), count in rejected.items()
-        ]
-        return episodes
+
+    def _rejection(self, goal: ServerGoal) -> str:
+        """Return why a goal cannot be used; empty if it can."""
+        reason = goal.rejection()
+        if reason == NOT_CONNECTED:
+            frames = ", ".join(printable(name) for name in self._transforms.frames[:8])
+            odometry = printable(self._odometry.frame)
+            return (
+                f"tf: expected transforms from {printable(goal.frame)} to {odometry}, "
+                f"got the frames {frames or 'none'}"
+            )
+        return reason
 
     def _server_episode(self, goal: ServerGoal) -> Episode | str:
         """Return the episode of a server's goal, in the goal's frame, or why it cannot be used."""
         segment, robot = self.segments[goal.segment], self._robot
-        if segment is not self.segments[-1] and goal.end == segment.odom[-1][0]:
+        if segment is not self.segments[-1] and goal.end == segment.odom.last[0]:
             return "odometry was interrupted"
+        if goal.end - goal.begin > _LONGEST:
+            return _TOO_LONG
         top = next((top for top in self._domain.tops if top.action == goal.action), None)
         if top is None or goal.pose is None or goal.odom_pose is None:
             return "no TOP calls the action"
@@ -218,6 +338,8 @@ class Reader:
                 robot.hold_point(goal.final_pose) if top.point is Point.HOLD else goal.final_pose
             )
             errors = reached.distance(goal.pose), abs(wrap_angle(reached.yaw - goal.pose.yaw))
+        if jump := track.jump(robot, goal.begin, goal.end):
+            return jump
         start = track.world(goal.begin)
         situation = Situation(
             goal.action, start.robot, start.objects, Goal(goal.pose, 0.0, top.point)
@@ -235,28 +357,50 @@ class Reader:
 
     def _add_state(self, time: float, robot: RobotState) -> None:
         odom = self.segments[-1].odom
-        last = odom[-1][0] if odom else time
+        last = odom.last[0] if odom else time
         if time < last and not self._is_older:
             self._is_older = True  # one late message is ignored, two in a row are a reset
             return
         self._is_older = False
         if odom and not 0.0 <= time - last <= SILENCE:
             self.segments.append(Segment())
-        self.segments[-1].odom.append((time, *robot.pose, robot.v, robot.w))
+            self._numbers += _SEGMENT
+        self.segments[-1].odom.append(time, *robot.pose, robot.v, robot.w)
+        self._numbers += 6
 
     def _add_transforms(self, message: Any, *, fixed: bool) -> None:
         for transform in message.transforms:
             parent, child, time, placement = transform_from(transform)
+            self._check_frames(parent, child)
             self._transforms.add(parent, child, time, placement, fixed=fixed)
         if self._robot_in_tf and (
-            found := self._transforms.latest(self._odometry.frame, _ROBOT_FRAME)
+            found := self._transforms.latest(self._odometry.frame, self._robot_frame())
         ):
             self._add_state(*robot_from_placement(self._velocity, *found))
         for name, frame in self._in_tf.items():
             found = self._transforms.latest(self._odometry.frame, frame)
             rows = self.segments[-1].objects[name]
-            if found is not None and not (rows and found[0] == rows[-1][0]):
+            if found is not None and not (rows and found[0] == rows.last[0]):
                 self._add_object(name, *self._objects[name].read_placement(*found))
+
+    def _check_frames(self, parent: str, child: str) -> None:
+        """Note the parent of a frame in tf; raise MessageError if there are too many, or long, names."""
+        if len(parent) > _LONGEST_NAME or len(child) > _LONGEST_NAME:
+            raise MessageError(
+                f"tf: expected names of at most {_LONGEST_NAME} characters, got {quoted(child)}"
+            )
+        if child not in self._parents and len(self._parents) >= _MOST_FRAMES:
+            raise MessageError(f"tf: expected at most {_MOST_FRAMES} frames, got more")
+        self._parents[child] = parent
+
+    def _robot_frame(self) -> str:
+        """Return the robot's frame in tf: base_link or, without it, the only child of odometry's frame."""
+        if _ROBOT_FRAME in self._parents:
+            return _ROBOT_FRAME
+        children = [
+            child for child, parent in self._parents.items() if parent == self._odometry.frame
+        ]
+        return children[0] if len(children) == 1 else _ROBOT_FRAME
 
     def _odom_pose_in(self, frame: str) -> Pose | None:
         """Return the pose of odometry's frame in another frame, by the newest transforms."""
@@ -271,12 +415,13 @@ class Reader:
 
     def _add_object(self, name: str, time: float, state: ObjectState) -> None:
         odom = self.segments[-1].odom
-        if odom and abs(time - odom[-1][0]) > JUMP:
+        if odom and abs(time - odom.last[0]) > JUMP:
             raise MessageError(
-                f"{name}.header.stamp: expected about odometry's {odom[-1][0]:.2f} s, got {time:.2f} s: "
+                f"{name}.header.stamp: expected about odometry's {odom.last[0]:.2f} s, got {time:.2f} s: "
                 "another clock"
             )
-        self.segments[-1].objects[name].append((time, state.x, state.y))
+        self.segments[-1].objects[name].append(time, state.x, state.y)
+        self._numbers += 3
 
 
 class Track:
@@ -290,12 +435,16 @@ class Track:
         Times in s of the first and the last odometry.
     objects : mapping of str to ndarray, shape (n, 3)
         t, x, y of each object with messages.
+    corrected : set of str
+        The parts of the twist that contradict the poses and are derived from them.
     """
 
     def __init__(self, segment: Segment) -> None:
-        self.odom = _in_order(segment.odom, 6)
+        self.odom = segment.odom.in_order()
         self.odom[:, 3] = np.unwrap(self.odom[:, 3])
-        self.objects = {name: _in_order(rows, 3) for name, rows in segment.objects.items() if rows}
+        self.corrected = _correct_twists(self.odom)
+        self._times = np.ascontiguousarray(self.odom[:, 0])  # searching a column would copy it
+        self.objects = {name: rows.in_order() for name, rows in segment.objects.items() if rows}
         self._odom_pose = Pose(0.0, 0.0, 0.0)
         self.begin, self.end = float(self.odom[0, 0]), float(self.odom[-1, 0])
         self._rows = [
@@ -315,12 +464,12 @@ class Track:
     def states(self, times: FloatArray) -> FloatArray:
         """Return the states at times (n,) in s, one a row: t, x, y, yaw, v, w, then x, y of each object.
 
-        Objects are NaN before their first message.
+        Objects are NaN before their first message. The times increase.
         """
         since = np.round(times - self.begin, _DIGITS)
         columns = [
             np.interp(since, stamps, row, left=np.nan)
-            for stamps, *rows in self._rows
+            for stamps, *rows in (_around(table, since) for table in self._rows)
             for row in rows
         ]
         states, (x, y, yaw) = np.column_stack([times, *columns]), self._odom_pose
@@ -344,25 +493,108 @@ class Track:
         )
         return np.column_stack([times, self.states(begin + times)[:, 1:]])
 
+    def jump(self, robot: Robot, since: float, until: float) -> str:
+        """Return that the pose jumps between two times (s); empty if it does not.
+
+        The robot may drive faster than described: see `FASTEST`.
+        """
+        times = self._times
+        first = max(0, int(np.searchsorted(times, since, "right")) - 1)
+        during = self.odom[first : np.searchsorted(times, until, "right")]
+        elapsed = np.diff(during[:, 0])
+        lengths = np.hypot(np.diff(during[:, 1]), np.diff(during[:, 2]))
+        turns = np.abs(wrap_angles(np.diff(during[:, 3])))
+        beyond = np.maximum(
+            lengths - FASTEST * robot.limits.v * elapsed,
+            turns - FASTEST * robot.limits.w * elapsed,
+        )
+        return _JUMPS if (beyond > _JUMP_SLACK).any() else ""
+
+    def between(self, since: float, until: float) -> FloatArray:
+        """Return the rows of odometry from one time (s) to another, both included."""
+        begin = np.searchsorted(self._times, since)
+        return self.odom[begin : np.searchsorted(self._times, until, "right")]
+
     def stood(self, since: float, until: float) -> bool:
         """Return whether the robot stood at any time between two (s)."""
-        times = self.odom[:, 0]
+        times = self._times
         during = self.odom[np.searchsorted(times, since, "right") : np.searchsorted(times, until)]
         return bool(NOT_DRIVEN.holds(during[:, 4], during[:, 5]).any())
 
 
-def drives(segment: Segment, robot: Robot, domain: Vocabulary) -> Iterator[Episode]:
-    """Yield the drives of a segment as successful episodes.
+def _around(table: FloatArray, times: FloatArray) -> FloatArray:
+    """Return the columns of a table (stamps first) between which these times (s) lie.
+
+    Interpolation in the whole table takes time that grows with its length.
+    """
+    first = max(0, int(np.searchsorted(table[0], times[0], "right")) - 1)
+    last = int(np.searchsorted(table[0], times[-1], "right")) + 1
+    return table[:, min(first, table.shape[1] - 1) : last]
+
+
+def _correct_twists(odom: FloatArray) -> set[str]:
+    """Derive velocities that contradict the poses from them, in place; return which these are.
+
+    Columns are t, x, y, yaw, v, w. A driver without signs reports how fast the robot drives backward
+    as if it drove forward: then the sign alone is corrected.
+    """
+    times = odom[:, 0]
+    before = np.searchsorted(times, times - _BESIDE)
+    after = np.minimum(np.searchsorted(times, times + _BESIDE, "right"), len(odom)) - 1
+    elapsed = times[after] - times[before]
+    moved = odom[after, 1:4] - odom[before, 1:4]
+    half = odom[before, 3] + moved[:, 2] / 2.0
+    along = moved[:, 0] * np.cos(half) + moved[:, 1] * np.sin(half)
+    known = elapsed > 0.0
+    corrected = set[str]()
+    for column, motion, name in ((4, along, "twist.linear"), (5, moved[:, 2], "twist.angular")):
+        by_pose = np.divide(motion, elapsed, out=odom[:, column].copy(), where=known)
+        by_twist = odom[:, column]
+        if _contradicts(times, by_twist, by_pose):
+            signed = np.copysign(by_twist, by_pose)
+            odom[:, column] = by_pose if _contradicts(times, signed, by_pose) else signed
+            corrected.add(name)
+    return corrected
+
+
+def _contradicts(times: FloatArray, by_twist: FloatArray, by_pose: FloatArray) -> bool:
+    """Return whether velocities by twist contradict those by poses in most of either direction.
+
+    Jumps of the pose are no velocities: much more than usual, or a short time in all, do not count.
+    """
+    usual = np.abs(by_pose) > _MOVING
+    if not usual.any() or len(times) < 2:
+        return False
+    usual &= np.abs(by_pose) <= 2.0 * np.percentile(np.abs(by_pose[usual]), 95.0)
+    spans = np.gradient(times)
+    off = np.abs(by_twist - by_pose)
+    faster = np.maximum(np.abs(by_twist), np.abs(by_pose))
+    contradicting = off > _CONTRADICTING * faster + _MOVING
+    for direction in (by_pose > 0.0, by_pose < 0.0):
+        moving = usual & direction
+        time = spans[moving & contradicting].sum()
+        if time > max(_LEAST_TIME, 0.5 * spans[moving].sum()):
+            return True
+    return False
+
+
+def drives(segment: Segment, robot: Robot, domain: Vocabulary) -> Iterator[Episode | str]:
+    """Yield the drives of a segment as successful episodes, or why they cannot be used.
 
     The TOPs of `domain` determine the actions; if none of them drives, there are no drives.
     """
     if not segment.odom or not segment.cmd_vel:
         return
     track = segment.track
-    for begin, ceased in _spans(_in_order(segment.cmd_vel, 3), track):
+    for begin, ceased in _spans(segment.cmd_vel.in_order(), track):
         end = _rest(track, ceased)
         if end - begin >= SHORTEST and track.begin <= begin and end <= track.end:
-            goal_pose = track.world(min(end + PAUSE, track.end)).robot.pose
+            came_to_rest = min(end + PAUSE, track.end)
+            unusable = _TOO_LONG if end - begin > _LONGEST else ""
+            if unusable := unusable or track.jump(robot, begin, came_to_rest):
+                yield unusable
+                continue
+            goal_pose = track.world(came_to_rest).robot.pose
             start, last = track.world(begin), track.world(end)
             at_goal = dataclasses.replace(last, robot=RobotState(goal_pose))
             top = top_between(domain.tops, _held(robot, start), _held(robot, at_goal))
@@ -407,9 +639,7 @@ def _spans(commands: FloatArray, track: Track) -> Iterator[tuple[float, float]]:
 
 def _rest(track: Track, ceased: float) -> float:
     """Return when (s) the robot came to rest after its commands ceased; `ceased` if it did not."""
-    times = track.odom[:, 0]
-    last = ceased + PAUSE + _ROUNDING
-    after = track.odom[np.searchsorted(times, ceased) : np.searchsorted(times, last, "right")]
+    after = track.between(ceased, ceased + PAUSE + _ROUNDING)
     still = NOT_DRIVEN.holds(after[:, 4], after[:, 5])
     return float(after[still][0, 0]) if still.any() else ceased
 

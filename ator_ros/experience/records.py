@@ -29,8 +29,8 @@ ENDED = (SUCCEEDED, FAILED)
 _LONGEST_DRIVE = 600.0
 # m, above the tolerances of arrival: a robot that is at its goal already arrives in no time
 _SLACK = 0.5
-# times limits.v: a base may be described at half its real speed, and a factor of 2 is spare
-_FASTEST = 4.0
+FASTEST = 4.0
+"""Times a limit: a base may be described at half its real speed, and a factor of 2 is spare."""
 
 
 class Vocabulary(Protocol):
@@ -119,7 +119,7 @@ def fault_in(episode: Episode, top: Top | None, robot: Robot) -> str:
         return "expected finite numbers, and no negative speed, duration or error"
     farthest = robot.limits.v * max(_LONGEST_DRIVE, episode.duration)
     if episode.success and top is not None and top.arrives:
-        farthest = _SLACK + _FASTEST * robot.limits.v * episode.duration
+        farthest = _SLACK + FASTEST * robot.limits.v * episode.duration
     distance = episode.situation.robot.pose.distance(goal.pose)
     too_far = f"start: expected at most {farthest:.3g} m to the goal, got {distance:.3g} m"
     return too_far if distance > farthest else ""

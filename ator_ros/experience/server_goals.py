@@ -15,10 +15,13 @@ from typing import Any
 from ator_ros.actions.remote import status_name
 from ator_ros.experience.records import Vocabulary
 from ator_ros.geometry import Pose
+from ator_ros.printable import quoted
 from ator_ros.world.messages import MessageError, plain_frame, pose_from, seconds_from
 
 PLAN, GOAL_POSE = "plan", "goal_pose"
 """Roles of topics: the path to a goal (nav_msgs/Path), and a goal as RViz publishes it before it is sent."""
+NOT_CONNECTED = "tf does not connect odometry's frame with the goal's"
+_MOST_GOALS, _LONGEST_FRAME = 10_000, 256  # goals of a recording; characters of a frame's name
 _RECENT = 1.0  # s by which a goal_pose may precede its goal, and a goal the first status message
 _ENDED = ("succeeded", "canceled", "aborted")
 
@@ -95,7 +98,7 @@ class ServerGoal:
             "its start was not recorded": math.isnan(self.begin),
             "odometry was interrupted": not self.begin <= self.end,
             f"no {PLAN} or {GOAL_POSE} was recorded with it": self.pose is None,
-            f"tf does not connect odometry's frame with {self.frame}": self.odom_pose is None,
+            NOT_CONNECTED: self.odom_pose is None,
         }
         return next((reason for reason, holds in reasons.items() if holds), "")
 
@@ -123,6 +126,8 @@ class ServerGoals:
         for item in sorted(message.status_list, key=lambda item: -item.status):
             status, key = status_name(item.status), (action, bytes(item.goal_info.goal_id.uuid))
             if key not in self.goals:
+                if len(self.goals) >= _MOST_GOALS:
+                    raise MessageError(f"{action}: expected at most {_MOST_GOALS} goals, got more")
                 for other in self.goals.values():
                     other.preempted |= other.is_active and other.action == action
                 is_old = status in _ENDED or now - seconds_from(item.goal_info.stamp) > _RECENT
@@ -141,6 +146,8 @@ class ServerGoals:
     def add_pose(self, message: Any, now: float) -> None:
         """Add the path to the active goal, or the pose of the goal that is sent next (PoseStamped)."""
         frame = plain_frame(message.header.frame_id)
+        if len(frame) > _LONGEST_FRAME:
+            raise MessageError(f"{PLAN}.header.frame_id: expected a frame, got {quoted(frame)}")
         if hasattr(message, "pose"):
             self._goal_pose = now, frame, pose_from(message.pose, GOAL_POSE)
         elif not message.poses:

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from bags import HEADINGS, ODOMETRY, TICK, TWIST, Messages, Tick, recorded
+from bags import HEADINGS, ODOMETRY, TICK, TWIST, Messages, Tick, drives, recorded, write_bag
 from domain_files import file_of, visiting
 
 from ator_ros.domains.domain import Domain, find_domain
@@ -66,6 +66,58 @@ def test_a_twist_that_contradicts_the_poses_is_reported(tmp_path: Path) -> None:
         "bag: odom: pose and twist.linear contradict each other: expected about 0.40 m/s"
     )
     assert "\n" not in line
+
+
+@pytest.mark.parametrize("slip", [-1.0, 0.1])
+def test_where_pose_and_twist_contradict_each_other_the_poses_decide(
+    tmp_path: Path, usual: pd.DataFrame, slip: float
+) -> None:
+    experience = read(recorded(tmp_path, slip=slip))
+    starts, expected = (rows[rows["t"] == 0.0] for rows in (experience.frame, usual))
+    assert starts["driven"].to_numpy() == pytest.approx(expected["driven"].to_numpy(), abs=0.05)
+    (line,) = experience.remarks
+    assert line.endswith("; the poses decide")
+
+
+def test_an_unsigned_twist_gets_its_sign_from_the_poses(tmp_path: Path) -> None:
+    """The robot of these drives moves backward; its driver reports speeds without signs."""
+    ticks = [
+        tick._replace(pose=Pose(tick.pose.x, tick.pose.y, tick.pose.yaw + np.pi), v=-tick.v)
+        for drive in drives()
+        for tick in drive
+    ]
+
+    def unsigned(make: Messages, tick: Tick) -> Any:
+        return make.odometry(tick._replace(v=abs(tick.v)))
+
+    topics = ("/odom", ODOMETRY, unsigned), ("/cmd_vel", TWIST, Messages.command)
+    experience = read(write_bag(tmp_path / "bag", Messages(), ticks, *topics))
+    starts = experience.frame[experience.frame["t"] == 0.0]
+    assert starts["driven"].to_numpy() == pytest.approx(-0.64, abs=0.05)
+    assert experience.frame["v"].max() < 0.05
+
+
+@pytest.mark.parametrize("jump", [(3.0, 1.0), (5e4, 2e5)])
+def test_drives_in_which_the_pose_jumps_are_left_out(
+    tmp_path: Path, jump: tuple[float, float]
+) -> None:
+    made = drives()
+    jumped = []
+    for number, drive in enumerate(made):
+        for place, tick in enumerate(drive):
+            moved = number > 2 or (number == 2 and place > len(drive) - 50)
+            x, y = jump if moved else (0.0, 0.0)
+            pose = Pose(tick.pose.x + x, tick.pose.y + y, tick.pose.yaw)
+            jumped.append(tick._replace(pose=pose))
+    topics = ("/odom", ODOMETRY, Messages.odometry), ("/cmd_vel", TWIST, Messages.command)
+    experience = read(write_bag(tmp_path / "bag", Messages(), jumped, *topics))
+    assert experience.frame["episode"].nunique() == len(made) - 1
+    assert experience.remarks == (
+        f"bag: left out 1 of {len(made)} drives: the pose jumps during the drive",
+    )
+    starts = experience.frame[experience.frame["t"] == 0.0]
+    lengths = np.hypot(starts["xg"] - starts["x"], starts["yg"] - starts["y"])
+    assert lengths.to_numpy() == pytest.approx(0.64, abs=0.05)
 
 
 def test_messages_without_orientation_are_omitted_and_counted(

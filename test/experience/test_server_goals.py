@@ -151,10 +151,51 @@ def test_goals_of_a_server_are_drives(
     }
 
 
+def found_in(bag: Path, domain: Domain) -> int:
+    return int(read_recording(bag, ROBOT, domain).frame["episode"].nunique())
+
+
+@pytest.mark.parametrize("odometry", [True, False])
+def test_all_topics_may_be_in_a_namespace(tmp_path: Path, domain: Domain, odometry: bool) -> None:
+    states: list[Extra] = [("/odom", ODOMETRY, Messages.odometry)] if odometry else []
+    topics = [(f"/robot1{name}", kind, make) for name, kind, make in [*states, TF, *TOPICS]]
+    bag = write_bag(tmp_path / "bag", Messages(offset=100.0), ticks(), *topics)
+    assert found_in(bag, domain) == 3
+
+
+def moving(child: str) -> Extra:
+    """Return transforms as of a robot without base_link."""
+
+    def make_transforms(make: Messages, tick: Tick) -> Any:
+        return make.transforms(tick.time, ("map", "odom", MAP), ("odom", child, tick.pose))
+
+    return ("/tf", "tf2_msgs/msg/TFMessage", make_transforms)
+
+
+def test_the_only_frame_in_odom_is_the_robot(tmp_path: Path, domain: Domain) -> None:
+    topics = (moving("base_footprint"), *TOPICS)
+    bag = write_bag(tmp_path / "bag", Messages(offset=100.0), ticks(), *topics)
+    assert found_in(bag, domain) == 3
+
+
+def test_of_several_frames_in_odom_none_is_guessed(tmp_path: Path, domain: Domain) -> None:
+    def others(make: Messages, tick: Tick) -> Any:
+        links = ("odom", "camera", tick.pose), ("odom", "base_footprint", tick.pose)
+        return make.transforms(tick.time, ("map", "odom", MAP), *links)
+
+    topics = ("/tf", "tf2_msgs/msg/TFMessage", others), *TOPICS
+    bag = write_bag(tmp_path / "bag", Messages(offset=100.0), ticks(), *topics)
+    with pytest.raises(
+        ExperienceError, match=r"tf: expected base_link, or a single frame, in odom"
+    ):
+        read_recording(bag, ROBOT, domain)
+
+
 def test_without_transforms_the_frame_is_reported(tmp_path: Path, domain: Domain) -> None:
     states: Extra = ("/odom", ODOMETRY, Messages.odometry)
     bag = write_bag(tmp_path / "bag", Messages(offset=100.0), ticks(), states, *TOPICS)
     with pytest.raises(
-        ExperienceError, match=r"left out 3 of 7 .* tf does not connect odometry's frame with"
+        ExperienceError,
+        match=r"left out 3 of 7 goals of navigate: tf: expected transforms from map to odom, got .* none",
     ):
         read_recording(bag, ROBOT, domain)

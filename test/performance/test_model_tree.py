@@ -32,6 +32,17 @@ def test_is_a_scikit_learn_estimator(least):
     check_estimator(ModelTreeRegressor(min_samples_leaf=least))
 
 
+@pytest.mark.parametrize("size", [1e-16, 1e-11, 1e-8])
+def test_a_feature_that_varies_by_rounding_only_has_no_slope(size: float):
+    rng = np.random.default_rng(1)
+    X, y = kinked(60, 4)
+    X[:, 2] = size * (y + 0.001 * rng.normal(size=len(X)))
+    fresh, _ = kinked(60, 5)
+    tree = ModelTreeRegressor().fit(X, y)
+    fresh[:, 2] = 0.5
+    assert np.abs(tree.predict(fresh)).max() < 10.0
+
+
 def test_finds_the_kinks_better_than_a_tree_of_constants():
     X, y = kinked(4000, 2)
     fresh_X, fresh_y = kinked(2000, 3)

@@ -15,6 +15,9 @@ from ator_ros.performance.tree.nodes import IntArray
 # Added to the diagonal of the moments: it determines the slopes of features that are constant or
 # collinear in a node, and biases the others by a millionth.
 _RIDGE = 1e-6
+# Deviation up to which a feature, in m, rad or s, varies by rounding only: differences of coordinates
+# of 1e8 m, the greatest in messages, are rounded to 15 nm.
+_LEAST_DEVIATION = 1e-7
 # How much each term of a model counts in v of the corrected error. Quinlan's 1 does not count the
 # choice of the split and keeps half as many leaves again without being more accurate.
 TERM_COST = 2.0
@@ -43,6 +46,8 @@ class Standardized:
         deviation = np.sqrt(((table - mean) ** 2).mean(axis=0))
         # A column that varies by rounding only is a constant.
         scale = np.where(deviation > 1e-12 * np.abs(mean), deviation, 0.0)
+        features = scale[:-1]
+        features[features < _LEAST_DEVIATION] = 0.0
         scale[scale == 0] = 1.0
         rows = np.column_stack([np.ones(len(X)), (table - mean) / scale])
         return cls(rows, mean, scale)

@@ -1,0 +1,309 @@
+"""Files of recordings: compressed, damaged, hostile, of an earlier ROS, or several of one recording."""
+
+import shutil
+import sqlite3
+import struct
+import tracemalloc
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pytest
+import zstandard
+from bags import (
+    ODOMETRY,
+    ROBOT,
+    TWIST,
+    Messages,
+    action_performance,
+    drives,
+    own_types,
+    recorded,
+    write_bag,
+    write_records,
+)
+from mcap.writer import CompressionType, Writer
+
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.experience.recordings import read_recording, read_sources
+from ator_ros.experience.table import Experience, ExperienceError
+from ator_ros.geometry import Pose
+from ator_ros.tools import train
+
+MEGABYTE = 1 << 20
+MOST = 64 * MEGABYTE
+"""Bytes that reading a small file may need at once."""
+ODOM = ("/odom", ODOMETRY, Messages.odometry)
+CMD_VEL = ("/cmd_vel", TWIST, Messages.command)
+
+
+def read(bag: Path) -> Experience:
+    return read_recording(bag, ROBOT, SOCCER)
+
+
+def ticks() -> list[Any]:
+    return [tick for drive in drives() for tick in drive]
+
+
+def in_sqlite(folder: Path) -> Path:
+    """Return the file of a recording in SQLite."""
+    bag = write_bag(folder / "bag", Messages(), ticks(), ODOM, CMD_VEL, storage="SQLITE3")
+    (file,) = bag.glob("*.db3")
+    return file
+
+
+def change(file: Path, *statements: str) -> None:
+    database = sqlite3.connect(file)
+    for statement in statements:
+        database.execute(statement)
+    database.commit()
+    database.close()
+
+
+@pytest.fixture(scope="module")
+def usual(tmp_path_factory: pytest.TempPathFactory) -> pd.DataFrame:
+    return read(recorded(tmp_path_factory.mktemp("usual"))).frame
+
+
+def chunked(
+    file: Path,
+    compression: CompressionType = CompressionType.NONE,
+    size: int = 20_000,
+    data: bytes | None = None,
+) -> Path:
+    """Write a recording in MCAP with many chunks; `data` replaces all messages."""
+    make = Messages()
+    with file.open("wb") as stream:
+        writer = Writer(stream, chunk_size=size, compression=compression)
+        writer.start("ros2")
+        channels = {}
+        for topic, kind, _ in (ODOM, CMD_VEL):
+            text, _ = make.store.generate_msgdef(kind, ros_version=2)
+            schema = writer.register_schema(kind, "ros2msg", text.encode())
+            channels[topic] = writer.register_channel(topic, "cdr", schema)
+        for number, tick in enumerate(ticks()):
+            for topic, kind, factory in (ODOM, CMD_VEL):
+                content = data or bytes(make.store.serialize_cdr(factory(make, tick), kind))
+                writer.add_message(channels[topic], 1000 * number, content, 1000 * number)
+        writer.finish()
+    return file
+
+
+# What other recorders and settings write
+
+
+@pytest.mark.parametrize("storage", ["MCAP", "SQLITE3"])
+@pytest.mark.parametrize("mode", ["MESSAGE", "FILE"])
+def test_compressed_recordings_give_the_same_table(
+    tmp_path: Path, usual: pd.DataFrame, storage: str, mode: str
+) -> None:
+    bag = write_bag(
+        tmp_path / "bag", Messages(), ticks(), ODOM, CMD_VEL, storage=storage, compressed=mode
+    )
+    experience = read(bag)
+    pd.testing.assert_frame_equal(experience.frame, usual)
+    assert experience.remarks == ()
+    (file,) = (each for each in bag.iterdir() if each.suffix != ".yaml")
+    assert read_sources([file], ROBOT, SOCCER).frame["episode"].nunique() == len(drives())
+
+
+@pytest.mark.parametrize("compression", list(CompressionType))
+def test_chunks_of_any_compression_are_read(
+    tmp_path: Path, usual: pd.DataFrame, compression: CompressionType
+) -> None:
+    pd.testing.assert_frame_equal(read(chunked(tmp_path / "a.mcap", compression)).frame, usual)
+
+
+def test_a_recording_without_definitions_is_read(tmp_path: Path, usual: pd.DataFrame) -> None:
+    file = in_sqlite(tmp_path)
+    change(file, "DROP TABLE message_definitions")
+    pd.testing.assert_frame_equal(read(file).frame, usual)
+
+
+@pytest.mark.parametrize("apart", [False, True])
+def test_several_files_of_one_recording_are_merged(
+    tmp_path: Path, usual: pd.DataFrame, apart: bool
+) -> None:
+    sources = []
+    for number, topic in enumerate((ODOM, CMD_VEL)):
+        bag = write_bag(tmp_path / str(number), Messages(), ticks(), topic)
+        (file,) = bag.glob("*.mcap")
+        sources.append(bag)
+        if not apart:
+            (tmp_path / "both").mkdir(exist_ok=True)
+            shutil.copy(file, tmp_path / "both" / f"{number}.mcap")
+            sources = [tmp_path / "both"]
+    experience = read_sources(sources, ROBOT, SOCCER)
+    assert experience.frame["duration"].to_numpy() == pytest.approx(
+        usual["duration"].to_numpy(), abs=0.05
+    )
+
+
+def test_a_recording_beside_its_copy_counts_once(tmp_path: Path, usual: pd.DataFrame) -> None:
+    bag = recorded(tmp_path)
+    (file,) = bag.glob("*.mcap")
+    shutil.copy(file, tmp_path / "recovered.mcap")
+    apart = read_sources([file, tmp_path / "recovered.mcap"], ROBOT, SOCCER)
+    pd.testing.assert_frame_equal(apart.frame, usual)
+    assert apart.remarks == (
+        f"{len(drives())} of {2 * len(drives())} episodes are repeated and count once",
+    )
+    shutil.copy(file, bag / "recovered.mcap")
+    together = read(bag)
+    pd.testing.assert_frame_equal(together.frame, usual)
+    (remark,) = together.remarks
+    assert remark == f"bag: skipped {2 * len(ticks())} messages that were recorded twice"
+
+
+def test_the_same_table_twice_counts_once(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    store = own_types()
+    records = [
+        action_performance(
+            store, goal=Pose(1.5, 0.5, 0.7), speed=0.0, duration=3.0 + 0.1 * number, code=1
+        )
+        for number in range(12)
+    ]
+    write_records(tmp_path / "bag", store, records)
+    bag = str(tmp_path / "bag")
+    assert train.main([bag, bag, "--models", str(tmp_path)]) == 1
+    lines = capsys.readouterr().err
+    assert "12 of 24 episodes are repeated and count once" in lines
+    assert "got 12 of 12" in lines
+
+
+def test_stamps_of_zero_are_named(tmp_path: Path) -> None:
+    still = "/odom", ODOMETRY, lambda make, tick: make.odometry(tick._replace(time=0.0))
+    bag = write_bag(tmp_path / "bag", Messages(), ticks(), still, CMD_VEL)
+    with pytest.raises(ExperienceError, match=r"expected stamps that increase, got 0 s in all \d+"):
+        read(bag)
+
+
+# Damaged files
+
+
+def test_chunks_with_a_wrong_crc_are_skipped(tmp_path: Path, usual: pd.DataFrame) -> None:
+    content = bytearray(chunked(tmp_path / "a.mcap").read_bytes())
+    for place in (len(content) // 3, len(content) // 2):
+        content[place] ^= 0xFF
+    (tmp_path / "b.mcap").write_bytes(content)
+    experience = read(tmp_path / "b.mcap")
+    assert experience.remarks == ("b.mcap: skipped 2 chunks with a wrong CRC",)
+    assert experience.frame["episode"].nunique() == len(drives())
+
+
+@pytest.mark.parametrize("storage", ["mcap", "db3"])
+def test_a_recording_that_was_cut_off_is_read_to_there(tmp_path: Path, storage: str) -> None:
+    file = in_sqlite(tmp_path) if storage == "db3" else chunked(tmp_path / "a.mcap")
+    content = file.read_bytes()
+    begin = int(0.6 * len(content))
+    cut = tmp_path / f"cut.{storage}"
+    cut.write_bytes(content[:begin] + (b"" if storage == "mcap" else bytes(len(content) - begin)))
+    experience = read(cut)
+    assert 1 <= experience.frame["episode"].nunique() < len(drives())
+    (remark,) = experience.remarks
+    assert remark.startswith(f"cut.{storage}: skipped the end, after ")
+
+
+# Hostile files
+
+ENDLESS = "WITH RECURSIVE r(n) AS (SELECT 1 UNION ALL SELECT n + 1 FROM r) SELECT n AS id, "
+PROGRAMS = {
+    "topics": [
+        "DROP TABLE topics",
+        "CREATE VIEW topics AS " + ENDLESS + "'/odom' AS name, 'a' AS type, "
+        "'cdr' AS serialization_format FROM r",
+    ],
+    "messages": [
+        "DROP TABLE messages",
+        "CREATE VIEW messages AS " + ENDLESS + "1 AS topic_id, n AS timestamp, "
+        "zeroblob(9) AS data FROM r",
+    ],
+    "column": [
+        "DROP TABLE messages",
+        "CREATE TABLE messages (id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, "
+        "data AS (zeroblob(900000000)))",
+        "INSERT INTO messages (topic_id, timestamp) VALUES (1, 1)",
+    ],
+    "virtual": [
+        "DROP TABLE topics",
+        "CREATE VIRTUAL TABLE topics USING fts5(id, name, type, serialization_format)",
+    ],
+    "definitions": [
+        "DROP TABLE message_definitions",
+        "CREATE VIEW message_definitions AS " + ENDLESS + "'a' AS topic_type, "
+        "'ros2msg' AS encoding, 'a' AS encoded_message_definition FROM r",
+    ],
+}
+
+
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_only_stored_tables_are_read(tmp_path: Path, name: str) -> None:
+    file = in_sqlite(tmp_path)
+    change(file, *PROGRAMS[name])
+    with pytest.raises(ExperienceError, match="no recording of ros2 bag record") as raised:
+        read(file)
+    assert len(str(raised.value)) - len(str(file)) < 200
+
+
+def bomb(size: int) -> bytes:
+    """Return `size` zeros, compressed."""
+    stream = zstandard.ZstdCompressor().compressobj()
+    return (
+        b"".join(stream.compress(bytes(MEGABYTE)) for _ in range(size // MEGABYTE)) + stream.flush()
+    )
+
+
+def messages_bomb(file: Path) -> None:
+    chunked(file, data=bomb(200 * MEGABYTE))
+
+
+def chunk_bomb(file: Path, claimed: int) -> None:
+    packed = bomb(200 * MEGABYTE)
+    chunk = struct.pack("<QQQII4sQ", 0, 1, claimed, 0, 4, b"zstd", len(packed)) + packed
+    content = chunked(file).read_bytes()
+    file.write_bytes(content[:8] + struct.pack("<BQ", 6, len(chunk)) + chunk + content[8:])
+
+
+def file_bomb(file: Path) -> None:
+    file.write_bytes(bomb(200 * MEGABYTE))
+
+
+BOMBS: dict[str, Any] = {
+    "messages": (messages_bomb, "a.mcap", "expected at most 4 MiB, decompressed"),
+    "large chunk": (lambda file: chunk_bomb(file, 200 * MEGABYTE), "a.mcap", "more than 64 MiB"),
+    "false chunk": (lambda file: chunk_bomb(file, 1000), "a.mcap", "damaged chunks"),
+    "file": (file_bomb, "a.mcap.zstd", "expected at most 200 times its size"),
+}
+
+
+@pytest.mark.parametrize("name", BOMBS)
+def test_memory_is_bounded_whatever_is_compressed(tmp_path: Path, name: str) -> None:
+    write, file, expected = BOMBS[name]
+    write(tmp_path / file)
+    tracemalloc.start()
+    try:
+        said = " ".join(read(tmp_path / file).remarks)
+    except ExperienceError as error:
+        said = str(error)
+    finally:
+        _, peak = tracemalloc.get_traced_memory()
+        tracemalloc.stop()
+    assert expected in said
+    assert peak < MOST
+
+
+def test_large_messages_are_skipped_before_they_are_read(
+    tmp_path: Path, usual: pd.DataFrame
+) -> None:
+    file = in_sqlite(tmp_path)
+    row = "INSERT INTO messages (topic_id, timestamp, data) VALUES (1, 1, zeroblob(50000000))"
+    change(file, row, row.replace("(1, 1,", "(2, 2,"))
+    tracemalloc.start()
+    experience = read(file)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 40 * MEGABYTE
+    assert experience.remarks == (f"{file.name}: skipped 2 messages of more than 4 MiB",)
+    pd.testing.assert_frame_equal(experience.frame, usual)
