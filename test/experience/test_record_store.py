@@ -2,9 +2,11 @@
 
 import dataclasses
 import signal
+import sqlite3
 import subprocess
 import sys
 import time
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -98,3 +100,41 @@ def test_a_killed_writer_leaves_a_readable_store(tmp_path: Path) -> None:
         rows = read_records(tmp_path, "default")
         assert len(rows) >= max(printed, default=0)
     assert len(rows) >= 3  # each writer was killed after its first episode
+
+
+def changed(folder: Path, query: str) -> None:
+    with closing(sqlite3.connect(folder / STORE)) as database, database:
+        database.execute(query)
+
+
+@pytest.mark.parametrize(
+    "row", ["'{'", "'[1]'", "NULL", "json_remove(row, '$.duration')", "json_set(row, '$.x', 'a')"]
+)
+def test_damaged_rows_are_left_out(tmp_path: Path, row: str) -> None:
+    made = list(episodes(9))
+    stored(tmp_path, iter(made)).close()
+    changed(tmp_path, f"UPDATE episodes SET row = {row} WHERE number IN (3, 8)")
+    with pytest.warns(UserWarning, match="2 of 9 records are damaged and left out"):
+        kept = durations(tmp_path)
+    assert kept == [made[number].duration for number in (0, 1, 3, 4, 5, 6, 8)]
+
+
+def test_reading_writes_nothing(tmp_path: Path) -> None:
+    stored(tmp_path, episodes(3)).close()
+    before = [(file.name, file.stat().st_mtime_ns) for file in tmp_path.iterdir()]
+    assert len(durations(tmp_path)) == 3
+    assert [(file.name, file.stat().st_mtime_ns) for file in tmp_path.iterdir()] == before
+
+
+def test_a_folder_without_a_store_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(FileError, match="there is none"):
+        durations(tmp_path)
+    assert not any(tmp_path.iterdir())
+
+
+def test_a_file_that_was_replaced_is_noticed(tmp_path: Path) -> None:
+    store = stored(tmp_path / "one", episodes(3))
+    assert store.is_in_place()
+    stored(tmp_path / "other", episodes(3)).close()
+    (tmp_path / "other" / STORE).replace(tmp_path / "one" / STORE)
+    assert not store.is_in_place()
