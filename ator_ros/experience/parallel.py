@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import os
 import signal
 import sys
 import threading
+import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import BrokenExecutor
@@ -18,6 +20,7 @@ from tqdm import tqdm
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 
+_PARENT_PERIOD = 0.5  # s between two looks at the parent process
 _WORKERS_S = 60  # s to wait for the first worker of a cluster
 
 
@@ -99,6 +102,8 @@ def _in_worker(function: Callable[[Task], Result], task: Task, parent: int) -> R
     """Execute a task, in a worker of the process `parent` or in `parent` itself."""
     if os.getpid() == parent:
         return function(task)
+    if os.getppid() == parent:  # else a worker of a cluster
+        end_with_parent()
     # Ctrl-C in a terminal, and the SIGTERM of a supervisor, reach the workers too; only the parent
     # reacts.
     if threading.current_thread() is threading.main_thread():
@@ -106,6 +111,19 @@ def _in_worker(function: Callable[[Task], Result], task: Task, parent: int) -> R
             signal.signal(number, signal.SIG_IGN)
     warnings.simplefilter("ignore", UserWarning)  # the parent reports them, once
     return function(task)
+
+
+@functools.cache
+def end_with_parent() -> None:
+    """End this process within a second after its parent process, also if that was killed."""
+    parent = os.getppid()
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(_PARENT_PERIOD)
+        os.kill(os.getpid(), signal.SIGKILL)
+
+    threading.Thread(target=watch, daemon=True).start()
 
 
 def progress(results: Iterable[Result], *, done: int, total: int, unit: str) -> Any:

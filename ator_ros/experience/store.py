@@ -173,19 +173,22 @@ def _rows_of(folder: Path, query: str, *values: str) -> list[Any]:
 def _queried(file: Path, query: str, values: Sequence[str]) -> list[Any]:
     """Return the rows that a query of a database yields, also on a read-only medium."""
     try:
-        with closing(sqlite3.connect(f"{file.absolute().as_uri()}?mode=ro", uri=True)) as database:
-            database.text_factory = _text
-            return database.execute(query, values).fetchall()
+        return _rows(file, "ro", query, values)
     except sqlite3.OperationalError:
+        # SQLite has to write: a process was killed while it wrote, or the file is of version 0.1
         if os.access(file.parent, os.W_OK):
-            raise
-    # SQLite has to write: a process was killed while it wrote, or the file is of version 0.1
+            return _rows(file, "rw", query, values)
     with tempfile.TemporaryDirectory() as writable:
         for part in file.parent.glob(f"{STORE}*"):
             shutil.copyfile(part, Path(writable, part.name))
-        with closing(sqlite3.connect(Path(writable, STORE))) as database:
-            database.text_factory = _text
-            return database.execute(query, values).fetchall()
+        return _rows(Path(writable, STORE), "rw", query, values)
+
+
+def _rows(file: Path, mode: str, query: str, values: Sequence[str]) -> list[Any]:
+    address = f"{file.absolute().as_uri()}?mode={mode}"
+    with closing(sqlite3.connect(address, uri=True)) as database:
+        database.text_factory = _text
+        return database.execute(query, values).fetchall()
 
 
 def _text(data: bytes) -> str:
@@ -254,12 +257,13 @@ def _checked(rows: Sequence[_Row], action_set: str) -> pd.DataFrame:
     return checked_rows(STORE, frame, action_set)
 
 
-def _usable(rows: Sequence[_Row], action_set: str) -> list[_Row]:
+def _usable(rows: list[_Row], action_set: str) -> list[_Row]:
     """Return the rows that are valid; halves are checked until the damaged rows are found."""
+    rows = [row for row in rows if isinstance(row[1], dict)]
     try:
         if rows:
             _checked(rows, action_set)
-        return list(rows)
+        return rows
     except (ExperienceError, ArithmeticError, AttributeError, TypeError, ValueError):
         if len(rows) == 1:
             return []

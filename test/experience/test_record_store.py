@@ -6,6 +6,7 @@ import sqlite3
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 
@@ -102,18 +103,28 @@ def test_a_killed_writer_leaves_a_readable_store(tmp_path: Path) -> None:
     assert len(rows) >= 3  # each writer was killed after its first episode
 
 
-def changed(folder: Path, query: str) -> None:
-    with closing(sqlite3.connect(folder / STORE)) as database, database:
-        database.execute(query)
-
-
 @pytest.mark.parametrize(
-    "row", ["'{'", "'[1]'", "NULL", "json_remove(row, '$.duration')", "json_set(row, '$.x', 'a')"]
+    "damaged",
+    [
+        lambda text: text[:50],
+        lambda _: "[1]",
+        lambda _: None,
+        lambda text: text.replace('"duration"', '"durbtion"'),
+        lambda text: text.replace('"x": ', '"x": "a", "w": '),
+    ],
+    ids=["cut off", "list", "missing", "name", "type"],
 )
-def test_damaged_rows_are_left_out(tmp_path: Path, row: str) -> None:
+def test_damaged_rows_are_left_out(tmp_path: Path, damaged: Callable[[str], str | None]) -> None:
     made = list(episodes(9))
     stored(tmp_path, iter(made)).close()
-    changed(tmp_path, f"UPDATE episodes SET row = {row} WHERE number IN (3, 8)")
+    with closing(sqlite3.connect(tmp_path / STORE)) as database, database:
+        for number in (3, 8):
+            (text,) = database.execute(
+                "SELECT row FROM episodes WHERE number = ?", [number]
+            ).fetchone()
+            database.execute(
+                "UPDATE episodes SET row = ? WHERE number = ?", [damaged(text), number]
+            )
     with pytest.warns(UserWarning, match="2 of 9 records are damaged and left out"):
         kept = durations(tmp_path)
     assert kept == [made[number].duration for number in (0, 1, 3, 4, 5, 6, 8)]

@@ -152,6 +152,7 @@ def mutated(data: bytes) -> Iterator[bytes]:
 FILES = [f"{RECORDS}/{STORE}", ROUND, GAINS, "set.manifest", "goToPose.json"]
 
 
+@pytest.mark.filterwarnings("ignore:.* records are damaged")
 @pytest.mark.parametrize("name", FILES)
 @pytest.mark.parametrize("damage", [truncated, mutated])
 def test_a_damaged_file_is_set_aside(
