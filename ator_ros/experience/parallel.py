@@ -10,10 +10,10 @@ import sys
 import threading
 import time
 import warnings
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import BrokenExecutor
 from importlib.metadata import version
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from tqdm import tqdm
 
@@ -126,13 +126,27 @@ def end_with_parent() -> None:
     threading.Thread(target=watch, daemon=True).start()
 
 
-def progress(results: Iterable[Result], *, done: int, total: int, unit: str) -> Any:
+def progress(
+    results: Iterable[Result], *, done: int, total: int, unit: str
+) -> Generator[Result, None, None]:
     """Yield results and report progress: a bar on a terminal, a line every 30 s in a log.
 
     `done` is the number of results of earlier runs, `total` the number of all; `unit` names one
-    result.
+    result. The bar begins after the first result, which may have compiled code: the time that it
+    estimates is that of the others.
     """
     period = 0.1 if sys.stderr.isatty() else 30.0
-    return tqdm(
-        results, initial=done, total=total, unit=unit, mininterval=period, delay=period - 0.1
+    following = iter(results)
+    try:
+        first = next(following)
+    except StopIteration:
+        return
+    yield first
+    yield from tqdm(
+        following,
+        initial=done + 1,
+        total=total,
+        unit=unit,
+        mininterval=period,
+        delay=period - 0.1,
     )
