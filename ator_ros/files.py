@@ -84,6 +84,15 @@ def exclusive_folder(folder: Path | str) -> Iterator[None]:
         os.close(handle)
 
 
+def identity_of(path: Path) -> tuple[int, int]:
+    """Return device and inode of a file or folder, which change if another takes its place.
+
+    Raises OSError.
+    """
+    state = path.stat()
+    return state.st_dev, state.st_ino
+
+
 def try_lock(handle: int) -> bool:
     """Lock the open file `handle`; return False if another process holds the lock."""
     try:
@@ -122,6 +131,19 @@ class FileError(ValueError):
     """A file or folder cannot be used; the message names it, the field, and what was expected."""
 
 
+class DamagedFileError(FileError):
+    """A file was read, but its content does not fit its format."""
+
+
+def set_aside(path: Path) -> Path:
+    """Rename a damaged file or folder to NAME.damaged, or NAME.damaged-2 and so on; return it."""
+    names = (
+        f"{path.name}.damaged{f'-{number}' if number else ''}" for number in (0, *range(2, 1000))
+    )
+    free = next(place for place in map(path.with_name, names) if not place.exists())
+    return path.rename(free)
+
+
 def header(kind: str) -> dict[str, Any]:
     """Return the first fields of a file; `kind` is a word such as "study"."""
     return {_FORMAT: f"ator_ros {kind}", _VERSION: VERSION}
@@ -148,12 +170,15 @@ def save(
 
 
 def load(path: Path | str, kind: str, schema: type[T]) -> T:
-    """Read a file of this kind, see `save`; raises FileError if it does not fit the schema."""
+    """Read a file of this kind, see `save`.
+
+    Raises FileError, and DamagedFileError if it does not fit the schema.
+    """
     data = read_json(Path(path))
     try:
         return structured(content_of(data, kind), schema)
     except SchemaError as error:
-        raise FileError(f"{path}: {error}") from error
+        raise DamagedFileError(f"{path}: {error}") from error
 
 
 def content_of(data: object, kind: str) -> dict[str, Any]:
@@ -189,13 +214,18 @@ def read_text(path: Path, largest: int) -> str:
 
 
 def read_json(path: Path) -> Any:
-    """Read a JSON file of at most 20 MB; raises FileError."""
+    """Read a JSON file of at most 20 MB.
+
+    Raises FileError, and DamagedFileError if it is no JSON.
+    """
     try:
         return json.loads(read_text(path, _LARGEST_JSON))
     except FileNotFoundError:
         raise FileError(f"{path}: expected a JSON file, there is none") from None
-    except (OSError, RecursionError, ValueError) as error:
+    except OSError as error:
         raise FileError(f"{path}: expected a readable JSON file: {error}") from error
+    except (RecursionError, ValueError) as error:
+        raise DamagedFileError(f"{path}: expected a readable JSON file: {error}") from error
 
 
 def read_yaml(path: Path, *, largest: int) -> Any:

@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import os
 import signal
 import sys
 import threading
+import time
 import warnings
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import BrokenExecutor
 from importlib.metadata import version
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from tqdm import tqdm
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 
+_PARENT_PERIOD = 0.5  # s between two looks at the parent process
 _WORKERS_S = 60  # s to wait for the first worker of a cluster
 
 
@@ -99,6 +102,8 @@ def _in_worker(function: Callable[[Task], Result], task: Task, parent: int) -> R
     """Execute a task, in a worker of the process `parent` or in `parent` itself."""
     if os.getpid() == parent:
         return function(task)
+    if os.getppid() == parent:  # else a worker of a cluster
+        end_with_parent()
     # Ctrl-C in a terminal, and the SIGTERM of a supervisor, reach the workers too; only the parent
     # reacts.
     if threading.current_thread() is threading.main_thread():
@@ -108,13 +113,40 @@ def _in_worker(function: Callable[[Task], Result], task: Task, parent: int) -> R
     return function(task)
 
 
-def progress(results: Iterable[Result], *, done: int, total: int, unit: str) -> Any:
+@functools.cache
+def end_with_parent() -> None:
+    """End this process within a second after its parent process, also if that was killed."""
+    parent = os.getppid()
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(_PARENT_PERIOD)
+        os.kill(os.getpid(), signal.SIGKILL)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+def progress(
+    results: Iterable[Result], *, done: int, total: int, unit: str
+) -> Generator[Result, None, None]:
     """Yield results and report progress: a bar on a terminal, a line every 30 s in a log.
 
     `done` is the number of results of earlier runs, `total` the number of all; `unit` names one
-    result.
+    result. The bar begins after the first result, which may have compiled code: the time that it
+    estimates is that of the others.
     """
     period = 0.1 if sys.stderr.isatty() else 30.0
-    return tqdm(
-        results, initial=done, total=total, unit=unit, mininterval=period, delay=period - 0.1
+    following = iter(results)
+    try:
+        first = next(following)
+    except StopIteration:
+        return
+    yield first
+    yield from tqdm(
+        following,
+        initial=done + 1,
+        total=total,
+        unit=unit,
+        mininterval=period,
+        delay=period - 0.1,
     )

@@ -1,15 +1,20 @@
 """A bounded store of episodes, FOLDER/records.db: a node appends while others read.
 
-It is an SQLite database: a process that is killed loses no appended episode.
+It is an SQLite database: a process that is killed loses no appended episode. Its rollback journal
+also works on network shares, and a store on a read-only medium can be read.
 """
 
 from __future__ import annotations
 
 import errno
 import json
+import os
+import shutil
 import sqlite3
-from collections.abc import Iterator
-from contextlib import closing, contextmanager
+import tempfile
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import closing, contextmanager, suppress
 from dataclasses import asdict, astuple, dataclass
 from pathlib import Path
 from typing import Any
@@ -20,23 +25,27 @@ import pandas as pd
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.experience.episode import Episode
 from ator_ros.experience.table import Experience, ExperienceError, checked_rows, episode_frame, join
-from ator_ros.files import FileError
+from ator_ros.files import DamagedFileError, FileError, identity_of
 
 STORE = "records.db"
 NUMBER = "number"
 """Column of the numbers of episodes, which increase with time and are never used twice."""
 _TABLES = """
-PRAGMA journal_mode = WAL;
+PRAGMA journal_mode = DELETE;
 CREATE TABLE IF NOT EXISTS source (robot_digest TEXT, domain TEXT);
 CREATE TABLE IF NOT EXISTS episodes (number INTEGER PRIMARY KEY AUTOINCREMENT, action_set TEXT, row TEXT);
 CREATE INDEX IF NOT EXISTS by_set ON episodes (action_set, number);
 """
 _SOURCE = "SELECT robot_digest, domain FROM source"
+_FIRST = "INSERT INTO sqlite_sequence VALUES ('episodes', ?)"
+_STORED = "SELECT seq FROM sqlite_sequence WHERE name = 'episodes'"
 _APPEND = "INSERT INTO episodes (action_set, row) VALUES (:set, :row)"
 _DROP_OLDEST = """
 DELETE FROM episodes WHERE action_set = :set AND number <=
 (SELECT number FROM episodes WHERE action_set = :set ORDER BY number DESC LIMIT 1 OFFSET :most)
 """
+# other errors, such as of a full disk, do not depend on the content of the file
+_DAMAGE = (sqlite3.SQLITE_ERROR, sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB)
 
 
 @dataclass(frozen=True)
@@ -59,62 +68,131 @@ class RecordStore:
         Created if it is missing.
     most : int
         How many episodes of each action set are kept.
+    first : int
+        The number of the first episode of a new store.
 
     Raises
     ------
     FileError
-        The folder is a store of another robot or domain, or damaged.
+        The folder is a store of another robot or domain; DamagedFileError if it is damaged.
     OSError
-        It cannot be written.
+        It cannot be read or written.
     """
 
-    def __init__(self, folder: Path, info: StoreInfo, *, most: int) -> None:
+    def __init__(self, folder: Path, info: StoreInfo, *, most: int, first: int = 0) -> None:
         folder.mkdir(parents=True, exist_ok=True)
-        self._most = most
-        with _refusing_damage(folder):
-            self._database = sqlite3.connect(folder / STORE, check_same_thread=False)
-            self._database.executescript(_TABLES)
-            source = self._database.execute(_SOURCE).fetchone()
-            if source is None:
-                with self._database:
-                    self._database.execute("INSERT INTO source VALUES (?, ?)", astuple(info))
-            elif (got := StoreInfo(*source)) != info:
-                raise FileError(
-                    f"{folder / STORE}: expected {info}, got {got}: choose another folder"
-                )
-            (newest,) = self._database.execute("SELECT max(number) FROM episodes").fetchone()
-        self.stored: int = newest or 0
+        self._file, self._most = folder / STORE, most
+        self._opened: tuple[int, int] | None = None  # identity of the open file
+        self._database = sqlite3.connect(self._file, check_same_thread=False)
+        try:
+            with _errors_of(self._file):
+                self._prepare(info, first)
+        except (FileError, OSError):
+            self.close()
+            raise
+        self._opened = identity_of(self._file)
+
+    def _prepare(self, info: StoreInfo, first: int) -> None:
+        """Create the tables of a new store; check and count those of an old one."""
+        database = self._database
+        database.executescript(_TABLES)
+        (report,) = database.execute("PRAGMA integrity_check(1)").fetchone()
+        if report != "ok":
+            raise DamagedFileError(f"{self._file}: expected a store of records: {report}")
+        source = database.execute(_SOURCE).fetchone()
+        if source is None:
+            with database:
+                database.execute("INSERT INTO source VALUES (?, ?)", astuple(info))
+                database.execute(_FIRST, [first])
+        elif (got := StoreInfo(*source)) != info:
+            raise FileError(f"{self._file}: expected {info}, got {got}: choose another folder")
+        (stored,) = database.execute(_STORED).fetchone() or (0,)
+        if not isinstance(stored, int):
+            raise DamagedFileError(f"{self._file}: expected the number of records, got {stored!r}")
+        self.stored = stored
+
+    def is_in_place(self) -> bool:
+        """Return whether the file that is open is the one in the folder.
+
+        Raises OSError if the folder cannot be read. SQLite writes to a deleted or renamed file
+        without an error.
+        """
+        return self._opened is not None and self._opened == identity_of(self._file)
 
     def append(self, action_set: str, episode: Episode) -> None:
-        """Append an episode; it is written whole or, when OSError is raised, not at all."""
+        """Append an episode; it is written whole or, when OSError is raised, not at all.
+
+        Raises DamagedFileError if the file is damaged. The store is closed by both errors.
+        """
         (row, *_) = episode_frame(0, episode, episode.objects).to_dict("records")
         values = {"set": action_set, "row": json.dumps(row), "most": self._most}
         try:
-            with self._database:
+            with _errors_of(self._file), self._database:
                 self._database.execute(_APPEND, values)
                 self._database.execute(_DROP_OLDEST, values)
-            self.stored += 1
-        except sqlite3.Error as error:
-            raise OSError(errno.EIO, str(error)) from error
+        except (FileError, OSError):
+            self.close()
+            raise
+        self.stored += 1
 
     def close(self) -> None:
         """Close the file."""
-        self._database.close()
+        self._opened = None
+        with suppress(sqlite3.Error):
+            self._database.close()
 
 
 @contextmanager
-def _refusing_damage(folder: Path) -> Iterator[None]:
-    """Raise FileError instead of the errors of SQLite and of the JSON parser."""
+def _errors_of(file: Path) -> Iterator[None]:
+    """Raise DamagedFileError or OSError instead of the errors of SQLite."""
     try:
         yield
-    except (sqlite3.Error, json.JSONDecodeError) as error:
-        raise FileError(f"{folder / STORE}: expected a store of records: {error}") from error
+    except (sqlite3.Error, UnicodeDecodeError) as error:
+        code = getattr(error, "sqlite_errorcode", sqlite3.SQLITE_ERROR) & 0xFF
+        if code in _DAMAGE:
+            raise DamagedFileError(f"{file}: expected a store of records: {error}") from error
+        full = code == sqlite3.SQLITE_FULL
+        raise OSError(errno.ENOSPC if full else errno.EIO, str(error), str(file)) from error
 
 
 def _rows_of(folder: Path, query: str, *values: str) -> list[Any]:
-    """Return the rows that a query of a store yields."""
-    with _refusing_damage(folder), closing(sqlite3.connect(folder / STORE)) as database:
+    """Return the rows that a query of a store yields.
+
+    Raises FileError.
+    """
+    file = folder / STORE
+    try:
+        if not is_store(folder):
+            raise FileError(f"{file}: expected a store of records, there is none")
+        with _errors_of(file):
+            return _queried(file, query, values)
+    except OSError as error:
+        raise FileError(f"{file}: expected a store of records: {error.strerror}") from error
+
+
+def _queried(file: Path, query: str, values: Sequence[str]) -> list[Any]:
+    """Return the rows that a query of a database yields, also on a read-only medium."""
+    try:
+        return _rows(file, "ro", query, values)
+    except sqlite3.OperationalError:
+        # SQLite has to write: a process was killed while it wrote, or the file is of version 0.1
+        if os.access(file.parent, os.W_OK):
+            return _rows(file, "rw", query, values)
+    with tempfile.TemporaryDirectory() as writable:
+        for part in file.parent.glob(f"{STORE}*"):
+            shutil.copyfile(part, Path(writable, part.name))
+        return _rows(Path(writable, STORE), "rw", query, values)
+
+
+def _rows(file: Path, mode: str, query: str, values: Sequence[str]) -> list[Any]:
+    address = f"{file.absolute().as_uri()}?mode={mode}"
+    with closing(sqlite3.connect(address, uri=True)) as database:
+        database.text_factory = _text
         return database.execute(query, values).fetchall()
+
+
+def _text(data: bytes) -> str:
+    return data.decode("utf-8", errors="replace")
 
 
 def is_store(path: Path) -> bool:
@@ -147,12 +225,47 @@ def read_store(folder: Path, action_set: str | None = None) -> Experience:
 
 
 def read_records(folder: Path, action_set: str) -> pd.DataFrame:
-    """Return the starts of the episodes of an action set, oldest first: columns of a table, and `NUMBER`."""
+    """Return the starts of the episodes of an action set, oldest first: columns of a table, and `NUMBER`.
+
+    Damaged rows are left out with a warning. Raises FileError if `folder` has no store.
+    """
     query = "SELECT number - 1, row FROM episodes WHERE action_set = ? ORDER BY number"
     stored = _rows_of(folder, query, action_set)
-    if not stored:
+    usable = _usable([(number, _parsed(text)) for number, text in stored], action_set)
+    if len(usable) < len(stored):
+        text = f"{len(stored) - len(usable)} of {len(stored)} records are damaged and left out"
+        warnings.warn(f"{folder / STORE}: {text}", stacklevel=2)
+    if not usable:
         return join([]).assign(**{NUMBER: np.empty(0, dtype=np.int64)})
-    numbers, texts = zip(*stored, strict=True)
-    with _refusing_damage(folder):
-        rows = pd.DataFrame(map(json.loads, texts)).assign(episode=range(len(texts)))
-    return checked_rows(folder / STORE, rows, action_set).assign(**{NUMBER: numbers})
+    numbers = [number for number, _ in usable]
+    return _checked(usable, action_set).assign(**{NUMBER: numbers})
+
+
+_Row = tuple[int, Any]
+"""Number and content of a stored record."""
+
+
+def _parsed(text: str) -> Any:
+    try:
+        return json.loads(text)
+    except (RecursionError, TypeError, ValueError):
+        return None
+
+
+def _checked(rows: Sequence[_Row], action_set: str) -> pd.DataFrame:
+    frame = pd.DataFrame([content for _, content in rows]).assign(episode=range(len(rows)))
+    return checked_rows(STORE, frame, action_set)
+
+
+def _usable(rows: list[_Row], action_set: str) -> list[_Row]:
+    """Return the rows that are valid; halves are checked until the damaged rows are found."""
+    rows = [row for row in rows if isinstance(row[1], dict)]
+    try:
+        if rows:
+            _checked(rows, action_set)
+        return rows
+    except (ExperienceError, ArithmeticError, AttributeError, TypeError, ValueError):
+        if len(rows) == 1:
+            return []
+        middle = len(rows) // 2
+        return [*_usable(rows[:middle], action_set), *_usable(rows[middle:], action_set)]

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from scipy.special import stdtrit
@@ -14,11 +14,15 @@ from scipy.special import stdtrit
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.files import load, save
 from ator_ros.refinement.gate import MeasuredGain
+from ator_ros.schema import Within
 
 GAINS, KIND = "gains.json", "gains of refinement"
 _MOST = 500  # newest chains that count
+_LONGEST = 1e6  # s; sums of squares of greater numbers would overflow
 # chains up to which the share of comparisons is greatest; then it falls with their root
 _FULL_SHARE = 50
+
+Seconds = Annotated[float, Within(-_LONGEST, _LONGEST)]
 
 
 @dataclass(frozen=True)
@@ -34,8 +38,8 @@ class ChainGain:
     """
 
     refined: bool
-    gain: float
-    excess: float
+    gain: Seconds
+    excess: Seconds
     action_set: str = DEFAULT_SET
 
 
@@ -99,7 +103,7 @@ def chain_gain(record: Any, models: str) -> ChainGain | None:
     undisturbed = succeeded and not (record.fetched or record.refined_again)
     if not (counts and undisturbed and gain.models == models):
         return None
-    if not (math.isfinite(gain.predicted) and math.isfinite(excess)):
+    if not (abs(gain.predicted) <= _LONGEST and abs(excess) <= _LONGEST):  # nor NaN
         return None
     return ChainGain(
         not gain.comparison, gain.predicted, excess, record.chain.action_set or DEFAULT_SET

@@ -3,43 +3,75 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from ator_ros.experience.episode import Episode
-from ator_ros.experience.store import RecordStore, StoreInfo
-from ator_ros.files import FileError, content_of, read_json, save
-from ator_ros.learning.gains import ChainGain, Gains, add_chain, read_gains
+from ator_ros.experience.store import RecordStore, StoreInfo, is_store
+from ator_ros.files import (
+    DamagedFileError,
+    FileError,
+    exclusive_folder,
+    identity_of,
+    load,
+    save,
+    set_aside,
+)
+from ator_ros.learning.gains import GAINS, ChainGain, Gains, add_chain, read_gains
 from ator_ros.learning.process import RoundProcess
 from ator_ros.learning.sets import (
     RECORDS,
+    Count,
     Manifest,
     current_set,
     publish,
     read_manifest,
     remove_old,
+    repair,
 )
-from ator_ros.schema import SchemaError
+from ator_ros.schema import SchemaError, structured
 
 ROUND, KIND = "round.json", "round of learning"
 FROZEN = "frozen"
 # real s; a round of 20,000 episodes takes some seconds, but at the lowest priority
 _LONGEST_ROUND = 1800.0
-_MOST_WAITING = 1000  # records; older ones are lost
+_MOST_WAITING = 1000  # records in memory, about 2 MB; older ones are lost
 _SHARE = 0.02  # new records, as a share of all, after which to learn again
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Result of a round for a measure of an action: the fields of `RoundVerdict` but the tree."""
+
+    episodes: Count
+    reason: str
+    kind: str
+
+
+@dataclass(frozen=True)
+class RoundResult:
+    """The fields of round.json: what `learn` returned, and the records stored when it began."""
+
+    made: str = ""
+    actions: dict[str, Verdict] = field(default_factory=dict)
+    ends: Count = 0
 
 
 class Learner:
     """Stores records, starts rounds of learning, and publishes sets with better models.
 
-    No other process may write to the folder of the learned sets, see `exclusive_folder`.
+    The folder is locked for this process. While it cannot be read or written, or has disappeared,
+    the newest 1000 records are kept in memory, and written when it is back. Damaged files are
+    renamed, see `set_aside`.
 
     Parameters
     ----------
     begin : callable
-        Starts a round.
+        Starts a round; may raise OSError.
     start : str
         Digest of the models of the start, see `digest_of_start`.
     batch : int
@@ -53,15 +85,17 @@ class Learner:
         That of the published set in use; None: the models of the start are in use.
     gains : Gains
         Measured gains of the set in use.
-    problem : str
-        The last problem, which diagnostics warn of; empty without one.
+    fault : str
+        Why records are kept in memory; empty while they are written.
+    frozen : bool
+        Whether publishing is frozen; persists across restarts.
     taken, left_out, lost : int
         Records given to `take` and `take_chain`, rejected by the caller, and never written.
 
     Raises
     ------
     FileError, OSError
-        The folder is of another robot or domain, or cannot be written.
+        The folder is of another robot or domain, is used by another process, or cannot be written.
     """
 
     def __init__(
@@ -75,43 +109,103 @@ class Learner:
         most: int = 20_000,
     ) -> None:
         self._folder, self._begin, self._batch, self._most = folder, begin, batch, most
-        self._start = start
-        self._store = RecordStore(folder / RECORDS, info, most=most)
-        remove_old(folder)
-        # Functions that write a record each, while the disk is full.
+        self._info, self._start = info, start
+        self._lock = contextlib.ExitStack()
+        # Functions that write a record each, while the folder cannot be written.
         self._waiting: deque[Callable[[], None]] = deque(maxlen=_MOST_WAITING)
         self._round: RoundProcess | None = None
         # its real time in s, and `stored` when it started
         self._round_began, self._round_ends = 0.0, 0
         self._requested = False
-        self._last: dict[str, Any] = {}  # result of the last round, the content of round.json
-        with contextlib.suppress(FileError, SchemaError):  # without the file a round is due
-            self._last = content_of(read_json(folder / ROUND), KIND)
-        self.problem = ""
+        self._last = RoundResult()
+        self._is_saved = True  # whether round.json holds `_last`
+        self._damage = ""  # what was set aside
+        self._round_problem = ""
+        self.fault = ""
         self.gains = Gains()
         self.taken = self.left_out = self.lost = 0
-        self.has_room = True
         self.manifest: Manifest | None = None
-        place = current_set(folder)
-        if place is not None:
-            try:
-                self.manifest = read_manifest(place)
-            except FileError as error:
-                self.problem = str(error)
-        self._read_gains()
+        try:
+            self._open()
+        except (FileError, OSError):
+            self._lock.close()
+            raise
+        self._last = self._last_round()
+        self.frozen = (folder / FROZEN).exists()
+
+    def _open(self) -> None:
+        """Lock the folder and open its store; set aside what is damaged."""
+        self._lock.close()
+        self._lock.enter_context(exclusive_folder(self._folder))
+        self._opened = identity_of(self._folder)
+        self._read_set()
+        records = self._folder / RECORDS
+        try:
+            self._store = self._opened_store(records)
+        except DamagedFileError as error:
+            self._set_aside(records, error)
+            self._store = self._opened_store(records)
+        remove_old(self._folder)
+
+    def _opened_store(self, records: Path) -> RecordStore:
+        seen = () if self.manifest is None else self.manifest.seen.values()
+        first = max(self._last_round().ends, *seen, 0)
+        return RecordStore(records, self._info, most=self._most, first=first)
+
+    def _open_again(self) -> None:
+        """Open the store that was closed or replaced, also in a folder that came back.
+
+        An empty folder in its place is not used: it may be the mount point of a share.
+        """
+        is_same = identity_of(self._folder) == self._opened
+        if not is_same and not is_store(self._folder / RECORDS):
+            raise FileNotFoundError(errno.ENOENT, "its records have disappeared")
+        self._store.close()
+        self._open()
+
+    def _read_set(self) -> None:
+        """Read the manifest of the set in use, and its gains."""
+        if repaired := repair(self._folder):
+            self._damage = repaired
+        place = current_set(self._folder)
+        self.manifest = None if place is None else read_manifest(place)
+        models = self._start if self.manifest is None else self.manifest.digest
+        try:
+            self.gains = read_gains(self._folder, models)
+        except DamagedFileError as error:
+            self._set_aside(self._folder / GAINS, error)
+            self.gains = Gains(models)
+
+    def _last_round(self) -> RoundResult:
+        """Return the last round, from its file at the start; without the file a round is due."""
+        file = self._folder / ROUND
+        if self._last != RoundResult() or not file.exists():
+            return self._last
+        try:
+            return load(file, KIND, RoundResult)
+        except DamagedFileError as error:
+            self._set_aside(file, error)
+            return RoundResult()
+
+    def _set_aside(self, path: Path, error: Exception) -> None:
+        self._damage = f"{error}; renamed to {set_aside(path).name}"
 
     @property
-    def frozen(self) -> bool:
-        """Whether publishing is frozen; persists across restarts."""
-        return (self._folder / FROZEN).exists()
+    def problem(self) -> str:
+        """The problems that diagnostics warn of; empty without one."""
+        return "; ".join(filter(None, (self.fault, self._damage, self._round_problem)))
 
     def freeze(self, frozen: bool) -> None:
-        """Freeze or unfreeze publishing; freezing ends a running round."""
+        """Freeze or unfreeze publishing; freezing ends a running round.
+
+        Raises OSError, and changes nothing, if that cannot be written.
+        """
         if frozen:
             (self._folder / FROZEN).touch()
             self._end_round()
         else:
             (self._folder / FROZEN).unlink(missing_ok=True)
+        self.frozen = frozen
 
     def learn_now(self) -> str:
         """Request a round; return why it cannot start, empty if it can."""
@@ -121,14 +215,14 @@ class Learner:
         return ""
 
     def take(self, action_set: str, episode: Episode) -> None:
-        """Store a record; it is kept in memory while the disk is full."""
+        """Store a record; it is kept in memory while the folder cannot be written."""
         self.taken += 1
         self._put(lambda: self._store.append(action_set, episode))
 
     def take_chain(self, chain: ChainGain) -> None:
         """Add a chain to the gains of the set in use.
 
-        It is kept in memory while the disk is full.
+        It is kept in memory while the folder cannot be written.
         """
         models = self.gains.models
 
@@ -158,9 +252,21 @@ class Learner:
             if now - self._round_began > _LONGEST_ROUND:
                 self._end_round()
                 return self._finish({"failed": f"it took longer than {_LONGEST_ROUND:g} s"})
-        elif may_begin and not self.frozen and (self._requested or self.new >= due):
-            self._round, self._round_began, self._requested = self._begin(), now, False
-            self._round_ends = self.stored
+        elif self.fault or self.frozen or not may_begin:
+            return None
+        elif self._requested or self.new >= due:
+            return self._start_round(now)
+        return None
+
+    def _start_round(self, now: float) -> str | None:
+        """Start a round at the real time `now` (s); return why it could not start."""
+        self._requested = False
+        self._round_began, self._round_ends = now, self.stored
+        try:
+            self._read_set()  # its process refuses a damaged set
+            self._round = self._begin()
+        except (FileError, OSError) as error:
+            return self._finish({"failed": str(error)})
         return None
 
     @property
@@ -171,47 +277,49 @@ class Learner:
     @property
     def new(self) -> int:
         """Records since the last round."""
-        return self.stored - int(self._last.get("ends", 0))
+        return self.stored - min(self._last.ends, self.stored)
 
     def _finish(self, result: dict[str, Any]) -> str:
-        if "failed" in result:
-            self.problem = f"learning failed: {result['failed']}"
-            result = {**self._last, "ends": self._round_ends}
-        elif result["made"] and not self.frozen:
+        """Publish the set of a round, if it made one; return what to report."""
+        self._is_saved = False
+        failure = f"learning failed: {result['failed']}" if "failed" in result else ""
+        found = RoundResult()
+        if not failure:
             try:
-                place = publish(self._folder, Path(result["made"]))
-                self.manifest = read_manifest(place)
-                self._read_gains()
-                remove_old(self._folder)
-                self.problem = ""
-            except (OSError, FileError) as error:
-                self.problem = f"a new set could not be published: {error}"
-                for verdict in result["actions"].values():
-                    verdict["kind"] = ""
+                found = structured(result, RoundResult)
+            except SchemaError as error:
+                failure = f"learning failed: {error}"
+        self._round_problem = failure
+        if failure:
+            self._last = replace(self._last, ends=self._round_ends)
+            self._store.close()  # it is checked when it is opened again
         else:
-            self.problem = ""
-        self._last = {**result, "made": "", "ends": self._round_ends}
-        with self._reporting_full_disk():
-            save(self._folder / ROUND, KIND, self._last)
-        return self.problem or self._summary()
+            self._last = replace(found, made="", ends=self._round_ends)
+            self._damage = ""
+            if found.made and not self.frozen:
+                self._publish(Path(found.made))
+        self._write_waiting()
+        return self._round_problem or self._summary()
 
-    def _read_gains(self) -> None:
-        models = self._start if self.manifest is None else self.manifest.digest
+    def _publish(self, made: Path) -> None:
         try:
-            self.gains = read_gains(self._folder, models)
-        except FileError as error:
-            self.gains, self.problem = Gains(models), str(error)
+            publish(self._folder, made)
+            self._read_set()
+            remove_old(self._folder)
+        except (OSError, FileError) as error:
+            self._round_problem = f"a new set could not be published: {error}"
+            kept = {name: replace(each, kind="") for name, each in self._last.actions.items()}
+            self._last = replace(self._last, actions=kept)
 
     def _summary(self) -> str:
         """Return the result of the last round: durations, and other measures whose tree was replaced."""
-        verdicts = self._last.get("actions", {}).items()
+        verdicts = self._last.actions.items()
         # "SET/ACTION" is the duration of an action, "SET/ACTION/MEASURE" another measure.
         shown = {
-            name: verdict for name, verdict in verdicts if verdict["kind"] or name.count("/") == 1
+            name: verdict for name, verdict in verdicts if verdict.kind or name.count("/") == 1
         }
         return (
-            "; ".join(f"{name}: {verdict['reason']}" for name, verdict in shown.items())
-            or "none yet"
+            "; ".join(f"{name}: {verdict.reason}" for name, verdict in shown.items()) or "none yet"
         )
 
     def diagnostics(self) -> dict[str, object]:
@@ -220,7 +328,7 @@ class Learner:
             "records stored": self.stored,
             "records taken": self.taken,
             "records left out": self.left_out,
-            "records waiting for room on the disk": len(self._waiting),
+            "records waiting in memory": len(self._waiting),
             "records lost": self.lost,
             "records since the last round": self.new,
             "frozen": self.frozen,
@@ -229,11 +337,9 @@ class Learner:
             "last switch": "never" if self.manifest is None else self.manifest.time,
         }
         values |= self.gains.diagnostics()
-        for name, verdict in self._last.get("actions", {}).items():
-            values[f"{name}: episodes"] = verdict["episodes"]
-            values[f"{name}: {'switched' if verdict['kind'] else 'not switched'}"] = verdict[
-                "reason"
-            ]
+        for name, verdict in self._last.actions.items():
+            values[f"{name}: episodes"] = verdict.episodes
+            values[f"{name}: {'switched' if verdict.kind else 'not switched'}"] = verdict.reason
         return values
 
     def close(self) -> None:
@@ -243,6 +349,7 @@ class Learner:
         self.lost += len(self._waiting)
         self._waiting.clear()
         self._store.close()
+        self._lock.close()
 
     def _end_round(self) -> None:
         if self._round is not None:
@@ -250,20 +357,23 @@ class Learner:
             self._round = None
 
     def _write_waiting(self) -> None:
-        if self._waiting:  # without a write, a report of a full disk must not be cleared
-            with self._reporting_full_disk():
-                while self._waiting:
-                    self._waiting[0]()
-                    self._waiting.popleft()
-
-    @contextlib.contextmanager
-    def _reporting_full_disk(self) -> Iterator[None]:
-        """Report a full disk until writing succeeds again."""
+        """Write what waits, if the folder is in place; `fault` is why it cannot be written."""
         try:
-            yield
-        except OSError as error:
-            self.has_room = False
-            self.problem = f"{self._folder}: expected room on the disk: {error.strerror}"
+            if not self._store.is_in_place():
+                self._open_again()
+            while self._waiting:
+                self._waiting[0]()
+                self._waiting.popleft()
+            if not self._is_saved:
+                save(self._folder / ROUND, KIND, self._last)
+                self._is_saved = True
+        except (FileError, OSError) as error:
+            if isinstance(error, DamagedFileError):  # a new store is opened next time
+                self._set_aside(self._folder / RECORDS, error)
+            reason = error.strerror if isinstance(error, OSError) and error.strerror else error
+            self.fault = (
+                f"{self._folder}: expected a folder that can be written: {reason}; "
+                f"the newest {_MOST_WAITING} records wait in memory"
+            )
         else:
-            if not (self.has_room or self._waiting):
-                self.has_room, self.problem = True, ""
+            self.fault = ""

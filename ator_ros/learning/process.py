@@ -9,6 +9,8 @@ import sys
 from collections.abc import Mapping
 from typing import Any
 
+from ator_ros.printable import quoted
+
 _LONGEST = 2000  # characters of the message of a process that failed
 _ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
 
@@ -35,7 +37,10 @@ class RoundProcess:
         """Return what `learn` returned, once done, or {"failed": why}."""
         out, err = self._process.communicate()
         if self._process.returncode == 0:
-            result: dict[str, Any] = json.loads(out)
+            try:
+                result: dict[str, Any] = json.loads(out)
+            except ValueError:
+                return {"failed": f"expected its result as JSON, got {quoted(out[:100])}"}
             return result
         last = err.decode(errors="replace").strip().rpartition("\n")[2]
         return {"failed": (last or f"it ended with {self._process.returncode}")[:_LONGEST]}

@@ -187,7 +187,8 @@ def learn(source: Source, *, time: str) -> dict[str, Any]:
         "made": the folder of the new set, "" without one; "actions": by "SET/ACTION" for durations,
         "SET/ACTION/MEASURE" for others, the fields of `RoundVerdict` but the tree.
     """
-    records, place = source.folder / RECORDS, current_set(source.folder)
+    records = source.folder / RECORDS
+    place = current_set(source.folder)
     base = place or source.models
     seen = read_manifest(place).seen if place is not None else {}
     models: dict[Path, PerformanceModel] = {}

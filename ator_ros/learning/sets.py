@@ -8,15 +8,18 @@ Readers resolve `current` first and then read one folder, so that two sets are n
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import os
 import shutil
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Annotated
 
-from ator_ros.files import FileError, load, save
+from ator_ros.files import DamagedFileError, FileError, load, save, set_aside
 from ator_ros.performance.model_file import models_folder
+from ator_ros.schema import Within
 
 KIND = "learned set"
 MANIFEST = "set.manifest"
@@ -24,6 +27,9 @@ CURRENT = "current"
 RECORDS = "records"
 KEPT = 10  # newest sets that are kept, besides the one in use
 _SETS = "sets"
+
+Count = Annotated[int, Within(0, 10**12)]
+"""A number of records."""
 
 
 @dataclass(frozen=True)
@@ -37,8 +43,8 @@ class Manifest:
 
     digest: str
     time: str
-    episodes: dict[str, int]
-    seen: dict[str, int]
+    episodes: dict[str, Count]
+    seen: dict[str, Count]
     reasons: dict[str, str]
 
 
@@ -62,24 +68,70 @@ def digest_of_start(models: Path, action_sets: Iterable[str]) -> str:
 
 
 def read_manifest(folder: Path) -> Manifest:
-    """Read the manifest of a set; raises FileError, also for files of another digest."""
-    manifest = load(folder / MANIFEST, KIND, Manifest)
+    """Read the manifest of a set.
+
+    Raises FileError, and DamagedFileError if files are missing or have another digest.
+    """
+    file = folder / MANIFEST
     try:
+        if not file.exists():
+            raise DamagedFileError(f"{file}: expected the manifest of a set, there is none")
+        manifest = load(file, KIND, Manifest)
         found = digest_of(folder)
     except OSError as error:
         raise FileError(f"{folder}: expected a set of models: {error}") from error
     if found != manifest.digest:
-        raise FileError(f"{folder}: expected files with the digest {manifest.digest}, got {found}")
+        expected = f"expected files with the digest {manifest.digest}"
+        raise DamagedFileError(f"{folder}: {expected}, got {found}")
     return manifest
 
 
 def current_set(folder: Path) -> Path | None:
-    """Return the set in use; None if none was published."""
+    """Return the set in use; None if none was published.
+
+    Raises OSError if the folder cannot be read.
+    """
     try:
         name = (folder / CURRENT).readlink()
-    except OSError:
+    except FileNotFoundError:
         return None
+    except OSError as error:
+        if error.errno != errno.EINVAL:
+            raise
+        return None  # no link: a damaged folder
     return folder / name
+
+
+def repair(folder: Path) -> str:
+    """Set a damaged set in use aside, and let `current` point to the newest set that is intact.
+
+    Without one, `current` is removed. Return what was repaired, else "". Raises OSError if the
+    folder cannot be read or written.
+    """
+    link = folder / CURRENT
+    place = current_set(folder)
+    if place is None:
+        if not os.path.lexists(link):
+            return ""
+        return f"{link}: expected a link to a set; renamed to {set_aside(link).name}"
+    try:
+        read_manifest(place)
+        return ""
+    except DamagedFileError as error:
+        problem = str(error)
+    except FileError as error:
+        raise OSError(errno.EIO, str(error)) from error
+    if place.exists():
+        problem += f"; renamed to {set_aside(place).name}"
+    for other in reversed(sets_in(folder)):
+        try:
+            read_manifest(other)
+        except FileError:
+            continue
+        point_to(folder, other)
+        return f"{problem}; {other.name} is used"
+    link.unlink()
+    return f"{problem}; the models of the start are used"
 
 
 def new_set_folder(folder: Path) -> Path:
@@ -123,7 +175,8 @@ def point_to(folder: Path, place: Path) -> None:
 
 def sets_in(folder: Path) -> list[Path]:
     """Return all published sets, oldest first."""
-    return sorted(place for place in (folder / _SETS).glob("*") if place.name[:6].isdecimal())
+    places = (folder / _SETS).glob("*")
+    return sorted(place for place in places if place.name[:6].isdecimal() and not place.suffix)
 
 
 def remove_old(folder: Path) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import time
 from datetime import UTC, datetime
 from functools import partial
@@ -17,7 +16,7 @@ from ator_ros.actions import DEFAULT_SET
 from ator_ros.domains.domain import Domain
 from ator_ros.experience.records import ENDED, episode_of
 from ator_ros.experience.store import StoreInfo
-from ator_ros.files import FileError, exclusive_folder
+from ator_ros.files import FileError
 from ator_ros.learning.gains import chain_gain
 from ator_ros.learning.learner import Learner
 from ator_ros.learning.process import RoundProcess
@@ -41,7 +40,7 @@ from ator_ros.nodes.qos import RESULTS, SERVICES
 from ator_ros.nodes.running import run_node
 from ator_ros.printable import printable
 from ator_ros.robot.description import Robot
-from ator_ros.world.grid_map import save_map
+from ator_ros.world.grid_map import GridMap, save_map
 from ator_ros.world.messages import MessageError
 
 PARAMETERS = (
@@ -84,33 +83,24 @@ class LearningNode(Node):
         settings = declare_parameters(self, PARAMETERS)
         self._domain, self._robot = domain_and_robot(settings)
         self._folder = folder = Path(settings["learned"] or _DEFAULT_FOLDER).expanduser()
-        self._lock = contextlib.ExitStack()
         given = {name: settings[name] for name in ("domain", "robot", "models", "frame")}
         planner = planner_name(self, settings)
         expect_planner_usable(settings, self._domain)
         self._grid, self._awaits_map = map_file(settings), bool(map_topic(settings))
+        self._topic_map: GridMap | None = None
+        self._given = given | {"learned": str(folder), "planner": planner}
+        self._fault = ""  # the last one that was logged
         models = self._domain.models_root(settings["models"])
         try:
-            self._lock.enter_context(exclusive_folder(folder))
             self._learner = Learner(
                 folder,
                 StoreInfo(self._robot.digest(), self._domain.name),
-                lambda: RoundProcess(
-                    "ator_ros.nodes.learning_process",
-                    given
-                    | {
-                        "learned": str(folder),
-                        "map": self._grid,
-                        "planner": planner,
-                        "time": _now(),
-                    },
-                ),
+                self._start_round,
                 start=digest_of_start(models, self._domain.action_sets),
                 batch=settings["batch"],
                 most=settings["most_episodes"],
             )
         except (FileError, OSError) as error:
-            self._lock.close()
             raise SetupError(f"parameter learned: {error}") from error
         self._map = follow_map(self, settings, self._domain, self._robot, self._take_map)
         subscribed: dict[str, type[Any]] = {}
@@ -131,10 +121,17 @@ class LearningNode(Node):
         )
 
     def _take_map(self, domain: Domain, robot: Robot) -> None:
-        """Use another map from the next round on, whose process reads it from a file."""
-        assert domain.grid is not None
-        self._grid, self._awaits_map = str(save_map(domain.grid, self._folder)), False
+        """Use another map from the next round on."""
         self._domain, self._robot = domain, robot
+        self._topic_map, self._awaits_map = domain.grid, False
+
+    def _start_round(self) -> RoundProcess:
+        """Start a round in a process, which reads the map of a topic from a file; raises OSError."""
+        grid = self._grid
+        if self._topic_map is not None:
+            grid = str(save_map(self._topic_map, self._folder))
+        settings = self._given | {"map": grid, "time": _now()}
+        return RoundProcess("ator_ros.nodes.learning_process", settings)
 
     def _take(self, message: Any) -> None:
         if message.outcome.code not in ENDED:
@@ -156,9 +153,13 @@ class LearningNode(Node):
     def _work(self) -> None:
         if report := self._learner.work(time.monotonic(), may_begin=not self._awaits_map):
             self.get_logger().info(printable(report, 1000))
-        if not self._learner.has_room:
-            text = f"{self._learner.problem}: records are kept in memory and may be lost; free disk space"
-            self.get_logger().warning(text, once=True)
+        fault = self._learner.fault
+        if fault != self._fault:
+            self._fault = fault
+            if fault:
+                self.get_logger().warning(printable(fault, 1000))
+            else:
+                self.get_logger().info(f"{self._folder} can be written again; no record waits")
 
     def _learn_now(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         why_not = self._learner.learn_now()
@@ -191,9 +192,9 @@ class LearningNode(Node):
         self._learner.close()
         if self._learner.lost:
             self.get_logger().error(
-                f"{self._learner.lost} of {self._learner.taken} records are lost: the disk was full"
+                f"{self._learner.lost} of {self._learner.taken} records are lost: "
+                f"{self._folder} could not be written"
             )
-        self._lock.close()
 
 
 def _now() -> str:

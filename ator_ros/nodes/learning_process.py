@@ -11,6 +11,7 @@ from pathlib import Path
 import rclpy
 
 from ator_ros.domains.domain import domain_for
+from ator_ros.experience.parallel import end_with_parent
 from ator_ros.learning.round import Source, learn
 from ator_ros.nodes.path_planner import planned_by
 
@@ -22,8 +23,9 @@ def main() -> None:
 
     The only argument is a JSON object: `learned`, the folder of records; `domain`, `robot`,
     `models`, `map`, `planner` and `frame` as the parameters of the node; `time`, the time stamp of
-    the new set of models.
+    the new set of models. It ends with the node, also if that is killed.
     """
+    end_with_parent()
     os.nice(_NICE)
     # Linux weighs sessions before processes, and this process has its own session
     with suppress(OSError):

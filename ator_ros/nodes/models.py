@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import errno
+import time
 import warnings
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -14,7 +17,7 @@ from rclpy.node import Node
 
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.domains.domain import Domain
-from ator_ros.files import FileError
+from ator_ros.files import DamagedFileError, FileError
 from ator_ros.learning.gains import GAINS, Gains, read_gains
 from ator_ros.learning.sets import Manifest, current_set, digest_of_start, read_manifest
 from ator_ros.nodes.diagnostics import STEADY
@@ -29,6 +32,7 @@ LEARNED = Parameter(
     "folder of the node `learning`: its set in use replaces `models` once there is one; empty: none",
 )
 _PERIOD = 0.5  # s
+_LONGEST_READ = 90.0  # real s; a new set may compile for a minute
 
 
 @dataclass(frozen=True)
@@ -44,12 +48,31 @@ class ModelSet:
     problem: str = ""
 
 
+@dataclass(frozen=True)
+class LearnedModels:
+    """What a thread read from a learned folder.
+
+    `place` is the set in use, None without one. `manifest` and `models` are None unless it has
+    changed; `failure` is why a new one cannot be used. `gains` are None unless they have changed;
+    `gains_state` are digest of the models and time stamp of the file (ns) that were read last.
+    """
+
+    place: Path | None
+    gains_state: tuple[str, int]
+    gains: Gains | None = None
+    gains_problem: str = ""
+    manifest: Manifest | None = None
+    models: Mapping[str, ModelSet] | None = None
+    failure: str = ""
+
+
 class LearnedSets:
     """The models of a node: those of its parameter `models`, or the set in use of its parameter `learned`.
 
     `present` are the models in use by action set, `gains` the measured gains of chains refined with
     them. `warm_up` is called with the library of an action set and its models before they are used,
-    in a thread for a new learned set.
+    in a thread for a new learned set. After the start the learned folder is read in that thread
+    only, since a network share may hang. While it cannot be read, what is in use is kept.
     """
 
     def __init__(
@@ -61,29 +84,47 @@ class LearnedSets:
         warm_up: Callable[[TopLibrary, ModelSet], None] = lambda *_: None,
     ) -> None:
         models, learned = settings["models"], settings["learned"]
+        self._models = models
         self._node, self._domain, self._libraries, self._warm_up = node, domain, libraries, warm_up
         self._place = domain.models_root(models)
         self._source = f"models in {models}" if models else "shipped models"
         self._start = digest_of_start(self._place, libraries)
         self._folder = Path(learned).expanduser() if learned else None
-        self._newest = None if self._folder is None else current_set(self._folder)
+        self._newest: Path | None = None  # the last published set, also if it cannot be used
         self._manifest: Manifest | None = None  # of the learned set in use
-        if self._newest is not None:
-            try:
-                self._manifest = read_manifest(self._newest)
-                self._source, self._place = f"learned set {self._manifest.digest}", self._newest
-            except FileError as error:
-                self._log_failure(error)
+        self._set_problem = self._folder_problem = ""
+        if self._folder is not None:
+            self._read_at_start(self._folder)
         node.get_logger().info(
             "loading models; the first start compiles code, which may take a minute"
         )
-        self.present = self._load(self._place)
-        self.gains, self._gains_state = Gains(), ("", 0)
+        self.present: Mapping[str, ModelSet] = self._load(self._place)
+        self.gains, self._gains_state = Gains(self._digest), ("", 0)
         self._threads = ThreadPoolExecutor(1)
-        self._loading: Future[tuple[Manifest, dict[str, ModelSet]]] | None = None
+        self._reading: Future[LearnedModels] | None = None
+        self._reading_began = 0.0  # monotonic s
         if self._folder is not None:
-            self._check_gains(self._folder)
+            with suppress(FileError, OSError):  # the timer reports it
+                self.gains = read_gains(self._folder, self._digest)
             node.create_timer(_PERIOD, partial(self._check_folder, self._folder), clock=STEADY)
+
+    @property
+    def _digest(self) -> str:
+        """Digest of the models in use."""
+        return self._start if self._manifest is None else self._manifest.digest
+
+    def _read_at_start(self, folder: Path) -> None:
+        """Find the set in use."""
+        try:
+            self._newest = current_set(folder)
+            if self._newest is not None:
+                self._manifest = read_manifest(self._newest)
+                self._source, self._place = f"learned set {self._manifest.digest}", self._newest
+        except DamagedFileError as error:
+            self._report_failure(str(error))
+        except (FileError, OSError) as error:
+            self._report_failure(str(error))
+            self._newest = None  # it is read again
 
     def _load(self, place: Path) -> dict[str, ModelSet]:
         """Read the models of every action set from a folder; log faults."""
@@ -107,60 +148,101 @@ class LearnedSets:
             self._warm_up(library, read)
         return read
 
+    def _read_folder(
+        self, folder: Path, newest: Path | None, digest: str, gains_state: tuple[str, int]
+    ) -> LearnedModels:
+        """Read what changed in the learned folder; in a thread.
+
+        `newest` is the last set that was read, `digest` that of the models in use. Raises FileError
+        and OSError if the folder cannot be read.
+        """
+        place = current_set(folder)
+        if place is None and newest is not None:
+            raise FileError(f"{folder}: expected a set in use, it has disappeared")
+        manifest, models, failure = None, None, ""
+        if place is not None and place != newest:
+            try:
+                manifest, models = self._load_learned(place)
+                digest = manifest.digest
+            except Exception as error:  # after any error the node continues with the previous set
+                if isinstance(error, OSError):
+                    raise
+                failure = str(error) or repr(error)
+        file = folder / GAINS
+        state = digest, file.stat().st_mtime_ns if file.exists() else 0
+        gains, problem = None, ""
+        if state != gains_state:
+            try:
+                gains = read_gains(folder, digest)
+            except FileError as error:
+                gains = None if manifest is None else Gains(digest)
+                state, problem = gains_state, f"gains of refined chains are not used: {error}"
+        return LearnedModels(place, state, gains, problem, manifest, models, failure)
+
     def _load_learned(self, place: Path) -> tuple[Manifest, dict[str, ModelSet]]:
-        """Load a learned set; raise FileError if some of it cannot be used."""
-        manifest, read = read_manifest(place), self._load(place)
-        if broken := [each.problem for each in read.values() if each.absent and each.problem]:
+        """Load a learned set; raise FileError if some of it cannot be used, OSError to try again."""
+        try:
+            manifest = read_manifest(place)
+        except DamagedFileError:
+            raise
+        except FileError as error:  # the file system has a fault
+            raise OSError(errno.EIO, str(error)) from error
+        models = self._load(place)
+        if broken := [each.problem for each in models.values() if each.absent and each.problem]:
             raise FileError("; ".join(broken))
-        return manifest, read
+        return manifest, models
 
     def _check_folder(self, folder: Path) -> None:
-        """Switch to a set that has been loaded, or start to load a new one.
-
-        Read gains that changed.
-        """
-        self._check_gains(folder)
-        if self._loading is None:
-            place = current_set(folder)
-            if place is not None and place != self._newest:
-                self._newest = place
-                self._loading = self._threads.submit(self._load_learned, place)
-        elif self._loading.done():
-            loading, self._loading = self._loading, None
+        """Use what a thread has read from the learned folder, and let it read again."""
+        now = time.monotonic()
+        if self._reading is not None:
+            if not self._reading.done():
+                if now - self._reading_began > _LONGEST_READ:
+                    self._folder_problem = f"{folder}: expected an answer of the file system"
+                return
+            reading, self._reading = self._reading, None
             try:
-                self._manifest, self.present = loading.result()
-                self._place = self._newest or self._place
-            except Exception as error:  # after any error the node continues with the previous set
-                self._log_failure(error)
+                read = reading.result()
+            except Exception as error:  # whatever it is, what is in use is kept
+                text = str(error) or repr(error)
+                self._folder_problem = f"learned: {text}; models in use are kept"
             else:
-                self._node.get_logger().info(
-                    f"switched to the learned set {_described(self._manifest)}"
-                )
-
-    def _check_gains(self, folder: Path) -> None:
-        file = folder / GAINS
-        models = self._start if self._manifest is None else self._manifest.digest
-        state = models, file.stat().st_mtime_ns if file.exists() else 0
-        if state != self._gains_state:
-            self._gains_state = state
-            try:
-                self.gains = read_gains(folder, models)
-            except FileError as error:
-                self.gains = Gains(models)
-                self._node.get_logger().warning(f"gains of refined chains are not used: {error}")
-
-    def _log_failure(self, error: Exception) -> None:
-        name = "" if self._newest is None else self._newest.name
-        self._node.get_logger().warning(
-            f"the learned set {name} is not used: {str(error) or repr(error)}"
+                self._folder_problem = read.gains_problem
+                self._use(read)
+        self._reading_began = now
+        self._reading = self._threads.submit(
+            self._read_folder, folder, self._newest, self._digest, self._gains_state
         )
+
+    def _use(self, read: LearnedModels) -> None:
+        """Switch to a set and gains that changed."""
+        self._newest, self._gains_state = read.place, read.gains_state
+        if read.gains is not None:
+            self.gains = read.gains
+        if read.failure:
+            self._report_failure(read.failure)
+        if read.manifest is not None and read.models is not None and read.place is not None:
+            self._manifest, self.present, self._place = read.manifest, read.models, read.place
+            self._set_problem = ""
+            text = _described(read.manifest)
+            self._node.get_logger().info(f"switched to the learned set {text}")
+
+    def _report_failure(self, reason: str) -> None:
+        name = "" if self._newest is None else self._newest.name
+        self._set_problem = f"the learned set {name} is not used: {reason}"
+        self._node.get_logger().warning(self._set_problem)
 
     def load_again(self, domain: Domain, libraries: Mapping[str, TopLibrary]) -> None:
         """Load the models in use for a domain on another map."""
         self._domain, self._libraries = domain, libraries
         self.present = self._load(self._place)
-        if self._loading is not None:  # its thread uses the previous map
-            self._loading, self._newest = None, None
+        if self._manifest is not None and any(
+            each.absent and each.problem for each in self.present.values()
+        ):  # the learned folder has a fault: its set is loaded again when it is back
+            self.present = self._load(domain.models_root(self._models))
+            self._manifest, self._newest = None, None
+        if self._reading is not None:  # its thread may have used the previous map
+            self._reading, self._newest = None, None
 
     def startup_text(self) -> str:
         """Return the source and names of the models of the default action set."""
@@ -175,9 +257,8 @@ class LearnedSets:
     def problem(self) -> str:
         """The problems of all models in one line; empty if there are none."""
         models = self.present.items()
-        return "; ".join(
-            f"action set {name}: {read.problem}" for name, read in models if read.problem
-        )
+        of_models = (f"action set {name}: {read.problem}" for name, read in models if read.problem)
+        return "; ".join(filter(None, (self._folder_problem, self._set_problem, *of_models)))
 
     def diagnostics(self) -> dict[str, object]:
         """Return values for /diagnostics."""

@@ -26,7 +26,7 @@ from ator_ros.motion.routes import routes_of
 from ator_ros.nodes.network import stay_on_this_machine
 from ator_ros.robot.description import Robot
 from ator_ros.schema import SchemaError, structured
-from ator_ros.tools.collect import Attachment
+from ator_ros.tools.collect import Attachment, drivers
 from ator_ros.tools.own_nodes import episode_row
 from ator_ros.tops.chain import Top, TopCall, TopChain
 from ator_ros.tops.objects import objects_in
@@ -140,8 +140,13 @@ def drives(
     if not missing:
         return
     destinations = Destinations(robot, attachment.places)
-    if not attachment.confirmed:
-        _confirm(f"collect: {len(missing)} drives of {robot.name} to places {destinations.where}")
+    driver = drivers(domain, action_set, (action for action, _ in missing))
+    plan = f"collect: {len(missing)} drives of {robot.name} to places {destinations.where}, by {driver}"
+    plan += f" on ROS domain {os.environ.get('ROS_DOMAIN_ID') or 0}"
+    if attachment.confirmed:
+        print(plan, file=sys.stderr, flush=True)
+    else:
+        _confirm(plan)
     stay_on_this_machine(os.environ)
     tops, failures, reason = driven_tops(domain, robot), 0, ""
     with closing(Backend(domain, robot, frame="", arguments=attachment.arguments)) as backend:
@@ -179,8 +184,7 @@ def drives(
 
 def _confirm(plan: str) -> None:
     """Ask the user whether to move the robot; raise ExperienceError unless the answer is yes."""
-    where = f"ROS domain {os.environ.get('ROS_DOMAIN_ID') or 0}"
-    question = f"{plan}, by the executor on {where}. The robot will move. Continue? [y/N] "
+    question = f"{plan}. The robot will move. Continue? [y/N] "
     print(question, end="", file=sys.stderr, flush=True)
     if sys.stdin.readline().strip().lower() not in ("y", "yes"):
         raise ExperienceError("the robot was not moved: answer y to continue, or give --yes")

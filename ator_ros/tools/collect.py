@@ -8,13 +8,16 @@ from __future__ import annotations
 import argparse
 import contextlib
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
+from ator_ros.actions import TIME_LIMIT
+from ator_ros.domains.domain import Domain
 from ator_ros.evaluation.toolset import ToolsetSource
 from ator_ros.evaluation.trials import possible_actions
 from ator_ros.experience import collect as simulated
@@ -28,6 +31,8 @@ from ator_ros.experience.table import (
     write_experience,
 )
 from ator_ros.files import FileError
+from ator_ros.geometry import wrap_angles
+from ator_ros.robot.description import Robot
 from ator_ros.tools.command_line import (
     RESUMES,
     add_factor,
@@ -40,6 +45,13 @@ from ator_ros.tools.command_line import (
     without_ros_arguments,
 )
 
+_OFTEN = (
+    0.2  # share of failed episodes that is reported: the actions of the domains fail more rarely
+)
+# duration, as a multiple of a straight drive and turns at the robot's limits, that is reported: the
+# drives of the shipped robots and servers take 0.7 to 1.3 times as long
+_LONG = 4.0
+_FEWEST = 5  # episodes for such a report
 # a file of partial results
 EPISODES = "episodes of the same seed, robot, domain, action set and versions"
 
@@ -108,6 +120,9 @@ def collect(
             (frame["action"].iloc[0], int(frame["episode"].iloc[0])): frame for frame in frames
         }
         missing = [key for key in wanted if key not in finished]
+        if missing and attachment is None:
+            text = _plan(domain, source.action_set, missing, over_ros=over_ros is not None)
+            print(f"collect: {text}", file=sys.stderr, flush=True)
         if attachment is not None:
             collected = attached.drives(domain, robot, missing, source.action_set, seed, attachment)
         elif over_ros is None:
@@ -139,12 +154,35 @@ def collect(
             if len(kept) == len(wanted) or (kept and attachment is not None):
                 metadata = {**settings, "robot_digest": robot.digest(), "command": command}
                 write_experience(out, Experience(join(kept), metadata))
-                _report(join(kept))
+                _report(join(kept), robot)
                 print(f"wrote {out}")
     partial.path.unlink()
 
 
-def _report(frame: pd.DataFrame) -> None:
+def drivers(domain: Domain, action_set: str, actions: Iterable[str]) -> str:
+    """Return what executes these actions over ROS, for a message."""
+    calls = (domain.actions(action_set)[name].remote for name in dict.fromkeys(actions))
+    servers = {call.server: call.type for call in calls if call is not None}
+    named = (f"the action server {name} ({kind})" for name, kind in servers.items())
+    return " and ".join(["the executor", *named])
+
+
+def _plan(
+    domain: Domain, action_set: str, missing: Sequence[tuple[str, int]], *, over_ros: bool
+) -> str:
+    """Return what is about to be done, for the user; `missing` are action and number of episodes."""
+    actions = list(dict.fromkeys(action for action, _ in missing))
+    text = f"{len(missing)} episodes of {', '.join(actions)} in the simulator"
+    if not over_ros:
+        return f"{text}; the first take longer: each process loads or compiles code, up to a minute"
+    limit = max(TIME_LIMIT, domain.time_limit)
+    return (
+        f"{text}, driven by {drivers(domain, action_set, actions)}; before each, the robot is placed, "
+        f"and after {limit:g} s it ends; the nodes start and compile code first, up to a minute"
+    )
+
+
+def _report(frame: pd.DataFrame, robot: Robot) -> None:
     for action, rows in frame.groupby("action", sort=False):
         ends = rows.drop_duplicates("episode", keep="last")
         print(
@@ -153,6 +191,47 @@ def _report(frame: pd.DataFrame) -> None:
         )
         for reason, count in ends.loc[~ends["success"], "reason"].value_counts().head(5).items():
             print(f"  failed {count} times: {reason}")
+        for remark in _remarks(rows.drop_duplicates("episode"), robot):
+            print(f"  {remark}")
+
+
+def _remarks(starts: pd.DataFrame, robot: Robot) -> list[str]:
+    """Return what the user should check, by the starts of the episodes of an action."""
+    if len(starts) < _FEWEST:
+        return []
+    good = starts["success"].to_numpy(dtype=bool)
+    remarks = []
+    if (failed := int((~good).sum())) > _OFTEN * len(starts):
+        remarks.append(
+            f"{failed} of {len(starts)} failed: models of durations are learned from the others; "
+            "check the server, the goals and the conditions of success"
+        )
+    straight = _straight_times(starts[good], robot)
+    if len(straight) < _FEWEST:
+        return remarks
+    ratio = float(np.median(starts.loc[good, "duration"] / straight))
+    if ratio > _LONG:
+        limits = f"v {robot.limits.v:g} m/s, w {robot.limits.w:g} rad/s"
+        remarks.append(
+            f"drives took {ratio:.0f} times as long as the limits of {robot.name} allow ({limits}): "
+            "check the limits, or the speed of the server"
+        )
+    return remarks
+
+
+def _straight_times(starts: pd.DataFrame, robot: Robot) -> pd.Series:
+    """Return times in s of straight drives with turns before and after, at the robot's limits.
+
+    Speeding up and braking are included.
+    """
+    limits = robot.limits
+    dx, dy = starts["xg"] - starts["x"], starts["yg"] - starts["y"]
+    distance, direction = np.hypot(dx, dy), np.arctan2(dy, dx)
+    turns = np.abs(wrap_angles(direction - starts["yaw"])) + np.abs(
+        wrap_angles(starts["yawg"] - direction)
+    )
+    changes = 0.5 * limits.v * (1.0 / limits.a + 1.0 / limits.brake)
+    return distance / limits.v + turns / limits.w + changes
 
 
 def arguments() -> argparse.ArgumentParser:

@@ -45,12 +45,21 @@ _LONG_DEADLINE = 1.0  # s, of refinement; less than the executor's timeout
 _ATTEMPTS = 3  # drives from one situation: other programs or a busy machine may abort a drive
 _ANSWER_TIMEOUT = 120.0  # real s
 _SHUTDOWN_TIMEOUT = 5.0  # real s after which nodes are killed
+# The end of the input, also when the process that writes it was killed, ends the process groups
+# whose numbers were read.
+_WATCHER = f"""
+while read -r group; do groups="$groups -$group"; done
+kill -s INT -- $groups
+sleep {_SHUTDOWN_TIMEOUT:g}
+kill -s KILL -- $groups
+"""
 
 
 class NodeProcesses:
     """Starts nodes on a ROS domain.
 
-    As a context manager, stops all of them at the end of the block.
+    As a context manager, stops all of them at the end of the block. They also end if this process
+    is killed.
     """
 
     def __init__(self, domain: int) -> None:
@@ -58,6 +67,14 @@ class NodeProcesses:
         self._environment = {**os.environ, "ROS_DOMAIN_ID": str(domain), "PYTHONUNBUFFERED": "1"}
         self._logs = tempfile.TemporaryDirectory(prefix="ator_ros_")
         self._processes: dict[str, subprocess.Popen[bytes]] = {}
+        self._watcher = subprocess.Popen(
+            ["sh", "-c", _WATCHER],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            bufsize=0,
+            start_new_session=True,
+        )
 
     def start(self, name: str, parameters: Mapping[str, object]) -> None:
         """Start an executable of this package with these parameters; raises NodesError."""
@@ -81,15 +98,19 @@ class NodeProcesses:
 
     def _run(self, name: str, words: Sequence[str], folder: str | None = None) -> None:
         with self._log(name).open("wb") as log:
-            self._processes[name] = subprocess.Popen(
+            process = subprocess.Popen(
                 words,
                 cwd=folder,
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=subprocess.STDOUT,
                 env=self._environment,
-                start_new_session=True,  # Ctrl-C reaches this process only, which stops the nodes
+                # a process group of its own: Ctrl-C reaches this process only, which stops the nodes
+                start_new_session=True,
             )
+        self._processes[name] = process
+        assert self._watcher.stdin is not None
+        self._watcher.stdin.write(f"{process.pid}\n".encode())
 
     def check(self) -> None:
         """Raise NodesError with the last output of a node that has ended."""
@@ -128,6 +149,8 @@ class NodeProcesses:
                     process.wait(timeout=max(0.0, end - time.monotonic()))
                 process.kill()
                 process.wait()
+            self._watcher.kill()
+            self._watcher.communicate()
             self._logs.cleanup()
 
 

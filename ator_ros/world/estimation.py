@@ -174,6 +174,8 @@ _LONGEST_STEP = 0.3  # s between two messages above which their twists do not de
 _LEAST_MOTION = 0.03  # m or rad in one window up to which a robot counts as at rest
 _MOST_OFF = 0.015  # m or rad in one window; difference due to filters, slip and late stamps
 _MOST_SHARE = 0.3  # further such difference as a share of the greater motion
+# motion that no ground robot makes: its pose was corrected, or a simulation placed it
+_FASTEST_V, _FASTEST_W = 20.0, 50.0  # m/s, rad/s
 # excess of contradicting over agreeing windows before a report: one may be a corrected pose
 _CONFIRMED = 3
 
@@ -200,6 +202,10 @@ class TwistCheck:
             self._elapsed, self._motion = 0.0, np.zeros((2, 2))
             return ""
         moved = before.pose.relative(robot.pose)
+        least = max(math.hypot(moved.x, moved.y) / _FASTEST_V, abs(moved.yaw) / _FASTEST_W)
+        if elapsed < least:
+            self._elapsed, self._motion = 0.0, np.zeros((2, 2))
+            return ""
         reported = 0.5 * elapsed * np.array([before.v + robot.v, before.w + robot.w])
         self._elapsed += elapsed
         self._motion = self._motion + np.array([(_arc(moved)[0], moved.yaw), reported])

@@ -2,9 +2,12 @@
 
 import dataclasses
 import signal
+import sqlite3
 import subprocess
 import sys
 import time
+from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -98,3 +101,51 @@ def test_a_killed_writer_leaves_a_readable_store(tmp_path: Path) -> None:
         rows = read_records(tmp_path, "default")
         assert len(rows) >= max(printed, default=0)
     assert len(rows) >= 3  # each writer was killed after its first episode
+
+
+@pytest.mark.parametrize(
+    "damaged",
+    [
+        lambda text: text[:50],
+        lambda _: "[1]",
+        lambda _: None,
+        lambda text: text.replace('"duration"', '"durbtion"'),
+        lambda text: text.replace('"x": ', '"x": "a", "w": '),
+    ],
+    ids=["cut off", "list", "missing", "name", "type"],
+)
+def test_damaged_rows_are_left_out(tmp_path: Path, damaged: Callable[[str], str | None]) -> None:
+    made = list(episodes(9))
+    stored(tmp_path, iter(made)).close()
+    with closing(sqlite3.connect(tmp_path / STORE)) as database, database:
+        for number in (3, 8):
+            (text,) = database.execute(
+                "SELECT row FROM episodes WHERE number = ?", [number]
+            ).fetchone()
+            database.execute(
+                "UPDATE episodes SET row = ? WHERE number = ?", [damaged(text), number]
+            )
+    with pytest.warns(UserWarning, match="2 of 9 records are damaged and left out"):
+        kept = durations(tmp_path)
+    assert kept == [made[number].duration for number in (0, 1, 3, 4, 5, 6, 8)]
+
+
+def test_reading_writes_nothing(tmp_path: Path) -> None:
+    stored(tmp_path, episodes(3)).close()
+    before = [(file.name, file.stat().st_mtime_ns) for file in tmp_path.iterdir()]
+    assert len(durations(tmp_path)) == 3
+    assert [(file.name, file.stat().st_mtime_ns) for file in tmp_path.iterdir()] == before
+
+
+def test_a_folder_without_a_store_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(FileError, match="there is none"):
+        durations(tmp_path)
+    assert not any(tmp_path.iterdir())
+
+
+def test_a_file_that_was_replaced_is_noticed(tmp_path: Path) -> None:
+    store = stored(tmp_path / "one", episodes(3))
+    assert store.is_in_place()
+    stored(tmp_path / "other", episodes(3)).close()
+    (tmp_path / "other" / STORE).replace(tmp_path / "one" / STORE)
+    assert not store.is_in_place()

@@ -78,6 +78,7 @@ def test_it_resumes_after_a_restart(
     rounds[0].done = True
     learner.work(1.0)
     take(learner, 4)
+    learner.close()
     assert made(tmp_path, rounds).new == 4
 
 
@@ -119,11 +120,10 @@ def test_records_wait_while_the_disk_is_full(
         learner.take_chain(gains.ChainGain(True, 0.5, 0.1))
     take(learner, records)
     learner.work(5.0)
-    assert "expected room on the disk: No space left" in learner.problem
-    assert not learner.has_room
+    assert "expected a folder that can be written: No space left" in learner.problem
     monkeypatch.undo()
     learner.work(10.0)
-    assert (learner.problem, learner.has_room) == ("", True)
+    assert (learner.problem, learner.fault) == ("", "")
     learner.close()
     assert learner.lost == 0
     assert len(read_records(tmp_path / RECORDS, "default")) == 3 + records
@@ -137,6 +137,7 @@ def test_freezing_ends_a_round_and_persists(
     learner.work(0.0)
     learner.freeze(True)
     assert rounds[0].killed
+    learner.close()
     again = made(tmp_path, rounds)
     again.work(1.0)
     assert again.learn_now() == "learning is frozen"

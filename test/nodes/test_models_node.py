@@ -1,5 +1,7 @@
 """Reports of the nodes about the robot's description and the performance models."""
 
+import errno
+import os
 from pathlib import Path
 
 import pytest
@@ -7,6 +9,9 @@ from conftest import Host
 from diagnostic_msgs.msg import DiagnosticStatus
 from ros_client import Client, values_of
 
+from ator_ros.learning.gains import GAINS, ChainGain, add_chain, read_gains
+from ator_ros.learning.sets import Manifest, new_set_folder, publish, read_manifest, seal
+from ator_ros.nodes import models as nodes_models
 from ator_ros.resources import resource_path
 
 BOTH = pytest.mark.parametrize("name", ["executor", "refinement"])
@@ -76,3 +81,63 @@ def test_a_given_robot_file_is_used(
     assert status.level == DiagnosticStatus.WARN
     assert "dribbleBall was learned with ANOTHER ROBOT" in status.message
     assert "ANOTHER ROBOT" in node.output
+
+
+@pytest.fixture
+def learned(tmp_path: Path, models: Path) -> Path:
+    """Return a learned folder with a set in use and a chain that was measured with it."""
+    folder = tmp_path / "learned"
+    made = new_set_folder(folder)
+    for file in models.iterdir():
+        (made / file.name).write_bytes(file.read_bytes())
+    seal(made, Manifest("", "2026-01-01T00:00:00Z", {}, {}, {}))
+    digest = read_manifest(publish(folder, made)).digest
+    add_chain(folder, read_gains(folder, digest), ChainGain(True, 0.5, 0.1))
+    return folder
+
+
+@pytest.mark.parametrize("fault", ["missing", "file", "stale", "gains"])
+def test_models_in_use_are_kept_while_the_learned_folder_has_a_fault(
+    host: Host,
+    client: Client,
+    learned: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    fault: str,
+) -> None:
+    node = host("refinement", learned=learned)
+    status = client.status_of("refinement")
+    before = values_of(status)
+    assert status.message == "running"
+    elsewhere, text = learned.with_name("elsewhere"), (learned / GAINS).read_text(encoding="utf-8")
+    if fault in ("missing", "file"):
+        learned.rename(elsewhere)
+    if fault == "file":
+        learned.write_text("no folder")
+    elif fault == "gains":
+        (learned / GAINS).write_text(text[:-9], encoding="utf-8")
+    elif fault == "stale":
+
+        def stale(_: Path) -> None:
+            raise OSError(errno.ESTALE, os.strerror(errno.ESTALE))
+
+        monkeypatch.setattr(nodes_models, "current_set", stale)
+    status = client.eventually(
+        lambda: next(
+            (each for each in [client.status_of("refinement")] if each.message != "running"), None
+        ),
+        "a warning",
+    )
+    assert status.level == DiagnosticStatus.WARN
+    assert "learned" in status.message
+    assert values_of(status) == before
+    monkeypatch.undo()
+    if fault == "file":
+        learned.unlink()
+    if elsewhere.exists():
+        elsewhere.rename(learned)
+    (learned / GAINS).write_text(text, encoding="utf-8")
+    client.eventually(
+        lambda: client.status_of("refinement").message == "running", "the end of the fault"
+    )
+    assert values_of(client.status_of("refinement")) == before
+    assert node.running

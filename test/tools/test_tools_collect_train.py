@@ -116,6 +116,36 @@ def test_collect_continues_after_a_signal_with_the_same_table(
     pd.testing.assert_frame_equal(one.frame, two.frame, check_exact=True)
 
 
+@pytest.mark.parametrize(
+    ("failing", "slower", "expected"),
+    [
+        (0, 1.0, ""),
+        (2, 1.0, ""),
+        (6, 1.0, "6 of 20 failed: models of durations are learned from the others"),
+        (0, 10.0, "times as long as the limits of"),
+    ],
+)
+def test_collect_says_when_drives_failed_often_or_took_long(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    failing: int,
+    slower: float,
+    expected: str,
+) -> None:
+    rows = synthetic_experience("goToPose", episodes=20)
+    rows["success"] = rows["episode"] >= failing
+    rows[["duration", "time_to_go"]] *= slower
+    frames = [frame for _, frame in rows.groupby("episode")]
+    monkeypatch.setattr(collect.simulated, "collect", lambda *_, **__: (each for each in frames))
+    words = ["--actions", "goToPose", "--episodes", "20", "--out", str(tmp_path / "t.parquet")]
+    assert collect.main(words) == 0
+    printed = capsys.readouterr()
+    assert "collect: 20 episodes of goToPose in the simulator; the first take longer" in printed.err
+    assert expected in printed.out
+    assert ("check the" in printed.out) == bool(expected)
+
+
 def test_finished_episodes_of_other_settings_are_not_continued(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -140,6 +140,7 @@ def remarks(
     scale: float = 1.0,
     in_world: bool = False,
     jump: float = 0.0,
+    every: int = 50,
     seconds: float = 8.0,
     speed: float = 1.0,
 ) -> list[str]:
@@ -155,7 +156,7 @@ def remarks(
         reader.read(odometry(pose, linear, scale * w, time=0.05 * tick))
         found += [reader.remark] * bool(reader.remark)
         pose = pose.compose(Pose(0.05 * v, 0.0, 0.05 * w))
-        if tick % 50 == 25:
+        if tick % every == every // 2:
             pose = pose._replace(x=pose.x + jump)
     return found
 
@@ -180,7 +181,15 @@ def test_a_twist_that_contradicts_the_poses_is_reported_once(wrong: dict[str, An
 
 
 @pytest.mark.parametrize(
-    "right", [{}, {"scale": 0.8}, {"scale": 1.2, "speed": 0.2}, {"jump": 2.0}, {"jump": 0.4}]
+    "right",
+    [
+        {},
+        {"scale": 0.8},
+        {"scale": 1.2, "speed": 0.2},
+        {"jump": 2.0},
+        {"jump": 0.4},
+        {"jump": 2.0, "every": 10},
+    ],
 )
 def test_slip_and_corrected_poses_are_not_reported(right: dict[str, Any]) -> None:
     assert remarks(**right, seconds=60.0) == []

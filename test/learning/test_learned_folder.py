@@ -1,0 +1,223 @@
+"""A learned folder with faults: records are kept, damaged files are set aside."""
+
+import errno
+import json
+import os
+import shutil
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from experience_rows import synthetic_model
+from stored import INFO, ROBOT, episodes, stored
+from test_learner import FakeRound, made, take
+
+from ator_ros.experience import store
+from ator_ros.experience.store import STORE, read_records
+from ator_ros.files import save
+from ator_ros.learning.gains import GAINS, ChainGain, add_chain, read_gains
+from ator_ros.learning.learner import KIND, ROUND, Learner
+from ator_ros.learning.sets import (
+    RECORDS,
+    Manifest,
+    current_set,
+    new_set_folder,
+    publish,
+    read_manifest,
+    seal,
+)
+from ator_ros.performance.model_file import save_model
+
+CHAIN = ChainGain(True, 0.5, 0.1)
+
+
+@pytest.fixture(scope="module")
+def healthy(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a learned folder with every kind of file."""
+    folder = tmp_path_factory.mktemp("learned")
+    stored(folder / RECORDS, episodes(40, slower=1.3)).close()
+    made = new_set_folder(folder)
+    save_model(made / "goToPose.json", synthetic_model("goToPose", ROBOT))
+    key = "default/goToPose"
+    seal(made, Manifest("", "2026-01-01T00:00:00Z", {key: 40}, {key: 40}, {key: "better"}))
+    place = publish(folder, made)
+    add_chain(folder, read_gains(folder, read_manifest(place).digest), CHAIN)
+    verdict = {"episodes": 40, "reason": "better", "kind": "scaled"}
+    save(folder / ROUND, KIND, {"ends": 40, "made": "", "actions": {key: verdict}})
+    return folder
+
+
+@pytest.fixture
+def folder(tmp_path: Path, healthy: Path) -> Path:
+    return Path(shutil.copytree(healthy, tmp_path / "learned", symlinks=True))
+
+
+@pytest.fixture
+def learner(folder: Path) -> Iterator[Learner]:
+    learner = made(folder, [])
+    yield learner
+    learner.close()
+
+
+def count(folder: Path) -> int:
+    return len(read_records(folder / RECORDS, "default"))
+
+
+def replaced_by_file(folder: Path) -> None:
+    folder.write_text("no folder")
+
+
+def replaced_by_dangling_link(folder: Path) -> None:
+    folder.symlink_to(folder.with_name("nowhere"))
+
+
+@pytest.mark.parametrize(
+    "replace",
+    [lambda _: None, replaced_by_file, replaced_by_dangling_link, Path.mkdir],
+    ids=["missing", "file", "dangling link", "empty mount point"],
+)
+def test_records_wait_until_the_folder_is_back(
+    learner: Learner, folder: Path, replace: Callable[[Path], None]
+) -> None:
+    elsewhere = folder.rename(folder.with_name("elsewhere"))
+    replace(folder)
+    take(learner, 3)
+    learner.take_chain(CHAIN)
+    learner.work(0.0)
+    assert "expected a folder that can be written" in learner.problem
+    values = learner.diagnostics()
+    assert (values["records stored"], values["records waiting in memory"]) == (40, 4)
+    assert not folder.is_dir() or not any(folder.iterdir())
+    if folder.is_dir():
+        folder.rmdir()
+    else:
+        folder.unlink(missing_ok=True)
+    shutil.copytree(elsewhere, folder, symlinks=True)  # with other inodes, as of another mount
+    learner.work(1.0)
+    assert (learner.problem, learner.lost, learner.stored) == ("", 0, 43)
+    assert count(folder) == 43
+    assert len(read_gains(folder, learner.gains.models).chains) == 2
+    assert count(elsewhere) == 40
+
+
+@pytest.mark.parametrize("number", [errno.EIO, errno.ESTALE, errno.EACCES])
+def test_records_wait_while_the_file_system_has_errors(
+    learner: Learner, folder: Path, monkeypatch: pytest.MonkeyPatch, number: int
+) -> None:
+    def broken(*_: object) -> None:
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(Path, "stat", broken)
+    take(learner, 15)
+    learner.work(0.0)
+    learner.diagnostics()
+    assert os.strerror(number) in learner.problem
+    monkeypatch.undo()
+    learner.work(1.0)
+    assert (learner.problem, count(folder)) == ("", 55)
+
+
+def test_the_oldest_of_more_than_1000_waiting_records_are_lost(
+    learner: Learner, folder: Path
+) -> None:
+    folder.rename(folder.with_name("elsewhere"))
+    for _ in range(1005):
+        learner.take_chain(CHAIN)
+    assert (learner.lost, learner.diagnostics()["records waiting in memory"]) == (5, 1000)
+
+
+def test_a_folder_of_another_robot_in_its_place_is_not_used(learner: Learner, folder: Path) -> None:
+    folder.rename(folder.with_name("elsewhere"))
+    other = store.StoreInfo("another", INFO.domain)
+    store.RecordStore(folder / RECORDS, other, most=10).close()
+    take(learner, 2)
+    assert "choose another folder" in learner.problem
+    assert count(folder) == 0
+
+
+def truncated(data: bytes) -> Iterator[bytes]:
+    yield from (b"", data[: len(data) // 2], data[:-3])
+
+
+def mutated(data: bytes) -> Iterator[bytes]:
+    rng = np.random.default_rng(1)
+    for share in (0.0, 0.01, 0.3):  # of the bytes, at least one
+        changed = np.frombuffer(data, np.uint8).copy()
+        which = rng.integers(len(changed), size=max(1, int(share * len(changed))))
+        changed[which] = rng.integers(256, size=len(which))
+        yield changed.tobytes()
+
+
+FILES = [f"{RECORDS}/{STORE}", ROUND, GAINS, "set.manifest", "goToPose.json"]
+
+
+@pytest.mark.filterwarnings("ignore:.* records are damaged")
+@pytest.mark.parametrize("name", FILES)
+@pytest.mark.parametrize("damage", [truncated, mutated])
+def test_a_damaged_file_is_set_aside(
+    tmp_path: Path, healthy: Path, name: str, damage: Callable[[bytes], Iterator[bytes]]
+) -> None:
+    place = current_set(healthy)
+    assert place is not None
+    relative = (place / name).relative_to(healthy) if (place / name).exists() else Path(name)
+    data = (healthy / relative).read_bytes()
+    for number, content in enumerate(damage(data)):
+        folder = tmp_path / str(number)
+        shutil.copytree(healthy, folder, symlinks=True)
+        (folder / relative).write_bytes(content)
+        rounds: list[FakeRound] = []
+        learner = made(folder, rounds)
+        before = learner.stored
+        take(learner, 10)
+        learner.take_chain(CHAIN)
+        learner.learn_now()
+        learner.work(0.0)
+        rounds[0].done = True
+        learner.work(1.0)
+        learner.diagnostics()
+        learner.close()
+        assert (learner.fault, learner.lost) == ("", 0)
+        assert learner.stored == before + 10 >= 50
+        assert count(folder) >= 10
+        used = current_set(folder)
+        if used is not None:
+            read_manifest(used)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [{"ends": "x"}, {"ends": -1}, {"actions": [1]}, {"actions": {"a": {"kind": 1}}}, {"more": 1}],
+)
+def test_a_round_that_does_not_fit_the_schema_is_renamed(
+    folder: Path, content: dict[str, object]
+) -> None:
+    save(folder / ROUND, KIND, content)
+    learner = made(folder, [])
+    assert "renamed to round.json.damaged" in learner.problem
+    assert json.loads((folder / "round.json.damaged").read_text())
+    assert learner.new == 40
+    learner.close()
+
+
+def test_a_set_that_is_damaged_while_learning_runs_is_replaced(
+    learner: Learner, folder: Path
+) -> None:
+    place = current_set(folder)
+    assert place is not None
+    (place / "goToPose.json").unlink()
+    learner.learn_now()
+    learner.work(0.0)
+    assert f"renamed to {place.name}.damaged" in learner.problem
+    assert (current_set(folder), learner.manifest) == (None, None)
+
+
+def test_a_store_that_is_damaged_while_learning_runs_is_replaced(
+    learner: Learner, folder: Path
+) -> None:
+    file = folder / RECORDS / STORE
+    file.write_bytes(b"\xff" * file.stat().st_size)
+    take(learner, 3)
+    learner.work(0.0)
+    assert "renamed to records.damaged" in learner.problem
+    assert (count(folder), learner.stored, learner.lost) == (3, 43, 0)
