@@ -189,11 +189,11 @@ class FenceWatch:
         """Whether the robot should stand because the followed object leads out."""
         return self._leads_out_since < math.inf
 
-    def fault(self, world: World, call: TopCall) -> str | None:
-        """Process a state during `call`; return why the goal must end, or None."""
-        return self._leaving(world) or self._following(world, call)
+    def fault(self, world: World, call: TopCall, delay: float = 0.0) -> str | None:
+        """Process a state during `call`, late by `delay` s; return why the goal must end, or None."""
+        return self._leaving(world, delay) or self._following(world, call)
 
-    def _leaving(self, world: World) -> str | None:
+    def _leaving(self, world: World, delay: float) -> str | None:
         pose = world.robot.pose
         here = self._fence.outside(pose.x, pose.y)
         self._allowed = min(self._allowed, here + 2.0 * self._robot.reach if here > 0.0 else 0.0)
@@ -201,7 +201,7 @@ class FenceWatch:
         # The base follows the command for the next state at the earliest.
         period = 0.0 if self._time is None else min(world.time - self._time, self._longest_gap)
         self._time = world.time
-        reach = (period + self._robot.motor_time_constant) * abs(robot.v)
+        reach = (delay + period + self._robot.motor_time_constant) * abs(robot.v)
         stop = math.copysign(abs(stopping_distance(robot.v, self._robot.stop)) + reach, robot.v)
         brake = math.copysign(robot.v**2 / (2.0 * self._robot.limits.brake) + reach, robot.v)
         curved = max(self._outside(robot, share * brake, bend=True) for share in (0.5, 1.0))

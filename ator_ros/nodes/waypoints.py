@@ -43,7 +43,13 @@ from ator_ros.nodes.running import run_node, spin_out
 from ator_ros.printable import printable, quoted
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopCall, TopChain
-from ator_ros.world.messages import FrameError, MessageError, expect_frame, plain_frame, pose_from
+from ator_ros.world.messages import (
+    FrameError,
+    MessageError,
+    expect_frame,
+    goal_pose_from,
+    plain_frame,
+)
 from ator_ros.world.state import RobotState
 
 _MAX_CHAIN_STEPS = 8  # the search of more takes longer than refinement's default deadline
@@ -395,7 +401,7 @@ class WaypointsNode(Node):
 
         Raises MessageError, also if it lies outside the fence.
         """
-        pose, other = pose_from(stamped.pose, f"{where}.pose"), stamped.header.frame_id
+        pose, other = goal_pose_from(stamped.pose, f"{where}.pose"), stamped.header.frame_id
         if (origin := self._tf.base(self._frame, other)) is not None:
             pose = origin.compose(pose)
         else:
