@@ -13,6 +13,7 @@ from ator_ros.world.state import World
 # s, by the stamps, after which a base obeys a command to stand: two messages at 20 Hz, as in
 # `MotionWatch`, and three to show it
 _OBEYS = 0.25
+_MARGIN = 0.05  # s; one message
 _LEAST_LOSS = 0.1  # least share of the described deceleration in that time
 _STAYS = (
     0.5  # s for which an object must be inside the robot: longer than the wrong states of a reset
@@ -36,11 +37,12 @@ class DelayWatch:
     the clock has become slower, as that of a simulation on a busy machine. A robot whose states
     are late is shown to drive on.
 
-    `longest` is the greatest delay in s.
+    `longest` is the greatest delay in s, at least 0.3: less than the time in which a base obeys
+    does not show in its states.
     """
 
     def __init__(self, robot: Robot, longest: float) -> None:
-        self._robot, self._longest = robot, longest
+        self._robot, self._longest = robot, max(longest, _OBEYS + _MARGIN)
         self._since: World | None = None
 
     @property

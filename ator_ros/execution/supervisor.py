@@ -33,6 +33,7 @@ _CALM = 0.5
 Nav2's controller server does after its navigator died."""
 # least timeout of odometry in real s before a goal drives: its rate may be unknown
 _FIRST_GAP = 1.0
+_DELAYED = 0.1  # s above which a delay counts near the fence; less is the jitter of messages
 # the same if stamps run faster than real time, as a simulation may stall, and while nodes start
 _LONGEST_STALL = 2.0
 
@@ -269,7 +270,7 @@ class Supervisor:
         late = self._missing or next((name for name in objects_in(top) if name in overdue), None)
         if late:
             return f"{top.name} paused: no recent message of the {late}"
-        fault = self._fence.fault(world, self.executor.call, delay)
+        fault = self._fence.fault(world, self.executor.call)
         if fault is not None:
             self.end(Ending.OUT_OF_BOUNDS, fault)
         impossible = self._places.fault(world, top)
@@ -277,6 +278,8 @@ class Supervisor:
             self.end(Ending.INPUT_LOST, impossible)
         if self._is_late(world, delay):
             return f"{top.name} paused: states are {delay:.1f} s old when they are read"
+        if delay > _DELAYED and self._fence.may_leave(world, min(delay, self._deadlines.odom)):
+            return f"{top.name} paused: states are {delay:.1f} s old, and the fence is near"
         return (
             f"{top.name} paused: the followed object is outside the fence"
             if self._fence.pausing
