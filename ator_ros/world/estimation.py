@@ -182,7 +182,7 @@ class VelocityCheck:
 _APART = 0.02  # m between two senders' positions; the noise of odometry is below
 _OPPOSITE = 0.1  # least share of a jump by which the positions beside it seem to jump back
 _SIMILAR = 0.3  # greatest share by which the jumps of two senders differ
-_RETURNS = 6  # jumps of this kind, one after the other, that only two senders make
+_RETURNS = 8  # jumps of this kind, one after the other, that only two senders make
 _LONGEST_PAUSE = 1.5  # s between two of these jumps
 
 

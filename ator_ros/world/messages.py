@@ -330,7 +330,7 @@ class ObjectReader:
 
     def __init__(self, source: ObjectSource, frame: str = "") -> None:
         self._source, self.frame = source, frame
-        self._estimate = VelocityEstimate()
+        self._estimate, self._senders = VelocityEstimate(), SenderCheck()
 
     def read(self, message: Any) -> tuple[float, ObjectState]:
         """Return time in s and state of the object from a message of the source's type."""
@@ -340,6 +340,8 @@ class ObjectReader:
         pose = message.pose if self._source.type == "PoseStamped" else message.pose.pose
         x = position(pose.position.x, f"{where}.pose: position.x")
         y = position(pose.position.y, f"{where}.pose: position.y")
+        if apart := self._senders.distance(time, x, y):
+            raise SendersError(f"{where}: {_to_and_fro(apart)}")
         if self._source.type != "Odometry":
             return time, self._estimate.state(time, x, y)
         linear = message.twist.twist.linear
@@ -394,14 +396,14 @@ def check_senders(transforms: Transforms, frame: str, child: str) -> None:
     """Raise SendersError if a transform between two frames comes from two senders."""
     if found := transforms.rivals(frame, child):
         parent, name, apart = found
-        raise SendersError(
-            f"tf: {quoted(parent)} to {quoted(name)}: {_to_and_fro(apart)}; end one of the nodes that "
-            "publish it"
-        )
+        raise SendersError(f"tf: {quoted(parent)} to {quoted(name)}: {_to_and_fro(apart)}")
 
 
 def _to_and_fro(apart: float) -> str:
-    return f"expected one sender, got positions that jump to and fro by {apart:.2f} m"
+    return (
+        f"expected one sender, got positions that jump to and fro by {apart:.2f} m; end one of the "
+        "nodes that publish it"
+    )
 
 
 def _is_pose_frame(child: str, given: str, expected: str) -> bool:

@@ -226,6 +226,19 @@ def test_odometry_of_two_senders_is_refused() -> None:
     reader.read(odometry(Pose(0.5, 0.0, 0.0), vector(0.2), time=4.0))
 
 
+def test_an_object_of_two_senders_is_refused() -> None:
+    reader = ObjectReader(ObjectSource("cart"), "map")
+
+    def read(tick: int) -> None:
+        here = Pose(3.0, 4.0 + 0.4 * (tick % 2), 0.0)
+        reader.read(odometry(here, vector(), frame="map", time=0.025 * tick))
+
+    for tick in range(11):
+        read(tick)
+    with pytest.raises(SendersError, match=r"cart: expected one sender, got positions that jump"):
+        read(11)
+
+
 def test_a_goal_in_degrees_is_refused_and_other_lengths_are_normalized() -> None:
     def pose(orientation: Any) -> Any:
         return SimpleNamespace(position=vector(1.0, 2.0), orientation=orientation)
