@@ -89,8 +89,8 @@ _COMMON = (
     live(
         "odom_timeout",
         _USUAL.odom,
-        "real s without odometry, more if its stamps are slower than real time, at least 2 if faster; "
-        "the robot pauses after half",
+        "real s without odometry, more if its stamps are slower than real time, at least 2 if faster "
+        "or just after the start, and its greatest delay; the robot pauses after half",
         0.05,
         60.0,
     ),
