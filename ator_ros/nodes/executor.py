@@ -73,9 +73,9 @@ from ator_ros.world.state import STOP, Command, ObjectState, RobotState, World
 
 # real s; DDS may still be connecting cmd_vel to a base that has just started
 _DISCOVERY_GRACE = 1.0
-# real s from this node's start for which others may start beside it; a refinement node that
-# compiles takes up to 20 s on two cores
-_STARTUP = 30.0
+# real s from this node's start for which others may start beside it: the first start of refinement
+# compiles code, which may take a minute
+_STARTUP = 60.0
 _RESULT_TIMEOUT = 60  # s; rclpy's 900 s would keep the records of hundreds of chains in memory
 _USUAL = Deadlines()
 _COMMON = (
