@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from collections import deque
 
-_SETTLED = 2.0  # real s for which stamps must have run with real time before a delay is known
-_REAL_TIME = 0.05  # greatest share by which their pace may then differ from it
+# a clock runs with real time if the least delays of six steps, together 3 s, differ by at most 1 %
+_STEPS, _STEADY = 6, 0.03
 # real s over which the least delay counts as usual: clocks of two computers drift apart by 6 ms
-_USUAL, _STEP = 60.0, 1.0
+_USUAL, _STEP = 60.0, 0.5
 _RECENT = 0.2  # real s whose least delay is the present one: single messages may be late
 _FEWEST = 3  # states whose least delay counts
 _DISTRUST = 600.0  # real s for which a clock that became slower may do so again
@@ -29,7 +29,6 @@ class Delay:
 
     def restart(self) -> None:
         """Forget the usual delay."""
-        self._begin: tuple[float, float] | None = None
         self._is_known = False
         self._last = -math.inf
         self._least: deque[tuple[float, float]] = deque()
@@ -45,13 +44,6 @@ class Delay:
         if now - self._last > _GAP:
             self.restart()
         self._last = now
-        begin = self._begin = self._begin or (now, time)
-        if not self._is_known and now - begin[0] >= _SETTLED:
-            pace = (time - begin[1]) / (now - begin[0])
-            self._is_known = abs(pace - 1.0) <= _REAL_TIME
-            if not self._is_known:
-                self.restart()
-                self._last, self._begin = now, (now, time)
         offset = now - time
         self._recent.append((now, offset))
         while len(self._recent) > _FEWEST and now - self._recent[0][0] > _RECENT:
@@ -60,9 +52,17 @@ class Delay:
             since, least = self._least[-1]
             self._least[-1] = since, min(least, offset)
         else:
+            self._is_known = self._is_known or self._is_steady()
             self._least.append((now, offset))
         while now - self._least[0][0] > _USUAL:
             self._least.popleft()
+
+    def _is_steady(self) -> bool:
+        """Return whether the delay has been constant; keep the last steps only, before it is known."""
+        while len(self._least) > _STEPS:
+            self._least.popleft()
+        offsets = [offset for _, offset in self._least]
+        return len(offsets) == _STEPS and max(offsets) - min(offsets) <= _STEADY
 
     @property
     def seconds(self) -> float:
