@@ -112,6 +112,13 @@ class Action(ABC):
     def step(self, world: World) -> Step:
         """Return the command for the next tick; `Step.status` says whether the action has ended."""
 
+    def may_precede_end(self, world: World) -> bool:  # noqa: ARG002
+        """Return whether `world` may be older than the end that `step` has returned.
+
+        Actions that are executed here end with a state.
+        """
+        return False
+
     def path(self) -> FloatArray | None:
         """Return the planned poses of the axle, shape (n, 3): x, y in m, yaw in rad; None without a plan.
 

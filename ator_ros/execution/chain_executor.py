@@ -384,6 +384,9 @@ class StepRun:
         unmet = top.unmet(world, self.call.goal, self._library.robot)
         if not unmet:
             return step
+        if self.action is not None and self.action.may_precede_end(world):
+            awaited = f"{top.name} waits for a state after its end: {'; '.join(unmet)}"
+            return Step(None, Status.RUNNING, awaited)
         self._settling = min(self._settling, world.time)
         if top.may_settle(world) and world.time - self._settling < top.settles:
             self.end(step.message)

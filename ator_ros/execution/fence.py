@@ -182,6 +182,7 @@ class FenceWatch:
         self._fence, self._robot, self._longest_gap = fence, robot, longest_gap
         self._allowed = math.inf
         self._time: float | None = None
+        self._period = 0.0  # s between the last two states
         self._leads_out_since = math.inf
 
     @property
@@ -191,17 +192,21 @@ class FenceWatch:
 
     def fault(self, world: World, call: TopCall) -> str | None:
         """Process a state during `call`; return why the goal must end, or None."""
-        return self._leaving(world) or self._following(world, call)
-
-    def _leaving(self, world: World) -> str | None:
         pose = world.robot.pose
         here = self._fence.outside(pose.x, pose.y)
         self._allowed = min(self._allowed, here + 2.0 * self._robot.reach if here > 0.0 else 0.0)
-        robot = world.robot
         # The base follows the command for the next state at the earliest.
-        period = 0.0 if self._time is None else min(world.time - self._time, self._longest_gap)
-        self._time = world.time
-        reach = (period + self._robot.motor_time_constant) * abs(robot.v)
+        elapsed = 0.0 if self._time is None else world.time - self._time
+        self._period, self._time = min(elapsed, self._longest_gap), world.time
+        return self._leaving(world, 0.0) or self._following(world, call)
+
+    def may_leave(self, world: World, delay: float) -> bool:
+        """Return whether the robot may leave if the state, processed before, is late by `delay` s."""
+        return self._leaving(world, delay) is not None
+
+    def _leaving(self, world: World, delay: float) -> str | None:
+        robot, pose = world.robot, world.robot.pose
+        reach = (delay + self._period + self._robot.motor_time_constant) * abs(robot.v)
         stop = math.copysign(abs(stopping_distance(robot.v, self._robot.stop)) + reach, robot.v)
         brake = math.copysign(robot.v**2 / (2.0 * self._robot.limits.brake) + reach, robot.v)
         curved = max(self._outside(robot, share * brake, bend=True) for share in (0.5, 1.0))

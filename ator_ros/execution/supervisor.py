@@ -14,6 +14,7 @@ from ator_ros.execution.fence import Fence, FenceWatch
 from ator_ros.execution.predictions import Forecast, Predictor
 from ator_ros.execution.refining import AGAIN_AFTER, Question, Refining
 from ator_ros.execution.rolling import Rolling
+from ator_ros.execution.state_watch import DelayWatch, PlaceWatch, Timeliness
 from ator_ros.geometry import FloatArray
 from ator_ros.tops.chain import Top, TopChain
 from ator_ros.tops.library import TopLibrary
@@ -32,7 +33,9 @@ _CALM = 0.5
 Nav2's controller server does after its navigator died."""
 # least timeout of odometry in real s before a goal drives: its rate may be unknown
 _FIRST_GAP = 1.0
-_LONGEST_STALL = 2.0  # the same if stamps run faster than real time: a simulation may stall
+_DELAYED = 0.1  # s above which a delay counts near the fence; less is the jitter of messages
+# the same if stamps run faster than real time, as a simulation may stall, and while nodes start
+_LONGEST_STALL = 2.0
 
 
 class Phase(enum.Enum):
@@ -84,8 +87,11 @@ class Supervisor:
         chain.
     slowdown : float
         Factor for the timeouts of odometry in real time: above 1 if its clock is slow.
-    is_fast : bool
-        Whether odometry's clock is faster than real time.
+    may_stall : bool
+        Whether odometry may be missing for up to 2 s: its clock is faster than real time, or
+        nodes are starting. The robot stands meanwhile.
+    timeliness : Timeliness
+        Whether the last state arrived in time.
 
     Parameters
     ----------
@@ -119,7 +125,8 @@ class Supervisor:
         self.ending: Ending | None = None
         self.reason = Phase.WAITING.value
         self.start: World | None = None
-        self.slowdown, self.is_fast = 1.0, False
+        self.slowdown, self.may_stall = 1.0, False
+        self.timeliness = Timeliness.IN_TIME
         self.executor = ChainExecutor(
             library, chain, time_limit=deadlines.action, fetches=fetches, rolling=rolling
         )
@@ -130,6 +137,8 @@ class Supervisor:
         self.forecast = Forecast(predictor, self.executor)
         self._plans, self._robot, self._deadlines = plans, library.robot, deadlines
         self._area, self._fence = fence, FenceWatch(fence, library.robot, deadlines.longest_gap)
+        self._delays = DelayWatch(library.robot, deadlines.odom)
+        self._places = PlaceWatch(library.robot)
         self._missing: str | None = None  # an object that the last state lacked
         self._newest: World | None = None
         self._accepted, self._odom_at = now, math.inf
@@ -161,13 +170,17 @@ class Supervisor:
         *,
         overdue: frozenset[str] = frozenset(),
         fault: str | None = None,
+        delay: float = 0.0,
     ) -> Command | None:
         """Process a newer state of the world; return the command, None if another program moves the robot.
 
         A step that needs an `overdue` object, one without recent messages, pauses. A `fault` of the
-        base, see `MotionWatch`, ends the goal.
+        base, see `MotionWatch`, ends the goal. `delay` is that of the state in s, see `Delay`.
         """
-        if fault is not None:
+        self.timeliness = Timeliness.IN_TIME
+        if fault is not None and self._delays.is_doubtful:
+            self._end_late(delay)
+        elif fault is not None:
             self.base_fault(fault)
         self._odom_at, self._newest = now, world
         # The first command, to stand, makes a simulation wait for the next one, which requires
@@ -175,7 +188,7 @@ class Supervisor:
         if self.phase is Phase.WAITING and self._begin(world, now) and world.robot.is_standing:
             return STOP
         if self.phase is Phase.EXECUTING:
-            return self._execute(world, now, overdue=overdue)
+            return self._execute(world, now, overdue=overdue, delay=delay)
         if self.phase is Phase.STOPPING:
             self._stop(world)
         return STOP
@@ -211,11 +224,13 @@ class Supervisor:
         self.reason = self.phase.value
         return not self.refining.wanted
 
-    def _execute(self, world: World, now: float, *, overdue: frozenset[str]) -> Command | None:
+    def _execute(
+        self, world: World, now: float, *, overdue: frozenset[str], delay: float
+    ) -> Command | None:
         if not self.forecast.begun:
             self.start = world  # later than the first state if refinement took time
             self.forecast.begin(world)
-        pause = self._guard(world, overdue)
+        pause = self._guard(world, overdue, delay)
         if self.phase is not Phase.EXECUTING:
             return STOP
         if pause and not self.executor.released:
@@ -241,7 +256,7 @@ class Supervisor:
             self.end(Ending.FAILED if last.ending in NOT_DONE else last.ending, step.message)
         return STOP
 
-    def _guard(self, world: World, overdue: frozenset[str]) -> str:
+    def _guard(self, world: World, overdue: frozenset[str], delay: float) -> str:
         """Check inputs and fence, which end or pause any step; return why it pauses, or "".
 
         The goal ends if an object is unknown in two states in a row. It may be missing in one
@@ -258,10 +273,37 @@ class Supervisor:
         fault = self._fence.fault(world, self.executor.call)
         if fault is not None:
             self.end(Ending.OUT_OF_BOUNDS, fault)
+        impossible = self._places.fault(world, top)
+        if impossible is not None:
+            self.end(Ending.INPUT_LOST, impossible)
+        if self._is_late(world, delay):
+            return f"{top.name} paused: states are {delay:.1f} s old when they are read"
+        if delay > _DELAYED and self._fence.may_leave(world, min(delay, self._deadlines.odom)):
+            return f"{top.name} paused: states are {delay:.1f} s old, and the fence is near"
         return (
             f"{top.name} paused: the followed object is outside the fence"
             if self._fence.pausing
             else ""
+        )
+
+    def _is_late(self, world: World, delay: float) -> bool:
+        """Return whether the robot should stand because states are delayed; end if they are late.
+
+        Another program that moves the robot cannot be commanded to stand.
+        """
+        if self.executor.released:
+            return False
+        found = self.timeliness = self._delays.judge(world, delay)
+        if found is Timeliness.LATE:
+            self._end_late(delay)
+        return found in (Timeliness.LATE, Timeliness.DOUBTFUL)
+
+    def _end_late(self, delay: float) -> None:
+        self.end(
+            Ending.INPUT_LOST,
+            f"odom is late: expected states that are at most {self._deadlines.odom:g} s old when they "
+            f"are read, got {delay:.1f} s; the network, a node that publishes them or this machine "
+            "cannot keep up",
         )
 
     def _end_without(self, name: str, top: Top) -> None:
@@ -330,7 +372,7 @@ class Supervisor:
         limit = self.slowdown * self._deadlines.odom
         if self.phase is Phase.WAITING:
             limit = max(limit, _FIRST_GAP)
-        if self.is_fast:
+        if self.may_stall:
             limit = max(limit, _LONGEST_STALL)
         if self.phase is not Phase.ENDED and now - self._odom_at > limit:
             reason = f"odom is missing: expected newer odometry within {limit:.3g} s, got none"

@@ -19,7 +19,7 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 from ator_ros.nodes.inputs import GAPS, Subscriptions
 from ator_ros.nodes.qos import RESULTS
 from ator_ros.printable import printable
-from ator_ros.world.messages import FrameError
+from ator_ros.world.messages import FrameError, SendersError
 
 STEADY = Clock(clock_type=ClockType.STEADY_TIME)  # of timers that are independent of simulated time
 WARNING_PERIOD = 2.0  # s between two warnings that one line of code logs
@@ -28,6 +28,7 @@ _PERIOD = 1.0  # s
 _PERSISTENT = 5
 _LONGEST = 500  # characters of a text
 _TICKS = 1000
+_MOST_NAMED = 8  # nodes in a message
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,6 +146,9 @@ class Diagnosis:
                 node, topic, kind, tuple(self.topics)
             )
         sender = node_of(senders[0])
+        if isinstance(item.error, SendersError):
+            names = sorted({node_of(info) for info in senders})
+            sender = f"{', '.join(names[:_MOST_NAMED])}{' …' if len(names) > _MOST_NAMED else ''}"
         reasons = [incompatibility(info.qos_profile, item.qos) for info in senders]
         if all(reasons):
             return f"{topic}: the quality of service of {sender} does not fit: {reasons[0]}"

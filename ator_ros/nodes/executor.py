@@ -21,6 +21,7 @@ from ator_ros.execution.motion_watch import MotionWatch
 from ator_ros.execution.predictions import Predictor, warm_up_actions
 from ator_ros.execution.refining import AGAIN_AFTER
 from ator_ros.execution.rolling import Rolling
+from ator_ros.execution.state_watch import Timeliness
 from ator_ros.execution.supervisor import (
     GREATEST_STOP_SLOWDOWN,
     LONGEST_STOP_TIME,
@@ -73,6 +74,9 @@ from ator_ros.world.state import STOP, Command, ObjectState, RobotState, World
 
 # real s; DDS may still be connecting cmd_vel to a base that has just started
 _DISCOVERY_GRACE = 1.0
+# real s from this node's start for which others may start beside it: the first start of refinement
+# compiles code, which may take a minute
+_STARTUP = 60.0
 _RESULT_TIMEOUT = 60  # s; rclpy's 900 s would keep the records of hundreds of chains in memory
 _USUAL = Deadlines()
 _COMMON = (
@@ -86,8 +90,8 @@ _COMMON = (
     live(
         "odom_timeout",
         _USUAL.odom,
-        "real s without odometry, more if its stamps are slower than real time, at least 2 if faster; "
-        "the robot pauses after half",
+        "real s without odometry, more if its stamps are slower than real time, at least 2 if faster "
+        "or just after the start, and its greatest delay; the robot pauses after half",
         0.05,
         60.0,
     ),
@@ -178,6 +182,8 @@ class ExecutorNode(Node):
         self._odom_at, self._stop_until, self._shutting_down = 0.0, 0.0, False
         self._motion_remark = self._last_error = ""  # as logged last
         self._ticks = Ticks()
+        self._is_simulated = False
+        self._started = time.monotonic()
         self._connect(robot)
         topics = self._diagnosis.topics
         Diagnostics(self, self._health, topics)
@@ -252,10 +258,8 @@ class ExecutorNode(Node):
         if self._motion.remark not in ("", self._motion_remark):
             self._motion_remark = self._motion.remark
             self.get_logger().warning(self._motion_remark)
-        run.supervisor.slowdown, run.supervisor.is_fast = (
-            self._inputs.slowdown,
-            self._inputs.is_fast,
-        )
+        run.supervisor.slowdown = self._inputs.slowdown
+        run.supervisor.may_stall = self._may_stall(now)
         # While DDS may still be connecting the base, it would seem blocked.
         grace = min(_DISCOVERY_GRACE, 0.5 * self._settings["start_timeout"])
         is_connecting = now - max(self._inputs.since, self._commands.changed) < grace
@@ -264,7 +268,13 @@ class ExecutorNode(Node):
             self._motion.reset()  # the motion is not due to our commands
             run.supervisor.odometry_received(time.monotonic())
             return
-        command = run.supervisor.tick(world, now, overdue=self._inputs.overdue, fault=fault)
+        command = run.supervisor.tick(
+            world, now, overdue=self._inputs.overdue, fault=fault, delay=self._delay
+        )
+        if run.supervisor.timeliness is Timeliness.SLOWER:
+            self._inputs.delay.distrust()
+        elif run.supervisor.timeliness is Timeliness.UNKNOWN:
+            self._inputs.delay.restart()
         done = time.monotonic()
         self._send(self._motion.foresight.punctual(world.robot, command, done - now), answers=True)
         self._ticks.end(done)
@@ -320,6 +330,7 @@ class ExecutorNode(Node):
         self._motion.begin(settings["latency"], preempts=self._run is not None)
         self._end(Ending.PREEMPTED, "a newer goal took over", at_once=True)
         self._run, self._stop_until = run, 0.0
+        run.supervisor.may_stall = self._may_stall(time.monotonic())
         # not in the goal callback: rclpy would keep the previous publisher in use
         self._commands.adapt()
         # A simulation as fast as possible waits for commands, also while the first action plans.
@@ -372,11 +383,12 @@ class ExecutorNode(Node):
         """
         ending, remark = supervisor.ending, self._motion.remark
         if ending is Ending.BASE_FAULT:
-            return self._commands.cause()
+            return self._delay_problem() or self._commands.cause()
         if ending is Ending.SUCCEEDED:
             return remark
         if ending is Ending.FAILED:
-            return remark or self._diagnosis.rate_problem("odom", self._odom_timeout)
+            rates = self._diagnosis.rate_problem("odom", self._odom_timeout)
+            return remark or self._delay_problem() or rates
         if ending is not Ending.INPUT_LOST:
             return ""
         if self._world is None or time.monotonic() - self._odom_at > 0.5 * self._odom_timeout:
@@ -387,6 +399,28 @@ class ExecutorNode(Node):
     def _missing_cause(self, name: str) -> str:
         timeout = self._odom_timeout if name == "odom" else self._settings[f"{name}_timeout"]
         return self._diagnosis.cause(name, timeout)
+
+    def _may_stall(self, now: float) -> bool:
+        """Return whether odometry may be missing for a while: of a fast simulation, or after a start.
+
+        Nodes that start beside this one compile and discover each other.
+        """
+        return self._inputs.is_fast or now - self._started < _STARTUP
+
+    @property
+    def _delay(self) -> float:
+        """The delay of states in s; 0 if a simulation's clock is published, which may become slower."""
+        return 0.0 if self._is_simulated else self._inputs.delay.seconds
+
+    def _delay_problem(self) -> str:
+        """Return that states are old, or an empty text."""
+        delay = self._delay
+        if delay <= self._settings["odom_timeout"]:
+            return ""
+        return (
+            f"odom: states are {delay:.1f} s old when they are read: the network, a node that publishes "
+            "them or this machine cannot keep up"
+        )
 
     @property
     def _odom_timeout(self) -> float:
@@ -420,6 +454,7 @@ class ExecutorNode(Node):
                 name: "unknown" if name not in known else "overdue" if name in overdue else "known"
                 for name in self._domain.objects
             },
+            "delay of odom (s)": f"{self._delay:.2f}",
             **self._rolling.diagnostics(),
             **self._ticks.diagnostics(),
             "goal": "none" if self._run is None else self._run.supervisor.phase.value,
@@ -437,9 +472,11 @@ class ExecutorNode(Node):
             missing = f"{', '.join(lost)}: expected recent messages; {self._missing_cause(lost[0])}"
         elif self._run is not None:  # without a goal inputs are read less often than they come
             missing = self._diagnosis.rate_problem("odom", self._odom_timeout)
+        self._is_simulated = self.count_publishers("/clock") > 0
         rivals = rival_senders(self, self._diagnosis.topics)
         problems = (
             missing,
+            "" if missing else self._delay_problem(),
             self._commands.mismatch(),
             self._map.problem,
             self._sets.problem,

@@ -30,6 +30,7 @@ from ator_ros.world.messages import (
     ObjectReader,
     ObjectSource,
     OdometryReader,
+    check_senders,
     plain_frame,
     pose_from_placement,
     robot_from_placement,
@@ -54,7 +55,7 @@ class TfListener:
 
     def __init__(self, node: Node) -> None:
         self._node, self.transforms = node, Transforms()
-        self._subscribed = False
+        self._subscriptions: dict[bool, Any] = {}  # by whether the transforms are fixed
         self._followed: dict[tuple[str, str], list[Take]] = {}
         self._last: dict[tuple[str, str], float] = {}  # stamp in s that was passed on last
 
@@ -83,23 +84,25 @@ class TfListener:
         self._followed.setdefault((frame, child), []).append(take)
 
     def _subscribe(self) -> None:
-        if not self._subscribed:
-            self._subscribed = True
+        if not self._subscriptions:
             for topic, fixed, qos in (
                 ("/tf_static", True, LATCHED_BY_MANY),
                 ("/tf", False, RESULTS),
             ):
-                self._node.create_subscription(
+                self._subscriptions[fixed] = self._node.create_subscription(
                     TFMessage, topic, partial(self._take, fixed=fixed), qos
                 )
 
     def _take(self, message: Any, *, fixed: bool) -> None:
-        for transform in message.transforms:
-            try:
-                self.transforms.add(*transform_from(transform), fixed=fixed)
-            except MessageError as error:
-                logger = self._node.get_logger()
-                logger.warning(f"ignored: {error}", throttle_duration_sec=_WARNING_PERIOD)
+        """Add the transforms of all messages that wait; pass on the newest poses only."""
+        self._add(message, fixed=fixed)
+        subscription = self._subscriptions[fixed]
+        for _ in range(subscription.qos_profile.depth):  # more may come meanwhile
+            with subscription.handle:
+                waiting = subscription.handle.take_message(subscription.msg_type, subscription.raw)
+            if waiting is None:
+                break
+            self._add(waiting[0], fixed=fixed)
         for frames, takes in self._followed.items():
             found = self.transforms.latest(*frames)
             # newer, or older after a reset
@@ -107,6 +110,14 @@ class TfListener:
                 self._last[frames] = found[0]
                 for take in takes:
                     take(*found)
+
+    def _add(self, message: Any, *, fixed: bool) -> None:
+        for transform in message.transforms:
+            try:
+                self.transforms.add(*transform_from(transform), fixed=fixed)
+            except MessageError as error:
+                logger = self._node.get_logger()
+                logger.warning(f"ignored: {error}", throttle_duration_sec=_WARNING_PERIOD)
 
 
 TYPES: dict[str, Any] = {
@@ -221,7 +232,12 @@ class Subscriptions:
         take: Callable[..., None],
     ) -> None:
         self.inputs[name] = Input("/tf", TFMessage, RESULTS, frames)
-        self.tf.follow(*frames, partial(self._take, name, read, take))
+
+        def read_of_one_sender(stamp: float, placement: Placement) -> Any:
+            check_senders(self.tf.transforms, *frames)
+            return read(stamp, placement)
+
+        self.tf.follow(*frames, partial(self._take, name, read_of_one_sender, take))
 
     def _take(
         self, name: str, read: Callable[..., Any], take: Callable[..., None], *message: Any

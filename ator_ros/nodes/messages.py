@@ -42,7 +42,7 @@ from ator_ros.tops.conditions import Condition, Region
 from ator_ros.tops.library import LeftOutError, TopLibrary
 from ator_ros.world import messages as checks
 from ator_ros.world.grid_map import GridMap, map_of_grid
-from ator_ros.world.messages import FARTHEST, MessageError, pose_from
+from ator_ros.world.messages import FARTHEST, MessageError, goal_pose_from, pose_from
 from ator_ros.world.state import Command, ObjectState, RobotState, World
 
 # times the robot's limit, which may be an estimate; a speed in km/h would be 3.6 times
@@ -104,7 +104,7 @@ def into_frame(
     """Transform goals and a situation in place to a frame, if `base` (`TfListener.base`) returns its pose."""
     for goal in (call.goal for chain in chains for call in chain.calls):
         if (origin := base(frame, goal.header.frame_id)) is not None:
-            goal.pose = pose_of(origin.compose(pose_from(goal.pose, "call.goal.pose")))
+            goal.pose = pose_of(origin.compose(goal_pose_from(goal.pose, "call.goal.pose")))
             goal.header.frame_id = frame
     if situation and (origin := base(frame, situation.header.frame_id)) is not None:
         situation.robot = pose_of(origin.compose(pose_from(situation.robot, "situation.robot")))
@@ -222,7 +222,7 @@ def _call_from(call: msg.TopCall, library: TopLibrary, frame: str, where: str) -
     checks.expect_frame(call.goal.header.frame_id, f"{where}.goal.header.frame_id", expected=frame)
     fastest = _FASTEST_GOAL * library.robot.limits.v
     speed = checks.number(call.speed, f"{where}.speed", low=0.0, high=fastest, unit="m/s")
-    pose = pose_from(call.goal.pose, f"{where}.goal.pose")
+    pose = goal_pose_from(call.goal.pose, f"{where}.goal.pose")
     goal = Goal(pose, speed, top.point, {item.name: item.value for item in call.values})
     if wrong := wrong_values(goal, library.goal_variables(top)):
         raise MessageError(f"{where}.values: {wrong}")

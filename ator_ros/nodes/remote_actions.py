@@ -29,6 +29,9 @@ from ator_ros.world.state import STOP, World
 
 _REQUESTS = 6  # requests to a server within its longest silence
 _LEAST_PERIOD = 0.05  # real s between two of them
+# s, by the stamps and in real time, after a result: a state from localization is up to 0.3 s old,
+# and the robot may still brake
+_NEWER = 0.5
 
 
 class RemoteServers:
@@ -97,6 +100,8 @@ class RemoteAction(Action):
         self._sent: RemoteGoal | None = None
         self._stopped = False
         self._since = 0.0  # real time in s at which waiting for the server started
+        # real time and stamp in s of the first state that is read after the result
+        self._result_at: tuple[float, float] | None = None
         self._accepted_at: float | None = None  # stamp in s of the first state after acceptance
 
     def start(self, world: World, goal: Goal) -> None:  # noqa: ARG002
@@ -108,6 +113,13 @@ class RemoteAction(Action):
     def step(self, world: World) -> Step:
         """Return the next step; its command is None from the tick on in which the goal is sent."""
         return self._prepare(world) if self._sent is None else self._wait(world, self._sent)
+
+    def may_precede_end(self, world: World) -> bool:
+        """Return whether `world` may be older than the server's result."""
+        if self._result_at is None:
+            return False
+        real, stamp = self._result_at
+        return time.monotonic() - real < _NEWER or world.time - stamp < _NEWER
 
     def end(self, reason: str) -> None:  # noqa: ARG002
         """Cancel the goal unless it is over; `RemoteServer.ending` tracks the rest."""
@@ -134,6 +146,7 @@ class RemoteAction(Action):
         """Check acceptance, result and timeouts of the goal that was sent."""
         server, name, limits = self._server, self._server.name, self._server.timeouts
         if sent.result is not None:
+            self._result_at = self._result_at or (time.monotonic(), world.time)
             failure = failure_in(server.call, sent.status, sent.result)
             if failure is None:
                 return finished(Status.SUCCEEDED, f"{name} succeeded")

@@ -46,7 +46,13 @@ from ator_ros.nodes.running import pause, run_node, spin_out
 from ator_ros.printable import printable, quoted
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopCall, TopChain
-from ator_ros.world.messages import FrameError, MessageError, expect_frame, plain_frame, pose_from
+from ator_ros.world.messages import (
+    FrameError,
+    MessageError,
+    expect_frame,
+    goal_pose_from,
+    plain_frame,
+)
 from ator_ros.world.state import RobotState
 
 _MAX_CHAIN_STEPS = 8  # the search of more takes longer than refinement's default deadline
@@ -442,11 +448,14 @@ class WaypointsNode(Node):
         """
         other, start = stamped.header.frame_id, None
         try:
-            pose = pose_from(stamped.pose, f"{where}.pose")
+            pose = goal_pose_from(stamped.pose, f"{where}.pose")
         except MessageError:
             if previous is None:
                 raise
-            pose, start = pose_from(PoseMessage(position=stamped.pose.position), where), previous
+            pose, start = (
+                goal_pose_from(PoseMessage(position=stamped.pose.position), where),
+                previous,
+            )
         if (origin := self._tf.base(self._frame, other)) is not None:
             pose = origin.compose(pose)
         else:

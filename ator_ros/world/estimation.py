@@ -1,17 +1,19 @@
 """The state of objects and of the robot, estimated from messages whose velocities may be missing or wrong.
 
 `VelocityEstimate` and `RobotVelocity` derive missing velocities; `VelocityCheck` and `TwistCheck`
-compare reported ones with positions; `ObjectTracker` is a Kalman filter; `Sightings` checks stamps.
+compare reported ones with positions; `SenderCheck` recognizes two senders; `ObjectTracker` is a
+Kalman filter; `Sightings` checks stamps.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections import deque
 
 import numpy as np
 
-from ator_ros.geometry import Pose
+from ator_ros.geometry import FloatArray, Pose
 from ator_ros.world.state import ObjectState, RobotState
 
 _SPAN = 0.3  # s of positions from which a velocity is fitted
@@ -65,7 +67,8 @@ class RobotVelocity:
     def __init__(self, most_v: float, most_w: float) -> None:
         self._most_v, self._most_w = _BEYOND_LIMITS * most_v, _BEYOND_LIMITS * most_w
         self._poses: deque[tuple[float, Pose]] = deque(maxlen=_KEPT_POSES)
-        self._velocity, self._jumped = (0.0, 0.0), False
+        self._velocity = (0.0, 0.0)
+        self._jump: FloatArray | None = None  # the last motion, if it was a jump
 
     def state(self, time: float, pose: Pose) -> RobotState:
         """Process a pose at `time` (s); return it with its velocity, the mean of 0.04 s or between two poses.
@@ -74,7 +77,7 @@ class RobotVelocity:
         """
         if self._poses and not 0.0 <= time - self._poses[-1][0] <= _SPAN:
             self._poses.clear()
-            self._velocity, self._jumped = (0.0, 0.0), False
+            self._velocity, self._jump = (0.0, 0.0), None
         if not self._poses or time > self._poses[-1][0]:
             self._poses.append((time, pose))
         while len(self._poses) > 1 and time - self._poses[1][0] > _ROBOT_SPAN - _ROUNDING:
@@ -87,17 +90,24 @@ class RobotVelocity:
     def _update(self, moved: Pose, elapsed: float, newest: tuple[float, Pose]) -> None:
         """Use the velocity of a motion, unless it is a jump.
 
-        After two jumps in a row the second is used.
+        After two jumps in a row the second is used if it continues the first. Jumps to and fro are
+        those of two senders.
         """
         length, sideways = _arc(moved)
         v, w = length / elapsed, moved.yaw / elapsed
         jumps = max(abs(v), abs(sideways) / elapsed) > self._most_v or abs(w) > self._most_w
-        if jumps and not self._jumped:
+        jump = np.array([moved.x, moved.y, moved.yaw]) / elapsed if jumps else None
+        before, self._jump = self._jump, jump
+        if jump is not None and (before is None or not _continues(before, jump)):
             self._poses.clear()
             self._poses.append(newest)
         else:
             self._velocity = v, w
-        self._jumped = jumps
+
+
+def _continues(before: FloatArray, jump: FloatArray) -> bool:
+    """Return whether two motions (m/s, rad/s) are about the same."""
+    return bool(np.linalg.norm(jump - before) <= 0.5 * np.linalg.norm(before))
 
 
 def _arc(moved: Pose) -> tuple[float, float]:
@@ -169,6 +179,71 @@ class VelocityCheck:
         return ObjectState(sighting.x, sighting.y, vx, vy), None if reported else warning
 
 
+_APART = 0.02  # m between two senders' positions; the noise of odometry is below
+_OPPOSITE = 0.1  # least share of a jump by which the positions beside it seem to jump back
+_SIMILAR = 0.3  # greatest share by which the jumps of two senders differ
+_RETURNS = 8  # jumps of this kind, one after the other, that only two senders make
+_LONGEST_PAUSE = 1.5  # s between two of these jumps
+
+
+class SenderCheck:
+    """Recognizes that a position comes from two senders: it jumps to and fro, always as far.
+
+    A corrected position jumps once, and noise does not jump equally far again and again.
+    """
+
+    def __init__(self) -> None:
+        self._positions: deque[tuple[float, float, float]] = deque(maxlen=3)  # s, m, m
+        # differences of positions from the lines between those before and after
+        self._off: deque[tuple[float, float]] = deque(maxlen=3)
+        self._jump, self._jumped_at, self._jumps = (0.0, 0.0), -math.inf, 0
+
+    def distance(self, time: float, x: float, y: float) -> float:
+        """Process a position (m) at `time` (s); return the distance of two senders in m, 0 of one."""
+        self._positions.append((time, x, y))
+        if len(self._positions) == 3:
+            self._off.append(_off_line(*self._positions))
+        if len(self._off) == 3:
+            self._count(time, *self._off)
+        if abs(time - self._jumped_at) > _LONGEST_PAUSE:
+            self._jumps = 0
+        return math.hypot(*self._jump) if self._jumps >= _RETURNS else 0.0
+
+    def _count(
+        self,
+        time: float,
+        before: tuple[float, float],
+        jump: tuple[float, float],
+        after: tuple[float, float],
+    ) -> None:
+        """Count the jump in the middle of three differences if it is one to another sender."""
+        size = math.hypot(*jump)
+        back = min(-_dot(jump, before), -_dot(jump, after))
+        if size < _APART or back < _OPPOSITE * size * size:
+            return
+        # From the first sender to the second it points the other way than back.
+        sign = math.copysign(1.0, _dot(jump, self._jump))
+        differs = math.hypot(jump[0] - sign * self._jump[0], jump[1] - sign * self._jump[1])
+        self._jumps = self._jumps + 1 if differs <= _SIMILAR * size else 1
+        self._jump, self._jumped_at = jump, time
+
+
+def _off_line(
+    before: tuple[float, float, float],
+    here: tuple[float, float, float],
+    after: tuple[float, float, float],
+) -> tuple[float, float]:
+    """Return how far a position lies from the line between two others, by their times (s)."""
+    span = after[0] - before[0]
+    share = min(max((here[0] - before[0]) / span, 0.0), 1.0) if span > 0.0 else 0.5
+    x, y = (here[axis] - before[axis] - share * (after[axis] - before[axis]) for axis in (1, 2))
+    return x, y
+
+
+def _dot(one: tuple[float, float], other: tuple[float, float]) -> float:
+    return one[0] * other[0] + one[1] * other[1]
+
+
 _WINDOW = 0.5  # s over which the motion of a robot's poses is compared with that of its twist
 _LONGEST_STEP = 0.3  # s between two messages above which their twists do not determine the motion
 _LEAST_MOTION = 0.03  # m or rad in one window up to which a robot counts as at rest
@@ -178,56 +253,99 @@ _MOST_SHARE = 0.3  # further such difference as a share of the greater motion
 _FASTEST_V, _FASTEST_W = 20.0, 50.0  # m/s, rad/s
 # excess of contradicting over agreeing windows before a report: one may be a corrected pose
 _CONFIRMED = 3
+_SIGN_SPAN = 0.1  # s over which the signs of both motions are compared
+_LEAST_SIGNED = 0.003  # m or rad in that time: more than the noise of a robot at rest
+_MEDIAN_OF = 3  # steps between poses whose median is the velocity: one may be a corrected pose
 
 
 class TwistCheck:
-    """Compares the twist in a robot's odometry with the differences of its poses."""
+    """Replaces velocities in a robot's odometry that contradict its poses.
+
+    A velocity with the wrong sign is corrected at once. Other ones are derived from the poses once
+    they have been wrong for 1.5 s, until they agree again.
+    """
 
     def __init__(self) -> None:
         self._last: tuple[float, RobotState] | None = None
+        self._reported = False
+        self._windows = [0, 0]  # of driving and of turning
+        self._restart()
+
+    def _restart(self) -> None:
         # rows: by poses, by twist; columns: m, rad
         self._elapsed, self._motion = 0.0, np.zeros((2, 2))
-        self._windows, self._reported = 0, False
+        # s and such motions, of the last steps
+        self._steps: deque[tuple[float, FloatArray]] = deque(maxlen=_KEPT_POSES)
 
-    def contradiction(self, time: float, robot: RobotState) -> str:
-        """Process odometry of `time` (s).
+    def check(self, time: float, robot: RobotState) -> tuple[RobotState, str]:
+        """Process odometry of `time` (s); return the state to use, and a remark.
 
-        Return once how pose and twist contradict each other, else "".
+        The remark says once how pose and twist contradict each other, else it is empty.
         """
         last, self._last = self._last, (time, robot)
-        if last is None or self._reported:
-            return ""
+        if last is None:
+            return robot, ""
         elapsed, before = time - last[0], last[1]
         if not 0.0 <= elapsed <= _LONGEST_STEP:
-            self._elapsed, self._motion = 0.0, np.zeros((2, 2))
-            return ""
+            self._restart()
+            return robot, ""
+        if elapsed == 0.0:
+            return robot, ""
         moved = before.pose.relative(robot.pose)
         least = max(math.hypot(moved.x, moved.y) / _FASTEST_V, abs(moved.yaw) / _FASTEST_W)
-        if elapsed < least:
-            self._elapsed, self._motion = 0.0, np.zeros((2, 2))
-            return ""
+        if elapsed < least:  # it was placed there
+            self._restart()
+            return robot, ""
         reported = 0.5 * elapsed * np.array([before.v + robot.v, before.w + robot.w])
+        motion = np.array([(_arc(moved)[0], moved.yaw), reported])
+        self._steps.append((elapsed, motion))
         self._elapsed += elapsed
-        self._motion = self._motion + np.array([(_arc(moved)[0], moved.yaw), reported])
-        if self._elapsed < _WINDOW - _ROUNDING:
-            return ""
+        self._motion = self._motion + motion
+        remark = self._judge() if self._elapsed >= _WINDOW - _ROUNDING else ""
+        v, w = (self._velocity(axis, value) for axis, value in enumerate((robot.v, robot.w)))
+        return dataclasses.replace(robot, v=v, w=w), remark
+
+    def _judge(self) -> str:
+        """Compare both motions of a window; return a remark, once."""
         elapsed, motion = self._elapsed, self._motion
         self._elapsed, self._motion = 0.0, np.zeros((2, 2))
         sizes = np.abs(motion).max(axis=0)
         if sizes.max() <= _LEAST_MOTION:
             return ""  # a robot at rest
         off = np.abs(motion[0] - motion[1]) - _MOST_SHARE * sizes
-        self._windows = self._windows + 1 if off.max() > _MOST_OFF else max(0, self._windows - 1)
-        if self._windows < _CONFIRMED:
+        for axis in (0, 1):
+            change = 1 if off[axis] > _MOST_OFF else -1
+            self._windows[axis] = min(max(0, self._windows[axis] + change), _CONFIRMED)
+        axis = int(off.argmax())
+        if self._reported or self._windows[axis] < _CONFIRMED:
             return ""
         self._reported = True
-        axis = int(off.argmax())
         by_pose, by_twist = motion[:, axis] / elapsed
         name, unit = (("twist.linear", "m/s"), ("twist.angular", "rad/s"))[axis]
         return (
             f"pose and {name} contradict each other: expected about {by_pose:.2f} {unit} from the poses, "
             f"got {by_twist:.2f} {unit}"
         )
+
+    def _velocity(self, axis: int, reported: float) -> float:
+        """Return the velocity of driving (0) or turning (1) in m/s or rad/s."""
+        if self._windows[axis] == _CONFIRMED:
+            recent = list(self._steps)[-_MEDIAN_OF:]
+            return float(np.median([motion[0, axis] / elapsed for elapsed, motion in recent]))
+        return -reported if reported and self._has_wrong_sign(axis) else reported
+
+    def _has_wrong_sign(self, axis: int) -> bool:
+        """Return whether the robot has moved as far as reported, but in the other direction."""
+        span, moved, reported = 0.0, 0.0, 0.0
+        for elapsed, motion in reversed(self._steps):
+            by_pose, by_twist = motion[:, axis]
+            if by_pose * by_twist >= 0.0:
+                return False
+            span, moved, reported = span + elapsed, moved + by_pose, reported + by_twist
+            if span >= _SIGN_SPAN - _ROUNDING:
+                least, most = sorted((abs(moved), abs(reported)))
+                return bool(least >= _LEAST_SIGNED and least >= 0.5 * most)
+        return False
 
 
 # m/s^2; standard deviation of the acceleration of a moving object, a tenth of it at rest

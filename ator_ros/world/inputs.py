@@ -6,6 +6,7 @@ import math
 from collections import deque
 from collections.abc import Mapping
 
+from ator_ros.world.delay import Delay
 from ator_ros.world.estimation import JUMP, Sightings, StampError
 from ator_ros.world.state import ObjectState, RobotState, World
 
@@ -43,6 +44,7 @@ class Inputs:
         self._clocks: deque[tuple[float, float]] = deque()
         self.pace = 1.0
         """Stamped s that pass in 1 real s, over the last seconds."""
+        self.delay = Delay()
 
     @property
     def overdue(self) -> frozenset[str]:
@@ -85,6 +87,7 @@ class Inputs:
             return None
         if time != last:
             self._measure_pace(time, now)
+            self.delay.update(time, now)
         self.time, self._suspect = time, None
         states = {name: sightings.at(time) for name, sightings in self._objects.items()}
         objects = {name: state for name, state in states.items() if state is not None}
@@ -118,6 +121,7 @@ class Inputs:
         if before is not None and 0.0 <= time - before <= most:
             self.time, self._suspect = time, None
             self._clocks.clear()
+            self.delay.restart()
             for sightings in self._objects.values():
                 sightings.forget()
             jump = (

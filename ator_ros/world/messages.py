@@ -17,9 +17,14 @@ from ator_ros.files import is_name
 from ator_ros.geometry import Pose, yaw_from_quaternion
 from ator_ros.printable import quoted
 from ator_ros.schema import require
-from ator_ros.world.estimation import RobotVelocity, TwistCheck, VelocityEstimate
+from ator_ros.world.estimation import (
+    RobotVelocity,
+    SenderCheck,
+    TwistCheck,
+    VelocityEstimate,
+)
 from ator_ros.world.state import Command, ObjectState, RobotState, World
-from ator_ros.world.transforms import Placement, Quaternion
+from ator_ros.world.transforms import Placement, Quaternion, Transforms
 
 Kind = Literal["Odometry", "PoseStamped", "PoseWithCovarianceStamped", "tf"]
 """Message types of objects, or tf. Those without a velocity have it estimated from the positions."""
@@ -77,6 +82,8 @@ MOST_OBJECTS = 16
 _ROUNDING = 1e-3  # m/s or rad/s that count as 0: filters and float32 leave such values
 # length of a quaternion without direction: drivers without orientation send zeros
 _NO_DIRECTION = 1e-6
+# greatest length of a quaternion in a goal: rounded or added ones are shorter, degrees are longer
+_LONGEST_TURN = 2.0
 _MOST_TILTED = math.radians(30.0)  # greatest tilt of a robot; no ramp is steeper
 
 
@@ -90,6 +97,10 @@ class FrameError(MessageError):
     def __init__(self, message: str, *, got: str) -> None:
         super().__init__(message)
         self.got = got
+
+
+class SendersError(MessageError):
+    """A message of one of two senders of the same quantity."""
 
 
 # Numbers, names and sequences
@@ -196,6 +207,21 @@ def pose_from(pose: Any, where: str) -> Pose:
     )
 
 
+def goal_pose_from(pose: Any, where: str) -> Pose:
+    """Read the pose of a goal, as `pose_from`.
+
+    A quaternion of more than twice the length 1 is refused: its z may be an angle in degrees.
+    """
+    turn = pose.orientation
+    length = math.hypot(turn.x, turn.y, turn.z, turn.w)
+    if _LONGEST_TURN < length < math.inf:
+        raise MessageError(
+            f"{where}.orientation: expected a quaternion of length 1, got the length {length:.4g}; for a "
+            "heading in rad set z to sin(heading / 2) and w to cos(heading / 2)"
+        )
+    return pose_from(pose, where)
+
+
 def transform_from(message: Any) -> tuple[str, str, float, Placement]:
     """Read a geometry_msgs/TransformStamped: frame, child frame, time in s, and placement of the child."""
     parent, child = plain_frame(message.header.frame_id), plain_frame(message.child_frame_id)
@@ -263,8 +289,10 @@ class OdometryReader:
     def __init__(self, frame: str = "") -> None:
         self.frame = plain_frame(frame)
         self.remark = ""
-        """That pose and twist contradict each other, after the message that showed it; else empty."""
-        self._check = TwistCheck()
+        """That pose and twist contradict each other, after the message that showed it; else empty.
+
+        Then the poses decide."""
+        self._check, self._senders = TwistCheck(), SenderCheck()
 
     def read(self, odometry: Any) -> tuple[float, RobotState]:
         """Return time in s and state of the robot from a nav_msgs/Odometry.
@@ -284,7 +312,9 @@ class OdometryReader:
         time = seconds_from(odometry.header.stamp, "odom.header.stamp")
         robot = RobotState(pose, v, w)
         self.frame = self.frame or plain_frame(given)
-        found = self._check.contradiction(time, robot)
+        if apart := self._senders.distance(time, pose.x, pose.y):
+            raise SendersError(f"odom: {_to_and_fro(apart)}; end one of the nodes that publish it")
+        robot, found = self._check.check(time, robot)
         child = quoted(odometry.child_frame_id)
         self.remark = (
             f"odom: {found}; is the twist in the frame child_frame_id {child}?" if found else ""
@@ -300,7 +330,7 @@ class ObjectReader:
 
     def __init__(self, source: ObjectSource, frame: str = "") -> None:
         self._source, self.frame = source, frame
-        self._estimate = VelocityEstimate()
+        self._estimate, self._senders = VelocityEstimate(), SenderCheck()
 
     def read(self, message: Any) -> tuple[float, ObjectState]:
         """Return time in s and state of the object from a message of the source's type."""
@@ -310,6 +340,8 @@ class ObjectReader:
         pose = message.pose if self._source.type == "PoseStamped" else message.pose.pose
         x = position(pose.position.x, f"{where}.pose: position.x")
         y = position(pose.position.y, f"{where}.pose: position.y")
+        if apart := self._senders.distance(time, x, y):
+            raise SendersError(f"{where}: {_to_and_fro(apart)}")
         if self._source.type != "Odometry":
             return time, self._estimate.state(time, x, y)
         linear = message.twist.twist.linear
@@ -358,6 +390,20 @@ def world_from(situation: Any, *, frame: str = "", where: str = "situation") -> 
     if len(objects) != len(situation.objects):
         raise MessageError(f"{where}.objects: expected each name once, got one twice")
     return World(seconds_from(situation.header.stamp, f"{where}.header.stamp"), robot, objects)
+
+
+def check_senders(transforms: Transforms, frame: str, child: str) -> None:
+    """Raise SendersError if a transform between two frames comes from two senders."""
+    if found := transforms.rivals(frame, child):
+        parent, name, apart = found
+        raise SendersError(f"tf: {quoted(parent)} to {quoted(name)}: {_to_and_fro(apart)}")
+
+
+def _to_and_fro(apart: float) -> str:
+    return (
+        f"expected one sender, got positions that jump to and fro by {apart:.2f} m; end one of the "
+        "nodes that publish it"
+    )
 
 
 def _is_pose_frame(child: str, given: str, expected: str) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import bisect
 from collections import deque
 from dataclasses import dataclass, field
+from itertools import chain
 from operator import itemgetter
 from typing import NamedTuple
 
@@ -12,6 +13,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from ator_ros.geometry import FloatArray
+from ator_ros.world.estimation import SenderCheck
 
 _RECENT = 2.0  # s before the newest transform of all
 _KEPT = 512  # transforms of each frame: five seconds at 100 Hz
@@ -59,9 +61,13 @@ class _Link:
     parent: str
     fixed: bool
     placements: deque[tuple[float, Placement]] = field(default_factory=lambda: deque(maxlen=_KEPT))
+    senders: SenderCheck = field(default_factory=SenderCheck)
+    apart: float = 0.0  # m between the placements of two senders; 0 with one
 
     def add(self, time: float, placement: Placement) -> None:
         """Add a placement; if it is older than the last one, the clock was reset."""
+        if not self.fixed:
+            self.apart = self.senders.distance(time, *placement.origin[:2])
         if self.placements and (self.fixed or time < self.placements[-1][0]):
             self.placements.clear()
         elif self.placements and time == self.placements[-1][0]:
@@ -107,17 +113,27 @@ class Transforms:
 
         None: no transforms connect the frames, or their known times do not overlap.
         """
-        up, down = self._ancestors(child), self._ancestors(frame)
-        common = next((name for name in up if name in down), None)
-        if common is None:
+        path = self._path(frame, child)
+        if path is None:
             return None
-        rising, falling = up[: up.index(common)], down[: down.index(common)]
+        rising, falling = path
         links = [self._links[name] for name in rising + falling]
         time = min(
             (link.placements[-1][0] for link in links if not link.fixed), default=self.present
         )
         there, back = self._in_ancestor(rising, time), self._in_ancestor(falling, time)
         return None if there is None or back is None else (time, back.inverse().compose(there))
+
+    def rivals(self, frame: str, child: str) -> tuple[str, str, float] | None:
+        """Return parent, frame and distance in m of a transform between two frames with two senders.
+
+        None if there is none.
+        """
+        for name in chain(*(self._path(frame, child) or ())):
+            link = self._links[name]
+            if link.apart > 0.0:
+                return link.parent, name, link.apart
+        return None
 
     def latest_in_odometry(self, frame: str, child: str) -> tuple[float, Placement] | None:
         """Return `latest` in the frame odom (REP-105), which localization does not correct, if it exists."""
@@ -133,6 +149,14 @@ class Transforms:
         newest = [link.placements[-1][0] for link in self._links.values() if not link.fixed]
         latest = max(newest, default=0.0)
         return min((time for time in newest if time >= latest - _RECENT), default=0.0)
+
+    def _path(self, frame: str, child: str) -> tuple[list[str], list[str]] | None:
+        """Return the frames from `child` and from `frame` up to below their common ancestor, or None."""
+        up, down = self._ancestors(child), self._ancestors(frame)
+        common = next((name for name in up if name in down), None)
+        if common is None:
+            return None
+        return up[: up.index(common)], down[: down.index(common)]
 
     def _ancestors(self, frame: str) -> list[str]:
         """Return a frame, its parent, and so on; each once if they form a cycle."""

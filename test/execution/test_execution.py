@@ -54,7 +54,7 @@ def test_missing_odometry_ends_the_goal_with_a_reason() -> None:
 
 def test_a_simulation_faster_than_real_time_may_stall() -> None:
     run = execution(FORWARD)
-    run.is_fast = True
+    run.may_stall = True
     for tick in range(2):
         run.tick(world(1.0 + 0.05 * tick), 100.0)
     run.watch(101.9)

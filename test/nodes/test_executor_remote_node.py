@@ -91,3 +91,33 @@ def test_an_action_type_that_is_not_installed_does_not_affect_others(hall: Hall)
     sent = hall.chains.send([call("visit", Pose(1.0, 0.0, 0.0))])
     hall.reach(server, 1, Pose(1.0, 0.0, 0.0))
     assert sent.outcome().code == Outcome.SUCCEEDED
+
+
+def test_the_end_is_judged_on_a_state_that_is_newer_than_the_result(hall: Hall) -> None:
+    server, goal = hall.serve(), Pose(1.0, 0.5, 0.3)
+    sent = hall.chains.send([call("visit", goal)])
+    hall.client.eventually(lambda: server.goals, "a goal")
+
+    def finish_before_odometry() -> None:
+        arrival = hall.base.time + 0.2
+
+        def arrive() -> None:
+            if hall.base.time >= arrival:
+                hall.base.pose = goal
+
+        hall.client.node.create_timer(0.01, arrive)
+        server.finish()
+
+    hall.client.within(finish_before_odometry)
+    result = sent.result()
+    assert result.outcome.code == Outcome.SUCCEEDED, result.outcome.reason
+    assert result.record.actions[0].actual.accuracy == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_server_that_succeeds_elsewhere_fails(hall: Hall) -> None:
+    server = hall.serve()
+    sent = hall.chains.send([call("visit", Pose(1.0, 0.5, 0.3))])
+    hall.reach(server, 1, Pose(0.5, 0.5, 0.3))
+    outcome = sent.outcome()
+    assert outcome.code == Outcome.FAILED
+    assert outcome.reason.startswith("post-condition of visit: ")

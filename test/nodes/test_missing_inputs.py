@@ -1,5 +1,8 @@
 """Reports of missing inputs in the result, the log and the diagnostics."""
 
+import math
+import time
+from collections import deque
 from collections.abc import Callable
 from functools import partial
 
@@ -13,7 +16,9 @@ from ros_client import Client
 
 from ator_interfaces.msg import Outcome
 from ator_ros.geometry import Pose
+from ator_ros.nodes.messages import odometry_of
 from ator_ros.nodes.qos import NEWEST
+from ator_ros.world.state import RobotState
 
 AWAY = [call("goToPose", Pose(2.0, 0.0, 0.0))]
 TO_BALL = [call("goToBall", Pose(0.0, 0.0, 0.0))]
@@ -94,3 +99,52 @@ def test_a_robot_that_moves_when_odometry_returns_is_stopped(host: Host, client:
     base.commanded.linear.x = 0.5  # it has kept driving
     base.timer.reset()
     client.eventually(lambda: base.commanded.linear.x == 0.0, "a command to stop")
+
+
+def test_a_base_that_stalls_while_nodes_start_does_not_end_the_goal(
+    host: Host, client: Client
+) -> None:
+    base = MovingBase(client)
+    host("executor")
+    sent = ChainClient(client).send(AWAY)
+    client.eventually(lambda: sent.ended() or base.pose.x > 0.1, "the robot drives")
+    client.within(base.timer.cancel)
+    time.sleep(0.8)  # the default of odom_timeout is 0.3 s
+    client.within(base.timer.reset)
+    outcome = sent.outcome()
+    assert outcome.code == Outcome.SUCCEEDED, outcome.reason
+
+
+class DelayedBase(MovingBase):
+    """A base whose odometry is delayed by 0.3 s more in each second since `begin`, up to 2 s.
+
+    Its stamps are real time in s.
+    """
+
+    def __init__(self, client: Client) -> None:
+        self.begin = math.inf
+        self._waiting: deque[tuple[float, RobotState]] = deque()
+        super().__init__(client)
+
+    def publish(self, state: RobotState) -> None:
+        now = time.monotonic()
+        self._waiting.append((now, state))
+        delay = min(0.3 * max(0.0, now - self.begin), 2.0)
+        while self._waiting and self._waiting[0][0] <= now - delay:
+            stamp, late = self._waiting.popleft()
+            self._odom.publish(odometry_of(stamp, late, frame=self.frame, child="base_link"))
+
+
+def test_odometry_whose_delay_grows_ends_the_goal(host: Host, client: Client) -> None:
+    base = DelayedBase(client)
+    node = host("executor", fence="[-9.0, -3.0, 9.0, 3.0]")
+    time.sleep(4.0)  # until the pace of the clock is known
+    sent = ChainClient(client).send([call("goToPose", Pose(4.0, 0.0, 0.0))])
+    client.eventually(lambda: sent.ended() or base.pose.x > 0.3, "the robot drives")
+    base.begin = time.monotonic()
+    outcome = sent.outcome()
+    assert outcome.code == Outcome.INPUT_LOST, outcome.reason
+    assert "odom is late: expected states that are at most 0.3 s old" in outcome.reason
+    assert "odom is late" in node.output
+    assert base.pose.x < 3.0
+    client.eventually(lambda: base.state() == RobotState(base.pose), "the robot stands")

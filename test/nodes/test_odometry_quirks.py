@@ -72,6 +72,10 @@ def twist_in_odom(message: Odometry, yaw: float) -> None:
     linear.x, linear.y = linear.x * math.cos(yaw), linear.x * math.sin(yaw)
 
 
+def unsigned_twist(message: Odometry, yaw: float) -> None:
+    message.twist.twist.linear.x = abs(message.twist.twist.linear.x)
+
+
 def no_direction(message: Odometry, yaw: float) -> None:
     turn = message.pose.pose.orientation
     turn.z = turn.w = 0.0
@@ -98,6 +102,18 @@ def test_odometry_with_a_quirk_drives_the_robot_to_its_goal(
     assert result.outcome.code == Outcome.SUCCEEDED, result.outcome.reason
     assert base.pose.distance(goal) < 0.05
     assert "contradict" not in node.output
+
+
+def test_an_unsigned_twist_drives_the_robot_to_a_goal_behind_it(
+    host: Host, client: Client, base: QuirkyBase
+) -> None:
+    base.quirk = unsigned_twist
+    node = host("executor", **SETTINGS)
+    goals = [Pose(-1.5, 0.0, 0.0), Pose(0.5, 0.0, 0.0)]
+    result = ChainClient(client).send([call("goToPose", goal) for goal in goals]).result()
+    assert result.outcome.code == Outcome.SUCCEEDED, result.outcome.reason
+    assert base.pose.distance(goals[1]) < 0.05
+    assert "pose and twist.linear contradict each other" in node.output
 
 
 def test_odometry_at_5_hz_is_reported_with_the_remedy(

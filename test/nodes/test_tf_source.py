@@ -1,19 +1,21 @@
 """The executor with robot and object from tf: a base that publishes map, odom, base_link."""
 
 import math
+import time
 from pathlib import Path
 
 import pytest
 from chain_client import ChainClient, call
 from conftest import Host
 from domain_files import file_of, visiting
-from moving_base import MovingBase
+from moving_base import PERIOD, MovingBase
 from ros_client import Client
 from tf2_msgs.msg import TFMessage
 
 from ator_interfaces.msg import Outcome, Situation, TopChain
 from ator_interfaces.srv import PredictDurations, RefineSubgoal
 from ator_ros.geometry import Pose
+from ator_ros.nodes.inputs import TfListener
 from ator_ros.nodes.messages import pose_of
 from ator_ros.nodes.qos import LATCHED, RESULTS
 from ator_ros.nodes.simulation import transform_of
@@ -147,3 +149,47 @@ def test_invalid_transforms_are_reported_and_not_used(
     client.eventually(named, "a log")
     sent = ChainClient(client).send([call("goToPose", base.in_map.ahead(0.3))])
     assert sent.outcome().code == Outcome.SUCCEEDED, sent.outcome().reason
+
+
+def test_transforms_that_wait_are_read_before_the_newest_pose_is_used(client: Client) -> None:
+    taken: list[float] = []
+    publisher = client.node.create_publisher(TFMessage, "/tf", RESULTS)
+    listener = TfListener(client.node)
+    listener.follow("odom", "base_link", lambda stamp, _: taken.append(stamp))
+    client.eventually(publisher.get_subscription_count, "a listener")
+
+    def publish() -> None:  # in the spinning thread, so that they wait
+        for number in range(60):
+            pose = Pose(0.01 * number, 0.0, 0.0)
+            message = transform_of(1.0 + number, pose, frame="odom", child="base_link")
+            publisher.publish(TFMessage(transforms=[message]))
+        time.sleep(0.2)
+
+    client.within(publish)
+    client.eventually(lambda: taken[-1:] == [60.0], "the newest pose")
+    assert len(taken) <= 3
+
+
+def test_two_nodes_that_publish_the_robots_frame_are_named(
+    host: Host, client: Client, base: TfBase
+) -> None:
+    node = host("executor", **SETTINGS)
+    chains = ChainClient(client)
+    chains.send([call("goToPose", base.in_map)]).result()  # it waits for the first transforms
+    other = Client(client.domain, name="second_base", silent=True)
+    publisher = other.node.create_publisher(TFMessage, "/tf", RESULTS)
+
+    def publish() -> None:
+        pose = base.pose._replace(y=base.pose.y + 0.4)
+        message = transform_of(base.time + 0.02, pose, frame="odom", child="base_link")
+        publisher.publish(TFMessage(transforms=[message]))
+
+    other.node.create_timer(PERIOD, publish)
+    try:
+        outcome = chains.send([call("goToPose", base.in_map.ahead(2.0))]).outcome()
+    finally:
+        other.close()
+    assert outcome.code == Outcome.INPUT_LOST, outcome.reason
+    assert "'odom' to 'base_link': expected one sender" in outcome.reason
+    assert "/second_base" in outcome.reason
+    assert "expected one sender" in node.output

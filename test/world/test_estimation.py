@@ -7,7 +7,12 @@ import numpy as np
 import pytest
 
 from ator_ros.geometry import Pose
-from ator_ros.world.estimation import ObjectTracker, RobotVelocity, VelocityCheck
+from ator_ros.world.estimation import (
+    ObjectTracker,
+    RobotVelocity,
+    SenderCheck,
+    VelocityCheck,
+)
 from ator_ros.world.state import ObjectState
 
 TICK = 0.05
@@ -110,3 +115,56 @@ def test_after_a_gap_or_a_reset_a_robot_is_at_rest(time: float) -> None:
         estimate.state(0.05 * tick, Pose(0.04 * tick, 0.0, 0.0))
     state = estimate.state(time, Pose(5.0, 0.0, 0.0))
     assert (state.v, state.w) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize("apart", [0.05, 0.4])
+def test_jumps_to_and_fro_do_not_become_a_velocity(apart: float) -> None:
+    estimate = RobotVelocity(0.5, 2.0)
+    for tick in range(80):
+        x = 0.1 * 0.02 * tick + (apart if tick % 4 else 0.0)
+        state = estimate.state(0.02 * tick, Pose(x, 0.0, 0.0))
+        assert abs(state.v) <= 0.75
+
+
+def senders(
+    apart: float,
+    *,
+    every: int = 2,
+    speed: float = 0.8,
+    noise: float = 0.0,
+    uneven: float = 0.0,
+    jump_every: int = 10**9,
+) -> float:
+    """Return the distance that is found after 3 s at 40 Hz; one sender in `every` is `apart` m off.
+
+    A corrected position jumps by 0.3 m after `jump_every` messages.
+    """
+    rng, check, found, corrected = np.random.default_rng(2), SenderCheck(), 0.0, 0.0
+    for tick in range(120):
+        time = 0.025 * tick + (uneven if tick % 2 else 0.0)
+        corrected += rng.choice([-0.3, 0.3]) if tick % jump_every == jump_every - 1 else 0.0
+        x, y = rng.normal(scale=noise, size=2) if noise else (0.0, 0.0)
+        off = apart if tick % every == 0 else 0.0
+        found = check.distance(time, 7e5 + speed * time + x + corrected, y + off)
+    return found
+
+
+@pytest.mark.parametrize("apart", [0.05, 0.4, 30.0])
+@pytest.mark.parametrize("every", [2, 3, 5])
+@pytest.mark.parametrize("uneven", [0.0, 0.015])
+def test_two_senders_are_recognized(apart: float, every: int, uneven: float) -> None:
+    assert senders(apart, every=every, uneven=uneven) == pytest.approx(apart, rel=0.3)
+
+
+@pytest.mark.parametrize(
+    "alone",
+    [
+        {"noise": 0.003},
+        {"noise": 0.1},
+        {"uneven": 0.015, "speed": 2.0},
+        {"jump_every": 7},
+        {"jump_every": 2, "noise": 0.05},
+    ],
+)
+def test_one_sender_with_noise_or_corrections_is_one(alone: dict[str, float]) -> None:
+    assert senders(0.0, **alone) == 0.0

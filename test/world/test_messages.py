@@ -13,6 +13,8 @@ from ator_ros.world.messages import (
     ObjectReader,
     ObjectSource,
     OdometryReader,
+    SendersError,
+    goal_pose_from,
 )
 
 EPOCH = 1_764_000_000
@@ -203,3 +205,56 @@ def test_the_velocity_of_an_object_is_in_the_declared_child_frame() -> None:
         _, there = reader.read(odometry(here, vector(0.5, 0.1), frame="/map", child=child))
         assert (there.x, there.y) == (3.0, 4.0)
         assert (there.vx, there.vy) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("wrong", ["unsigned", "scaled", "none"])
+def test_where_pose_and_twist_contradict_each_other_the_pose_decides(wrong: str) -> None:
+    reader, pose, off = OdometryReader("odom"), FAR, []
+    for tick in range(240):
+        time = 0.05 * tick
+        v = 0.4 * math.sin(0.8 * time)  # forward and backward
+        given = {"unsigned": abs(v), "scaled": 3.6 * v, "none": 0.0}[wrong]
+        _, robot = reader.read(odometry(pose, vector(given), time=time))
+        off.append(abs(robot.v - v))
+        pose = pose.compose(Pose(0.05 * 0.4 * math.sin(0.8 * (time + 0.025)), 0.0, 0.0))
+    confirmed = off[60:] if wrong != "unsigned" else off
+    assert max(confirmed) < 0.09  # at the first change of direction
+    assert sum(confirmed) / len(confirmed) < 0.02
+
+
+def test_odometry_of_two_senders_is_refused() -> None:
+    reader, refused = OdometryReader("odom"), list[str]()
+    for tick in range(100):
+        pose = Pose(0.005 * tick, 0.4 if tick % 2 and tick < 60 else 0.0, 0.0)
+        try:
+            reader.read(odometry(pose, vector(0.2), time=0.025 * tick))
+        except SendersError as error:
+            refused.append(str(error))
+    assert all("jump to and fro by 0.40 m" in text for text in refused)
+    assert 50 < len(refused) < 100  # until 1.5 s after the second sender has ended
+    reader.read(odometry(Pose(0.5, 0.0, 0.0), vector(0.2), time=4.0))
+
+
+def test_an_object_of_two_senders_is_refused() -> None:
+    reader = ObjectReader(ObjectSource("cart"), "map")
+
+    def read(tick: int) -> None:
+        here = Pose(3.0, 4.0 + 0.4 * (tick % 2), 0.0)
+        reader.read(odometry(here, vector(), frame="map", time=0.025 * tick))
+
+    for tick in range(11):
+        read(tick)
+    with pytest.raises(SendersError, match=r"cart: expected one sender, got positions that jump"):
+        read(11)
+
+
+def test_a_goal_in_degrees_is_refused_and_other_lengths_are_normalized() -> None:
+    def pose(orientation: Any) -> Any:
+        return SimpleNamespace(position=vector(1.0, 2.0), orientation=orientation)
+
+    with pytest.raises(MessageError, match=r"goal\.orientation: .* length 1, got the length 90\.0"):
+        goal_pose_from(pose(quaternion(0.0, 0.0, 90.0, 1.0)), "goal")
+    for length in (0.1, 1.0, 1.9):
+        assert goal_pose_from(pose(turned(1.2, length)), "goal") == pytest.approx(
+            Pose(1.0, 2.0, 1.2)
+        )

@@ -69,3 +69,12 @@ def test_a_clock_reset_and_a_new_parent_clear_the_buffer() -> None:
     assert known.latest("odom", "base_link") == (0.5, planar(8.0, 0.0))
     known.add("lift", "base_link", 0.6, planar(0.0, 0.0))
     assert known.latest("odom", "base_link") is None
+
+
+def test_two_senders_of_one_frame_are_found_on_the_way_to_it() -> None:
+    known = robot_in_map()
+    assert known.rivals("map", "camera") is None
+    for tick in range(40):
+        known.add("odom", "base_link", 2.0 + 0.025 * tick, planar(2.0 + 0.4 * (tick % 2), 0.0))
+    assert known.rivals("map", "camera") == ("odom", "base_link", pytest.approx(0.4))
+    assert known.rivals("map", "odom") is None

@@ -1,0 +1,73 @@
+"""The delay of states: how much later than usual they are read, where stamps run with real time."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+# a clock runs with real time if the least delays of six steps, together 3 s, differ by at most 1 %
+_STEPS, _STEADY = 6, 0.03
+# real s over which the least delay counts as usual: clocks of two computers drift apart by 6 ms
+_USUAL, _STEP = 60.0, 0.5
+_RECENT = 0.2  # real s whose least delay is the present one: single messages may be late
+_FEWEST = 3  # states whose least delay counts
+_DISTRUST = 600.0  # real s for which a clock that became slower may do so again
+_GAP = 1.0  # real s without a newer stamp after which a clock may have been paused
+
+
+class Delay:
+    """The delay of one clock's states beyond the usual one.
+
+    A growing delay cannot be told from a clock that becomes slower, as that of a simulation on a
+    busy machine. `restart` makes the present delay the usual one; `distrust` says that the clock
+    was found to become slower.
+    """
+
+    def __init__(self) -> None:
+        self._distrusted_until = -math.inf
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget the usual delay."""
+        self._is_known = False
+        self._last = -math.inf
+        self._least: deque[tuple[float, float]] = deque()
+        self._recent: deque[tuple[float, float]] = deque()
+
+    def distrust(self) -> None:
+        """Restart; the delay is unknown for ten minutes."""
+        self._distrusted_until = self._last + _DISTRUST
+        self.restart()
+
+    def update(self, time: float, now: float) -> None:
+        """Process a state with a newer stamp `time` (s), which is read at `now` in real s."""
+        if now - self._last > _GAP:
+            self.restart()
+        self._last = now
+        offset = now - time
+        self._recent.append((now, offset))
+        while len(self._recent) > _FEWEST and now - self._recent[0][0] > _RECENT:
+            self._recent.popleft()
+        if self._least and now - self._least[-1][0] < _STEP:
+            since, least = self._least[-1]
+            self._least[-1] = since, min(least, offset)
+        else:
+            self._is_known = self._is_known or self._is_steady()
+            self._least.append((now, offset))
+        while now - self._least[0][0] > _USUAL:
+            self._least.popleft()
+
+    def _is_steady(self) -> bool:
+        """Return whether the delay has been constant; keep the last steps only, before it is known."""
+        while len(self._least) > _STEPS:
+            self._least.popleft()
+        offsets = [offset for _, offset in self._least]
+        return len(offsets) == _STEPS and max(offsets) - min(offsets) <= _STEADY
+
+    @property
+    def seconds(self) -> float:
+        """The delay in s beyond the usual one; 0 where stamps do not run with real time."""
+        if not self._is_known or self._last < self._distrusted_until:
+            return 0.0
+        usual = min(offset for _, offset in self._least)
+        return min(offset for _, offset in self._recent) - usual

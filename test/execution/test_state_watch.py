@@ -1,0 +1,124 @@
+"""Goals whose states arrive late, or whose objects are seen where they cannot be."""
+
+import math
+from collections.abc import Callable
+
+import pytest
+from executions import ROBOT, chain, execution
+from faulty_base import KinematicBase
+
+from ator_ros.domains.soccer.field import BALL
+from ator_ros.execution.chain_executor import Ending
+from ator_ros.execution.fence import Fence
+from ator_ros.execution.motion_watch import MotionWatch
+from ator_ros.execution.state_watch import Timeliness
+from ator_ros.execution.supervisor import Phase, Supervisor
+from ator_ros.geometry import Pose
+from ator_ros.tops.chain import TopChain
+from ator_ros.world.inputs import Inputs
+from ator_ros.world.state import STOP, ObjectState, RobotState, World
+
+WIDE = Fence(-100.0, -100.0, 100.0, 100.0)
+START = Pose(-3.5, 0.0, 0.0)
+FAR = chain(("goToPose", Pose(3.5, 0.0, 0.0)))
+
+
+def drive(
+    plan: TopChain, delay: Callable[[float], float], fence: Fence, *, slower: bool = False
+) -> tuple[Supervisor, KinematicBase, list[Timeliness]]:
+    """Drive with states that are delayed by `delay` s at a time in s, for at most 20 s.
+
+    `slower`: the base's clock becomes slower instead, as in a simulation.
+    """
+    base, inputs = KinematicBase(ROBOT, START), Inputs({})
+    run, watch = execution(plan, fence=fence, now=4.0), MotionWatch(ROBOT, 0.0)
+    seen, waiting, real, due = [], list[tuple[float, float, RobotState]](), 0.0, 0.0
+    while run.phase is not Phase.ENDED and real < 20.0:
+        if base.time >= due:
+            due += 0.05
+            late = delay(base.time)
+            waiting.append((base.time + late, base.time, base.state()))
+        arrived = [state for state in waiting if state[0] <= real + 1e-9]
+        if arrived:
+            waiting = [state for state in waiting if state[0] > real + 1e-9]
+            _, stamp, robot = arrived[-1]
+            world = inputs.robot(stamp, robot, real)
+            if world is not None and real >= 4.0:
+                fault = watch.fault(stamp, robot, real)
+                command = run.tick(world, real, fault=fault, delay=inputs.delay.seconds) or STOP
+                seen.append(run.timeliness)
+                if run.timeliness is Timeliness.SLOWER:
+                    inputs.delay.distrust()
+                watch.sent(stamp, command, real)
+                base.command(command)
+            else:
+                base.command(STOP)
+        real += 0.01
+        while base.time < (real - delay(base.time) if slower else real):
+            base.step()
+    return run, base, seen
+
+
+def growing(most: float) -> Callable[[float], float]:
+    return lambda time: min(max(0.0, 0.3 * (time - 5.0)), most)
+
+
+@pytest.mark.parametrize("most", [1.0, 2.0])
+def test_a_growing_delay_ends_the_goal_inside_the_fence(most: float) -> None:
+    fence = Fence(-5.0, -2.0, -1.5, 2.0)
+    for area in (fence, WIDE):
+        run, base, _ = drive(FAR, growing(most), area)
+        assert run.ending in (Ending.INPUT_LOST, Ending.OUT_OF_BOUNDS), run.reason
+        if area is WIDE:
+            assert "odom is late: expected states that are at most 0.3 s old" in run.reason
+        for _ in range(200):  # until the base's watchdog has stopped it
+            base.step()
+        assert area.outside(base.pose.x, base.pose.y) == 0.0
+        assert base.pose.x < 0.0
+
+
+def test_a_clock_that_becomes_slower_only_pauses_the_robot() -> None:
+    goal = chain(("goToPose", Pose(0.0, 0.0, 0.0)))
+    run, base, seen = drive(goal, growing(3.0), WIDE, slower=True)
+    assert run.ending is Ending.SUCCEEDED, run.reason
+    assert base.pose.x == pytest.approx(0.0, abs=0.05)
+    assert seen.count(Timeliness.SLOWER) == 1
+    assert seen.count(Timeliness.DOUBTFUL) < 30
+
+
+@pytest.mark.parametrize("late", [0.0, 0.2])
+def test_a_constant_delay_ends_no_goal(late: float) -> None:
+    goal = chain(("goToPose", Pose(-1.0, 0.0, 0.0)))
+    run, _, seen = drive(goal, lambda _: late, WIDE)
+    assert set(seen) == {Timeliness.IN_TIME}
+    assert run.ending in (Ending.SUCCEEDED, Ending.BASE_FAULT), run.reason
+
+
+def place(there: Pose) -> tuple[Ending | None, str, float]:
+    """Execute goToBall with the ball always at `there` in the robot's frame.
+
+    Return ending, reason and the distance in m that was driven.
+    """
+    base = KinematicBase(ROBOT, Pose(0.0, 0.0, 0.0))
+    run = execution(chain(("goToBall", Pose(3.0, 0.0, 0.0))), now=0.0)
+    while run.phase is not Phase.ENDED and base.time < 8.0:
+        pose = base.pose
+        ball = pose.compose(there) if base.time > 1.0 else Pose(3.0, 0.0, 0.0)
+        world = World(base.time, base.state(), {BALL: ObjectState(ball.x, ball.y)})
+        base.command(run.tick(world, base.time) or STOP)
+        for _ in range(5):
+            base.step()
+    return run.ending, run.reason, math.hypot(base.pose.x, base.pose.y)
+
+
+@pytest.mark.parametrize("there", [Pose(0.0, 0.0, 0.0), Pose(-0.1, 0.05, 0.0)])
+def test_an_object_that_is_seen_inside_the_robot_ends_the_goal(there: Pose) -> None:
+    ending, reason, driven = place(there)
+    assert ending is Ending.INPUT_LOST
+    assert reason.startswith("the ball cannot be at the robot: expected it outside")
+    assert driven < 1.5
+
+
+def test_an_object_in_the_holder_is_where_it_can_be() -> None:
+    ending, reason, _ = place(Pose(ROBOT.hold, 0.0, 0.0))
+    assert ending is not Ending.INPUT_LOST, reason

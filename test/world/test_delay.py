@@ -1,0 +1,64 @@
+"""The delay of states on clocks that run with real time, and on others."""
+
+import pytest
+
+from ator_ros.world.delay import Delay
+
+PERIOD = 0.05
+
+
+def delay_after(
+    seconds: float, *, pace: float = 1.0, late: float = 0.0, jitter: float = 0.0
+) -> tuple[Delay, float]:
+    """Return the measured and the true delay of a clock at its `pace`.
+
+    After 5 s each second adds `late` s of delay. Every third state is read `jitter` s later.
+    """
+    delay, true = Delay(), 0.0
+    for tick in range(round(seconds / PERIOD)):
+        observed = tick * PERIOD
+        true = late * max(0.0, observed - 5.0)
+        wait = jitter if tick % 3 else 0.0
+        delay.update(1.7e9 + pace * observed, 50.0 + observed + true + wait)
+    return delay, true
+
+
+@pytest.mark.parametrize("jitter", [0.0, 0.1])
+@pytest.mark.parametrize("late", [0.1, 0.3, 1.0])
+def test_a_growing_delay_is_measured(late: float, jitter: float) -> None:
+    delay, true = delay_after(7.0, late=late, jitter=jitter)
+    assert delay.seconds == pytest.approx(true, abs=0.2 + 0.1 * late)
+    assert delay.seconds >= 0.5 * true
+
+
+@pytest.mark.parametrize("pace", [1.0, 0.9999])
+def test_clocks_that_drift_apart_and_late_messages_are_no_delay(pace: float) -> None:
+    delay, _ = delay_after(600.0, pace=pace, jitter=0.15)
+    assert delay.seconds < 0.02
+
+
+@pytest.mark.parametrize("pace", [0.2, 0.8, 1.2, 5.0])
+def test_simulations_that_are_slower_or_faster_than_real_time_have_no_known_delay(
+    pace: float,
+) -> None:
+    delay, _ = delay_after(20.0, pace=pace, jitter=0.1)
+    assert delay.seconds == 0.0
+
+
+def test_a_pause_and_a_restart_are_no_delay() -> None:
+    delay, _ = delay_after(5.0)
+    delay.update(1.7e9 + 5.05, 50.0 + 8.0)  # a simulation that was paused for 3 s
+    assert delay.seconds == 0.0
+    delay, true = delay_after(8.0, late=0.3)
+    assert delay.seconds == pytest.approx(true, abs=0.1)
+    delay.restart()
+    assert delay.seconds == 0.0
+
+
+def test_a_clock_that_became_slower_is_distrusted_for_ten_minutes() -> None:
+    delay, _ = delay_after(8.0, late=0.3)
+    delay.distrust()
+    for tick in range(12_400):
+        late = 0.0 if tick < 12_100 else 0.5
+        delay.update(100.0 + 0.05 * tick, 100.0 + 0.05 * tick + late)
+        assert delay.seconds == (0.0 if tick < 12_102 else pytest.approx(0.5))
