@@ -28,6 +28,7 @@ from ator_ros.refinement.search import (
     NoCandidateError,
     Optimum,
     Work,
+    expected_work,
     no_deadline,
     search,
     unsearched,
@@ -187,8 +188,7 @@ class Refiner:
         axes = [
             [v.domain for v in analysis.free if v.subgoal == index] for index in range(len(names))
         ]
-        work = Work()
-        work.expect(axes)
+        work = Work(expected=expected_work(axes))
         if placeholders:
             chain = self._fastest_alone(world, chain, analysis.free, regions, deadline, work)
         model = ChainModel(
@@ -249,8 +249,8 @@ class Refiner:
             index: [variable for variable in searched if variable.subgoal == index]
             for index in sorted({variable.subgoal for variable in searched})
         }
-        for alone in alone_at.values():
-            work.expect([[variable.domain for variable in alone]])
+        domains = {index: [[v.domain for v in alone]] for index, alone in alone_at.items()}
+        work.expected += math.fsum(map(expected_work, domains.values()))
         for index, alone in alone_at.items():
             if deadline():
                 break
@@ -259,10 +259,12 @@ class Refiner:
             model = ChainModel(
                 world, part, self.robot, models=self.models, names=names, objective=objective
             )
-            costs, domains = model.costs_of_step(index), [[variable.domain for variable in alone]]
+            # Its evaluations are few, and it takes as long as estimated to set them up.
+            work.done += expected_work(domains[index])
+            costs = model.costs_of_step(index)
             allowed = regions.of_subgoal(chain, index, names[index])
             try:
-                optimum = search(costs, domains, allowed=allowed, deadline=deadline, work=work)
+                optimum = search(costs, domains[index], allowed=allowed, deadline=deadline)
             except NoCandidateError:  # the region is tiny: the given value is the only candidate
                 continue
             if not math.isfinite(optimum.cost):

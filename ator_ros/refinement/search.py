@@ -18,7 +18,6 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
-import operator
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -85,21 +84,23 @@ class Work:
     done: float = 0.0
     expected: float = 0.0
 
-    def expect(self, axes: Sequence[Sequence[Range]]) -> None:
-        """Add the work of `search` with these axes."""
-        free = [0, *map(len, axes), 0]
-        first, windows = [1], [1]
-        for index, count in enumerate(free[1:-1], 1):
-            table = _FIRST_BESIDE if free[index - 1] or free[index + 1] else _FIRST_ALONE
-            first.append(1 + _of(table, count) if count else 1)
-            windows.append(2 * (1 + _of(_IN_WINDOW, count)) if count else 1)
-        self.expected += _work(sum(itertools.starmap(operator.mul, itertools.pairwise(first))))
-        pairs = sum(2 * max(pair) for pair in itertools.pairwise(windows) if max(pair) > 1)
-        self.expected += _turns(free) * _ROUNDS * max(free) * _work(pairs)
-
     def add(self, pairs: int) -> None:
         """Count the evaluation of a block of pairs."""
         self.done += pairs + _CALL
+
+
+def expected_work(axes: Sequence[Sequence[Range]]) -> float:
+    """Return an estimate of the work of `search` with these axes, which is rather too large."""
+    free = [0, *map(len, axes), 0]
+    first, windows = [1], [1]
+    for index, count in enumerate(free[1:-1], 1):
+        table = _FIRST_BESIDE if free[index - 1] or free[index + 1] else _FIRST_ALONE
+        first.append(1 + _of(table, count) if count else 1)
+        windows.append(2 * (1 + _of(_IN_WINDOW, count)) if count else 1)
+    pairs = sum(before * after for before, after in itertools.pairwise(first))
+    # of two neighbors one has its best two candidates only
+    in_round = sum(2 * max(pair) for pair in itertools.pairwise(windows) if max(pair) > 1)
+    return _work(pairs) + _turns(free) * _ROUNDS * max(free) * _work(in_round)
 
 
 def _work(pairs: int) -> float:

@@ -50,7 +50,7 @@ def test_a_chain_that_opens_nothing_and_an_invalid_value_are_kept() -> None:
     assert naive_on_paths(world(), nothing, ROBOT, LIBRARY.ranges) is nothing
     # the second step may only start in other headings than that in which the robot arrives
     watch = dataclasses.replace(
-        LIBRARY["goToPose"], name="watch", pre=Condition((Region("robot.yaw", 2.0, 1.5, 2.5),))
+        LIBRARY["goToPose"], name="watch", pre=Condition((Region("robot.yaw", 2.0, -0.5, 0.5),))
     )
     sent = TopChain(
         (
