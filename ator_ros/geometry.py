@@ -45,6 +45,22 @@ class Pose(NamedTuple):
         return math.hypot(other.x - self.x, other.y - self.y)
 
 
+def decimal(value: float) -> float:
+    """Return a whole number as a float, any other value as it is.
+
+    Compiled code would be compiled again for whole numbers, or fail.
+    """
+    return float(value) if isinstance(value, (int, np.integer)) else value
+
+
+def decimal_pose(pose: Pose) -> Pose:
+    """Return a pose whose whole numbers are floats; see `decimal`."""
+    x, y, yaw = pose
+    if type(x) is type(y) is type(yaw) is float:
+        return pose
+    return Pose(decimal(x), decimal(y), decimal(yaw))
+
+
 def wrap_angle(angle: float) -> float:
     """Return the same angle in [-pi, pi) rad."""
     return (angle + math.pi) % (2.0 * math.pi) - math.pi

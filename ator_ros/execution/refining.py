@@ -11,9 +11,11 @@ import numpy as np
 
 from ator_ros.actions.goal_variables import goal_values, with_values
 from ator_ros.execution.chain_executor import ChainExecutor
+from ator_ros.execution.fence import Fence
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.printable import printable
 from ator_ros.refinement.free_variables import allowed_changes, same_value
+from ator_ros.refinement.naive import naive_on_paths
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import InvalidChainError, TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
@@ -58,7 +60,9 @@ class Refining:
     plans : sequence of TopChain
         The chains of the goal, of which an answer may choose any.
     wanted : bool
-        Whether the goal asks for refinement.
+        Whether the goal asks for refinement; then values of open variables are placeholders.
+    fence : Fence
+        The area that naive goals must not leave.
     again_after : float
         Deviation in m of an object or the robot from the last question above which refinement is
         asked again; 0: never again.
@@ -71,12 +75,13 @@ class Refining:
         plans: Sequence[TopChain],
         *,
         wanted: bool,
+        fence: Fence,
         again_after: float = AGAIN_AFTER,
     ) -> None:
         self.question: Question | None = None
         self.wanted, self.refined, self.refined_again = wanted, False, 0
         self._executor, self._library, self._robot = executor, library, library.robot
-        self._plans, self._number = plans, 0
+        self._plans, self._number, self._fence = plans, 0, fence
         self._again_after = again_after
         self._expected: Mapping[str, ObjectState] = {}  # objects in the world of the last question
         # planned at the last question, or later for another step
@@ -165,23 +170,35 @@ class Refining:
         self._choose(chosen, reason, changed=refined and executed != planned)
 
     def refuse(self, why: str) -> None:
-        """Continue with the unchanged chain because `question` has no valid answer."""
-        if self._first is None:
-            self._number = self._plans.index(self._executor.chain)
-            why = f"executed as sent, refinement failed: {why}"
+        """Continue with the naive chain, or the chain in execution, as `question` has no valid answer."""
+        if self._first is None and self.question is not None:
+            sent = self._executor.chain
+            self._number = self._plans.index(sent)
+            naive = self._naive(self.question.world)
+            if naive != sent:
+                self._executor.choose(naive)
+            why = f"{_executed(sent, naive)}, refinement failed: {why}"
         self._close(why, changed=False)
 
-    def revert(self, why: str) -> bool:
-        """Start again with the chain as sent if its first action failed before the robot moved.
+    def revert(self, world: World, why: str) -> bool:
+        """Start again with the naive chain if its first action failed before the robot moved.
 
         Returns whether it starts again; `why` is the failure.
         """
-        if not self.refined or not self._executor.fall_back_to(self._plans[self._number]):
+        naive = self._naive(world)
+        if not self.refined or not self._executor.fall_back_to(naive):
             return False
         self.refined, self.refined_again = False, 0
-        self._first = f"executed as sent, as the refined chain failed at its start: {why}"
+        how = _executed(self._plans[self._number], naive)
+        self._first = f"{how}, as the refined chain failed at its start: {why}"
         self._changed = self._unchanged = ""
         return True
+
+    def _naive(self, world: World) -> TopChain:
+        """Return the chosen plan with naive values for placeholders, as sent if these leave the fence."""
+        sent = self._plans[self._number]
+        naive = naive_on_paths(world, sent, self._robot, self._library.ranges)
+        return sent if self._fence.violation(naive, self._robot) else naive
 
     def apply(self, world: World) -> bool:
         """Switch to the refined goals of an answer if they are still valid.
@@ -240,6 +257,11 @@ class Refining:
             self._changed, self._unchanged = f"; refined again {after}", ""
         else:
             self._unchanged = f"; asked again {after}"
+
+
+def _executed(sent: TopChain, executed: TopChain) -> str:
+    """Return in words with which values a chain is executed without refinement."""
+    return "executed as sent" if executed == sent else "executed with naive values"
 
 
 def _distance(pose: Pose, path: FloatArray) -> float:

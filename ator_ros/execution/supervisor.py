@@ -57,7 +57,7 @@ class Deadlines:
 
     start: float = 2.0  # from the goal's acceptance until robot and objects of its chain are known
     odom: float = 0.3  # without newer odometry, after the first
-    refinement: float = 0.5
+    refinement: float = 5.0  # a request to a refinement node; a busy machine answers late
     action: float = TIME_LIMIT  # s on odometry's clock, for one step with all changes of its goal
 
     @property
@@ -132,7 +132,7 @@ class Supervisor:
         )
         plans = (chain, *alternatives)
         self.refining = Refining(
-            self.executor, library, plans, wanted=refine, again_after=again_after
+            self.executor, library, plans, wanted=refine, fence=fence, again_after=again_after
         )
         self.forecast = Forecast(predictor, self.executor)
         self._plans, self._robot, self._deadlines = plans, library.robot, deadlines
@@ -194,17 +194,15 @@ class Supervisor:
         return STOP
 
     def _begin(self, world: World, now: float) -> bool:
-        """Start when all objects that the chain needs are known.
+        """Start the first plan that is valid and whose objects are known.
 
-        Return whether it is executed now.
+        Wait if there is none, but a plan lacks objects. Return whether it is executed now.
         """
         self.start = world
-        unknown = missing_in(self.executor.chain.calls, world)
-        if unknown is not None:
-            self.reason = f"waiting for the {unknown[0]}"
-            return False
         reasons = []
-        for plan in self._plans:  # the first that is valid
+        for plan in self._plans:  # the first that is valid, and whose objects are known
+            if missing_in(plan.calls, world):
+                continue
             violations = plan.violations(world, self._robot)
             if not violations and (
                 off := self._area.unreachable(plan, self._robot, "chain", world.robot.pose[:2])
@@ -215,7 +213,11 @@ class Supervisor:
                 break
             reasons.append("; ".join(violations))
         else:
-            self.end(Ending.REFUSED, f"no valid plan: {' | '.join(reasons)}")
+            unknown = self._unknown(world)
+            if unknown is not None:
+                self.reason = f"waiting for the {unknown[0]}"
+            else:
+                self.end(Ending.REFUSED, f"no valid plan: {' | '.join(reasons)}")
             return False
         if self.refining.wanted:
             self.refining.ask(world, now)
@@ -223,6 +225,11 @@ class Supervisor:
         self.phase = Phase.REFINING if self.refining.wanted else Phase.EXECUTING
         self.reason = self.phase.value
         return not self.refining.wanted
+
+    def _unknown(self, world: World) -> tuple[str, str] | None:
+        """Return the first object that a plan lacks, and the TOP that needs it."""
+        lacking = (missing_in(plan.calls, world) for plan in self._plans)
+        return next((each for each in lacking if each is not None), None)
 
     def _execute(
         self, world: World, now: float, *, overdue: frozenset[str], delay: float
@@ -244,7 +251,7 @@ class Supervisor:
         if step.status is Status.RUNNING:
             self.refining.ask_again(world, now)
             return step.command
-        if step.status is not Status.SUCCEEDED and self.refining.revert(step.message):
+        if step.status is not Status.SUCCEEDED and self.refining.revert(world, step.message):
             self.forecast.change(at_rest(world, self._robot))
             return STOP
         last, missing = self.executor.records[-1], missing_object(self._top, world)
@@ -362,7 +369,7 @@ class Supervisor:
                 self.end(Ending.INPUT_LOST, f"odom is missing: {expected}, {got}")
                 self.phase = Phase.ENDED
             else:
-                name, top = missing_in(self.executor.chain.calls, self.start) or ("", "")
+                name, top = self._unknown(self.start) or ("", "")
                 self.end(
                     Ending.INPUT_LOST, f"{name} is missing: {top} needs it, {expected}, got none"
                 )
@@ -392,7 +399,7 @@ class Supervisor:
             self._start_answered()
 
     def unrefined(self, why: str) -> None:
-        """Continue with the unchanged chain because `question` has no valid answer."""
+        """Continue with the naive chain, or the chain in execution, as `question` has no valid answer."""
         if self.question is not None:
             self.refining.refuse(why)
             self._start_answered()

@@ -17,6 +17,7 @@ two free blocks side by side have no wall between them, however thin.
 from __future__ import annotations
 
 import math
+import threading
 from collections import OrderedDict
 from collections.abc import Sequence
 from functools import lru_cache
@@ -53,6 +54,7 @@ _WINDOW_CELLS, _WINDOW_REACH = 250_000, 250  # of a first window; its field take
 _TOLERANCE = 1.5
 _FIELD_BYTES = 200_000_000  # memory of the cached fields of a map, unless a single one has more
 _FEW, _CACHED_PAIRS = 64, 20_000  # up to so many pairs in one call are cached; size of that cache
+_PLANNING = threading.Lock()  # a planner may be a client that only one thread may use at a time
 _BUCKETS = 4.0  # buckets of the queue per cell of length
 Cells = NDArray[np.int32]
 Table = NDArray[np.float32]
@@ -186,7 +188,8 @@ class Routes:
         key = tuple(round(value / _CELL) for value in (x, y, to_x, to_y))
         path = self._paths.get(key) if key[:2] != key[2:] else np.array([(x, y), (to_x, to_y)])
         if path is None:
-            path = planner((x, y), (to_x, to_y))
+            with _PLANNING:
+                path = planner((x, y), (to_x, to_y))
             if path is None:  # not cached: a planner may find a path later
                 return np.full(6, np.nan)
             if len(self._paths) >= _CACHED_PAIRS:
@@ -323,15 +326,22 @@ class Routes:
         return field
 
 
-_routes_on = lru_cache(maxsize=4)(Routes)
+class _ThreadRoutes(threading.local):
+    """The routes that one thread computed: their caches change with each request."""
+
+    def __init__(self) -> None:
+        self.on = lru_cache(maxsize=4)(Routes)
+
+
+_routes = _ThreadRoutes()
 
 
 def routes_of(robot: Robot) -> Routes | None:
-    """Return the routes of a robot on its map, computed once; None without a map.
+    """Return the routes of a robot on its map, computed once in each thread; None without a map.
 
     They keep half of the robot's width from obstacles: no robot drives where its sides touch.
     """
-    return None if robot.grid is None else _routes_on(robot.grid, robot.half_width)
+    return None if robot.grid is None else _routes.on(robot.grid, robot.half_width)
 
 
 def reachable(places: Sequence[Pose], robot: Robot) -> bool:

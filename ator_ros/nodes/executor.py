@@ -99,7 +99,13 @@ _COMMON = (
     # then.
     live("latency", 0.0, "s from a state's stamp until its answer moves the base", 0.0, 0.3),
     FENCE,
-    live("refinement_timeout", _USUAL.refinement, "real s that refinement may take", 0.01, 60.0),
+    live(
+        "refinement_timeout",
+        _USUAL.refinement,
+        "real s that an answer of refinement may take",
+        0.01,
+        60.0,
+    ),
     live(
         "refine_again_after", AGAIN_AFTER, "m off what was expected to ask again, or 0", 0.0, 10.0
     ),

@@ -33,6 +33,8 @@ from ator_ros.world.state import World
 
 _FEEDBACK_PERIOD = 0.1  # s on odometry's clock
 _LONGEST_REASON = 500
+# real s in which DDS connects to a refinement node that is there
+_DISCOVERY = 0.5
 _INTERRUPTED = (Ending.CANCELED, Ending.PREEMPTED, Ending.SHUTDOWN, Ending.REFUSED)
 
 
@@ -141,7 +143,14 @@ class GoalRun:
             if not self._request.done():
                 self._refinement.remove_pending_request(self._request)
             self._request = self._asked = None
-        if question is None or self._request is not None or not self._refinement.service_is_ready():
+        if question is None or self._request is not None:
+            return
+        if not self._refinement.service_is_ready():
+            if time.monotonic() - question.asked > _DISCOVERY:
+                self.supervisor.unrefined(
+                    f"expected the service refine_subgoal within {_DISCOVERY:g} s, got none; "
+                    "start a refinement node"
+                )
             return
         goal = self.handle.request
         request = RefineSubgoal.Request(

@@ -327,7 +327,7 @@ def answer_of(
     response = RefineSubgoal.Response(
         accepted=True,
         refined=refinement.refined,
-        cut_short=not refinement.complete,
+        cut_short=not choice.complete,
         reason=refinement.reason,
         chain=chain_of(refinement.chain, action_set=action_set, frame=frame),
         original=chain_of(refinement.original, action_set=action_set, frame=frame),

@@ -54,12 +54,14 @@ from ator_ros.refinement.objective import MOST_WEIGHT
 from ator_ros.refinement.refiner import Refiner, Selection, choose
 from ator_ros.refinement.search import Deadline, no_deadline
 from ator_ros.robot.description import Robot
-from ator_ros.tops.chain import TopCall
+from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.conditions import state_variables
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.grid_map import PATHS_OF
 from ator_ros.world.messages import MessageError, count, pose_from, world_from
 from ator_ros.world.state import World
+
+_LONGEST_DEADLINE = 60.0  # s
 
 PARAMETERS = (
     FRAME,
@@ -84,10 +86,15 @@ PARAMETERS = (
         MOST_WEIGHT,
     ),
     Parameter(
-        "deadline", 0.05, "real s after which the best chain found is the answer", 0.001, 60.0
+        "deadline",
+        0.05,
+        "s of CPU time, with `planner` of real time, after which the best chain found is the answer",
+        0.001,
+        _LONGEST_DEADLINE,
     ),
 )
 
+_ROOM = 1.2  # factor of a recommended deadline, for answers that are not always as fast
 _LONGEST_REASON = 500
 _MOST_PREDICTED = 100  # situations, and calls, of one request
 _FIRST_BLOCK = 10  # situations from which a step is predicted at once, before its pace is known
@@ -100,10 +107,11 @@ class RefinementNode(Node):
     Services
         refine_subgoal (ator_interfaces/RefineSubgoal): the refined chain, or the chain as it was
         sent, with the reason. A request that cannot be evaluated is answered with accepted = false.
-        Requests are answered one by one. After `deadline` the answer is the best chain found, and
-        cut_short is true. plan_chains (ator_interfaces/PlanChains): chains for a goal, from the
-        conditions of the TOPs. predict_durations (ator_interfaces/PredictDurations): how long steps
-        take from several situations.
+        Requests are answered one by one. After `deadline` the answer is the best chain found,
+        cut_short is true, and the reason names the deadline that the whole search needs.
+        plan_chains (ator_interfaces/PlanChains): chains for a goal, from the conditions of the
+        TOPs. predict_durations (ator_interfaces/PredictDurations): how long steps take from several
+        situations.
     Subscribes to
         /tf and /tf_static, from the first request in another frame than `frame` on.
         the topic of a map (nav_msgs/OccupancyGrid, transient local), if `map` names one.
@@ -207,8 +215,13 @@ class RefinementNode(Node):
         return response
 
     def _refine(self, request: RefineSubgoal.Request) -> RefineSubgoal.Response:
-        end, frame = time.monotonic() + self._settings["deadline"], self._frame
         messages.expect_sizes(request)
+        # CPU time, so that an answer does not depend on other programs; but a planner is another
+        # program, for whose paths the search waits.
+        planned = self._robot.grid is not None and self._robot.grid.planner is not None
+        clock = time.monotonic if planned else time.thread_time
+        deadline, frame = self._settings["deadline"], self._frame
+        end = clock() + deadline
         action_set = messages.action_set_from(request.chain, allowed=self._libraries)
         present, library = self._sets.present[action_set], self._libraries[action_set]
         if not present.models:
@@ -224,10 +237,10 @@ class RefinementNode(Node):
             library,
             frame=frame,
             fence=self._fence,
-            deadline=lambda: time.monotonic() > end,
+            deadline=lambda: clock() > end,
         )
         self._answered += 1
-        self._cut_short += not choice.refinement.complete
+        self._cut_short += not choice.complete
         start, found = pose_from(request.situation.robot, "situation.robot"), choice.refinement
 
         def markers() -> MarkerArray:
@@ -237,6 +250,8 @@ class RefinementNode(Node):
         self._markers.publish(markers)
         gain = messages.gain_of(found, gains.measured, gains.models)
         answer = messages.answer_of(choice, request, gain, action_set=action_set, frame=frame)
+        if not choice.complete:
+            answer.reason += f"; {needed_deadline(choice, deadline)}"
         if self._robot.grid is not None:
             answer.reason += f"; map {self._robot.grid}"
         return answer
@@ -337,18 +352,36 @@ def refine_request(
 ) -> Selection:
     """Refine the chain of a request and its alternatives, and choose the best.
 
-    Raises MessageError or RefinementError if the request cannot be read, its chain leads out of the
-    fence, or none of its chains is a valid plan from its situation.
+    A chain without a route on the map is skipped, as one that is no valid plan. Raises MessageError
+    or RefinementError if the request cannot be read, its chain leads out of the fence, or none of
+    its chains can be used from its situation.
     """
     world = world_from(request.situation, frame=frame)
     chain = messages.chain_from(request.chain, library, frame=frame, fence=fence)
     others = messages.alternatives_from(request.alternatives, library, frame=frame, fence=fence)
-    start = world.robot.pose[:2]
-    if fence and (fault := fence.unreachable(chain, refiner.robot, start=start, planned=True)):
-        raise MessageError(fault)
+    chains = [_with_route(each, world, refiner.robot, fence) for each in (chain, *others)]
     objective = messages.objective_from(request.objective, refiner.failure_cost)
-    chains, placeholders = (chain, *others), not request.as_given
+    placeholders = not request.as_given
     return choose(refiner, world, chains, objective, placeholders=placeholders, deadline=deadline)
+
+
+def _with_route(
+    chain: TopChain | str, world: World, robot: Robot, fence: Fence | None
+) -> TopChain | str:
+    """Return a chain, or why no route of the map or of its planner leads along it."""
+    if fence is None or isinstance(chain, str):
+        return chain
+    return fence.unreachable(chain, robot, start=world.robot.pose[:2], planned=True) or chain
+
+
+def needed_deadline(choice: Selection, deadline: float) -> str:
+    """Return in words which deadline the search needs that ended after `deadline` s."""
+    share = choice.share_done
+    if not share:
+        return f"no search began within its deadline of {deadline:g} s: raise it"
+    needed = _ROOM * deadline / share
+    about = f"about {needed:.2g} s" if needed <= _LONGEST_DEADLINE else "more than 60 s"
+    return f"the whole search needs a deadline of {about}, it had {deadline:g} s"
 
 
 main = partial(run_node, RefinementNode, PARAMETERS)

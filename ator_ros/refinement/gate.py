@@ -10,6 +10,7 @@ from ator_ros.world.state import CONTROL_PERIOD
 _FEWEST_REFINED, _FEWEST_COMPARED = 10, 3  # chains from which on a measured gain can close the gate
 _REQUIRED = 0.5  # share of the predicted gain that the measured one has to reach
 _ZERO = 0.005  # gain in s that is shown as 0.00 s
+_ZERO_SHARE = 0.0005  # gain as a share of the cost that is shown as 0.0 %
 
 
 @dataclass(frozen=True)
@@ -67,6 +68,9 @@ class Gate:
         Least predicted gain in s: less hardly shows in an execution.
     factor : float
         Uncertainties that the gain must exceed.
+    least_share : float
+        Least predicted gain as a share of the cost, for objectives without durations: of a chain of
+        5 s it is one control tick.
     measured : MeasuredGain
         The gain of refined chains; if it is too low, the gate is closed.
     drawn : bool
@@ -76,29 +80,47 @@ class Gate:
 
     least: float = CONTROL_PERIOD
     factor: float = 1.0
+    least_share: float = 0.01
     measured: MeasuredGain = MeasuredGain()
     drawn: bool = False
 
-    def pays(self, gain: float, uncertainty: float) -> bool:
-        """Return whether a predicted gain in s, with its uncertainty in s, is expected to pay."""
+    def pays(self, gain: float, uncertainty: float | None) -> bool:
+        """Return whether a predicted gain is expected to pay; the arguments are those of `decide`."""
+        if uncertainty is None:
+            return gain > self.least_share
         return gain > self.least and (self.factor == 0.0 or gain > self.factor * uncertainty)
 
-    def decide(self, gain: float, uncertainty: float, unit: str = " s") -> tuple[bool, str]:
-        """Return whether to refine a chain with a predicted gain, and why in words."""
-        if not gain >= _ZERO:
+    def decide(self, gain: float, uncertainty: float | None) -> tuple[bool, str]:
+        """Return whether to refine a chain with a predicted gain, and why in words.
+
+        Parameters
+        ----------
+        gain : float
+            In s, or as a share of the cost if the objective has no durations.
+        uncertainty : float or None
+            Of the gain, in s; None if the objective has no durations, as only errors of predicted
+            durations are known.
+        """
+        if not gain >= (_ZERO_SHARE if uncertainty is None else _ZERO):
             return False, "no gain predicted"
         pays = self.pays(gain, uncertainty)
         refine = pays and self.drawn == self.measured.too_low
-        verdict = "refined" if refine else "kept as planned"
-        reason = f"gain {gain:.2f}{unit} ± {uncertainty:.2f}{unit}: {verdict}"
+        if uncertainty is None:
+            amount = f"gain {100.0 * gain:.1f} % of the cost, of unknown uncertainty"
+            is_certain, least = True, f"{100.0 * self.least_share:g} %"
+        else:
+            amount = f"gain {gain:.2f} s ± {uncertainty:.2f} s"
+            is_certain = gain > self.factor * uncertainty
+            least = f"one control tick ({self.least:g} s)"
+        reason = f"{amount}: {'refined' if refine else 'kept as planned'}"
         if pays and self.drawn:
             reason += ", to measure what refinement gains"
         elif pays and self.measured.too_low:
             reason += f", as the measured gain is {self.measured}"
-        elif gain > self.factor * uncertainty and not pays:
-            reason += f", as it is not above one control tick ({self.least:g} s)"
+        elif is_certain and not pays:
+            reason += f", as it is not above {least}"
         return refine, reason
 
 
-NO_GATE = Gate(0.0, 0.0)
+NO_GATE = Gate(0.0, 0.0, 0.0)
 """Refines wherever a gain is predicted."""

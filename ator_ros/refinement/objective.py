@@ -56,6 +56,13 @@ class Objective:
         """The measures with a weight above 0."""
         return tuple(name for name, weight in self.weights.items() if weight)
 
+    @property
+    def of_unknown_uncertainty(self) -> tuple[str, ...]:
+        """The required measures of which the errors of predictions are unknown: all but duration."""
+        return tuple(
+            name for name in self.needs if name != "duration" and name not in self.where_predicted
+        )
+
     def cost(self, prediction: Any) -> FloatArray:
         """Return the weighted cost, shape (n,), of a prediction for n candidates.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from ator_ros.actions.goal_variables import direct_name, with_values
 from ator_ros.geometry import FloatArray
@@ -21,11 +21,14 @@ from ator_ros.refinement.free_variables import (
     within_regions,
 )
 from ator_ros.refinement.gate import NO_GATE, Gate
+from ator_ros.refinement.naive import naive_on_paths
 from ator_ros.refinement.objective import Objective, expected_time
 from ator_ros.refinement.search import (
     Deadline,
     NoCandidateError,
     Optimum,
+    Work,
+    expected_work,
     no_deadline,
     search,
     unsearched,
@@ -41,6 +44,7 @@ MOST_ALTERNATIVES = 7
 """Most alternative chains of a request."""
 _MOST_LISTED = 6
 _CUT_SHORT = "its deadline cut the search short"
+_NOT_SEARCHED = "kept as planned without a search, as its deadline had passed"
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,6 +77,8 @@ class Refinement:
         The steps (from 0) whose action has no performance model.
     complete : bool
         Whether the search was completed; otherwise `best` is the best found until the deadline.
+    work : Work
+        How much of the search is done, to estimate the deadline that the whole needs.
     uncertainty : float
         Of the predicted gain in duration, in s. The prediction of the best of many candidates is
         optimistic, for one variable by about its uncertainty. For n variables the optimism adds up,
@@ -93,6 +99,7 @@ class Refinement:
     without_model: tuple[int, ...] = ()
     curves: tuple[SubgoalCurve, ...] = ()
     complete: bool = True
+    work: Work = field(default_factory=Work)
     uncertainty: float = 0.0
     comparison: bool = False
 
@@ -147,7 +154,7 @@ class Refiner:
         self.failure_cost = failure_cost
         self.models = models
         self.gate = gate
-        self._ranges = ranges
+        self.ranges = ranges
 
     def refine(
         self,
@@ -172,14 +179,18 @@ class Refiner:
         placeholders : bool
             The values of free variables are placeholders: the reference is the naive chain.
         deadline : callable, optional
-            Returns whether time is up; then the answer is the best chain found until then.
-            Placeholders whose naive value has not been computed keep their values.
+            Returns whether time is up; then the answer is the best chain found until then. Naive
+            values that the models have not predicted until then are those of `naive_on_paths`.
         """
         objective = objective if objective is not None else expected_time(self.failure_cost)
         analysis, regions = self.bounded(world, chain)
-        if placeholders:
-            chain = self._fastest_alone(world, chain, analysis.free, regions, deadline)
         names = names_of(chain, analysis.free)
+        axes = [
+            [v.domain for v in analysis.free if v.subgoal == index] for index in range(len(names))
+        ]
+        work = Work(expected=expected_work(axes))
+        if placeholders:
+            chain = self._fastest_alone(world, chain, analysis.free, regions, deadline, work)
         model = ChainModel(
             world, chain, self.robot, models=self.models, names=names, objective=objective
         )
@@ -189,30 +200,30 @@ class Refiner:
             compared = model.compare(model.given, model.given)
             optimum = unsearched(model.given, compared[0].cost)
         else:
-            axes = [
-                [v.domain for v in analysis.free if v.subgoal == index]
-                for index in range(len(names))
-            ]
             optimum = search(
-                model.step_costs, axes, model.given, allowed=regions.allowing(), deadline=deadline
+                model.step_costs,
+                axes,
+                model.given,
+                allowed=regions.allowing(),
+                deadline=deadline,
+                work=work,
             )
             compared = model.compare(model.given, optimum.values)
         if not math.isfinite(optimum.cost):
             raise RefinementError(
                 "expected a finite prediction for some candidate, got none: check the distances"
             )
-        return self._answer(world, chain, analysis, model, optimum, compared)
+        return self._answer(world, chain, analysis, model, optimum, work, compared)
 
     def naive(self, world: World, chain: TopChain) -> TopChain:
         """Return the paper's reference: each subgoal is optimal for the action that leads to it alone.
 
         Free variables with a rest value (arrival speed: 0) take it. The others take the value at
-        which the action is predicted to be fastest. A variable that affects only the action after
-        it keeps its value, and so does one that is bounded by a region in which no candidate is
-        found. Raises RefinementError as `refine` does.
+        which the action is predicted to be fastest. Where no model predicts that, the value is that
+        of `naive_on_paths`. Raises RefinementError as `refine` does.
         """
         analysis, regions = self.bounded(world, chain)
-        return self._fastest_alone(world, chain, analysis.free, regions, no_deadline)
+        return self._fastest_alone(world, chain, analysis.free, regions, no_deadline, Work())
 
     def _fastest_alone(
         self,
@@ -221,8 +232,10 @@ class Refiner:
         free: Sequence[FreeVariable],
         regions: Regions,
         deadline: Deadline,
+        work: Work,
     ) -> TopChain:
-        """Return `chain` with naive values of its free variables, until the deadline."""
+        """Return `chain` with naive values of its open variables: until the deadline those of the models."""
+        chain = naive_on_paths(world, chain, self.robot, self.ranges)
         for variable in free:
             if variable.domain.rest is not None:
                 chain = replaced(chain, variable.subgoal, {variable.name: variable.domain.rest})
@@ -232,19 +245,26 @@ class Refiner:
             if v.domain.rest is None
             and direct_name(v.name) in self.models[chain.calls[v.subgoal].top.action].used_variables
         ]
-        for index in sorted({variable.subgoal for variable in searched}):
+        alone_at = {
+            index: [variable for variable in searched if variable.subgoal == index]
+            for index in sorted({variable.subgoal for variable in searched})
+        }
+        domains = {index: [[v.domain for v in alone]] for index, alone in alone_at.items()}
+        work.expected += math.fsum(map(expected_work, domains.values()))
+        for index, alone in alone_at.items():
             if deadline():
                 break
-            alone = [variable for variable in searched if variable.subgoal == index]
             part, objective = TopChain(chain.calls[: index + 1]), Objective()
             names = names_of(part, alone)
             model = ChainModel(
                 world, part, self.robot, models=self.models, names=names, objective=objective
             )
-            costs, domains = model.costs_of_step(index), [[variable.domain for variable in alone]]
+            # Its evaluations are few, and it takes as long as estimated to set them up.
+            work.done += expected_work(domains[index])
+            costs = model.costs_of_step(index)
             allowed = regions.of_subgoal(chain, index, names[index])
             try:
-                optimum = search(costs, domains, allowed=allowed, deadline=deadline)
+                optimum = search(costs, domains[index], allowed=allowed, deadline=deadline)
             except NoCandidateError:  # the region is tiny: the given value is the only candidate
                 continue
             if not math.isfinite(optimum.cost):
@@ -264,7 +284,7 @@ class Refiner:
             raise RefinementError(
                 f"chain: expected 1 to {LONGEST_CHAIN} actions, got {len(chain.calls)}"
             )
-        analysis = analyze(chain, self.models, self.robot, self._ranges)
+        analysis = analyze(chain, self.models, self.robot, self.ranges)
         analysis = within_experience(analysis, world, chain, self.models, self.robot)
         regions = Regions(world, chain, self.robot, names_of(chain, analysis.free), self.models)
         if regions.allowing() is None:
@@ -281,6 +301,7 @@ class Refiner:
         analysis: Analysis,
         model: ChainModel,
         optimum: Optimum,
+        work: Work,
         compared: tuple[ChainPrediction, ChainPrediction, float],
     ) -> Refinement:
         """Return the answer after a search: the gate decides."""
@@ -290,17 +311,20 @@ class Refiner:
                 best = replaced(best, index, dict(zip(names, optimum.values[index], strict=True)))
         before, after, error = compared
         uncertainty = math.sqrt(len(analysis.free)) * error
-        weight = model.objective.weights.get("duration", 0.0)
-        in_cost = before.cost - after.cost, weight * uncertainty
-        refine, reason = self.gate.decide(*in_cost, " s" if weight == 1.0 else " in cost")
+        gain = _gain(before, after, model.objective)
+        known = uncertainty if model.objective.weights.get("duration") else None
+        refine, reason = self.gate.decide(gain, known)
         limited = any(variable.limits for variable in analysis.free)
         invalid = best.violations(world, self.robot) if limited else []
         if invalid:
             reason = f"the best chain found is no valid plan: {'; '.join(invalid)}"
+        others = model.objective.of_unknown_uncertainty
+        if refine and known is not None and others:
+            reason = f"{reason}; the uncertainty of {' and '.join(others)} is unknown"
         if not optimum.complete:
-            reason = f"{reason}; {_CUT_SHORT}"
+            reason = f"{reason}; {_CUT_SHORT}" if optimum.searched else _NOT_SEARCHED
         possible = best != chain and not invalid
-        comparison = possible and not refine and self.gate.drawn and self.gate.pays(*in_cost)
+        comparison = possible and not refine and self.gate.drawn and self.gate.pays(gain, known)
         return Refinement(
             refine and possible,
             reason + self._remarks(chain, analysis, analysis.not_free),
@@ -319,6 +343,7 @@ class Refiner:
                 if names
             ),
             complete=optimum.complete,
+            work=work,
             uncertainty=uncertainty,
             comparison=comparison,
         )
@@ -363,6 +388,18 @@ class Refiner:
         return text
 
 
+def _gain(before: ChainPrediction, after: ChainPrediction, objective: Objective) -> float:
+    """Return the gain in s of duration, whatever the scale of the weights.
+
+    As a share of the cost for an objective without durations.
+    """
+    gain = before.cost - after.cost
+    weight = objective.weights.get("duration", 0.0)
+    if weight:
+        return gain / weight
+    return gain / before.cost if 0.0 < before.cost < math.inf else gain
+
+
 def replaced(chain: TopChain, index: int, values: Mapping[str, float]) -> TopChain:
     """Return the chain with some goal variables of a subgoal replaced."""
     return chain.with_goal(index, with_values(chain.calls[index].goal, values))
@@ -404,6 +441,18 @@ class Selection:
     judged: tuple[Judged, ...]
     number: int
     refinement: Refinement
+
+    @property
+    def complete(self) -> bool:
+        """Whether the search of every chain was completed."""
+        return all(isinstance(each, str) or each.complete for each in self.judged)
+
+    @property
+    def share_done(self) -> float:
+        """The share of the search of all chains that is done, estimated and rather too small."""
+        works = [each.work for each in self.judged if not isinstance(each, str)]
+        expected = math.fsum(work.expected for work in works)
+        return min(math.fsum(work.done for work in works) / expected, 1.0) if expected else 1.0
 
 
 def choose(

@@ -10,13 +10,14 @@ candidates only, as pairs of windows would cost more than they gain. Nothing is 
 request has the same answer.
 
 The caller passes a `Deadline`, which is checked between blocks of candidates. Once time is up, the
-subgoals that have not been searched keep their values.
+subgoals that have not been searched keep their values. `Work` estimates how much is left.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import itertools
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -57,6 +58,8 @@ _SHRINKS = 0.5  # least factor by which a window shrinks in a round
 _REACH = 2.0
 _TRIES = 40  # points tested for each candidate in a region, of _POINTS
 _POINTS = 1 << 13
+# Pairs that take as long as one call of the models needs besides: 60 of 1.5 us, with shipped models
+_CALL = 40
 
 
 class NoCandidateError(ValueError):
@@ -66,6 +69,48 @@ class NoCandidateError(ValueError):
 def no_deadline() -> bool:
     """Return False: a deadline that never passes."""
     return False
+
+
+@dataclass(slots=True)
+class Work:
+    """How much of a search is done, in evaluated pairs of candidates.
+
+    Attributes
+    ----------
+    done, expected : float
+        What has been evaluated, and an estimate of the whole that is rather too large.
+    """
+
+    done: float = 0.0
+    expected: float = 0.0
+
+    def add(self, pairs: int) -> None:
+        """Count the evaluation of a block of pairs."""
+        self.done += pairs + _CALL
+
+
+def expected_work(axes: Sequence[Sequence[Range]]) -> float:
+    """Return an estimate of the work of `search` with these axes, which is rather too large."""
+    free = [0, *map(len, axes), 0]
+    first, windows = [1], [1]
+    for index, count in enumerate(free[1:-1], 1):
+        table = _FIRST_BESIDE if free[index - 1] or free[index + 1] else _FIRST_ALONE
+        first.append(1 + _of(table, count) if count else 1)
+        windows.append(2 * (1 + _of(_IN_WINDOW, count)) if count else 1)
+    pairs = sum(before * after for before, after in itertools.pairwise(first))
+    # of two neighbors one has its best two candidates only
+    in_round = sum(2 * max(pair) for pair in itertools.pairwise(windows) if max(pair) > 1)
+    return _work(pairs) + _turns(free) * _ROUNDS * max(free) * _work(in_round)
+
+
+def _work(pairs: int) -> float:
+    """Return the work of evaluating pairs in blocks."""
+    return pairs + _CALL * math.ceil(pairs / BLOCK)
+
+
+def _turns(free: Sequence[int]) -> int:
+    """Return in how many turns the subgoals have windows: 2 if any two neighbors are free."""
+    return 2 if any(map(all, itertools.pairwise(free))) else 1
 
 
 class SearchCurve(NamedTuple):
@@ -110,6 +155,11 @@ class Optimum:
     costs: Sequence[FloatArray] = ()
     complete: bool = True
 
+    @property
+    def searched(self) -> bool:
+        """Whether any candidate besides the given values was evaluated."""
+        return any(len(curve.values) > 1 for curve in self.curves)
+
 
 def search(
     step_costs: StepCosts,
@@ -118,6 +168,7 @@ def search(
     *,
     allowed: Allowed | None = None,
     deadline: Deadline = no_deadline,
+    work: Work | None = None,
 ) -> Optimum:
     """Find the values of all free variables with the least cost of the whole chain.
 
@@ -137,7 +188,11 @@ def search(
     deadline : callable, optional
         Once it has passed, subgoals that have not been searched keep their given values. Without
         given values, all first candidates are evaluated nevertheless.
+    work : Work, optional
+        Counts what is evaluated.
     """
+    if work is not None:
+        step_costs = _counted(step_costs, work)
     free = [0, *map(len, axes), 0]
     windows = [
         _Windows(index, domains, allowed, beside=bool(free[index] or free[index + 2]))
@@ -153,7 +208,7 @@ def search(
         raise NoCandidateError("expected candidates of every subgoal, got none")
     path = least_path(step_costs, candidates, deadline if given is not None else no_deadline)
     curves = path.curves
-    turns = 2 if any(map(all, itertools.pairwise(free))) else 1
+    turns = _turns(free)
     without_gain = 0
     for number in range(turns * _ROUNDS * max(free)):
         if without_gain == turns * max(free):
@@ -181,6 +236,15 @@ def search(
             window.shrink(start, end, number)
         without_gain = 0 if cost - path.cost > _GAIN * abs(cost) / len(axes) else without_gain + 1
     return dataclasses.replace(path, curves=curves)
+
+
+def _counted(step_costs: StepCosts, work: Work) -> StepCosts:
+    def counted(steps: Sequence[Pairs]) -> Sequence[FloatArray]:
+        costs = step_costs(steps)
+        work.add(sum(cost.size for cost in costs))
+        return costs
+
+    return counted
 
 
 def unsearched(given: Sequence[FloatArray], cost: float) -> Optimum:

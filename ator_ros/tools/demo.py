@@ -41,6 +41,7 @@ _LEGEND = (
     "arrows show the start, dots objects, and crosses the goals of steps (green: nothing is open)"
 )
 _COLUMNS = 3
+_DEADLINE = "deadline"  # in the reason of a search that was cut short, see `needed_deadline`
 _MOST_SITUATIONS = 200  # that fit into one picture
 BLUE, ORANGE, GRAY, GREEN, DARK = "#1f5fa8", "#d9791a", "#8a8f98", "#2e7d4f", "#333333"
 
@@ -65,8 +66,15 @@ class DemoSituation:
 
     @property
     def gain(self) -> float:
-        """Time saved in s; NaN if one of the two failed."""
-        return self.naive.duration - self.refined.duration
+        """Time saved in s; 0 if refinement changed nothing, NaN if one of the two failed."""
+        gain = self.naive.duration - self.refined.duration
+        # two executions of the same chain differ by noise
+        return gain if math.isnan(gain) or self.refined.record.refined else 0.0
+
+    @property
+    def cut_short(self) -> bool:
+        """Whether a deadline ended a search for this situation."""
+        return self.answer.cut_short or _DEADLINE in self.refined.record.refinement
 
 
 def explanation(name: str, chain: TopChain) -> str:
@@ -91,8 +99,9 @@ def table(situations: Sequence[DemoSituation]) -> str:
         # a chain may end immediately
         percent = 100.0 * gain / (situation.naive.duration or math.inf)
         changes = ["", "-" if math.isnan(gain) else f"{gain:+.2f} s ({percent:+.0f} %)"]
-        for (name, run), change in zip(situation.runs.items(), changes, strict=True):
-            rows.append({"": f"{number} {name}", **_times(situation, run), "gain": change})
+        marks = ["", "*" if situation.cut_short else ""]
+        for (name, run), change, mark in zip(situation.runs.items(), changes, marks, strict=True):
+            rows.append({"": f"{number} {name}{mark}", **_times(situation, run), "gain": change})
     # later chains may have more steps
     frame, last = pd.DataFrame(rows).fillna(""), ["chain", "gain"]
     text = frame[[*frame.columns.difference(last, sort=False), *last]].to_string(index=False)
@@ -129,6 +138,8 @@ def _summary(situations: Sequence[DemoSituation]) -> str:
         for name, run in (("naive", situation.naive), ("refined", situation.refined)):
             if math.isnan(run.duration):
                 lines.append(f"situation {number}, {name}: {run.record.outcome.reason}")
+    if any(each.cut_short for each in situations):
+        lines.append("* the deadline cut the search short: a longer one may save more")
     reasons = {
         each.refined.record.refinement for each in situations if not each.refined.record.refined
     }

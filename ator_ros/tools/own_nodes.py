@@ -40,8 +40,9 @@ from ator_ros.view.draft import Draft
 from ator_ros.world.messages import MessageError
 from ator_ros.world.state import World
 
-_EXECUTOR_TIMEOUT = 2.0  # s, for odometry and refinement; longer than on a robot, for busy machines
-_LONG_DEADLINE = 1.0  # s, of refinement; less than the executor's timeout
+_ODOM_TIMEOUT = 2.0  # real s; longer than on a robot, for busy machines
+_DEADLINE = 1.0  # s of CPU time; the longest chains of the domains need less
+_REFINEMENT_TIMEOUT = 30.0  # real s; in which a busy machine has searched for that deadline
 _ATTEMPTS = 3  # drives from one situation: other programs or a busy machine may abort a drive
 _ANSWER_TIMEOUT = 120.0  # real s
 _SHUTDOWN_TIMEOUT = 5.0  # real s after which nodes are killed
@@ -188,11 +189,9 @@ def all_nodes(
     with free_domain() as number, NodeProcesses(number) as nodes:
         pace = {"real_time_factor": real_time_factor, "command_wait": 1.0}
         nodes.start("simulation", {**pace, **(simulated or {}), **without_models})
-        # Chains of remote actions are long, and the robot stands while the executor waits for the
-        # answer.
-        deadline = {"deadline": _LONG_DEADLINE} if domain.servers else {}
-        nodes.start("refinement", {**named, **deadline})
-        timeouts = {"odom_timeout": _EXECUTOR_TIMEOUT, "refinement_timeout": _EXECUTOR_TIMEOUT}
+        # The robot stands while the executor waits for the answer.
+        nodes.start("refinement", {**named, "deadline": _DEADLINE})
+        timeouts = {"odom_timeout": _ODOM_TIMEOUT, "refinement_timeout": _REFINEMENT_TIMEOUT}
         # As long as in a simulation without ROS, and at least the executor's default.
         limits = {"action_timeout": max(TIME_LIMIT, domain.time_limit)}
         nodes.start("executor", {**named, **timeouts, **limits, **(executed or {})})

@@ -306,7 +306,15 @@ class Backend:
         after = tuple(action.duration for action in answer.after_actions)
         curves = tuple(map(_curve_from, answer.curves))
         return Answer(
-            naive, chain, answer.refined, answer.reason, before, after, curves, answer.chosen
+            naive,
+            chain,
+            answer.refined,
+            answer.reason,
+            before,
+            after,
+            curves,
+            answer.chosen,
+            answer.cut_short,
         )
 
     def _fields_of(self, draft: Draft) -> dict[str, Any]:

@@ -42,6 +42,7 @@ class Answer:
     after: tuple[float, ...] = ()  # the same of the best chain found
     curves: tuple[SubgoalCurve, ...] = ()
     chosen: int = 0  # number of the chosen alternative; 0: the chain itself
+    cut_short: bool = False  # whether the deadline ended the search
 
 
 @dataclass

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from ator_ros.geometry import Pose
+from ator_ros.geometry import Pose, decimal, decimal_pose
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +58,12 @@ class RobotState:
     v: float = 0.0
     w: float = 0.0
 
+    def __post_init__(self) -> None:
+        """Read whole numbers as floats."""
+        object.__setattr__(self, "pose", decimal_pose(self.pose))
+        object.__setattr__(self, "v", decimal(self.v))
+        object.__setattr__(self, "w", decimal(self.w))
+
     @property
     def is_still(self) -> bool:
         """Whether the robot is still, see `STILL`; stricter than `is_standing`."""
@@ -77,6 +83,11 @@ class ObjectState:
     y: float
     vx: float = 0.0
     vy: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Read whole numbers as floats."""
+        for name in ("x", "y", "vx", "vy"):
+            object.__setattr__(self, name, decimal(getattr(self, name)))
 
     @property
     def speed(self) -> float:

@@ -1,6 +1,7 @@
 """The executor's core without ROS: phases, deadlines, reasons, and missing or lost balls."""
 
 import dataclasses
+import math
 
 import pytest
 from executions import FORWARD, FORWARD_LEFT, ROBOT, chain, execution, world
@@ -78,17 +79,51 @@ def test_the_goal_waits_for_refinement_until_its_deadline() -> None:
     run = execution(FORWARD, refine=True)
     assert run.tick(world(), 100.0) == STOP
     assert run.phase is Phase.REFINING
-    run.tick(world(1.2), 100.4)
-    run.watch(100.45)
+    run.tick(world(1.2), 104.9)
+    run.watch(104.95)
     assert run.phase is Phase.REFINING
-    run.tick(world(1.4), 100.55)
-    run.watch(100.55)
-    assert run.tick(world(1.5), 100.6).v > 0.0
+    run.tick(world(1.4), 105.05)
+    run.watch(105.05)
+    assert run.tick(world(1.5), 105.1).v > 0.0
     assert run.refining.reason.startswith(
-        "executed as sent, refinement failed: no answer within 0.5 s"
+        "executed as sent, refinement failed: no answer within 5 s"
     )
     run.refined_to(FORWARD_LEFT, True, "too late")
     assert run.executor.chain is FORWARD
+
+
+def test_without_an_answer_open_values_are_naive() -> None:
+    sent = chain(("goToPose", Pose(1.0, 1.0, 3.0)), opened=frozenset({"yaw"}))
+    run = execution(sent, refine=True)
+    run.tick(world(), 100.0)
+    run.unrefined("no models")
+    assert run.executor.chain.calls[0].goal.pose.yaw == pytest.approx(math.pi / 4)
+    assert run.refining.reason == "executed with naive values, refinement failed: no models"
+    assert not run.refining.refined
+
+
+def test_a_plan_whose_object_is_missing_is_skipped_and_waits_if_there_is_no_other() -> None:
+    fetch = chain(("goToBall", Pose(1.0, 0.0, 0.0)))
+    run = execution(fetch, FORWARD)
+    run.tick(world(), 100.0)
+    assert (run.phase, run.executor.chain) == (Phase.EXECUTING, FORWARD)
+    # the ball cannot be held: the second plan is invalid
+    run = execution(chain(("dribbleBall", Pose(1.0, 0.0, 0.0))), fetch)
+    run.tick(world(), 100.0)
+    assert (run.phase, run.reason) == (Phase.WAITING, "waiting for the ball")
+    run.tick(world(1.05, ball=ObjectState(1.0, 0.0)), 100.05)
+    assert run.phase is Phase.EXECUTING
+    assert run.executor.chain is fetch
+
+
+def test_a_goal_without_a_startable_plan_names_the_missing_object() -> None:
+    run = execution(
+        chain(("shoot", Pose(-1.0, 0.0, 0.0))), chain(("goToBall", Pose(1.0, 0.0, 0.0)))
+    )
+    run.tick(world(), 100.0)
+    run.watch(102.1)
+    assert run.ending is Ending.INPUT_LOST
+    assert run.reason.startswith("ball is missing: ")
 
 
 def test_a_refined_chain_is_executed_if_it_is_valid() -> None:

@@ -14,6 +14,7 @@ from ator_ros.domains.soccer.field import BALL
 from ator_ros.execution.chain_executor import Ending
 from ator_ros.execution.predictions import Predictor
 from ator_ros.execution.refining import Question, continuations, refined_chain, with_followed
+from ator_ros.execution.supervisor import Deadlines
 from ator_ros.geometry import Pose
 from ator_ros.refinement.chain_prediction import ChainPrediction
 from ator_ros.simulation.simulation import Simulation
@@ -66,7 +67,12 @@ class Drive:
         simulation.place_robot(start)
         simulation.place_object(BALL, *ball)
         self.run = execution(
-            *plans, refine=refine, again_after=again_after, now=0.0, predictor=CountsSteps()
+            *plans,
+            refine=refine,
+            again_after=again_after,
+            now=0.0,
+            predictor=CountsSteps(),
+            deadlines=Deadlines(refinement=0.5),
         )
         self.tick()
         if refine:

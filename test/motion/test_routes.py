@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -9,7 +10,8 @@ from maps import hall, hall_map
 
 from ator_ros.files import FileError
 from ator_ros.geometry import FloatArray, Pose, wrap_angles
-from ator_ros.motion.routes import CLEARANCES, Routes, RouteSet
+from ator_ros.motion.routes import CLEARANCES, Routes, RouteSet, routes_of
+from ator_ros.robot.description import load_robot
 from ator_ros.world.grid_map import GridMap
 
 RADIUS = 0.2
@@ -19,6 +21,15 @@ ROUTES = Routes(GRID, RADIUS)
 
 def between(*pairs: tuple[float, float, float, float], routes: Routes = ROUTES) -> RouteSet:
     return routes.between(*np.array(pairs, dtype=float).T)
+
+
+def test_each_thread_has_routes_of_its_own() -> None:
+    # a learned set is loaded in a thread while requests are answered
+    robot = dataclasses.replace(load_robot(), grid=GRID)
+    with ThreadPoolExecutor(1) as threads:
+        other, again = (threads.submit(routes_of, robot).result() for _ in range(2))
+    assert routes_of(robot) is routes_of(robot) is not other
+    assert other is again
 
 
 def test_a_free_line_is_the_route() -> None:

@@ -111,6 +111,10 @@ class Processes:
         self._started.append(Process(name, log, self._domain, arguments))
         return self._started[-1]
 
+    def named(self, name: str) -> list[Process]:
+        """Return the processes of an executable."""
+        return [process for process in self._started if process.name == name]
+
     def kill(self) -> None:
         for process in self._started:
             process.kill()

@@ -4,15 +4,19 @@ import math
 
 import pytest
 from chain_client import call
-from refinement_fakes import LIBRARY, ROBOT, models
+from maps import hall_map
+from refinement_fakes import LIBRARY, ROBOT, USED, FakeModel, models, turning_time
 
 from ator_interfaces.msg import ObjectState, TopCall, TopChain
 from ator_interfaces.srv import RefineSubgoal
+from ator_ros.domains.domain import find_domain
+from ator_ros.execution.fence import Fence
 from ator_ros.geometry import Pose
 from ator_ros.nodes.messages import answer_of, gain_of, pose_of
 from ator_ros.nodes.refinement import refine_request
 from ator_ros.refinement import RefinementError
 from ator_ros.refinement.refiner import Refiner
+from ator_ros.world.grid_map import GridMap
 from ator_ros.world.messages import MessageError
 
 
@@ -103,6 +107,29 @@ class TestAlternatives:
             answered(self.request_for(self.at_once, self.at_once, unknown))
         assert "alternative 1: no valid plan: " in str(caught.value)
         assert "alternative 2: alternatives[1].calls[0].top: " in str(caught.value)
+
+    def test_an_alternative_without_the_missing_object_is_chosen(self) -> None:
+        sent = self.request_for(self.far, (call("goToPose", Pose(0.0, 0.0, 0.0)),))
+        sent.situation.objects = []
+        answer = answered(sent)
+        assert (answer.accepted, answer.chosen) == (True, 1)
+        assert "ball" in answer.alternatives[0].reason
+
+    def test_a_chain_without_a_route_is_skipped_wherever_it_stands(self) -> None:
+        free = hall_map().free.copy()
+        free[:, 118:122] = False  # no door
+        domain = find_domain("pursuit").on_map(GridMap("closed", free, 0.05, Pose(-6.0, -4.0, 0.0)))
+        robot = domain.robot()
+        refiner = Refiner(robot, {"pursue": FakeModel(turning_time, USED)}, ranges=domain.ranges)
+        chains = [(call("visit", Pose(x, 1.0, 0.0)),) for x in (3.0, -1.0, 4.0)]
+        for numbers in ((0, 1), (1, 0), (1, 0, 2)):
+            sent = self.request_for(*(chains[number] for number in numbers))
+            sent.situation.objects = []
+            found = refine_request(
+                sent, refiner, domain.library(robot), frame="odom", fence=Fence.around(robot)
+            )
+            assert found.number == numbers.index(1)
+            assert "in reach of x -2.00 m" in str(found.judged[numbers.index(0)])
 
     def test_an_alternative_of_another_action_set_is_skipped(self) -> None:
         sent = self.request_for(self.far, self.near)

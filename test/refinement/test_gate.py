@@ -3,11 +3,13 @@
 import dataclasses
 import functools
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 import pytest
 from experience_rows import dead_zone_drives
+from refinement_fakes import USED, FakeModel, turning_time
 
 from ator_ros.actions.base import Goal
 from ator_ros.domains.domain import find_domain
@@ -18,6 +20,7 @@ from ator_ros.performance.features import GENERAL, PAPER_3
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.training import features_of, train
 from ator_ros.refinement.gate import NO_GATE, Gate, MeasuredGain
+from ator_ros.refinement.objective import Objective
 from ator_ros.refinement.refiner import Refinement, Refiner
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.world.state import RobotState, World
@@ -50,7 +53,7 @@ def linear() -> PerformanceModel:
     return PerformanceModel("drive_to", ROBOT, {"duration": tree}, GENERAL, errors=errors)
 
 
-def refined(model: PerformanceModel, gate: Gate) -> Refinement:
+def refined(model: PerformanceModel, gate: Gate, objective: Objective | None = None) -> Refinement:
     """Refine three drives with turns of 60 degrees between them, from the headings of the paths."""
     place, calls = Pose(0.0, 0.0, 0.0), []
     for opened in ({"yaw"}, {"yaw"}, ()):
@@ -58,7 +61,8 @@ def refined(model: PerformanceModel, gate: Gate) -> Refinement:
         calls.append(TopCall(VISIT, Goal(place), frozenset(opened)))
         place = place.compose(Pose(0.0, 0.0, math.radians(60.0)))
     world = World(0.0, RobotState(Pose(0.0, 0.0, 0.0)), {})
-    return Refiner(ROBOT, {"drive_to": model}, gate).refine(world, TopChain(tuple(calls)))
+    chain = TopChain(tuple(calls))
+    return Refiner(ROBOT, {"drive_to": model}, gate).refine(world, chain, objective)
 
 
 @pytest.mark.parametrize(("make", "words"), [(learned, "refined"), (linear, "kept as planned")])
@@ -115,3 +119,57 @@ def test_a_drawn_chain_runs_the_other_way(
     answer = refined(learned(), Gate(measured=measured, drawn=drawn))
     assert (answer.refined, answer.comparison) == (changed, compared)
     assert answer.saved > answer.uncertainty
+
+
+@pytest.mark.parametrize("make", [learned, linear])
+@pytest.mark.parametrize("weight", [1e-6, 0.01, 100.0, 1e6])
+def test_the_decision_does_not_depend_on_the_scale_of_the_weights(make: Any, weight: float) -> None:
+    usual = refined(make(), Gate(), Objective({"duration": 1.0}))
+    scaled = refined(make(), Gate(), Objective({"duration": weight}))
+    assert (scaled.refined, scaled.reason) == (usual.refined, usual.reason)
+    assert scaled.best == usual.best
+
+
+class Accurate(FakeModel):
+    """Its errors at the end depend on the heading there."""
+
+    def predict(
+        self, direct: Mapping[str, Any], measures: tuple[str, ...] = (), signs: Any = None
+    ) -> Any:
+        found = super().predict(direct, measures, signs)
+        found.accuracy = 0.1 + 0.02 * np.cos(direct["yawg"]) + 0.0 * found.duration
+        return found
+
+
+def accurate() -> Any:
+    return Accurate(turning_time, USED)
+
+
+@pytest.mark.parametrize("weight", [0.01, 100.0])
+def test_without_durations_the_uncertainty_is_said_to_be_unknown(weight: float) -> None:
+    answer = refined(accurate(), Gate(), Objective({"accuracy": weight}))
+    assert answer.refined
+    assert "% of the cost, of unknown uncertainty: refined" in answer.reason
+    assert answer.reason == refined(accurate(), Gate(), Objective({"accuracy": 1.0})).reason
+
+
+def test_with_durations_only_their_uncertainty_is_known() -> None:
+    objective = Objective({"duration": 1.0, "accuracy": 1.0})
+    answer = refined(accurate(), Gate(), objective)
+    assert answer.refined
+    assert answer.reason.endswith("s: refined; the uncertainty of accuracy is unknown")
+
+
+@pytest.mark.parametrize(
+    ("gain", "reason"),
+    [
+        (0.12, "gain 12.0 % of the cost, of unknown uncertainty: refined"),
+        (
+            0.008,
+            "gain 0.8 % of the cost, of unknown uncertainty: kept as planned, as it is not above 1 %",
+        ),
+        (0.0001, "no gain predicted"),
+    ],
+)
+def test_a_share_of_the_cost_has_no_uncertainty(gain: float, reason: str) -> None:
+    assert Gate().decide(gain, None) == (reason.endswith("refined"), reason)

@@ -9,6 +9,7 @@ import pytest
 from refinement_fakes import (
     ANGLE,
     BOTH,
+    LIBRARY,
     ROBOT,
     USED,
     FakeModel,
@@ -22,7 +23,8 @@ from refinement_fakes import (
 )
 
 from ator_ros.geometry import FloatArray
-from ator_ros.refinement.refiner import LONGEST_CHAIN, Refiner
+from ator_ros.refinement.naive import naive_on_paths
+from ator_ros.refinement.refiner import LONGEST_CHAIN, Refiner, Selection
 from ator_ros.refinement.search import search
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.ranges import Range
@@ -92,11 +94,12 @@ def test_an_answer_at_the_deadline_is_marked_and_never_worse() -> None:
     assert any(result.refined and not result.complete for result in results)
 
 
-def test_placeholders_keep_their_values_without_time() -> None:
+def test_placeholders_have_naive_values_without_time() -> None:
     sent, refiner = three_steps(BOTH), Refiner(ROBOT, models())
     first = refiner.refine(world(), sent, placeholders=True, deadline=after(0))
-    assert first.original == sent  # its speeds are 0, as at rest
+    assert first.original == naive_on_paths(world(), sent, ROBOT, LIBRARY.ranges) != sent
     assert not first.complete
+    assert first.reason == "kept as planned without a search, as its deadline had passed"
     whole = refiner.refine(world(), sent, placeholders=True)
     assert whole.original == refiner.naive(world(), sent) != sent
 
@@ -110,7 +113,43 @@ def test_without_time_a_long_chain_is_answered_as_given_with_few_predictions(
     result = refiner.refine(world(), long_chain(), placeholders=placeholders, deadline=after(0))
     # once for each action of 32 steps
     assert sum(model.predictions for model in counted.values()) == 2
-    assert result.chain == result.best == long_chain()
+    sent = long_chain()
+    if placeholders:
+        sent = naive_on_paths(world(), sent, ROBOT, refiner.ranges)
+    assert result.chain == result.best == sent
     assert (result.refined, result.complete) == (False, False)
-    whole = Refiner(ROBOT, models()).refine(world(), long_chain())
+    whole = Refiner(ROBOT, models()).refine(world(), sent)
     assert result.before == result.after == whole.before
+
+
+class Clock:
+    """A clock that counts the evaluated pairs of candidates, and its deadline."""
+
+    def __init__(self, seconds: float = math.inf) -> None:
+        self.time, self._seconds = 0.0, seconds
+
+    def deadline(self) -> bool:
+        return self.time > self._seconds
+
+    def models(self) -> dict[str, FakeModel]:
+        def timed(direct: Mapping[str, Any]) -> Any:
+            duration = turning_time(direct)
+            self.time += 40 + np.size(duration)
+            return duration
+
+        return dict.fromkeys(("goToPose", "dribbleBall"), FakeModel(timed, USED))
+
+
+@pytest.mark.parametrize("steps", [4, 12, LONGEST_CHAIN])
+@pytest.mark.parametrize("share", [0.3, 0.7])
+def test_the_deadline_that_a_search_needs_is_estimated(steps: int, share: float) -> None:
+    chain = TopChain(long_chain().calls[:steps])
+    whole = Clock()
+    Refiner(ROBOT, whole.models()).refine(world(), chain, placeholders=True)
+    part = Clock(share * whole.time)
+    refiner = Refiner(ROBOT, part.models())
+    answer = refiner.refine(world(), chain, placeholders=True, deadline=part.deadline)
+    found = Selection((answer,), 0, answer)
+    assert not found.complete
+    needed = share * whole.time / found.share_done
+    assert 0.5 * whole.time < needed < 2.0 * whole.time

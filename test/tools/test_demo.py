@@ -55,6 +55,23 @@ def test_the_table_shows_gains_and_failures() -> None:
     assert text.splitlines()[1].split()[-4:] == ["3", "shoot", "chain", "gain"]
 
 
+def test_noise_of_unchanged_chains_is_no_saving_and_short_searches_are_marked() -> None:
+    shorter = TopChain(TRIAL.chain.calls[:2])
+    times = 2 * [(3.1, 4.1)]
+    answers = [Answer(shorter, shorter, False, "", *times, cut_short=cut) for cut in (False, True)]
+    changed = run(total=8.0, refined=True)
+    text = table(
+        [
+            DemoSituation(TRIAL.world, shorter, answers[0], run(total=10.0), run(total=9.0)),
+            DemoSituation(TRIAL.world, shorter, answers[1], run(total=10.0), changed),
+        ]
+    )
+    assert "refinement saved 2.00 s of 20.00 s (10.0 %)" in text
+    assert "1 unchanged " in text
+    assert "2 refined* " in text
+    assert "* the deadline cut the search short" in text
+
+
 def test_a_command_runs_in_its_folder_and_a_missing_one_is_reported(tmp_path: Path) -> None:
     with NodeProcesses(1) as nodes:
         nodes.start_server(DeclaredServer(command=("touch", "made here"), folder=str(tmp_path)))

@@ -1,0 +1,65 @@
+"""Naive values of a chain's open variables without models: what they are when there is no time to search."""
+
+from __future__ import annotations
+
+import math
+
+from ator_ros.actions.goal_variables import with_values
+from ator_ros.geometry import Pose
+from ator_ros.motion.routes import arrival_heading
+from ator_ros.robot.description import Robot
+from ator_ros.tops.bindings import bindings
+from ator_ros.tops.chain import TopCall, TopChain, projected
+from ator_ros.tops.ranges import Ranges
+from ator_ros.world.state import World
+
+_AT_GOAL = 0.01  # m up to which a robot is at its goal, and arrives there in its present heading
+
+
+def naive_on_paths(world: World, chain: TopChain, robot: Robot, ranges: Ranges) -> TopChain:
+    """Return `chain` with the open headings in which the robot comes along a straight line or route.
+
+    These are the fastest headings of a path that turns, drives and turns, for each action alone.
+    Open variables with a rest value (arrival speed: 0) take it. The others keep their values, and
+    so do all variables of a step for which its naive values would make the plan invalid.
+
+    Parameters
+    ----------
+    world : World
+        The state from which the chain starts.
+    chain : TopChain
+        The plan; the values of its open variables are placeholders.
+    ranges : mapping of str
+        Goal variable to its range; variables without one keep their values.
+    """
+    if not any(call.open for call in chain.calls):
+        return chain
+    bound = bindings(tuple(call.top for call in chain.calls))
+    naive = chain
+    valid = not chain.violations(world, robot)
+    for index in range(len(chain.calls)):
+        call = naive.calls[index]
+        opened = {
+            name: ranges[name](robot, call.goal).rest
+            for name in ranges
+            if call.opens(name) and (index, name) not in bound
+        }
+        values = {name: rest for name, rest in opened.items() if rest is not None}
+        if "yaw" in opened and "yaw" not in values:
+            values["yaw"] = _arrival(world.robot.pose, call, robot)
+        changed = with_values(call.goal, values) if values else call.goal
+        if changed != call.goal:
+            candidate = naive.with_goal(index, changed)
+            rest_of_plan = TopChain(candidate.calls[index:])
+            if not (valid and rest_of_plan.violations(world, robot)):
+                naive = candidate
+        world = projected(world, naive.calls[index], robot)
+    return naive
+
+
+def _arrival(start: Pose, call: TopCall, robot: Robot) -> float:
+    """Return the heading in rad in which the robot comes from `start` to the goal of a step."""
+    goal = call.goal.pose
+    if math.hypot(goal.x - start.x, goal.y - start.y) <= _AT_GOAL:
+        return start.yaw
+    return arrival_heading((start.x, start.y), goal, robot)
