@@ -25,6 +25,7 @@ from ator_ros.execution.supervisor import Deadlines, Phase, Supervisor
 from ator_ros.nodes import messages
 from ator_ros.nodes.messages import gain_of, performance_of, situation_of
 from ator_ros.nodes.models import ModelSet
+from ator_ros.nodes.result_line import changes_of, result_line
 from ator_ros.printable import printable
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
@@ -87,6 +88,7 @@ class GoalRun:
         self._id = _id_of(handle)
         self._records: list[ActionPerformance] = []
         self._gain = gain_of()  # of the chain as planned
+        self._changes: list[str] = []  # what refinement changed in it, in words
         self._request: Future | None = None
         self._asked: Question | None = None
         self._feedback = ("", 0.0)  # step and phase of the last feedback, and its time in s
@@ -169,7 +171,7 @@ class GoalRun:
             supervisor.unrefined(reason)
             return
         if supervisor.phase is Phase.REFINING:
-            self._gain = answer.gain
+            self._gain, self._changes = answer.gain, changes_of(answer)
         frame, where = self._frame, "refined chain"
         try:
             chain = messages.chain_from(
@@ -255,7 +257,10 @@ class GoalRun:
             ending = self.supervisor.ending or Ending.FAILED
             return unstarted(self.handle, ending, self.supervisor.reason, frame=self._frame)
         record = self.record(world)
-        return ExecuteChain.Result(outcome=record.outcome, record=record)
+        wanted = self.supervisor.refining.wanted
+        line = result_line(record, wanted=wanted, changes=self._changes)
+        outcome = Outcome(code=record.outcome.code, reason=line)
+        return ExecuteChain.Result(outcome=outcome, record=record)
 
 
 def _id_of(handle: ServerGoalHandle) -> str:
