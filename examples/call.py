@@ -5,8 +5,8 @@
     ator_interfaces/action/ExecuteChain "{refine: true, ...}" python3 examples/call.py echo
     /performance/chain
 
-The values are YAML; other fields keep their defaults. --feedback prints a line when the feedback of
-a goal changes by more than numbers. Before a result, its reason is printed in a line of its own.
+The values are YAML; other fields keep their defaults. --feedback prints a line when anything
+but a number of a goal's feedback changes. Before a result, its reason is printed in a line of its own.
 Ctrl-C cancels the goal. The program needs rclpy, PyYAML and the packages of the types.
 """
 
@@ -30,6 +30,7 @@ from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
 
 _TIMEOUT = 10.0  # s
+_DECIMALS = re.compile(r"\d+\.\d+(e-?\d+)?|\bnan\b")
 _POLL = 0.1  # s: Ctrl-C is handled between two waits
 
 
@@ -91,15 +92,15 @@ def show(message: Any, end: str = "") -> None:
 
 
 class FeedbackLines:
-    """Prints feedback in a line each time that anything but its decimal numbers changes."""
+    """Prints feedback in a line each time that anything but its numbers with decimals changes."""
 
     def __init__(self) -> None:
-        self._last: Any = None
+        self._last = ""
 
     def show(self, message: Any) -> None:
         """Print the feedback of a message of an action if it is new."""
         fields = _plain(message.feedback)
-        state = {name: value for name, value in fields.items() if not isinstance(value, float)}
+        state = _DECIMALS.sub("", str(fields))
         if state == self._last:
             return
         self._last = state

@@ -18,7 +18,7 @@ def changes_of(answer: Any) -> list[str]:
         return []
     calls = answer.chain.calls
     return [
-        f"{_change(free)} at {printable(calls[free.subgoal].top)}"
+        f"{_change(free)} at step {free.subgoal + 1} ({printable(calls[free.subgoal].top)})"
         for free in answer.free
         if free.subgoal < len(calls) and free.after != free.before
     ]

@@ -29,7 +29,7 @@ def record(*, refined: bool, code: int = Outcome.SUCCEEDED) -> object:
 
 def test_success_has_durations_and_changes() -> None:
     line = result_line(record(refined=True), wanted=True, changes=changes_of(ANSWER))
-    changes = "+14° at goToBall, speed 0.8 at goToBall"
+    changes = "+14° at step 1 (goToBall), speed 0.8 at step 1 (goToBall)"
     assert line == (
         f"arrived: 6.55 s driven, 6.54 s predicted; refined: {changes}, predicted to save 0.22 s"
     )
