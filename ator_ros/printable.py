@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 
 _LISTED = 120  # characters of each text of a list: whole sentences, such as reasons
+_LONGEST = 300  # characters of a message: three sentences, which fit on a page and in a terminal
+_TAIL = 100  # characters kept of the end of a long message, where it says what to do
+_PART = "; "
+_MORE = re.compile(r"; and (\d{1,9}) more$")  # at the end of a list that was cut before
 
 
 def printable(text: object, most: int = 60) -> str:
@@ -31,6 +36,41 @@ def listed(texts: Iterable[object], most: int = 5, *, separator: str = ", ") -> 
     if len(every) > most:
         shown.append(f"… and {len(every) - most} more")
     return separator.join(shown)
+
+
+def one_line(text: object, most: int = _LONGEST) -> str:
+    """Return a message as one printable line of at most `most` characters.
+
+    Of a long one whose parts are separated by semicolons, the first parts and the number of the
+    others are kept; of any other, its beginning and its end.
+    """
+    whole = text if isinstance(text, str) else str(text)
+    if len(whole) <= most and whole.isprintable():
+        return whole
+    spaced = " ".join(whole[: 20 * most].split())
+    shown = printable(spaced, len(spaced))
+    if len(whole) <= 20 * most and len(shown) <= most:
+        return shown
+    parts = whole.count(_PART) + 1
+    if left_out := _MORE.search(whole):
+        parts += int(left_out[1]) - 1
+    room = most - len(f"{_PART}and {parts} more")
+    kept = shown[: room + len(_PART)].rpartition(_PART)[0]
+    if kept:
+        return f"{kept}{_PART}and {parts - kept.count(_PART) - 1} more"
+    note = f" … ({len(whole)} characters) … "
+    return f"{shown[: most - _TAIL - len(note)]}{note}{shown[-_TAIL:]}"
+
+
+class ReadableError(Exception):
+    """An error whose text is a message for users, see `one_line`."""
+
+    def __init__(self, text: object = "") -> None:
+        super().__init__(one_line(text))
+
+    def __str__(self) -> str:
+        """Return the text, also where a base class would quote it."""
+        return str(self.args[0])
 
 
 def quoted(value: object) -> str:

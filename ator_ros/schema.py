@@ -26,7 +26,7 @@ from typing import (
     get_type_hints,
 )
 
-from ator_ros.printable import printable, quoted
+from ator_ros.printable import ReadableError, printable, quoted
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -35,7 +35,7 @@ T = TypeVar("T")
 _LONGEST = 200  # characters of a path, and of the fields that are missing or unknown
 
 
-class SchemaError(ValueError):
+class SchemaError(ReadableError, ValueError):
     """Data does not fit its schema; the message is one line: field, expected, actual."""
 
 

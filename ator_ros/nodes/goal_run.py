@@ -26,14 +26,13 @@ from ator_ros.nodes import messages
 from ator_ros.nodes.messages import gain_of, performance_of, situation_of
 from ator_ros.nodes.models import ModelSet
 from ator_ros.nodes.result_line import changes_of, result_line
-from ator_ros.printable import printable
+from ator_ros.printable import one_line
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.messages import MessageError
 from ator_ros.world.state import World
 
 _FEEDBACK_PERIOD = 0.1  # s on odometry's clock
-_LONGEST_REASON = 500
 _INTERRUPTED = (Ending.CANCELED, Ending.PREEMPTED, Ending.SHUTDOWN, Ending.REFUSED)
 
 
@@ -166,7 +165,7 @@ class GoalRun:
         answer, supervisor = future.result(), self.supervisor
         if answer is None or question is not supervisor.question:  # withdrawn, or late
             return
-        reason = printable(answer.reason, _LONGEST_REASON)
+        reason = one_line(answer.reason)
         if not answer.accepted:
             supervisor.unrefined(reason)
             return
@@ -241,14 +240,14 @@ class GoalRun:
             chain=messages.chain_of(chain, action_set=self._library.action_set, frame=frame),
             start=situation_of(supervisor.start or world, frame=frame),
             refined=supervisor.refining.refined,
-            refinement=supervisor.refining.reason,
+            refinement=one_line(supervisor.refining.reason),
             fetched=supervisor.executor.fetch_count,
             refined_again=supervisor.refining.refined_again,
             actions=self._records,
             gain=self._gain,
             predicted=predicted,
             actual=actual,
-            outcome=Outcome(code=code, reason=supervisor.reason),
+            outcome=Outcome(code=code, reason=one_line(supervisor.reason)),
         )
 
     def result(self, world: World | None) -> Any:

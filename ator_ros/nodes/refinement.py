@@ -42,7 +42,7 @@ from ator_ros.nodes.running import run_node
 from ator_ros.nodes.segments import refinement_shapes
 from ator_ros.planning.goals import PlanningError
 from ator_ros.planning.planner import chains_for
-from ator_ros.printable import printable
+from ator_ros.printable import one_line
 from ator_ros.refinement import RefinementError
 from ator_ros.refinement.durations import predict_durations
 from ator_ros.refinement.gate import NO_GATE, Gate
@@ -82,7 +82,6 @@ PARAMETERS = (
     ),
 )
 
-_LONGEST_REASON = 500
 _MOST_PREDICTED = 100  # situations, and calls, of one request
 
 
@@ -180,12 +179,12 @@ class RefinementNode(Node):
             response = answer(request)
         except Exception as error:  # a defect must not end the node
             if isinstance(error, MessageError | RefinementError | PlanningError):
-                reason = printable(str(error), _LONGEST_REASON)
+                reason = one_line(error)
                 self.get_logger().warning(
                     f"refused: {reason}", throttle_duration_sec=WARNING_PERIOD
                 )
             else:
-                reason = f"internal error: {printable(repr(error), _LONGEST_REASON)}"
+                reason = f"internal error: {one_line(repr(error), 200)}"
                 self.get_logger().error(
                     traceback.format_exc(), throttle_duration_sec=WARNING_PERIOD
                 )
@@ -225,7 +224,7 @@ class RefinementNode(Node):
         gain = messages.gain_of(found, gains.measured, gains.models)
         answer = messages.answer_of(choice, request, gain, action_set=action_set, frame=frame)
         if self._robot.grid is not None:
-            answer.reason += f"; map {self._robot.grid}"
+            answer.reason = one_line(f"{answer.reason}; map {self._robot.grid}")
         return answer
 
     def _plan(self, request: PlanChains.Request) -> PlanChains.Response:

@@ -24,13 +24,12 @@ from rclpy.utilities import remove_ros_args
 
 from ator_ros.nodes.network import stay_on_this_machine
 from ator_ros.nodes.parameters import Parameter, SetupError
-from ator_ros.printable import printable
+from ator_ros.printable import one_line
 from ator_ros.resources import ResourceError
 
 _SPIN_PERIOD = 0.1  # s within which a signal ends the node
 _LAST_SPINS = 0.3  # s for which `spin_out` sends
 # characters of the error with which a node ends: a part of a path may have 255
-_LONGEST_REASON = 1000
 _EXPECTED = (
     SetupError,
     ResourceError,
@@ -75,7 +74,7 @@ def run_node(
     except _EXPECTED as error:
         rclpy.try_shutdown()
         # those of rcl have several lines
-        reason = printable(" ".join(str(error).split()), _LONGEST_REASON)
+        reason = one_line(error)
         sys.exit(f"{Path(sys.argv[0]).name}: {reason}")
     # Libraries and models live as long as the process: scanning them for garbage would take up to
     # 50 ms.

@@ -40,7 +40,7 @@ from ator_ros.nodes.parameters import (
 )
 from ator_ros.nodes.remote_messages import action_type
 from ator_ros.nodes.running import run_node, spin_out
-from ator_ros.printable import printable, quoted
+from ator_ros.printable import one_line, quoted
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.world.messages import FrameError, MessageError, expect_frame, plain_frame, pose_from
@@ -50,7 +50,6 @@ _MAX_CHAIN_STEPS = 8  # the search of more takes longer than refinement's defaul
 _PERIOD = 0.1  # real s between two checks of awaited conditions and of the executor
 _TF_TIMEOUT = 1.0  # real s until the frame of a pose counts as unknown
 _SERVER_TIMEOUT = 3.0  # real s until the executor counts as missing; DDS may still be connecting it
-_LONGEST_REASON = 500
 _COMPLETED, _FAILED = 1, 3  # a WaypointStatus; 0 means pending
 _FREE = frozenset({"yaw"})
 
@@ -126,7 +125,7 @@ class WaypointGoal:
 
         `frame` is true where tf does not connect the waypoint's frame.
         """
-        reason = printable(reason, _LONGEST_REASON)
+        reason = one_line(reason)
         self._missed.append((index, _POSE_TF_ERROR if frame else _POSE_UNKNOWN, reason))
         if self.is_follow_waypoints:
             return _FW_STOP_ON_MISSED_WAYPOINT, reason
@@ -443,7 +442,7 @@ class WaypointsNode(Node):
             if reason := self._interruption(goal):
                 return unknown, reason
             if outcome.code == Outcome.REFUSED:
-                return unknown, printable(outcome.reason, _LONGEST_REASON)
+                return unknown, one_line(outcome.reason)
             reached = [
                 each.step
                 for each in result.record.actions
