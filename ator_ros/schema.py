@@ -68,6 +68,7 @@ class Must:
 
 
 NAME = Must("a name of letters, digits and _", lambda text: text.isascii() and text.isidentifier())
+TITLE = Must("a printable name of up to 60 characters", lambda text: printable(text) == text)
 NOT_EMPTY = Must("at least one", bool)
 
 

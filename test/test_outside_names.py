@@ -19,6 +19,7 @@ from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.nodes import messages
 from ator_ros.nodes.inputs import TfListener
 from ator_ros.printable import ReadableError, listed, one_line
+from ator_ros.resources import resource_path
 from ator_ros.robot.description import load_robot
 from ator_ros.tools import train
 from ator_ros.world.grid_map import load_map
@@ -153,6 +154,17 @@ def test_keys_values_and_names_of_files_are_cut_and_escaped(
     with pytest.raises(ReadableError) as caught:
         FILES[kind](tmp_path / f"{name[:100]}.yaml".replace("\x00", ""))
     assert is_readable(str(caught.value)), str(caught.value)[:400]
+
+
+@pytest.mark.parametrize("name", HOSTILE, ids=range(len(HOSTILE)))
+def test_the_name_of_a_robot_must_be_printable(tmp_path: Path, name: str) -> None:
+    file = tmp_path / "robot.yaml"
+    content = yaml.safe_load(resource_path("config", "turtlebot4.yaml").read_text(encoding="utf-8"))
+    content["robot"]["name"] = name
+    file.write_text(yaml.safe_dump(content), encoding="utf-8")
+    with pytest.raises(ReadableError, match=r"robot\.name: expected a printable name") as caught:
+        load_robot(file)
+    assert is_readable(str(caught.value))
 
 
 @pytest.mark.parametrize("name", HOSTILE, ids=range(len(HOSTILE)))

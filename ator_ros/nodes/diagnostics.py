@@ -26,6 +26,7 @@ WARNING_PERIOD = 2.0  # s between two warnings that one line of code logs
 _PERIOD = 1.0  # s
 # reports in a row after which a problem is logged: inputs are also missing at the start
 _PERSISTENT = 5
+_LONGEST = 500  # characters of a status, which may join the messages of several problems
 _TICKS = 1000
 
 
@@ -62,7 +63,7 @@ class Diagnostics:
         self._problem = problem
         if problem != self._logged and self._repeats >= (_PERSISTENT if problem else 1):
             if problem:
-                self._node.get_logger().warning(one_line(problem))
+                self._node.get_logger().warning(one_line(problem, _LONGEST))
             self._logged = problem
         level = DiagnosticStatus.OK
         if problem:
@@ -70,7 +71,7 @@ class Diagnostics:
         status = DiagnosticStatus(
             level=level,
             name=self._node.get_fully_qualified_name(),
-            message=one_line(problem or "running"),
+            message=one_line(problem or "running", _LONGEST),
             values=[
                 KeyValue(key=key, value=one_line(value)) for key, value in health.values.items()
             ],

@@ -15,7 +15,7 @@ from ator_ros.nodes.diagnostics import STEADY, WARNING_PERIOD
 from ator_ros.nodes.messages import grid_from
 from ator_ros.nodes.parameters import SetupError, map_topic
 from ator_ros.nodes.qos import LATCHED
-from ator_ros.printable import quoted
+from ator_ros.printable import one_line, quoted
 from ator_ros.robot.description import Robot
 from ator_ros.world.grid_map import GridMap
 from ator_ros.world.messages import MessageError
@@ -64,7 +64,7 @@ def follow_map(
             node.get_logger().warning(f"ignored: {error}", throttle_duration_sec=WARNING_PERIOD)
             return
         current = grid
-        node.get_logger().info(f"on the map {grid}")
+        node.get_logger().info(one_line(f"on the map {grid}"))
 
     try:
         node.create_subscription(OccupancyGrid, topic, on_map, LATCHED)

@@ -351,7 +351,7 @@ class WaypointsNode(Node):
                 previous.cancel()  # the executor continues its chain if it refused the new one
         if handle.is_cancel_requested:
             code, reason = 0, "canceled by the client"
-        self.get_logger().info(f"goal ended: {reason or goal.summary()}")
+        self.get_logger().info(one_line(f"goal ended: {reason or goal.summary()}"))
         return goal.finish(code, reason)
 
     async def _read(self, goal: WaypointGoal) -> tuple[int, str]:

@@ -14,7 +14,7 @@ from ator_ros.files import FileError, content_with_optional_header, read_yaml
 from ator_ros.geometry import Pose
 from ator_ros.printable import ReadableError
 from ator_ros.resources import resource_path
-from ator_ros.schema import SchemaError, Within, structured
+from ator_ros.schema import TITLE, SchemaError, Within, structured
 from ator_ros.world.grid_map import GridMap
 from ator_ros.world.scene import Mass, Scene, Size
 from ator_ros.world.state import World
@@ -114,7 +114,7 @@ class Base:
     about 0.6 g, and two driven wheels carry about 0.7 of the weight.
     """
 
-    name: str
+    name: Annotated[str, TITLE]
     wheel_radius: Size
     track: Size
     mass: Mass

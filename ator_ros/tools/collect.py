@@ -28,6 +28,7 @@ from ator_ros.experience.table import (
     write_experience,
 )
 from ator_ros.files import FileError
+from ator_ros.printable import one_line
 from ator_ros.tools.command_line import (
     RESUMES,
     add_factor,
@@ -92,7 +93,7 @@ def collect(
     if not possible:
         raise ExperienceError("; ".join(skipped.values()))
     for name, reason in skipped.items():
-        print(f"collect: skipped {name}: {reason}", file=sys.stderr)
+        print(one_line(f"collect: skipped {name}: {reason}"), file=sys.stderr)
     wanted = [(action, number) for action in possible for number in range(episodes)]
     settings = {"seed": seed, "domain": domain.name, "action_set": source.action_set}
     if domain.grid is not None:
@@ -152,7 +153,7 @@ def _report(frame: pd.DataFrame) -> None:
             f"succeeded, mean duration {ends['duration'].mean():.2f} s"
         )
         for reason, count in ends.loc[~ends["success"], "reason"].value_counts().head(5).items():
-            print(f"  failed {count} times: {reason}")
+            print(f"  failed {count} times: {one_line(reason)}")
 
 
 def arguments() -> argparse.ArgumentParser:
