@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
+from typing import ClassVar
 
 _LISTED = 120  # characters of each text of a list: whole sentences, such as reasons
 _LONGEST = 300  # characters of a message: three sentences, which fit on a page and in a terminal
@@ -63,10 +64,12 @@ def one_line(text: object, most: int = _LONGEST) -> str:
 
 
 class ReadableError(Exception):
-    """An error whose text is a message for users, see `one_line`."""
+    """An error whose text is a message for users of at most `longest` characters, see `one_line`."""
+
+    longest: ClassVar[int] = _LONGEST
 
     def __init__(self, text: object = "") -> None:
-        super().__init__(one_line(text))
+        super().__init__(one_line(text, self.longest))
 
     def __str__(self) -> str:
         """Return the text, also where a base class would quote it."""

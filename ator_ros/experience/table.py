@@ -28,6 +28,8 @@ from ator_ros.world.messages import MOST_OBJECTS
 class ExperienceError(ReadableError, ValueError):
     """Experience cannot be used; the message names the file, the field and the expected value."""
 
+    longest = 600  # names topics of recordings and columns of tables beside what was expected
+
 
 LARGEST = 1e9
 """Greatest number in a table: thirty years in s; in m it exceeds `world.messages.FARTHEST`."""
