@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import yaml
 
-from ator_ros.printable import printable, quoted
+from ator_ros.printable import ReadableError, printable, quoted
 from ator_ros.schema import SchemaError, structured, unstructured
 
 if TYPE_CHECKING:
@@ -127,7 +127,7 @@ def _portable(word: str) -> str:
     return f"{option}{equals}{path.name if is_file else value}"
 
 
-class FileError(ValueError):
+class FileError(ReadableError, ValueError):
     """A file or folder cannot be used; the message names it, the field, and what was expected."""
 
 

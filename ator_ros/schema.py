@@ -26,7 +26,7 @@ from typing import (
     get_type_hints,
 )
 
-from ator_ros.printable import printable, quoted
+from ator_ros.printable import ReadableError, printable, quoted
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -35,7 +35,7 @@ T = TypeVar("T")
 _LONGEST = 200  # characters of a path, and of the fields that are missing or unknown
 
 
-class SchemaError(ValueError):
+class SchemaError(ReadableError, ValueError):
     """Data does not fit its schema; the message is one line: field, expected, actual."""
 
 
@@ -68,6 +68,7 @@ class Must:
 
 
 NAME = Must("a name of letters, digits and _", lambda text: text.isascii() and text.isidentifier())
+TITLE = Must("a printable name of up to 60 characters", lambda text: printable(text) == text)
 NOT_EMPTY = Must("at least one", bool)
 
 

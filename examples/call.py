@@ -5,7 +5,8 @@
     ator_interfaces/action/ExecuteChain "{refine: true, ...}" python3 examples/call.py echo
     /performance/chain
 
-The values are YAML; other fields keep their defaults. --feedback prints the feedback of a goal.
+The values are YAML; other fields keep their defaults. --feedback prints a line when anything
+but a number of a goal's feedback changes. Before a result, its reason is printed in a line of its own.
 Ctrl-C cancels the goal. The program needs rclpy, PyYAML and the packages of the types.
 """
 
@@ -31,6 +32,7 @@ from rclpy.signals import SignalHandlerOptions
 from ator_ros.nodes.leases import publish_lease
 
 _TIMEOUT = 10.0  # s
+_DECIMALS = re.compile(r"\d+\.\d+(e-?\d+)?|\bnan\b")
 _POLL = 0.1  # s: Ctrl-C is handled between two waits
 
 
@@ -91,6 +93,31 @@ def show(message: Any, end: str = "") -> None:
     )
 
 
+class FeedbackLines:
+    """Prints feedback in a line each time that anything but its numbers with decimals changes."""
+
+    def __init__(self) -> None:
+        self._last = ""
+
+    def show(self, message: Any) -> None:
+        """Print the feedback of a message of an action if it is new."""
+        fields = _plain(message.feedback)
+        state = _DECIMALS.sub("", str(fields))
+        if state == self._last:
+            return
+        self._last = state
+        text = yaml.safe_dump(
+            fields, sort_keys=False, width=math.inf, allow_unicode=True, default_flow_style=True
+        )
+        print(f"feedback: {text.strip()}", flush=True)
+
+
+def reason_of(result: Any) -> str:
+    """Return the reason in a result, such as that of execute_chain, in one line; empty without one."""
+    reason = getattr(getattr(result, "outcome", None), "reason", "")
+    return " ".join(str(reason).split())
+
+
 def _plain(value: Any) -> Any:
     if isinstance(value, dict):
         return {name: _plain(item) for name, item in value.items()}
@@ -149,9 +176,7 @@ def send_goal(node: Node, action: str, kind: Any, values: Any, *, feedback: bool
         goal.lease = publish_lease(node)  # a chain of execute_chain ends with this program
     sent = client.send_goal_async(
         goal,
-        feedback_callback=(lambda message: show({"feedback": message.feedback}))
-        if feedback
-        else None,
+        feedback_callback=FeedbackLines().show if feedback else None,
     )
     handle = _answer(node, sent, action)
     if not handle.accepted:
@@ -162,6 +187,8 @@ def send_goal(node: Node, action: str, kind: Any, values: Any, *, feedback: bool
     except KeyboardInterrupt:
         _answer(node, handle.cancel_goal_async(), action)
         ended = _answer(node, result, action)
+    if reason := reason_of(ended.result):
+        print(reason)
     show({"result": ended.result})
     if ended.status != GoalStatus.STATUS_SUCCEEDED:
         how = "canceled" if ended.status == GoalStatus.STATUS_CANCELED else "aborted"

@@ -62,6 +62,8 @@ BY_TEST = {
     r"(scripts/run python -m )?colcon build": f"{_ROS}::test_a_checkout_is_built_by_hand",
     r"export ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET": "nodes/test_network.py::test_user_settings_are_kept",
     r"ros2 run ator_ros \w+ .*nav2\.yaml.*": "nodes/test_nav2_files.py::test_nodes_start",
+    r"ros2 service call /predict_durations .*": "nodes/test_rounds_page.py::test_a_round_is_",
+    r"ros2 run ator_ros \w+ .*domain:=drive.*": "nodes/test_rounds_page.py::test_a_round_is_",
     r"ros2 run ator_ros waypoints .*": "nodes/test_waypoints_node.py::test_waypoints_are_followed_",
     r"(ros2 run ator_ros )?collect .*--attach.*": "nodes/test_attached.py::test_drives_are_kept_on_",
     r"ros2 run ator_ros train .*--planner .*": "nodes/test_path_planner.py::test_models_are_learned_from_",
@@ -292,7 +294,10 @@ def test_links_on_a_page_lead_to_files_and_headings(page: Path) -> None:
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_a_page_is_short_and_in_the_index(page: Path) -> None:
-    assert len(page.read_text(encoding="utf-8").splitlines()) <= 170
+    lines = page.read_text(encoding="utf-8").splitlines()
+    assert len(lines) <= 150
+    not_prose = ("    ", "|", "![")
+    assert [line for line in lines if len(line) > 100 and not line.startswith(not_prose)] == []
     index = (ROOT / "docs" / "README.md").read_text(encoding="utf-8")
     assert page.parent != ROOT / "docs" or page.name == "README.md" or f"({page.name})" in index
 
@@ -321,6 +326,20 @@ def test_tables_of_gains_agree_with_the_reports() -> None:
     shown = re.findall(printed, readme)
     assert len(shown) == 5
     assert set(shown) <= set(gains)
+
+
+def test_the_predicted_times_of_the_readme_agree_with_the_report() -> None:
+    file = ROOT / "docs" / "evaluation_tour" / "evaluation.json"
+    policies = json.loads(file.read_text(encoding="utf-8"))["runs"]["policies"]
+
+    def means(policy: str) -> list[float]:
+        return [sum(policies[policy][name]) / 200 for name in ("predicted", "duration")]
+
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    predicted, driven = re.findall(r"take (\S+) s and took (\S+) s, on average of", readme)[0]
+    assert [float(predicted), float(driven)] == pytest.approx(means("refined"), abs=0.006)
+    formulas = re.findall(r"formulas predict (\S+) s for its (\S+) s", readme)[0]
+    assert list(map(float, formulas)) == pytest.approx(means("analytic"), abs=0.06)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 from ator_ros.geometry import FloatArray, Pose, decimal, decimal_pose
+from ator_ros.printable import ReadableError
 from ator_ros.robot.description import Robot
 from ator_ros.world.state import STOP, Command, World
 
@@ -76,7 +77,7 @@ class Step:
     message: str
 
 
-class ActionError(ValueError):
+class ActionError(ReadableError, ValueError):
     """An action cannot be executed: by this robot, from this state, or to this goal."""
 
 

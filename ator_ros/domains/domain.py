@@ -30,7 +30,7 @@ from ator_ros.domains.declared import DeclaredAction, DeclaredDomain, DeclaredSe
 from ator_ros.files import FileError, content_with_optional_header, read_yaml
 from ator_ros.motion.routes import routes_of
 from ator_ros.performance.features import CANDIDATES, GENERAL, ROUTE_FEATURES, Feature, goal_feature
-from ator_ros.printable import printable, quoted
+from ator_ros.printable import ReadableError, printable, quoted
 from ator_ros.resources import resource_path
 from ator_ros.robot.description import ConfigError, Robot, load_robot
 from ator_ros.schema import SchemaError, require, structured
@@ -60,7 +60,7 @@ Line = Sequence[tuple[float, float]]
 """The corners of a line on the floor, x and y in m."""
 
 
-class DomainError(ValueError):
+class DomainError(ReadableError, ValueError):
     """A domain that cannot be used."""
 
 

@@ -20,13 +20,15 @@ from ator_ros.experience.episode import Episode
 from ator_ros.files import atomic_write, content_of, header, is_name
 from ator_ros.geometry import FloatArray
 from ator_ros.motion.drive_parts import DriveParts, parts_of_drive
-from ator_ros.printable import printable, quoted
+from ator_ros.printable import ReadableError, printable, quoted
 from ator_ros.schema import SchemaError
 from ator_ros.world.messages import MOST_OBJECTS
 
 
-class ExperienceError(ValueError):
+class ExperienceError(ReadableError, ValueError):
     """Experience cannot be used; the message names the file, the field and the expected value."""
+
+    longest = 600  # names topics of recordings and columns of tables beside what was expected
 
 
 LARGEST = 1e9

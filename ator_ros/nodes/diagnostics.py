@@ -18,7 +18,7 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from ator_ros.nodes.inputs import GAPS, Subscriptions
 from ator_ros.nodes.qos import RESULTS
-from ator_ros.printable import printable
+from ator_ros.printable import one_line, printable
 from ator_ros.world.messages import FrameError, SendersError
 
 STEADY = Clock(clock_type=ClockType.STEADY_TIME)  # of timers that are independent of simulated time
@@ -26,7 +26,7 @@ WARNING_PERIOD = 2.0  # s between two warnings that one line of code logs
 _PERIOD = 1.0  # s
 # reports in a row after which a problem is logged: inputs are also missing at the start
 _PERSISTENT = 5
-_LONGEST = 500  # characters of a text
+_LONGEST = 500  # characters of a status, which may join the messages of several problems
 _TICKS = 1000
 _MOST_NAMED = 8  # nodes in a message
 
@@ -64,7 +64,7 @@ class Diagnostics:
         self._problem = problem
         if problem != self._logged and self._repeats >= (_PERSISTENT if problem else 1):
             if problem:
-                self._node.get_logger().warning(printable(problem, _LONGEST))
+                self._node.get_logger().warning(one_line(problem, _LONGEST))
             self._logged = problem
         level = DiagnosticStatus.OK
         if problem:
@@ -72,10 +72,9 @@ class Diagnostics:
         status = DiagnosticStatus(
             level=level,
             name=self._node.get_fully_qualified_name(),
-            message=printable(problem or "running", _LONGEST),
+            message=one_line(problem or "running", _LONGEST),
             values=[
-                KeyValue(key=key, value=printable(value, _LONGEST))
-                for key, value in health.values.items()
+                KeyValue(key=key, value=one_line(value)) for key, value in health.values.items()
             ],
         )
         message = DiagnosticArray(status=[status])

@@ -65,6 +65,7 @@ from ator_ros.nodes.parameters import (
 from ator_ros.nodes.qos import ACTION_QUEUES, LATCHED, RESULTS, SERVICES
 from ator_ros.nodes.remote_actions import RemoteServers
 from ator_ros.nodes.running import run_node, spin_out
+from ator_ros.printable import one_line
 from ator_ros.robot.description import Robot
 from ator_ros.tops.objects import missing_in
 from ator_ros.world.estimation import ObjectTracker, Sightings
@@ -380,7 +381,7 @@ class ExecutorNode(Node):
         run.finished.set_result(result)
         if run.supervisor.ending is not Ending.SUCCEEDED:
             self._last_error = run.supervisor.reason
-        self.get_logger().info(f"goal ended: {run.summary}")
+        self.get_logger().info(one_line(f"goal ended: {run.summary}"))
 
     def _cause(self, supervisor: Supervisor) -> str:
         """Return the most likely cause of an ending that is due to inputs or the base.
@@ -448,7 +449,7 @@ class ExecutorNode(Node):
 
     def _warn(self, error: str) -> None:
         self._last_error = error
-        self.get_logger().warning(error, throttle_duration_sec=WARNING_PERIOD)
+        self.get_logger().warning(one_line(error), throttle_duration_sec=WARNING_PERIOD)
 
     def _health(self) -> Health:
         silence = time.monotonic() - self._odom_at if self._odom_at else None

@@ -25,14 +25,14 @@ from ator_ros.execution.supervisor import Deadlines, Phase, Supervisor
 from ator_ros.nodes import messages
 from ator_ros.nodes.messages import gain_of, performance_of, situation_of
 from ator_ros.nodes.models import ModelSet
-from ator_ros.printable import printable
+from ator_ros.nodes.result_line import changes_of, result_line
+from ator_ros.printable import one_line
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.messages import MessageError
 from ator_ros.world.state import World
 
 _FEEDBACK_PERIOD = 0.1  # s on odometry's clock
-_LONGEST_REASON = 500
 # real s in which DDS connects to a refinement node that is there
 _DISCOVERY = 0.5
 _INTERRUPTED = (Ending.CANCELED, Ending.PREEMPTED, Ending.SHUTDOWN, Ending.REFUSED)
@@ -89,6 +89,7 @@ class GoalRun:
         self._id = _id_of(handle)
         self._records: list[ActionPerformance] = []
         self._gain = gain_of()  # of the chain as planned
+        self._changes: list[str] = []  # what refinement changed in it, in words
         self._request: Future | None = None
         self._asked: Question | None = None
         self._feedback = ("", 0.0)  # step and phase of the last feedback, and its time in s
@@ -173,12 +174,12 @@ class GoalRun:
         answer, supervisor = future.result(), self.supervisor
         if answer is None or question is not supervisor.question:  # withdrawn, or late
             return
-        reason = printable(answer.reason, _LONGEST_REASON)
+        reason = one_line(answer.reason)
         if not answer.accepted:
             supervisor.unrefined(reason)
             return
         if supervisor.phase is Phase.REFINING:
-            self._gain = answer.gain
+            self._gain, self._changes = answer.gain, changes_of(answer)
         frame, where = self._frame, "refined chain"
         try:
             chain = messages.chain_from(
@@ -248,14 +249,14 @@ class GoalRun:
             chain=messages.chain_of(chain, action_set=self._library.action_set, frame=frame),
             start=situation_of(supervisor.start or world, frame=frame),
             refined=supervisor.refining.refined,
-            refinement=supervisor.refining.reason,
+            refinement=one_line(supervisor.refining.reason),
             fetched=supervisor.executor.fetch_count,
             refined_again=supervisor.refining.refined_again,
             actions=self._records,
             gain=self._gain,
             predicted=predicted,
             actual=actual,
-            outcome=Outcome(code=code, reason=supervisor.reason),
+            outcome=Outcome(code=code, reason=one_line(supervisor.reason)),
         )
 
     def result(self, world: World | None) -> Any:
@@ -264,7 +265,10 @@ class GoalRun:
             ending = self.supervisor.ending or Ending.FAILED
             return unstarted(self.handle, ending, self.supervisor.reason, frame=self._frame)
         record = self.record(world)
-        return ExecuteChain.Result(outcome=record.outcome, record=record)
+        wanted = self.supervisor.refining.wanted
+        line = result_line(record, wanted=wanted, changes=self._changes)
+        outcome = Outcome(code=record.outcome.code, reason=line)
+        return ExecuteChain.Result(outcome=outcome, record=record)
 
 
 def _id_of(handle: ServerGoalHandle) -> str:

@@ -22,7 +22,7 @@ from tf2_msgs.msg import TFMessage
 from ator_ros.geometry import Pose
 from ator_ros.nodes.parameters import STATE, SetupError
 from ator_ros.nodes.qos import LATCHED_BY_MANY, RESULTS, SENSOR_DATA
-from ator_ros.printable import quoted
+from ator_ros.printable import listed, one_line, printable, quoted
 from ator_ros.robot.description import Robot
 from ator_ros.world.estimation import RobotVelocity, StampError
 from ator_ros.world.messages import (
@@ -61,11 +61,11 @@ class TfListener:
 
     def problem(self, frame: str, child: str) -> str:
         """Return the problem if the place of `child` in `frame` is unknown or old."""
+        ours = f"from {printable(frame)} to {printable(child)}"
         if self.transforms.latest(frame, child) is not None:
-            return f"tf: expected newer transforms from {frame} to {child}"
-        frames = self.transforms.frames
-        known = f"{', '.join(frames[:_MOST_NAMED])}{' …' if len(frames) > _MOST_NAMED else ''}"
-        return f"tf: expected transforms from {frame} to {child}, got the frames: {known or 'none'}"
+            return f"tf: expected newer transforms {ours}"
+        frames = listed(map(printable, self.transforms.frames), _MOST_NAMED) or "none"
+        return one_line(f"tf: expected transforms {ours}, got the frames: {frames}")
 
     def base(self, frame: str, other: str) -> Pose | None:
         """Return the pose of another frame in `frame`; None if it is unknown, or the same frame."""

@@ -16,7 +16,7 @@ from ator_ros.nodes.diagnostics import STEADY, WARNING_PERIOD
 from ator_ros.nodes.messages import grid_from
 from ator_ros.nodes.parameters import SetupError, map_topic
 from ator_ros.nodes.qos import LATCHED
-from ator_ros.printable import printable, quoted
+from ator_ros.printable import one_line, quoted
 from ator_ros.robot.description import Robot
 from ator_ros.world.grid_map import GridMap, values_of
 from ator_ros.world.messages import MessageError
@@ -59,7 +59,7 @@ def follow_map(
     if not topic:
         return followed
     followed.is_missing = True
-    shown = printable(topic)
+    shown = one_line(topic)
     followed.problem = (
         f"{shown}: expected a map, got none yet; start map_server, or set the parameter map"
     )
@@ -93,7 +93,7 @@ def follow_map(
             return
         current = grid
         followed.problem, followed.is_missing = "", False
-        node.get_logger().info(f"on the map {grid}")
+        node.get_logger().info(one_line(f"on the map {grid}"))
 
     try:
         node.create_subscription(OccupancyGrid, topic, on_map, LATCHED)

@@ -24,7 +24,7 @@ from ator_ros.actions.goal_variables import GOAL_VARIABLES, goal_values, wrong_v
 from ator_ros.execution.fence import Fence
 from ator_ros.geometry import Pose, quaternion_from_yaw
 from ator_ros.planning.goals import MOST_STATEMENTS, GoalStatement, Unspecified
-from ator_ros.printable import quoted
+from ator_ros.printable import one_line, quoted
 from ator_ros.refinement import RefinementError
 from ator_ros.refinement.chain_prediction import ChainPrediction
 from ator_ros.refinement.gate import MeasuredGain
@@ -328,12 +328,12 @@ def answer_of(
         accepted=True,
         refined=refinement.refined,
         cut_short=not choice.complete,
-        reason=refinement.reason,
+        reason=one_line(refinement.reason),
         chain=chain_of(refinement.chain, action_set=action_set, frame=frame),
         original=chain_of(refinement.original, action_set=action_set, frame=frame),
         free=_free_variables(refinement),
         not_free=[
-            msg.NotFree(subgoal=n.subgoal, name=n.name, reason=n.reason)
+            msg.NotFree(subgoal=n.subgoal, name=n.name, reason=one_line(n.reason))
             for n in refinement.not_free
         ],
         without_model=list(refinement.without_model),
@@ -360,11 +360,13 @@ def _alternative(
     judged: Judged, sent: msg.TopChain, *, action_set: str, frame: str
 ) -> msg.Alternative:
     if isinstance(judged, str):
-        return msg.Alternative(reason=judged, chain=sent, predicted=performance_of(), cost=math.nan)
+        return msg.Alternative(
+            reason=one_line(judged), chain=sent, predicted=performance_of(), cost=math.nan
+        )
     return msg.Alternative(
         accepted=True,
         complete=judged.complete,
-        reason=judged.reason,
+        reason=one_line(judged.reason),
         chain=chain_of(judged.chain, action_set=action_set, frame=frame),
         predicted=chain_performance_of(judged.predicted),
         cost=judged.predicted.cost,

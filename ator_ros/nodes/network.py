@@ -8,6 +8,7 @@ from collections.abc import Iterator, MutableMapping
 from contextlib import contextmanager
 from pathlib import Path
 
+from ator_ros.printable import ReadableError
 from ator_ros.resources import resource_path
 
 RANGE, THIS_MACHINE = "ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST"
@@ -18,7 +19,7 @@ _DOMAINS = 100
 _FIRST_PORT, _PORTS = 7400, 250  # UDP ports of domain 0, and of each domain, in the DDS standard
 
 
-class NodesError(RuntimeError):
+class NodesError(ReadableError, RuntimeError):
     """Required nodes do not run, or a request to them failed."""
 
 

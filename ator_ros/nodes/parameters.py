@@ -22,7 +22,7 @@ from ator_ros.domains import DEFAULT
 from ator_ros.domains.domain import Domain, DomainError, domain_for, find_domain
 from ator_ros.execution.fence import Fence
 from ator_ros.files import FileError
-from ator_ros.printable import printable, quoted
+from ator_ros.printable import ReadableError, printable, quoted
 from ator_ros.robot.description import ConfigError, Robot
 from ator_ros.tops.chain import Top
 from ator_ros.tops.conditions import Condition
@@ -30,7 +30,7 @@ from ator_ros.tops.library import TopLibrary
 from ator_ros.world.messages import plain_frame
 
 
-class SetupError(Exception):
+class SetupError(ReadableError):
     """A node that cannot start with these parameters or files; the message is for the user."""
 
 

@@ -46,7 +46,7 @@ from ator_ros.nodes.segments import refinement_shapes
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.planning.goals import PlanningError
 from ator_ros.planning.planner import chains_for
-from ator_ros.printable import printable
+from ator_ros.printable import one_line
 from ator_ros.refinement import RefinementError
 from ator_ros.refinement.durations import Durations, predict_durations
 from ator_ros.refinement.gate import NO_GATE, Gate
@@ -95,7 +95,6 @@ PARAMETERS = (
 )
 
 _ROOM = 1.2  # factor of a recommended deadline, for answers that are not always as fast
-_LONGEST_REASON = 500
 _MOST_PREDICTED = 100  # situations, and calls, of one request
 _FIRST_BLOCK = 10  # situations from which a step is predicted at once, before its pace is known
 _BLOCK_TIME = 0.03  # real s; on maps and with planners a prediction takes 0.5 to 10 ms
@@ -199,12 +198,12 @@ class RefinementNode(Node):
             response = await found if inspect.isawaitable(found) else found
         except Exception as error:  # a defect must not end the node
             if isinstance(error, MessageError | RefinementError | PlanningError):
-                reason = printable(str(error), _LONGEST_REASON)
+                reason = one_line(error)
                 self.get_logger().warning(
                     f"refused: {reason}", throttle_duration_sec=WARNING_PERIOD
                 )
             else:
-                reason = f"internal error: {printable(repr(error), _LONGEST_REASON)}"
+                reason = f"internal error: {one_line(repr(error), 200)}"
                 self.get_logger().error(
                     traceback.format_exc(), throttle_duration_sec=WARNING_PERIOD
                 )
@@ -253,7 +252,7 @@ class RefinementNode(Node):
         if not choice.complete:
             answer.reason += f"; {needed_deadline(choice, deadline)}"
         if self._robot.grid is not None:
-            answer.reason += f"; map {self._robot.grid}"
+            answer.reason = one_line(f"{answer.reason}; map {self._robot.grid}")
         return answer
 
     def _plan(self, request: PlanChains.Request) -> PlanChains.Response:

@@ -16,14 +16,14 @@ from ator_ros.actions.base import Goal
 from ator_ros.actions.goal_variables import goal_values
 from ator_ros.actions.remote import Filling, RemoteCall, parts
 from ator_ros.nodes.messages import pose_of
-from ator_ros.printable import printable, quoted
+from ator_ros.printable import ReadableError, printable, quoted
 
 _FLOATS, _TEXTS = ("float", "double"), ("string", "wstring")
 _POSES = ("geometry_msgs/Pose", "geometry_msgs/PoseStamped")
 _SEQUENCE = re.compile(r"sequence<([^,]+)(?:, \d+)?>")
 
 
-class RemoteError(ValueError):
+class RemoteError(ReadableError, ValueError):
     """An action server that cannot be used as declared."""
 
 

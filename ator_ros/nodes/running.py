@@ -26,14 +26,13 @@ from rclpy.utilities import remove_ros_args
 
 from ator_ros.nodes.network import stay_on_this_machine
 from ator_ros.nodes.parameters import Parameter, SetupError
-from ator_ros.printable import printable
+from ator_ros.printable import one_line
 from ator_ros.resources import ResourceError
 
 _EMPTY_PARAMETER = re.compile(r"parameter override rule: '(-p \S+:=)'")  # rcl gives no reason
 _SPIN_PERIOD = 0.1  # s within which a signal ends the node
 _LAST_SPINS = 0.3  # s for which `spin_out` sends
 # characters of the error with which a node ends: a part of a path may have 255
-_LONGEST_REASON = 1000
 _EXPECTED = (
     SetupError,
     ResourceError,
@@ -78,7 +77,7 @@ def run_node(
     except _EXPECTED as error:
         rclpy.try_shutdown()
         # those of rcl have several lines
-        reason = printable(" ".join(str(error).split()), _LONGEST_REASON)
+        reason = one_line(error)
         if empty := _EMPTY_PARAMETER.search(reason):
             reason = f"{empty[1]}: expected a value, got none; an empty text is {empty[1]}\"''\""
         sys.exit(f"{Path(sys.argv[0]).name}: {reason}")

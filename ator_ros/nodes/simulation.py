@@ -38,7 +38,7 @@ from ator_ros.nodes.parameters import (
 from ator_ros.nodes.qos import LATCHED, NEWEST, RESULTS, SENSOR_DATA, SERVICES
 from ator_ros.nodes.running import run_node
 from ator_ros.nodes.simulated_world import SimulatedRobot, SimulatedWorld
-from ator_ros.printable import quoted
+from ator_ros.printable import one_line, quoted
 from ator_ros.robot.description import Robot
 from ator_ros.simulation.sensors import ObjectErrors, SensorConfig, Sensors
 from ator_ros.simulation.simulation import TICK
@@ -217,7 +217,9 @@ class SimulationNode(Node):
 
     def _warn(self, reason: str) -> None:
         self._last_error = reason
-        self.get_logger().warning(f"ignored: {reason}", throttle_duration_sec=WARNING_PERIOD)
+        self.get_logger().warning(
+            one_line(f"ignored: {reason}"), throttle_duration_sec=WARNING_PERIOD
+        )
 
     def _serve(self, handle: Callable[[Any], str], request: Any, response: Any) -> Any:
         """Answer a request with the text that `handle` returns, or with its error."""

@@ -43,7 +43,7 @@ from ator_ros.nodes.parameters import (
 from ator_ros.nodes.qos import ACTION_QUEUES
 from ator_ros.nodes.remote_messages import action_type
 from ator_ros.nodes.running import pause, run_node, spin_out
-from ator_ros.printable import printable, quoted
+from ator_ros.printable import one_line, quoted
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.world.messages import (
@@ -59,7 +59,6 @@ _MAX_CHAIN_STEPS = 8  # the search of more takes longer than refinement's defaul
 _PERIOD = 0.1  # real s between two checks of awaited conditions and of the executor
 _TF_TIMEOUT = 1.0  # real s until the frame of a pose counts as unknown
 _SERVER_TIMEOUT = 3.0  # real s until the executor counts as missing; DDS may still be connecting it
-_LONGEST_REASON = 500
 _MOST_WAYPOINTS = 2000  # a goal; three hours of drives of 5 s
 _BLOCK = 50  # poses that are read at once: 5 ms, after which other messages are processed
 _COMPLETED, _FAILED = 1, 3  # a WaypointStatus; 0 means pending
@@ -145,7 +144,7 @@ class WaypointGoal:
 
         `frame` is true where tf does not connect the waypoint's frame.
         """
-        reason = printable(reason, _LONGEST_REASON)
+        reason = one_line(reason)
         self._missed.append((index, _POSE_TF_ERROR if frame else _POSE_UNKNOWN, reason))
         if self.is_follow_waypoints:
             return _FW_STOP_ON_MISSED_WAYPOINT, reason
@@ -386,7 +385,7 @@ class WaypointsNode(Node):
                 previous.cancel()  # the executor continues its chain if it refused the new one
         if handle.is_cancel_requested:
             code, reason = 0, "canceled by the client"
-        self.get_logger().info(f"goal ended: {reason or goal.summary()}")
+        self.get_logger().info(one_line(f"goal ended: {reason or goal.summary()}"))
         return goal.finish(code, reason)
 
     async def _read(self, goal: WaypointGoal) -> tuple[int, str]:
@@ -409,7 +408,7 @@ class WaypointsNode(Node):
             )
             return goal.unknown_error, reason
         if not await self._wait_for(lambda: not self._map.is_missing, _TF_TIMEOUT):
-            return goal.unknown_error, printable(self._map.problem, _LONGEST_REASON)
+            return goal.unknown_error, one_line(self._map.problem)
         used = {
             goal.waypoint_index(leg) for leg in range(goal.leg, min(goal.end, goal.leg + count))
         }
@@ -508,7 +507,7 @@ class WaypointsNode(Node):
             if reason := self._interruption(goal):
                 return unknown, reason
             if outcome.code == Outcome.REFUSED:
-                return unknown, printable(outcome.reason, _LONGEST_REASON)
+                return unknown, one_line(outcome.reason)
             reached = [
                 each.step
                 for each in result.record.actions

@@ -7,13 +7,13 @@ import math
 from collections.abc import Sequence
 from contextlib import suppress
 
-from ator_ros.printable import quoted
+from ator_ros.printable import ReadableError, quoted
 from ator_ros.tops.conditions import Region, Statement
 
 MOST_STATEMENTS = 8
 
 
-class PlanningError(ValueError):
+class PlanningError(ReadableError, ValueError):
     """A goal that is invalid or has no plan."""
 
 

@@ -12,8 +12,9 @@ from typing import Annotated, Any
 
 from ator_ros.files import FileError, content_with_optional_header, read_yaml
 from ator_ros.geometry import Pose
+from ator_ros.printable import ReadableError
 from ator_ros.resources import resource_path
-from ator_ros.schema import SchemaError, Within, structured
+from ator_ros.schema import TITLE, SchemaError, Within, structured
 from ator_ros.world.grid_map import GridMap
 from ator_ros.world.scene import Mass, Scene, Size
 from ator_ros.world.state import World
@@ -30,7 +31,7 @@ LEAST, GREATEST = 0.01, {"v": 20.0, "w": 50.0, "a": 100.0, "brake": 100.0, "aw":
 """The bounds of `Limits`: tables of turns take 3 MB for each m/s, and greater values are in wrong units."""
 
 
-class ConfigError(ValueError):
+class ConfigError(ReadableError, ValueError):
     """A configuration file that cannot be used; the message names file, field and expectation."""
 
 
@@ -123,7 +124,7 @@ class Base:
     about 0.6 g, and two driven wheels carry about 0.7 of the weight.
     """
 
-    name: str
+    name: Annotated[str, TITLE]
     wheel_radius: Size
     track: Size
     mass: Mass

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from statistics import fmean
 
+from ator_ros.printable import ReadableError
 from ator_ros.world.state import STOP, Command, RobotState
 
 _CREEP_STEPS = 12
@@ -34,7 +35,7 @@ class DrivePart(enum.Enum):
     SPRINT_W = "spin"
 
 
-class DriveError(ValueError):
+class DriveError(ReadableError, ValueError):
     """A base that does not respond; the message names the command and the expected motion."""
 
 

@@ -32,6 +32,7 @@ from ator_ros.experience.table import (
 )
 from ator_ros.files import FileError
 from ator_ros.geometry import wrap_angles
+from ator_ros.printable import one_line
 from ator_ros.robot.description import Robot
 from ator_ros.tools.command_line import (
     RESUMES,
@@ -104,7 +105,7 @@ def collect(
     if not possible:
         raise ExperienceError("; ".join(skipped.values()))
     for name, reason in skipped.items():
-        print(f"collect: skipped {name}: {reason}", file=sys.stderr)
+        print(one_line(f"collect: skipped {name}: {reason}"), file=sys.stderr)
     wanted = [(action, number) for action in possible for number in range(episodes)]
     settings = {"seed": seed, "domain": domain.name, "action_set": source.action_set}
     if domain.grid is not None:
@@ -190,7 +191,7 @@ def _report(frame: pd.DataFrame, robot: Robot) -> None:
             f"succeeded, mean duration {ends['duration'].mean():.2f} s"
         )
         for reason, count in ends.loc[~ends["success"], "reason"].value_counts().head(5).items():
-            print(f"  failed {count} times: {reason}")
+            print(f"  failed {count} times: {one_line(reason)}")
         for remark in _remarks(rows.drop_duplicates("episode"), robot):
             print(f"  {remark}")
 

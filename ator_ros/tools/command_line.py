@@ -22,16 +22,16 @@ from ator_ros.experience.table import ExperienceError
 from ator_ros.files import FileError, portable_command
 from ator_ros.nodes.network import NodesError
 from ator_ros.planning.goals import PlanningError
-from ator_ros.printable import printable
+from ator_ros.printable import one_line
 from ator_ros.refinement import RefinementError
 from ator_ros.robot.description import ConfigError
 from ator_ros.robot.probe_drive import DriveError
 from ator_ros.schema import SchemaError
 from ator_ros.world.messages import MessageError
 
+_LONGEST_LINE = 600  # characters, as of the longest error
 INTERRUPTED = 130  # exit code after Ctrl-C or SIGTERM
 RESUMES = "the same command resumes from here"
-_LONGEST_LINE = 1000
 _EXPECTED_ERRORS: tuple[type[Exception], ...] = (
     *(
         BackendError,
@@ -70,7 +70,7 @@ def guarded(
         return 1
     except _EXPECTED_ERRORS as error:
         lines = filter(None, (line.strip() for line in str(error).splitlines()))
-        print(f"{program}: {printable('; '.join(lines), _LONGEST_LINE)}", file=sys.stderr)
+        print(f"{program}: {one_line('; '.join(lines), _LONGEST_LINE)}", file=sys.stderr)
         return 1
 
 
@@ -198,7 +198,7 @@ def run_tool(
         domain = domain_for(options.domain, options.robot).on_map(options.map)
     except (DomainError, FileError) as error:
         # parser.error would print the usage, which does not help with an error in a domain's file.
-        parser.exit(2, f"{parser.prog}: error: {printable(error, _LONGEST_LINE)}\n")
+        parser.exit(2, f"{parser.prog}: error: {one_line(error, _LONGEST_LINE)}\n")
     options.domain = options.domain or domain.name
     if getattr(options, "action_set", None) is not None:
         _check_names(parser, "action_set", [options.action_set], domain.action_sets)

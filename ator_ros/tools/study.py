@@ -30,6 +30,7 @@ from ator_ros.experience.json_lines import PartialResults
 from ator_ros.experience.table import join, read_experience
 from ator_ros.files import load, save, write_text
 from ator_ros.performance.model_file import load_model
+from ator_ros.printable import one_line
 from ator_ros.tools.collect import collect
 from ator_ros.tools.command_line import (
     RESUMES,
@@ -71,7 +72,7 @@ def study(options: argparse.Namespace, domain: Domain, command: str) -> None:
             "; ".join(dict.fromkeys(left_out.values())) or f"{domain.name}: no actions"
         )
     for name, reason in left_out.items():
-        print(f"study: skipped {name}: {reason}", file=sys.stderr)
+        print(one_line(f"study: skipped {name}: {reason}"), file=sys.stderr)
     named = ("episodes", "situations", "seed", "chain", "oracle")
     identity = {name: getattr(options, name) for name in named}
     identity |= {

@@ -25,6 +25,7 @@ from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.model_file import load_model, model_path, save_model
 from ator_ros.performance.training import digest, start_ranges, without_errors, without_routes
 from ator_ros.performance.training import train as train_model
+from ator_ros.printable import one_line, printable
 from ator_ros.robot.description import Robot
 from ator_ros.tools.command_line import add_setting, run_tool, topic
 
@@ -51,7 +52,7 @@ def train(
     if fresh:
         tests = read_sources(fresh, robot, domain, action_set, topics)
     for remark in (*read.remarks, *tests.remarks):
-        print(f"train: {remark}", file=sys.stderr)
+        print(f"train: {one_line(remark)}", file=sys.stderr)
     errors: list[str] = []
     learned = 0
     for action, examples in read.frame.groupby("action", sort=False):
@@ -65,7 +66,7 @@ def train(
             continue
         left_out = [f"{action}{text}" for text in without_routes(examples, robot, features)]
         for remark in (*without_errors(action, examples), *left_out):
-            print(f"train: {remark}", file=sys.stderr)
+            print(f"train: {one_line(remark)}", file=sys.stderr)
         learned += 1
         starts = tests.frame[(tests.frame["action"] == action) & (tests.frame["t"] == 0.0)]
         measured = _measured(model, starts, tests.metadata.get("seed") or 0) if len(starts) else {}
@@ -97,7 +98,7 @@ def train(
         elif not measured and model.errors is not None:
             absolute = np.abs(model.errors.errors)
             tested = f", MAE {absolute.mean():.3f} s by cross-validation on {len(absolute)} drives"
-        print(f"{file}: {rules}{tested}", flush=True)
+        print(f"{printable(file, 300)}: {rules}{tested}", flush=True)
     if not learned:
         raise ExperienceError("; ".join(errors))
     for message in errors:

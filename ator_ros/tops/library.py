@@ -10,6 +10,7 @@ from ator_ros.actions.base import Action, Goal
 from ator_ros.actions.goal_variables import GoalVariable, goal_values
 from ator_ros.actions.situation import Situation
 from ator_ros.geometry import Pose
+from ator_ros.printable import quoted
 from ator_ros.robot.description import ConfigError, Robot
 from ator_ros.tops.chain import Top
 from ator_ros.tops.conditions import state_of
@@ -74,7 +75,9 @@ class TopLibrary(Mapping[str, Top]):
         except KeyError:
             if name in self.left_out:
                 raise LeftOutError(self.left_out[name]) from None
-            raise KeyError(f"TOP: expected one of {sorted(self._tops)}, got {name!r}") from None
+            raise KeyError(
+                f"TOP: expected one of {sorted(self._tops)}, got {quoted(name)}"
+            ) from None
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._tops)

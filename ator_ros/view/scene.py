@@ -24,14 +24,75 @@ from ator_ros.world.scene import Area
 LOOPBACK = "127.0.0.1"
 _ABOVE_FLOOR = 0.04  # m
 _KNOB_RADIUS, _KNOB_DISTANCE = 0.09, 0.35  # m
+_FARTHEST = 1000.0  # m from the center; beyond, single precision shows steps of more than 0.1 mm
+_PHASES = ("start", "update", "end")
 
 
 class _Server(viser.ViserServer):
-    """A server whose clients cannot forward it to the internet."""
+    """A server that ignores invalid messages, and whose clients cannot forward it to the internet.
+
+    viser would store any value that a client sends, and send it to all later clients.
+    """
+
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(**settings)
+        # viser has no public place to check messages; requirements/view.txt pins its version
+        self._check(self._websock_server)
+        self._websock_server.on_client_connect(self._check)
+
+    def _check(self, interface: Any) -> None:
+        """Have an interface, of all clients or of one, handle valid messages only."""
+        handle = interface._handle_incoming_message
+
+        async def checked(client_id: Any, message: Any) -> None:
+            if self._is_valid(message):
+                await handle(client_id, message)
+
+        interface._handle_incoming_message = checked
+
+    def _is_valid(self, message: Any) -> bool:
+        """Return whether a message is a valid change of a field, drag, or pose of the camera."""
+        kind = type(message).__name__
+        if kind == "GuiUpdateMessage":
+            if not isinstance(message.updates, dict) or list(message.updates) != ["value"]:
+                return False
+            field = self.gui._gui_input_handle_from_uuid.get(str(message.uuid))
+            return _is_valid_value(field, message.updates["value"])
+        if kind == "SceneNodeDragMessage":
+            is_known = isinstance(message.name, str) and message.phase in _PHASES
+            return is_known and _is_near(message.end_position)
+        return kind == "ViewerCameraMessage" and _is_near(message.position)
 
     def request_share_url(self, verbose: bool = True) -> str | None:  # noqa: ARG002
         """Return None."""
         return None
+
+
+def _is_valid_value(field: Any, value: Any) -> bool:
+    """Return whether a client may set a field of the panel to a value."""
+    if isinstance(field, viser.GuiNumberHandle):
+        if not _is_number(value) or not field.min <= value <= field.max:
+            return False
+        return isinstance(field.value, float) or float(value).is_integer()
+    if isinstance(field, viser.GuiDropdownHandle):
+        return isinstance(value, str) and value in field.options
+    return isinstance(field, viser.GuiCheckboxHandle | viser.GuiButtonHandle) and isinstance(
+        value, bool
+    )
+
+
+def _is_number(value: Any) -> bool:
+    """Return whether a value is a finite number that floats can represent."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
+    return -math.inf < value < math.inf
+
+
+def _is_near(position: Any) -> bool:
+    """Return whether a value is a position in m near the center of the page."""
+    if not isinstance(position, list | tuple) or len(position) != 3:
+        return False
+    return all(_is_number(each) and abs(each) <= _FARTHEST for each in position)
 
 
 def serve(
@@ -172,10 +233,16 @@ class Handle(Movable):
             self._moved(self._pose._replace(yaw=yaw))
 
     def _pointed(self, event: Any, height: float) -> tuple[float, float] | None:
-        """Return the intersection of the ray through the pointer with the plane at `height` m."""
+        """Return the intersection of the ray through the pointer with the plane at `height` m.
+
+        None where there is none near the center.
+        """
         camera = np.asarray(event.client.camera.position, dtype=float)
         ray = np.asarray(event.end_position, dtype=float) - camera
-        if ray[2] == 0.0 or (share := (height - camera[2]) / ray[2]) <= 0.0:
+        if ray[2] == 0.0:
             return None
-        x, y, _ = (camera + share * ray).tolist()
-        return self._area.at(x, y)[:2]
+        share = (height - camera[2]) / ray[2]
+        point = (camera + share * ray).tolist()
+        if share <= 0.0 or not _is_near(point):
+            return None
+        return self._area.at(*point[:2])[:2]

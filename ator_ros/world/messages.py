@@ -15,7 +15,7 @@ from typing import Any, Literal
 
 from ator_ros.files import is_name
 from ator_ros.geometry import Pose, yaw_from_quaternion
-from ator_ros.printable import quoted
+from ator_ros.printable import ReadableError, quoted
 from ator_ros.schema import require
 from ator_ros.world.estimation import (
     RobotVelocity,
@@ -87,7 +87,7 @@ _LONGEST_TURN = 2.0
 _MOST_TILTED = math.radians(30.0)  # greatest tilt of a robot; no ramp is steeper
 
 
-class MessageError(ValueError):
+class MessageError(ReadableError, ValueError):
     """A message that cannot be used; the text names the field, what was expected and the value."""
 
 

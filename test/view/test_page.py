@@ -1,5 +1,6 @@
 """The page, with clients that speak its protocol."""
 
+import math
 import socket
 from collections.abc import Iterator
 
@@ -97,6 +98,72 @@ def test_a_drag_keeps_the_offset_of_its_start(shown: Shown) -> None:
         "the drag",
     )
     client.close()
+
+
+HOSTILE = [
+    math.nan, math.inf, -math.inf, 1e308, -1e308, 2**63, -(2**63), -1, 0.5, None, True, "", "a\n\x1b[2J",
+    "x" * 100_000, b"x", [], [[]], [1.0, 2.0], {"a": 1}, "1e308",
+]  # fmt: skip
+"""Values that no field of the panel offers, except some for a few of them."""
+
+
+def test_no_value_of_a_client_harms_the_page_of_others(shown: Shown) -> None:
+    client = shown.join()
+    client.look()
+    client.until(lambda: "Seed" in client.labels and "Chain" in client.labels, "the panel")
+    client.until(lambda: "/objects/ball" in client.scene, "the ball")
+    chain = shown.editor.chain_name
+    for label in ("Seed", "Number", "Chain", "Actions", "Robot", "duration"):
+        for value in HOSTILE:
+            if not (label == "duration" and value == 0.5):
+                client.change(label, value=value)
+    for name in ("update_cb", "sync_cb", "props", "removed", "label", "is_button", "unknown"):
+        client.change("Seed", **{name: None})
+    client.change("Seed", value=4, removed=True)
+    client.send("GuiUpdateMessage", uuid="unknown", updates={"value": 1})
+    client.change("duration", value=2.0)
+    client.until(
+        lambda: shown.step() or shown.editor.draft.weights == {"duration": 2.0}, "a weight"
+    )
+    for value in HOSTILE:  # the server ends some of these connections
+        attacker = shown.join()
+        attacker.look()
+        attacker.drag("/objects/ball/body", value, value)
+        attacker.send("GuiUpdateMessage", uuid=[value], updates=value)
+        attacker.send("FileTransferPart", content=value)
+        attacker.close()
+    shown.step()
+    assert (shown.editor.seed, shown.editor.index, shown.editor.chain_name) == (0, 0, chain)
+    assert shown.editor.backend is shown.backend
+    ball = shown.backend.state.objects["ball"]
+    assert math.hypot(ball.x, ball.y) < 10.0
+
+    later = shown.join()
+    later.until(lambda: later.scene == client.scene, "the same scene for a later client")
+    later.until(lambda: later.text() == client.text(), "the same texts")
+    client.close()
+    later.look()
+    later.change("Seed", value=7)
+    later.until(lambda: shown.step() or shown.editor.seed == 7, "a valid seed")
+    assert shown.editor.problem == ""
+    later.close()
+
+
+def test_a_client_with_an_impossible_camera_moves_nothing(shown: Shown) -> None:
+    ball = shown.backend.state.objects["ball"]
+    for place in HOSTILE:
+        client = shown.join()
+        if place not in (-1, 0.5, True):
+            client.look((0.0, 0.0, place))
+        client.drag("/objects/ball/body", 1.0, 1.0)
+        client.close()
+    later = shown.join()
+    later.until(lambda: "duration" in later.labels, "the panel")
+    later.look()
+    later.change("duration", value=2.0)
+    later.until(lambda: shown.step() or shown.editor.draft.weights, "a weight")
+    assert shown.backend.state.objects["ball"] == ball
+    later.close()
 
 
 def test_several_robots_are_shown_and_one_is_chosen(shown: Shown) -> None:

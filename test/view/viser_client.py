@@ -85,10 +85,10 @@ class ViserClient:
     def send(self, kind: str, **fields: Any) -> None:
         self._socket.send(msgspec.msgpack.encode({"type": kind, **fields}))
 
-    def look(self) -> None:
-        """Send the camera's pose above the floor, without which the server ignores other messages."""
+    def look(self, place: tuple[Any, ...] = (0.0, -1e-3, _HEIGHT)) -> None:
+        """Send the camera's place above the floor, without which the server ignores other messages."""
         size = {"image_height": 800, "image_width": 1200, "fov": 0.9, "near": 0.01, "far": 1000.0}
-        turn, place = (1.0, 0.0, 0.0, 0.0), (0.0, -1e-3, _HEIGHT)
+        turn = (1.0, 0.0, 0.0, 0.0)
         up = (0.0, 1.0, 0.0)
         self.send(
             "ViewerCameraMessage",
@@ -111,9 +111,17 @@ class ViserClient:
             owner="",
         )  # fmt: skip
 
+    @property
+    def labels(self) -> list[str]:
+        return list(self._fields)
+
+    def change(self, label: str, /, **updates: Any) -> None:
+        """Change properties of a field, such as its value."""
+        self.send("GuiUpdateMessage", uuid=self._fields[label], updates=updates)
+
     def press(self, label: str) -> None:
         self.look()
-        self.send("GuiUpdateMessage", uuid=self._fields[label], updates={"value": True})
+        self.change(label, value=True)
 
     def until(self, happened: Callable[[], Any], what: str) -> None:
         end = time.monotonic() + self.patience

@@ -1,0 +1,63 @@
+"""How a chain went, in one line for the result of its goal."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from ator_ros.printable import listed, printable
+
+_MOST_CHANGES = 4
+_MOST_REASON = 150  # characters
+
+
+def changes_of(answer: Any) -> list[str]:
+    """Return what an answer of refinement changed, a text for each free variable."""
+    if not answer.refined:
+        return []
+    calls = answer.chain.calls
+    return [
+        f"{_change(free)} at step {free.subgoal + 1} ({printable(calls[free.subgoal].top)})"
+        for free in answer.free
+        if free.subgoal < len(calls) and free.after != free.before
+    ]
+
+
+def _change(free: Any) -> str:
+    if free.name == "yaw":
+        turn = math.degrees(math.remainder(free.after - free.before, math.tau))
+        return f"{turn:+.0f}°"
+    return f"{printable(free.name)} {free.after:.3g}"
+
+
+def result_line(record: Any, *, wanted: bool, changes: Sequence[str]) -> str:
+    """Return the reason of a chain's end, after success with its durations and what refinement did.
+
+    Parameters
+    ----------
+    record : ChainPerformance
+        The record of the chain.
+    wanted : bool
+        Whether the goal asked for refinement.
+    changes : sequence of str
+        See `changes_of`.
+    """
+    reason, driven, predicted = (
+        record.outcome.reason,
+        record.actual.duration,
+        record.predicted.duration,
+    )
+    if record.outcome.code != record.outcome.SUCCEEDED or not math.isfinite(driven):
+        return str(reason)
+    times = f"{driven:.2f} s driven"
+    if math.isfinite(predicted):
+        times = f"{times}, {predicted:.2f} s predicted"
+    line = f"{reason}: {times}"
+    if not wanted:
+        return line
+    if record.refined and changes:
+        saved = record.gain.predicted
+        gain = f", predicted to save {saved:.2f} s" if math.isfinite(saved) else ""
+        return f"{line}; refined: {listed(changes, _MOST_CHANGES)}{gain}"
+    return f"{line}; {printable(record.refinement, _MOST_REASON)}"

@@ -1,0 +1,60 @@
+"""The line that says how a chain went."""
+
+import math
+
+import pytest
+from view.in_process import record_of
+
+from ator_interfaces.msg import FreeVariable, Gain, Outcome, Performance, TopCall, TopChain
+from ator_interfaces.srv import RefineSubgoal
+from ator_ros.nodes.result_line import changes_of, result_line
+
+ANSWER = RefineSubgoal.Response(
+    refined=True,
+    chain=TopChain(calls=[TopCall(top="goToBall"), TopCall(top="dribbleBall")]),
+    free=[
+        FreeVariable(subgoal=0, name="yaw", before=0.0283, after=0.2746),
+        FreeVariable(subgoal=0, name="speed", before=0.0, after=0.8),
+    ],
+)
+
+
+def record(*, refined: bool, code: int = Outcome.SUCCEEDED) -> object:
+    made = record_of(code=code, reason="arrived", duration=6.55, refined=refined)
+    made.predicted = Performance(duration=6.54)
+    made.gain = Gain(predicted=0.22)
+    made.refinement = "gain 0.01 s ± 0.03 s: kept as planned"
+    return made
+
+
+def test_success_has_durations_and_changes() -> None:
+    line = result_line(record(refined=True), wanted=True, changes=changes_of(ANSWER))
+    changes = "+14° at step 1 (goToBall), speed 0.8 at step 1 (goToBall)"
+    assert line == (
+        f"arrived: 6.55 s driven, 6.54 s predicted; refined: {changes}, predicted to save 0.22 s"
+    )
+
+
+def test_a_kept_chain_has_the_reason_of_the_gate() -> None:
+    kept = result_line(record(refined=False), wanted=True, changes=[])
+    assert kept.endswith("6.54 s predicted; gain 0.01 s ± 0.03 s: kept as planned")
+    assert result_line(record(refined=False), wanted=False, changes=[]).endswith("predicted")
+
+
+def test_without_models_nothing_is_predicted() -> None:
+    made = record(refined=False)
+    made.predicted = Performance(duration=math.nan)
+    assert result_line(made, wanted=False, changes=[]) == "arrived: 6.55 s driven"
+
+
+@pytest.mark.parametrize("code", [Outcome.FAILED, Outcome.CANCELED, Outcome.REFUSED])
+def test_other_ends_keep_their_reason(code: int) -> None:
+    assert result_line(record(refined=True, code=code), wanted=True, changes=["x"]) == "arrived"
+
+
+def test_many_changes_and_long_names_are_cut() -> None:
+    many = [FreeVariable(name="v" * 5000, after=float(number + 1)) for number in range(9)]
+    changes = changes_of(RefineSubgoal.Response(refined=True, chain=ANSWER.chain, free=many))
+    line = result_line(record(refined=True), wanted=True, changes=changes)
+    assert "… and 5 more" in line
+    assert len(line) < 600
