@@ -30,7 +30,7 @@ from ator_ros.domains.declared import DeclaredAction, DeclaredDomain, DeclaredSe
 from ator_ros.files import FileError, content_with_optional_header, read_yaml
 from ator_ros.motion.routes import routes_of
 from ator_ros.performance.features import CANDIDATES, GENERAL, ROUTE_FEATURES, Feature, goal_feature
-from ator_ros.printable import ReadableError, printable, quoted
+from ator_ros.printable import ReadableError, listed, printable, quoted
 from ator_ros.resources import resource_path
 from ator_ros.robot.description import ConfigError, Robot, load_robot
 from ator_ros.schema import SchemaError, require, structured
@@ -159,9 +159,7 @@ class Domain:
             for spec in specs:
                 place = f"action set {action_set!r}: {spec.name}"
                 strange = [name for name in spec.features if name not in features]
-                require(
-                    not strange, f"{place}: features", f"some of {', '.join(features)}", strange
-                )
+                require(not strange, f"{place}: features", f"some of {listed(features)}", strange)
                 names = [variable.name for variable in spec.goal_variables]
                 few = len(names) <= MOST_GOAL_VARIABLES
                 require(few, f"{place}: goal_variables", f"at most {MOST_GOAL_VARIABLES}", names)

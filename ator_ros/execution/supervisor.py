@@ -16,6 +16,7 @@ from ator_ros.execution.refining import AGAIN_AFTER, Question, Refining
 from ator_ros.execution.rolling import Rolling
 from ator_ros.execution.state_watch import DelayWatch, PlaceWatch, Timeliness
 from ator_ros.geometry import FloatArray
+from ator_ros.printable import printable
 from ator_ros.tops.chain import Top, TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.objects import at_rest, missing_in, missing_object, objects_in
@@ -35,6 +36,8 @@ Nav2's controller server does after its navigator died."""
 _FIRST_GAP = 1.0
 _DELAYED = 0.1  # s above which a delay counts near the fence; less is the jitter of messages
 # the same if stamps run faster than real time, as a simulation may stall, and while nodes start
+_LONGEST_REASON = 275  # characters of what was observed and its cause
+_SHORTEST_REASON = 60  # of what was observed, if the cause is long
 _LONGEST_STALL = 2.0
 
 
@@ -436,7 +439,10 @@ class Supervisor:
     def explain(self, cause: str) -> None:
         """Add a cause, if it is known, to the reason of the end."""
         if cause and cause not in self.reason:
-            self.reason = f"{self.reason}; {cause}"
+            # The cause says what to do; what was observed is shortened for it.
+            room = max(_SHORTEST_REASON, _LONGEST_REASON - len(cause))
+            observed = printable(self.reason, room)
+            self.reason = f"{observed}; {cause}"
 
     def drop(self) -> None:
         """End a goal that stops at once, without waiting until the robot stands."""

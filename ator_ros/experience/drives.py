@@ -160,7 +160,7 @@ class Reader:
         self.action_sets: set[str] = set()
         self._remarks: list[str] = []
         self._robot_in_tf = robot_in_tf
-        self._odometry = OdometryReader(_ODOMETRY_FRAME if robot_in_tf else "")
+        self._odometry = OdometryReader(_ODOMETRY_FRAME if robot_in_tf else "", corrects=False)
         self._objects = {source.name: ObjectReader(source) for source in sources}
         self._in_tf = {
             source.name: source.topic_or_frame for source in sources if source.type == "tf"

@@ -79,6 +79,7 @@ _DISCOVERY_GRACE = 1.0
 # compiles code, which may take a minute
 _STARTUP = 60.0
 _RESULT_TIMEOUT = 60  # s; rclpy's 900 s would keep the records of hundreds of chains in memory
+_LONGEST_SUMMARY = 500  # characters of the line that the log has at the end of a goal
 _USUAL = Deadlines()
 _COMMON = (
     *FRAMES,
@@ -381,7 +382,7 @@ class ExecutorNode(Node):
         run.finished.set_result(result)
         if run.supervisor.ending is not Ending.SUCCEEDED:
             self._last_error = run.supervisor.reason
-        self.get_logger().info(one_line(f"goal ended: {run.summary}"))
+        self.get_logger().info(one_line(f"goal ended: {run.summary}", _LONGEST_SUMMARY))
 
     def _cause(self, supervisor: Supervisor) -> str:
         """Return the most likely cause of an ending that is due to inputs or the base.

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 from ator_ros.actions.goal_variables import direct_name, with_values
 from ator_ros.geometry import FloatArray
+from ator_ros.printable import printable
 from ator_ros.refinement import RefinementError
 from ator_ros.refinement.chain_prediction import ChainModel, ChainPrediction, PredictsPerformance
 from ator_ros.refinement.free_variables import (
@@ -43,6 +44,8 @@ LONGEST_CHAIN = 32
 MOST_ALTERNATIVES = 7
 """Most alternative chains of a request."""
 _MOST_LISTED = 6
+_LONGEST_REASONS = 180  # characters of the reasons of all chains, without their names
+_SHORTEST_REASON = 50  # characters of each
 _CUT_SHORT = "its deadline cut the search short"
 _NOT_SEARCHED = "kept as planned without a search, as its deadline had passed"
 
@@ -494,7 +497,8 @@ def choose(
     number = min(range(len(judged)), key=lambda index: rank(judged[index]))
     best = judged[number]
     if isinstance(best, str):
-        first, *others = judged
+        room = max(_SHORTEST_REASON, _LONGEST_REASONS // len(judged))
+        first, *others = (printable(reason, room) for reason in judged)
         reasons = [first, *(f"alternative {index}: {why}" for index, why in enumerate(others, 1))]
-        raise RefinementError("; ".join(map(str, reasons)))
+        raise RefinementError("; ".join(reasons))
     return Selection(tuple(judged), number, best)

@@ -194,7 +194,7 @@ def _free_pixels(file: Path, read: _MapFile) -> BoolArray:
     """
     from PIL import Image  # slow to import, and needed with a map only
 
-    shown = printable(file, 200)
+    shown = printable(file, 120)
     try:
         if not file.is_file():  # opening a pipe would block
             raise FileError(
@@ -215,7 +215,7 @@ def _free_pixels(file: Path, read: _MapFile) -> BoolArray:
         raise
     except Exception as error:  # Pillow raises many on damaged files
         raise FileError(
-            f"{shown}: expected a readable PGM or PNG, or a BMP: {printable(error, 200)}"
+            f"{shown}: expected a readable PGM or PNG, or a BMP: {printable(error, 70)}"
         ) from error
     most = 65535 if deep else 255
     occupied = np.arange(most + 1) / most

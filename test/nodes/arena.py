@@ -55,7 +55,7 @@ class ArenaClient(ChainClient):
         result = sent.result()
         assert result.outcome.code
         assert result.outcome.reason
-        assert result.record.outcome == result.outcome
+        assert result.record.outcome.code == result.outcome.code
         published = lambda: [each.chain_id for each in self.chains].count(result.record.chain_id)  # noqa: E731
         self.ros.eventually(published, "the chain's record")
         assert published() == 1

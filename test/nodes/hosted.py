@@ -39,10 +39,14 @@ class Hosted:
             signal_handler_options=SignalHandlerOptions.NO,
         )
         self._read, self._output = output, ""
-        made = getattr(
+        kind = getattr(
             importlib.import_module(f"ator_ros.nodes.{name}"), f"{name.capitalize()}Node"
         )
-        self.node: Node = made()
+        try:
+            self.node: Node = kind()
+        except BaseException:  # also an exit: the next test needs a context of its own
+            rclpy.try_shutdown()
+            raise
         executor = SingleThreadedExecutor()
         executor.add_node(self.node)
         self._spinning = SpinThread(executor)

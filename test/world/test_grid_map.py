@@ -56,7 +56,7 @@ def test_images_of_all_kinds_are_read(tmp_path: Path, kind: str) -> None:
             {"free_thresh": 0.7},
             "free_thresh: expected a number of at most occupied_thresh 0.65; got 0.7",
         ),
-        ({"image": "x" * 5000}, r"x{100,}… \(50\d\d characters\): expected a readable PGM or PNG"),
+        ({"image": "x" * 5000}, r"x{20,}… \(\d+ characters\): expected a readable PGM or PNG"),
     ],
 )
 def test_an_unusable_map_is_rejected_with_the_reason(
