@@ -439,7 +439,10 @@ class MotionWatch:
         early = min(self._latency, _EARLY)
         self._v, self._w = Axis(self._driving, early), Axis(self._turning, early)
         # These raise no fault where a shorter latency explains the motion.
-        self._at_once = Axis(self._driving, self._latency), Axis(self._turning, self._latency)
+        self._without_latency = (
+            Axis(self._driving, self._latency),
+            Axis(self._turning, self._latency),
+        )
         self._commands = Commands(), Commands()
         self._last = STOP
         self._states: deque[tuple[float, RobotState]] = deque()
@@ -492,7 +495,7 @@ class MotionWatch:
             )
         ]
         if self._latency > _EARLY:
-            for number, (axis, speed) in enumerate(zip(self._at_once, (v, w), strict=True)):
+            for number, (axis, speed) in enumerate(zip(self._without_latency, (v, w), strict=True)):
                 tolerant = axis.update(time, speed, self._commands[number], gap)
                 if tolerant is None and faults[number] is not None:
                     faults[number] = Fault.EARLY

@@ -185,8 +185,10 @@ class Refining:
 
         Returns whether it starts again; `why` is the failure.
         """
+        if not self.refined:
+            return False
         naive = self._naive(world)
-        if not self.refined or not self._executor.fall_back_to(naive):
+        if not self._executor.fall_back_to(naive):
             return False
         self.refined, self.refined_again = False, 0
         how = _executed(self._plans[self._number], naive)

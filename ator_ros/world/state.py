@@ -59,7 +59,10 @@ class RobotState:
     w: float = 0.0
 
     def __post_init__(self) -> None:
-        """Read whole numbers as floats."""
+        """Read whole numbers as floats; states are created at a high rate, with floats only."""
+        x, y, yaw = self.pose
+        if type(x) is type(y) is type(yaw) is type(self.v) is type(self.w) is float:
+            return
         object.__setattr__(self, "pose", decimal_pose(self.pose))
         object.__setattr__(self, "v", decimal(self.v))
         object.__setattr__(self, "w", decimal(self.w))
@@ -85,7 +88,9 @@ class ObjectState:
     vy: float = 0.0
 
     def __post_init__(self) -> None:
-        """Read whole numbers as floats."""
+        """Read whole numbers as floats; see `RobotState`."""
+        if type(self.x) is type(self.y) is type(self.vx) is type(self.vy) is float:
+            return
         for name in ("x", "y", "vx", "vy"):
             object.__setattr__(self, name, decimal(getattr(self, name)))
 

@@ -7,6 +7,7 @@ import pytest
 from executions import FORWARD, FORWARD_LEFT, ROBOT, chain, execution, world
 
 from ator_ros.domains.soccer.field import BALL
+from ator_ros.execution import refining
 from ator_ros.execution.chain_executor import Ending
 from ator_ros.execution.supervisor import Phase, Supervisor
 from ator_ros.geometry import Pose
@@ -264,3 +265,15 @@ def test_the_original_chain_is_executed_if_the_refined_one_has_no_path() -> None
     )
     assert "found none" in run.refining.reason
     assert [record.ending for record in run.executor.records] == [Ending.FAILED]
+
+
+def test_a_chain_that_was_not_refined_ends_without_a_search_for_naive_values(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    searched: list[object] = []
+    monkeypatch.setattr(refining, "naive_on_paths", lambda *given: searched.append(given))
+    run = execution(chain(("goToPose", Pose(4.0, 1.0, 0.0)), opened=frozenset({"yaw"})))
+    for tick in range(3):
+        run.tick(world(1.0 + 0.05 * tick), 100.0 + 0.05 * tick)
+    assert run.ending is Ending.FAILED, run.reason
+    assert searched == []
