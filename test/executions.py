@@ -10,6 +10,7 @@ from ator_ros.geometry import Pose
 from ator_ros.robot.description import load_robot
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
+from ator_ros.world.delay import Delay
 from ator_ros.world.state import ObjectState, RobotState, World
 
 ROBOT = load_robot()
@@ -40,6 +41,7 @@ def execution(
     fence: Fence | None = None,
     again_after: float = 0.15,
     now: float = 100.0,
+    delay: Delay | None = None,
 ) -> Supervisor:
     return Supervisor(
         library,
@@ -52,6 +54,7 @@ def execution(
         fence=fence or Fence.around(library.robot),
         fetches=fetches,
         alternatives=others,
+        delay=delay,
     )
 
 

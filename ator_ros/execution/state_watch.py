@@ -3,21 +3,26 @@
 from __future__ import annotations
 
 import enum
+import math
 
 from ator_ros.geometry import Pose
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import Top
 from ator_ros.tops.objects import followed, objects_in
+from ator_ros.world.delay import Delay
 from ator_ros.world.state import World
 
 # s, by the stamps, after which a base obeys a command to stand: two messages at 20 Hz, as in
 # `MotionWatch`, and three to show it
-_OBEYS = 0.25
-_MARGIN = 0.05  # s; one message
-_LEAST_LOSS = 0.1  # least share of the described deceleration in that time
-_STAYS = (
-    0.5  # s for which an object must be inside the robot: longer than the wrong states of a reset
-)
+_REACTION = 0.25
+_MESSAGE = 0.05  # s between two messages at 20 Hz
+# least share of the described deceleration in that time: a base that drives on loses nothing, and
+# one that `MotionWatch` accepts as slow a quarter or more
+_LEAST_LOSS = 0.1
+# s for which an object must be inside the robot: longer than the wrong states after a reset
+_PERSISTS = 0.5
+# s between two states above which the first is forgotten: so at least three states are wrong
+_LONGEST_GAP = 0.4
 
 
 class Timeliness(enum.Enum):
@@ -26,8 +31,6 @@ class Timeliness(enum.Enum):
     IN_TIME = "in time"
     DOUBTFUL = "late, or of a clock that has become slower"
     LATE = "late"
-    SLOWER = "of a clock that has become slower"
-    UNKNOWN = "late, or of a clock that became slower while the robot stood"
 
 
 class DelayWatch:
@@ -35,31 +38,42 @@ class DelayWatch:
 
     The robot has to be commanded to stand while it is doubtful. If its states show that it brakes,
     the clock has become slower, as that of a simulation on a busy machine. A robot whose states
-    are late is shown to drive on.
+    are late is shown to drive on. Once the robot stands, neither can harm, and `delay` restarts.
 
     `longest` is the greatest delay in s, at least 0.3: less than the time in which a base obeys
     does not show in its states.
     """
 
-    def __init__(self, robot: Robot, longest: float) -> None:
-        self._robot, self._longest = robot, max(longest, _OBEYS + _MARGIN)
+    def __init__(self, robot: Robot, longest: float, delay: Delay) -> None:
+        self._robot = robot
+        self._longest = max(longest, _REACTION + _MESSAGE)
+        self._delay = delay
         self._since: World | None = None
+        self.greatest = 0.0
+        """The greatest delay in s since it was last in time."""
+
+    @property
+    def seconds(self) -> float:
+        """The delay of the newest state in s."""
+        return self._delay.seconds
 
     @property
     def is_doubtful(self) -> bool:
         """Whether the last states were delayed while the robot was to stand."""
         return self._since is not None
 
-    def judge(self, world: World, delay: float) -> Timeliness:
-        """Process a state and its delay in s, see `Delay`."""
-        if delay <= self._longest and self._since is None:
-            return Timeliness.IN_TIME
-        since = self._since = self._since or world
+    def judge(self, world: World) -> Timeliness:
+        """Process a state."""
+        delay = self._delay.seconds
+        if delay <= self._longest:
+            return self._in_time()
+        self.greatest = max(self.greatest, delay)
         if world.robot.is_standing:
-            self._since = None
-            return Timeliness.UNKNOWN if since is world else Timeliness.SLOWER
+            self._delay.restart()
+            return self._in_time()
+        since = self._since = self._since or world
         elapsed = world.time - since.time
-        if elapsed < _OBEYS + self._robot.motor_time_constant:
+        if elapsed < _REACTION + self._robot.motor_time_constant:
             return Timeliness.DOUBTFUL
         stop = self._robot.stop
         lost_v = abs(since.robot.v) - abs(world.robot.v)
@@ -70,8 +84,13 @@ class DelayWatch:
         )
         return Timeliness.DOUBTFUL if brakes >= _LEAST_LOSS * elapsed else Timeliness.LATE
 
+    def _in_time(self) -> Timeliness:
+        self._since = None
+        self.greatest = 0.0
+        return Timeliness.IN_TIME
 
-class PlaceWatch:
+
+class OverlapWatch:
     """Detects objects that are seen where the robot is.
 
     A described object has a size. Other ones may be marks on the floor, unless the robot drives to
@@ -81,14 +100,18 @@ class PlaceWatch:
     def __init__(self, robot: Robot) -> None:
         self._robot = robot
         self._inside: dict[str, World] = {}  # the first of the states in which an object is inside
+        self._last = -math.inf  # s; time of the last state
 
     def fault(self, world: World, top: Top) -> str | None:
         """Process a state; return which object of `top` cannot be where it is seen, or None."""
         robot = self._robot
+        if world.time - self._last > _LONGEST_GAP:
+            self._inside = {}
+        self._last = world.time
         inside = {name for name in objects_in(top) if self._is_inside(world, name)}
         self._inside = {name: self._inside.get(name, world) for name in sorted(inside)}
         for name, first in self._inside.items():
-            stays = world.time - first.time >= _STAYS
+            stays = world.time - first.time >= _PERSISTS
             moved = world.robot.pose.distance(first.robot.pose)
             moves_along = name == followed(top) and moved > robot.front + robot.rear
             if stays and (robot.scene.radius(name) > 0.0 or moves_along):
@@ -104,8 +127,9 @@ class PlaceWatch:
         """Return whether the center of an object is in the robot's body."""
         if name not in world.objects:
             return False
-        robot, there = self._robot, _relative(world, name)
-        return -robot.rear < there.x < robot.front and abs(there.y) < robot.half_width
+        there = _relative(world, name)
+        is_beside = abs(there.y) >= self._robot.half_width
+        return -self._robot.rear < there.x < self._robot.front and not is_beside
 
 
 def _relative(world: World, name: str) -> Pose:

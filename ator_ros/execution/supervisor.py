@@ -14,12 +14,13 @@ from ator_ros.execution.fence import Fence, FenceWatch
 from ator_ros.execution.predictions import Forecast, Predictor
 from ator_ros.execution.refining import AGAIN_AFTER, Question, Refining
 from ator_ros.execution.rolling import Rolling
-from ator_ros.execution.state_watch import DelayWatch, PlaceWatch, Timeliness
+from ator_ros.execution.state_watch import DelayWatch, OverlapWatch, Timeliness
 from ator_ros.geometry import FloatArray
 from ator_ros.printable import printable
 from ator_ros.tops.chain import Top, TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.objects import at_rest, missing_in, missing_object, objects_in
+from ator_ros.world.delay import Delay
 from ator_ros.world.state import STOP, Command, World
 
 WATCH_PERIOD = 0.05
@@ -93,8 +94,6 @@ class Supervisor:
     may_stall : bool
         Whether odometry may be missing for up to 2 s: its clock is faster than real time, or
         nodes are starting. The robot stands meanwhile.
-    timeliness : Timeliness
-        Whether the last state arrived in time.
 
     Parameters
     ----------
@@ -104,6 +103,8 @@ class Supervisor:
         See `Refining`; the chain starts after the first answer.
     fetches, rolling : int, Rolling
         See `ChainExecutor`.
+    delay : Delay, optional
+        The delay of states, see `Delay`, updated by the caller; without it, no state is late.
     alternatives : sequence of TopChain
         Other chains for the same end: refinement may choose one of them, and without it the first
         valid plan is executed.
@@ -123,13 +124,13 @@ class Supervisor:
         fetches: int = 0,
         alternatives: Sequence[TopChain] = (),
         rolling: Rolling | None = None,
+        delay: Delay | None = None,
     ) -> None:
         self.phase = Phase.WAITING
         self.ending: Ending | None = None
         self.reason = Phase.WAITING.value
         self.start: World | None = None
         self.slowdown, self.may_stall = 1.0, False
-        self.timeliness = Timeliness.IN_TIME
         self.executor = ChainExecutor(
             library, chain, time_limit=deadlines.action, fetches=fetches, rolling=rolling
         )
@@ -140,8 +141,8 @@ class Supervisor:
         self.forecast = Forecast(predictor, self.executor)
         self._plans, self._robot, self._deadlines = plans, library.robot, deadlines
         self._area, self._fence = fence, FenceWatch(fence, library.robot, deadlines.longest_gap)
-        self._delays = DelayWatch(library.robot, deadlines.odom)
-        self._places = PlaceWatch(library.robot)
+        self._delays = DelayWatch(library.robot, deadlines.odom, delay or Delay())
+        self._overlaps = OverlapWatch(library.robot)
         self._missing: str | None = None  # an object that the last state lacked
         self._newest: World | None = None
         self._accepted, self._odom_at = now, math.inf
@@ -173,16 +174,14 @@ class Supervisor:
         *,
         overdue: frozenset[str] = frozenset(),
         fault: str | None = None,
-        delay: float = 0.0,
     ) -> Command | None:
         """Process a newer state of the world; return the command, None if another program moves the robot.
 
         A step that needs an `overdue` object, one without recent messages, pauses. A `fault` of the
-        base, see `MotionWatch`, ends the goal. `delay` is that of the state in s, see `Delay`.
+        base, see `MotionWatch`, ends the goal.
         """
-        self.timeliness = Timeliness.IN_TIME
         if fault is not None and self._delays.is_doubtful:
-            self._end_late(delay)
+            self._end_late()
         elif fault is not None:
             self.base_fault(fault)
         self._odom_at, self._newest = now, world
@@ -191,7 +190,7 @@ class Supervisor:
         if self.phase is Phase.WAITING and self._begin(world, now) and world.robot.is_standing:
             return STOP
         if self.phase is Phase.EXECUTING:
-            return self._execute(world, now, overdue=overdue, delay=delay)
+            return self._execute(world, now, overdue=overdue)
         if self.phase is Phase.STOPPING:
             self._stop(world)
         return STOP
@@ -234,13 +233,11 @@ class Supervisor:
         lacking = (missing_in(plan.calls, world) for plan in self._plans)
         return next((each for each in lacking if each is not None), None)
 
-    def _execute(
-        self, world: World, now: float, *, overdue: frozenset[str], delay: float
-    ) -> Command | None:
+    def _execute(self, world: World, now: float, *, overdue: frozenset[str]) -> Command | None:
         if not self.forecast.begun:
             self.start = world  # later than the first state if refinement took time
             self.forecast.begin(world)
-        pause = self._guard(world, overdue, delay)
+        pause = self._guard(world, overdue)
         if self.phase is not Phase.EXECUTING:
             return STOP
         if pause and not self.executor.released:
@@ -266,7 +263,7 @@ class Supervisor:
             self.end(Ending.FAILED if last.ending in NOT_DONE else last.ending, step.message)
         return STOP
 
-    def _guard(self, world: World, overdue: frozenset[str], delay: float) -> str:
+    def _guard(self, world: World, overdue: frozenset[str]) -> str:
         """Check inputs and fence, which end or pause any step; return why it pauses, or "".
 
         The goal ends if an object is unknown in two states in a row. It may be missing in one
@@ -283,11 +280,12 @@ class Supervisor:
         fault = self._fence.fault(world, self.executor.call)
         if fault is not None:
             self.end(Ending.OUT_OF_BOUNDS, fault)
-        impossible = self._places.fault(world, top)
+        impossible = self._overlaps.fault(world, top)
         if impossible is not None:
             self.end(Ending.INPUT_LOST, impossible)
-        if self._is_late(world, delay):
-            return f"{top.name} paused: states are {delay:.1f} s old when they are read"
+        if self._is_late(world):
+            return f"{top.name} paused: states are {self._delays.greatest:.1f} s old when they are read"
+        delay = self._delays.seconds
         if delay > _DELAYED and self._fence.may_leave(world, min(delay, self._deadlines.odom)):
             return f"{top.name} paused: states are {delay:.1f} s old, and the fence is near"
         return (
@@ -296,24 +294,24 @@ class Supervisor:
             else ""
         )
 
-    def _is_late(self, world: World, delay: float) -> bool:
+    def _is_late(self, world: World) -> bool:
         """Return whether the robot should stand because states are delayed; end if they are late.
 
         Another program that moves the robot cannot be commanded to stand.
         """
         if self.executor.released:
             return False
-        found = self.timeliness = self._delays.judge(world, delay)
+        found = self._delays.judge(world)
         if found is Timeliness.LATE:
-            self._end_late(delay)
-        return found in (Timeliness.LATE, Timeliness.DOUBTFUL)
+            self._end_late()
+        return found is not Timeliness.IN_TIME
 
-    def _end_late(self, delay: float) -> None:
+    def _end_late(self) -> None:
         self.end(
             Ending.INPUT_LOST,
             f"odom is late: expected states that are at most {self._deadlines.odom:g} s old when they "
-            f"are read, got {delay:.1f} s; the network, a node that publishes them or this machine "
-            "cannot keep up",
+            f"are read, got {self._delays.greatest:.2f} s; the network, a node that publishes them or "
+            "this machine cannot keep up",
         )
 
     def _end_without(self, name: str, top: Top) -> None:

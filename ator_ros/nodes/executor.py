@@ -21,7 +21,6 @@ from ator_ros.execution.motion_watch import MotionWatch
 from ator_ros.execution.predictions import Predictor, warm_up_actions
 from ator_ros.execution.refining import AGAIN_AFTER
 from ator_ros.execution.rolling import Rolling
-from ator_ros.execution.state_watch import Timeliness
 from ator_ros.execution.supervisor import (
     GREATEST_STOP_SLOWDOWN,
     LONGEST_STOP_TIME,
@@ -190,7 +189,6 @@ class ExecutorNode(Node):
         self._odom_at, self._stop_until, self._shutting_down = 0.0, 0.0, False
         self._motion_remark = self._last_error = ""  # as logged last
         self._ticks = Ticks()
-        self._is_simulated = False
         self._started = time.monotonic()
         self._connect(robot)
         topics = self._diagnosis.topics
@@ -276,13 +274,7 @@ class ExecutorNode(Node):
             self._motion.reset()  # the motion is not due to our commands
             run.supervisor.odometry_received(time.monotonic())
             return
-        command = run.supervisor.tick(
-            world, now, overdue=self._inputs.overdue, fault=fault, delay=self._delay
-        )
-        if run.supervisor.timeliness is Timeliness.SLOWER:
-            self._inputs.delay.distrust()
-        elif run.supervisor.timeliness is Timeliness.UNKNOWN:
-            self._inputs.delay.restart()
+        command = run.supervisor.tick(world, now, overdue=self._inputs.overdue, fault=fault)
         done = time.monotonic()
         self._send(self._motion.foresight.punctual(world.robot, command, done - now), answers=True)
         self._ticks.end(done)
@@ -327,6 +319,7 @@ class ExecutorNode(Node):
                 settings,
                 self._fence,
                 self._rolling,
+                None if self._is_simulated else self._inputs.delay,
             )
             self._leases.watch(handle.request.lease)
         except MessageError as error:  # the running goal continues
@@ -416,8 +409,13 @@ class ExecutorNode(Node):
         return self._inputs.is_fast or now - self._started < _STARTUP
 
     @property
+    def _is_simulated(self) -> bool:
+        """Whether a simulation's clock is published, which may become slower without a delay."""
+        return bool(self.count_publishers("/clock") > 0)
+
+    @property
     def _delay(self) -> float:
-        """The delay of states in s; 0 if a simulation's clock is published, which may become slower."""
+        """The delay of states in s; 0 if they are simulated."""
         return 0.0 if self._is_simulated else self._inputs.delay.seconds
 
     def _delay_problem(self) -> str:
@@ -480,7 +478,6 @@ class ExecutorNode(Node):
             missing = f"{', '.join(lost)}: expected recent messages; {self._missing_cause(lost[0])}"
         elif self._run is not None:  # without a goal inputs are read less often than they come
             missing = self._diagnosis.rate_problem("odom", self._odom_timeout)
-        self._is_simulated = self.count_publishers("/clock") > 0
         rivals = rival_senders(self, self._diagnosis.topics)
         problems = (
             missing,

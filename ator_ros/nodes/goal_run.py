@@ -29,6 +29,7 @@ from ator_ros.nodes.result_line import changes_of, result_line
 from ator_ros.printable import one_line
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
+from ator_ros.world.delay import Delay
 from ator_ros.world.messages import MessageError
 from ator_ros.world.state import World
 
@@ -53,6 +54,7 @@ class GoalRun:
         settings: Mapping[str, Any],
         fence: Fence,
         rolling: Rolling,
+        delay: Delay | None,
     ) -> None:
         goal, frame = handle.request, settings["frame"]
         action_set = messages.action_set_from(goal.chain, allowed=libraries)
@@ -79,6 +81,7 @@ class GoalRun:
             fetches=goal.fetches,
             alternatives=[each for each in others if isinstance(each, TopChain)],
             rolling=rolling,
+            delay=delay,
         )
         self._library, self._refinement, self._frame, self._fence = (
             library,

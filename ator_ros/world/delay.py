@@ -6,12 +6,13 @@ import math
 from collections import deque
 
 # a clock runs with real time if the least delays of six steps, together 3 s, differ by at most 1 %
-_STEPS, _STEADY = 6, 0.03
+_STEP = 0.5  # real s
+_STEPS = 6
+_STEADY = 0.03  # s; 1 % of these steps
 # real s over which the least delay counts as usual: clocks of two computers drift apart by 6 ms
-_USUAL, _STEP = 60.0, 0.5
+_USUAL = 60.0
 _RECENT = 0.2  # real s whose least delay is the present one: single messages may be late
 _FEWEST = 3  # states whose least delay counts
-_DISTRUST = 600.0  # real s for which a clock that became slower may do so again
 _GAP = 1.0  # real s without a newer stamp after which a clock may have been paused
 
 
@@ -19,25 +20,18 @@ class Delay:
     """The delay of one clock's states beyond the usual one.
 
     A growing delay cannot be told from a clock that becomes slower, as that of a simulation on a
-    busy machine. `restart` makes the present delay the usual one; `distrust` says that the clock
-    was found to become slower.
+    busy machine.
     """
 
     def __init__(self) -> None:
-        self._distrusted_until = -math.inf
         self.restart()
 
     def restart(self) -> None:
-        """Forget the usual delay."""
+        """Forget the usual delay; the delay is unknown until the clock has run with real time for 3 s."""
         self._is_known = False
         self._last = -math.inf
         self._least: deque[tuple[float, float]] = deque()
         self._recent: deque[tuple[float, float]] = deque()
-
-    def distrust(self) -> None:
-        """Restart; the delay is unknown for ten minutes."""
-        self._distrusted_until = self._last + _DISTRUST
-        self.restart()
 
     def update(self, time: float, now: float) -> None:
         """Process a state with a newer stamp `time` (s), which is read at `now` in real s."""
@@ -67,7 +61,7 @@ class Delay:
     @property
     def seconds(self) -> float:
         """The delay in s beyond the usual one; 0 where stamps do not run with real time."""
-        if not self._is_known or self._last < self._distrusted_until:
+        if not self._is_known:
             return 0.0
         usual = min(offset for _, offset in self._least)
         return min(offset for _, offset in self._recent) - usual

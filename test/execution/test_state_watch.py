@@ -1,20 +1,21 @@
 """Goals whose states arrive late, or whose objects are seen where they cannot be."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import pytest
-from executions import ROBOT, chain, execution
+from executions import LIBRARY, ROBOT, chain, execution
 from faulty_base import KinematicBase
 
 from ator_ros.domains.soccer.field import BALL
 from ator_ros.execution.chain_executor import Ending
 from ator_ros.execution.fence import Fence
 from ator_ros.execution.motion_watch import MotionWatch
-from ator_ros.execution.state_watch import Timeliness
+from ator_ros.execution.state_watch import DelayWatch, OverlapWatch, Timeliness
 from ator_ros.execution.supervisor import Phase, Supervisor
 from ator_ros.geometry import Pose
 from ator_ros.tops.chain import TopChain
+from ator_ros.world.delay import Delay
 from ator_ros.world.inputs import Inputs
 from ator_ros.world.state import STOP, ObjectState, RobotState, World
 
@@ -25,19 +26,23 @@ FAR = chain(("goToPose", Pose(3.5, 0.0, 0.0)))
 
 def drive(
     plan: TopChain, delay: Callable[[float], float], fence: Fence, *, slower: bool = False
-) -> tuple[Supervisor, KinematicBase, list[Timeliness]]:
+) -> tuple[Supervisor, KinematicBase, Sequence[float]]:
     """Drive with states that are delayed by `delay` s at a time in s, for at most 20 s.
+
+    Return also the real times in s at which the robot was paused because of the delay.
 
     `slower`: the base's clock becomes slower instead, as in a simulation.
     """
     base, inputs = KinematicBase(ROBOT, START), Inputs({})
-    run, watch = execution(plan, fence=fence, now=4.0), MotionWatch(ROBOT, 0.0)
-    seen, waiting, real, due = [], list[tuple[float, float, RobotState]](), 0.0, 0.0
+    run = execution(plan, fence=fence, now=4.0, delay=inputs.delay)
+    watch = MotionWatch(ROBOT, 0.0)
+    paused, waiting, real, due = [], list[tuple[float, float, RobotState]](), 0.0, 0.0
     while run.phase is not Phase.ENDED and real < 20.0:
         if base.time >= due:
             due += 0.05
             late = delay(base.time)
-            waiting.append((base.time + late, base.time, base.state()))
+            arrival = max(base.time + late, waiting[-1][0] if waiting else 0.0)  # in order
+            waiting.append((arrival, base.time, base.state()))
         arrived = [state for state in waiting if state[0] <= real + 1e-9]
         if arrived:
             waiting = [state for state in waiting if state[0] > real + 1e-9]
@@ -45,10 +50,9 @@ def drive(
             world = inputs.robot(stamp, robot, real)
             if world is not None and real >= 4.0:
                 fault = watch.fault(stamp, robot, real)
-                command = run.tick(world, real, fault=fault, delay=inputs.delay.seconds) or STOP
-                seen.append(run.timeliness)
-                if run.timeliness is Timeliness.SLOWER:
-                    inputs.delay.distrust()
+                command = run.tick(world, real, fault=fault) or STOP
+                if "old when they are read" in run.reason:
+                    paused.append(real)
                 watch.sent(stamp, command, real)
                 base.command(command)
             else:
@@ -56,7 +60,7 @@ def drive(
         real += 0.01
         while base.time < (real - delay(base.time) if slower else real):
             base.step()
-    return run, base, seen
+    return run, base, paused
 
 
 def growing(most: float) -> Callable[[float], float]:
@@ -79,19 +83,61 @@ def test_a_growing_delay_ends_the_goal_inside_the_fence(most: float) -> None:
 
 def test_a_clock_that_becomes_slower_only_pauses_the_robot() -> None:
     goal = chain(("goToPose", Pose(0.0, 0.0, 0.0)))
-    run, base, seen = drive(goal, growing(3.0), WIDE, slower=True)
+    run, base, paused = drive(goal, growing(3.0), WIDE, slower=True)
     assert run.ending is Ending.SUCCEEDED, run.reason
     assert base.pose.x == pytest.approx(0.0, abs=0.05)
-    assert seen.count(Timeliness.SLOWER) == 1
-    assert seen.count(Timeliness.DOUBTFUL) < 30
+    assert 0 < len(paused) < 30
 
 
 @pytest.mark.parametrize("late", [0.0, 0.2])
 def test_a_constant_delay_ends_no_goal(late: float) -> None:
     goal = chain(("goToPose", Pose(-1.0, 0.0, 0.0)))
-    run, _, seen = drive(goal, lambda _: late, WIDE)
-    assert set(seen) == {Timeliness.IN_TIME}
+    run, _, paused = drive(goal, lambda _: late, WIDE)
+    assert paused == []
     assert run.ending in (Ending.SUCCEEDED, Ending.BASE_FAULT), run.reason
+
+
+def peak(middle: float) -> Callable[[float], float]:
+    """Return a delay that rises to 0.38 s for 0.2 s around the time `middle` (s)."""
+    return lambda time: min(0.38, max(0.0, 0.47 - 0.9 * abs(time - middle)))
+
+
+def test_a_delay_that_is_over_before_it_is_certain_only_pauses_the_robot() -> None:
+    goal = chain(("goToPose", Pose(0.0, 0.0, 0.0)))
+    run, base, paused = drive(goal, peak(6.5), WIDE)
+    assert run.ending is Ending.SUCCEEDED, run.reason
+    assert base.pose.x == pytest.approx(0.0, abs=0.05)
+    assert 0 < len(paused) < 10
+
+
+def test_a_short_delay_does_not_end_the_protection_against_later_ones() -> None:
+    def delay(time: float) -> float:
+        return peak(5.5)(time) + min(max(0.0, 0.3 * (time - 6.5)), 2.0)
+
+    run, _, _ = drive(FAR, delay, WIDE)
+    assert run.ending is Ending.INPUT_LOST, run.reason
+    assert "odom is late: expected states that are at most 0.3 s old" in run.reason
+
+
+class GivenDelay(Delay):
+    value = 0.0  # s
+
+    @property
+    def seconds(self) -> float:
+        return self.value
+
+
+def test_the_greatest_delay_counts_until_states_are_in_time() -> None:
+    delay = GivenDelay()
+    watch = DelayWatch(ROBOT, 0.3, delay)
+    found = []
+    for tick, delay.value in enumerate([0.1, 0.35, 0.8, 0.1, 0.4, 0.9] + 6 * [0.5]):
+        found.append(watch.judge(World(0.05 * tick, RobotState(START, 0.5))))
+        if tick == 3:
+            assert watch.greatest == 0.0
+    assert found[3] is Timeliness.IN_TIME
+    assert found[-1] is Timeliness.LATE
+    assert watch.greatest == 0.9
 
 
 def place(there: Pose) -> tuple[Ending | None, str, float]:
@@ -122,3 +168,15 @@ def test_an_object_that_is_seen_inside_the_robot_ends_the_goal(there: Pose) -> N
 def test_an_object_in_the_holder_is_where_it_can_be() -> None:
     ending, reason, _ = place(Pose(ROBOT.hold, 0.0, 0.0))
     assert ending is not Ending.INPUT_LOST, reason
+
+
+def inside(*times: float) -> list[str | None]:
+    """Return the faults of states at `times` in s that have a ball in the middle of the robot."""
+    watch, top = OverlapWatch(ROBOT), LIBRARY["goToBall"]
+    robot = RobotState(Pose(0.0, 0.0, 0.0))
+    return [watch.fault(World(t, robot, {BALL: ObjectState(0.0, 0.0)}), top) for t in times]
+
+
+def test_single_wrong_states_with_a_gap_between_them_are_ignored() -> None:
+    assert inside(0.0, 10.0, 20.0) == [None] * 3
+    assert inside(0.0, 10.0, 10.2, 10.4, 10.6)[-2:] != [None] * 2
