@@ -16,8 +16,9 @@ from rclpy.exceptions import InvalidTopicNameException
 from rclpy.node import Node
 from std_msgs.msg import Empty
 
+from ator_ros.nodes.diagnostics import type_name
 from ator_ros.nodes.qos import LEASE
-from ator_ros.printable import quoted
+from ator_ros.printable import printable, quoted
 from ator_ros.world.messages import MessageError
 
 _DISCOVERY_TIMEOUT = 3.0  # real s until a publisher that the graph does not list counts as gone
@@ -76,18 +77,27 @@ class Leases:
     def watch(self, topic: str) -> None:
         """Watch the lease of one more goal; an empty topic is none.
 
-        Raises MessageError if the topic has no valid name.
+        Raises MessageError if the topic has no valid name, or another type than Empty.
         """
         if not topic:
             return
+        if topic not in self._watched:
+            self._watched[topic] = self._lease(topic)
+        self._watched[topic].users += 1
+
+    def _lease(self, topic: str) -> Lease:
+        expected = (
+            f"lease: expected the name of a topic of type std_msgs/Empty, got {quoted(topic)}"
+        )
         try:
-            lease = self._watched.get(topic) or Lease(self._node, topic)
-        except (InvalidTopicNameException, ValueError) as error:
-            raise MessageError(
-                f"lease: expected the name of a topic, got {quoted(topic)}"
-            ) from error
-        self._watched[topic] = lease
-        lease.users += 1
+            name = self._node.resolve_topic_name(topic)
+            types = dict(self._node.get_topic_names_and_types()).get(name, [])
+            if types and type_name(Empty) not in types:
+                raise MessageError(f"{expected} of type {printable(types[0])}")
+            return Lease(self._node, topic)
+        # RuntimeError: this node has the topic with another type; rclpy does not export RCLError
+        except (InvalidTopicNameException, RuntimeError) as error:
+            raise MessageError(expected) from error
 
     def has_ended(self, topic: str) -> bool:
         """Return whether the client of a watched lease is gone; an empty topic never ends."""
