@@ -12,7 +12,7 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 from ator_ros.nodes.diagnostics import incompatibility, node_of, type_name, unconnected
 from ator_ros.nodes.messages import stamp_of, twist_of
 from ator_ros.nodes.qos import NEWEST
-from ator_ros.world.state import Command
+from ator_ros.world.state import STOP, Command
 
 _TOPIC = "cmd_vel"
 _ODOMETRY = "odom"
@@ -27,7 +27,7 @@ class CommandPublisher:
         "true": geometry_msgs/TwistStamped; "false": Twist; "auto": the type that the base
         subscribes to, and Twist without a base. The base is the node that publishes odometry; if
         that does not subscribe, any subscriber may be the base, and the type is kept while one
-        takes it. `adapt` has to be called periodically.
+        takes it. `adapt` has to be called periodically while the robot is commanded to stand.
     frame : str
         The robot's own frame, for stamped commands.
 
@@ -37,6 +37,7 @@ class CommandPublisher:
 
     def __init__(self, node: Node, *, stamped: str, frame: str) -> None:
         self._node, self._setting, self._frame = node, stamped, frame
+        self._last = STOP
         self._use(stamped == "true")
 
     def _use(self, stamped: bool) -> None:
@@ -55,6 +56,7 @@ class CommandPublisher:
 
     def publish(self, command: Command, stamp: float) -> None:
         """Publish a command; a stamped one has the `stamp` (s) of odometry."""
+        self._last = command
         message: Any = twist_of(command)
         if self._stamped:
             message = TwistStamped(twist=message)
@@ -62,8 +64,12 @@ class CommandPublisher:
         self._publisher.publish(message)
 
     def adapt(self) -> None:
-        """Switch to the other type if all bases subscribe to that one and "auto" is set."""
-        if self._setting != "auto":
+        """Switch to the other type if all bases subscribe to that one and "auto" is set.
+
+        The last command must be to stand: a base that drives may be missing in the graph for a
+        moment, while a viewer is listed.
+        """
+        if self._setting != "auto" or self._last != STOP:
             return
         other = Twist if self._stamped else TwistStamped
         if {info.topic_type for info in self._bases()} == {type_name(other)}:

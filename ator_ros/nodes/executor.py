@@ -286,7 +286,7 @@ class ExecutorNode(Node):
             self._warn(warning)
         if self._run is None:
             return
-        self._commands.adapt()
+        self._adapt_commands()
         if self._leases.has_ended(self._run.handle.request.lease):
             self._run.supervisor.end(Ending.CANCELED, "the client of this goal is gone")
         now = time.monotonic()
@@ -333,10 +333,15 @@ class ExecutorNode(Node):
         self._run, self._stop_until = run, 0.0
         run.supervisor.may_stall = self._may_stall(time.monotonic())
         # not in the goal callback: rclpy would keep the previous publisher in use
-        self._commands.adapt()
+        self._adapt_commands()
         # A simulation as fast as possible waits for commands, also while the first action plans.
         self._send(STOP)
         return concluded(await run.finished, handle)
+
+    def _adapt_commands(self) -> None:
+        """Choose the type of commands by the base in the graph, until a goal starts."""
+        if self._run is None or self._run.supervisor.phase is Phase.WAITING:
+            self._commands.adapt()
 
     def _cancel(self, handle: ServerGoalHandle) -> CancelResponse:
         if self._run is None or self._run.handle is not handle:
@@ -470,7 +475,7 @@ class ExecutorNode(Node):
         }
         required = (name for name in self._domain.objects if not self._domain.source(name).optional)
         lost, missing = [name for name in required if name not in known], ""
-        self._commands.adapt()
+        self._adapt_commands()
         if stale:
             source = "odom" if "odom" in self._diagnosis.topics else "tf"
             missing = f"{source} is missing; {self._missing_cause('odom')}"

@@ -11,7 +11,7 @@ from ros_client import Client
 from ator_interfaces.msg import Outcome
 from ator_ros.geometry import Pose
 from ator_ros.nodes.commands import CommandPublisher
-from ator_ros.world.state import Command
+from ator_ros.world.state import STOP, Command
 
 CLIENT = {"silent": True}
 NEAR = [call("goToPose", Pose(0.5, 0.0, 0.0))]
@@ -114,7 +114,7 @@ def test_the_node_that_publishes_odometry_is_the_base_also_if_a_viewer_came_firs
 
         def received() -> bool:
             client.within(commands.adapt)
-            commands.publish(Command(0.1, 0.0), 0.0)
+            commands.publish(STOP, 0.0)
             return moving.received > 0
 
         client.eventually(received, "a command at the base")
@@ -122,4 +122,29 @@ def test_the_node_that_publishes_odometry_is_the_base_also_if_a_viewer_came_firs
         assert commands.mismatch() == ""
     finally:
         base.close()
+        viewer.close()
+
+
+@pytest.mark.parametrize(("kind", "other"), [(Twist, TwistStamped), (TwistStamped, Twist)])
+def test_a_base_that_drives_keeps_its_type_while_only_a_viewer_is_in_the_graph(
+    client: Client, domain: int, kind: type, other: type
+) -> None:
+    base, viewer = (Client(domain, name=name, silent=True) for name in ("base", "viewer"))
+    commands = CommandPublisher(client.node, stamped="auto", frame="base_link")
+    try:
+        MovingBase(base, kind)
+        client.eventually(lambda: client.within(commands.adapt) or commands.connected, "the base")
+        viewer.listen(other, "cmd_vel", 10)
+        client.eventually(lambda: client.node.count_subscribers("cmd_vel") == 2, "the viewer")
+        client.within(lambda: commands.publish(Command(0.1, 0.0), 0.0))
+    finally:
+        base.close()
+    try:
+        client.eventually(lambda: client.node.count_subscribers("cmd_vel") == 1, "the viewer alone")
+        client.within(commands.adapt)
+        assert commands.kind is kind
+        client.within(lambda: commands.publish(STOP, 0.0))
+        client.within(commands.adapt)
+        assert commands.kind is other
+    finally:
         viewer.close()
