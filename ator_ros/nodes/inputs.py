@@ -189,7 +189,9 @@ class Subscriptions:
         # Objects first: when several messages wait, those of objects are then processed before
         # odometry.
         for source in sources:
-            reader, take = ObjectReader(source, frame), partial(take_object, source.name)
+            shared = partial(self._is_shared, source.topic_or_frame)
+            reader = ObjectReader(source, frame, is_shared=shared)
+            take = partial(take_object, source.name)
             if source.type == "tf":
                 self._follow(
                     source.name, (frame, source.topic_or_frame), reader.read_placement, take
@@ -198,7 +200,7 @@ class Subscriptions:
                 item = Input(source.topic_or_frame, TYPES[source.type], SENSOR_DATA)
                 self._subscribe(source.name, item, reader.read, take)
         if settings[STATE.name] == "odom":
-            odometry = OdometryReader(frame)
+            odometry = OdometryReader(frame, is_shared=partial(self._is_shared, "odom"))
             take_odometry = partial(self._take_odometry, odometry, take_robot)
             self._subscribe(
                 "odom", Input("odom", Odometry, SENSOR_DATA), odometry.read, take_odometry
@@ -211,6 +213,7 @@ class Subscriptions:
             velocity, transforms = RobotVelocity(robot.limits.v, robot.limits.w), self.tf.transforms
 
             def read(stamp: float, placement: Placement) -> tuple[float, RobotState]:
+                check_senders(transforms, *frames)
                 moved = transforms.latest_in_odometry(*frames)
                 return robot_from_placement(velocity, stamp, placement, moved)
 
@@ -232,12 +235,11 @@ class Subscriptions:
         take: Callable[..., None],
     ) -> None:
         self.inputs[name] = Input("/tf", TFMessage, RESULTS, frames)
+        self.tf.follow(*frames, partial(self._take, name, read, take))
 
-        def read_of_one_sender(stamp: float, placement: Placement) -> Any:
-            check_senders(self.tf.transforms, *frames)
-            return read(stamp, placement)
-
-        self.tf.follow(*frames, partial(self._take, name, read_of_one_sender, take))
+    def _is_shared(self, topic: str) -> bool:
+        """Return whether the graph lists several publishers of a topic."""
+        return bool(self._node.count_publishers(topic) > 1)
 
     def _take(
         self, name: str, read: Callable[..., Any], take: Callable[..., None], *message: Any

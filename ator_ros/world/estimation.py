@@ -10,6 +10,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections import deque
+from collections.abc import Callable
 
 import numpy as np
 
@@ -179,35 +180,53 @@ class VelocityCheck:
         return ObjectState(sighting.x, sighting.y, vx, vy), None if reported else warning
 
 
-_APART = 0.02  # m between two senders' positions; the noise of odometry is below
-_OPPOSITE = 0.1  # least share of a jump by which the positions beside it seem to jump back
-_SIMILAR = 0.3  # greatest share by which the jumps of two senders differ
-_RETURNS = 8  # jumps of this kind, one after the other, that only two senders make
-_LONGEST_PAUSE = 1.5  # s between two of these jumps
+_LEAST_DISTANCE = 0.02  # m between two senders of a topic; the noise of odometry is below
+# m between two senders in tf: detections of depth cameras, and poses of scan matchers, flip by the
+# 3 to 5 cm of a cell
+_LEAST_IN_TF = 0.2
+# least share of a jump by which both neighbors seem to jump back: simulated senders, every second
+# to fifth message of one of them, with uneven stamps, reach it
+_LEAST_RETURN = 0.1
+_MOST_VARIATION = 0.3  # greatest share by which jumps differ: by 0.25 with the same uneven stamps
+# jumps of this kind in a row: white noise of one sender made at most 7 in 30,000 messages
+_FEWEST_JUMPS = 8
+# s without such a jump after which one of the two has ended; also a sender of 1 Hz has not
+_LONGEST_PAUSE = 1.5
 
 
 class SenderCheck:
-    """Recognizes that a position comes from two senders: it jumps to and fro, always as far.
+    """Recognizes that positions come from two senders.
 
-    A corrected position jumps once, and noise does not jump equally far again and again.
+    The graph of ROS is the condition: `is_shared` returns whether it lists two publishers of the
+    topic. The positions confirm that both send: they jump to and fro, always as far. Positions of
+    one sender may do so, too, as those of a camera whose depths are rounded, and the graph lists
+    publishers that have ended for up to 20 s.
+
+    Without `is_shared`, as in tf, whose senders are unknown, jumps of at least 0.2 m count alone.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, is_shared: Callable[[], bool] | None = None) -> None:
+        self._is_shared = is_shared
+        self._least = _LEAST_IN_TF if is_shared is None else _LEAST_DISTANCE
         self._positions: deque[tuple[float, float, float]] = deque(maxlen=3)  # s, m, m
         # differences of positions from the lines between those before and after
-        self._off: deque[tuple[float, float]] = deque(maxlen=3)
-        self._jump, self._jumped_at, self._jumps = (0.0, 0.0), -math.inf, 0
+        self._deviations: deque[tuple[float, float]] = deque(maxlen=3)
+        self._jump = (0.0, 0.0)  # m; the last one
+        self._jumped_at = -math.inf  # s
+        self._jumps = 0
 
     def distance(self, time: float, x: float, y: float) -> float:
         """Process a position (m) at `time` (s); return the distance of two senders in m, 0 of one."""
         self._positions.append((time, x, y))
         if len(self._positions) == 3:
-            self._off.append(_off_line(*self._positions))
-        if len(self._off) == 3:
-            self._count(time, *self._off)
+            self._deviations.append(_deviation(*self._positions))
+        if len(self._deviations) == 3:
+            self._count(time, *self._deviations)
         if abs(time - self._jumped_at) > _LONGEST_PAUSE:
             self._jumps = 0
-        return math.hypot(*self._jump) if self._jumps >= _RETURNS else 0.0
+        jumps = self._jumps >= _FEWEST_JUMPS
+        is_shared = jumps and (self._is_shared is None or self._is_shared())
+        return math.hypot(*self._jump) if is_shared else 0.0
 
     def _count(
         self,
@@ -219,16 +238,17 @@ class SenderCheck:
         """Count the jump in the middle of three differences if it is one to another sender."""
         size = math.hypot(*jump)
         back = min(-_dot(jump, before), -_dot(jump, after))
-        if size < _APART or back < _OPPOSITE * size * size:
+        if size < self._least or back < _LEAST_RETURN * size * size:
             return
         # From the first sender to the second it points the other way than back.
         sign = math.copysign(1.0, _dot(jump, self._jump))
         differs = math.hypot(jump[0] - sign * self._jump[0], jump[1] - sign * self._jump[1])
-        self._jumps = self._jumps + 1 if differs <= _SIMILAR * size else 1
-        self._jump, self._jumped_at = jump, time
+        self._jumps = self._jumps + 1 if differs <= _MOST_VARIATION * size else 1
+        self._jump = jump
+        self._jumped_at = time
 
 
-def _off_line(
+def _deviation(
     before: tuple[float, float, float],
     here: tuple[float, float, float],
     after: tuple[float, float, float],

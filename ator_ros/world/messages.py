@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Collection, Sized
+from collections.abc import Callable, Collection, Sized
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -284,16 +284,22 @@ class OdometryReader:
 
     Poses must be in the frame `frame`; empty: in that of the first message. The attribute `frame`
     is the frame of the poses, once it is known. Velocities that contradict the poses are replaced,
-    unless `corrects` is false: a recording is corrected as a whole.
+    unless `corrects` is false: a recording is corrected as a whole. `is_shared`: see `SenderCheck`.
     """
 
-    def __init__(self, frame: str = "", *, corrects: bool = True) -> None:
+    def __init__(
+        self,
+        frame: str = "",
+        *,
+        corrects: bool = True,
+        is_shared: Callable[[], bool] | None = None,
+    ) -> None:
         self.frame, self._corrects = plain_frame(frame), corrects
         self.remark = ""
         """That pose and twist contradict each other, after the message that showed it; else empty.
 
         Then the poses decide."""
-        self._check, self._senders = TwistCheck(), SenderCheck()
+        self._check, self._senders = TwistCheck(), SenderCheck(is_shared)
 
     def read(self, odometry: Any) -> tuple[float, RobotState]:
         """Return time in s and state of the robot from a nav_msgs/Odometry.
@@ -313,8 +319,8 @@ class OdometryReader:
         time = seconds_from(odometry.header.stamp, "odom.header.stamp")
         robot = RobotState(pose, v, w)
         self.frame = self.frame or plain_frame(given)
-        if apart := self._senders.distance(time, pose.x, pose.y):
-            raise SendersError(f"odom: {_to_and_fro(apart)}; end one of the nodes that publish it")
+        if distance := self._senders.distance(time, pose.x, pose.y):
+            raise SendersError(f"odom: {_to_and_fro(distance)}")
         checked, found = self._check.check(time, robot)
         child = quoted(odometry.child_frame_id)
         self.remark = (
@@ -326,12 +332,19 @@ class OdometryReader:
 class ObjectReader:
     """Reads the messages of one object in the order of arrival; missing velocities are estimated.
 
-    Positions must be in the frame `frame`; empty: any.
+    Positions must be in the frame `frame`; empty: any. `is_shared`: see `SenderCheck`; without it,
+    two senders are not recognized, as detections of one object may jump to and fro.
     """
 
-    def __init__(self, source: ObjectSource, frame: str = "") -> None:
+    def __init__(
+        self,
+        source: ObjectSource,
+        frame: str = "",
+        *,
+        is_shared: Callable[[], bool] = lambda: False,
+    ) -> None:
         self._source, self.frame = source, frame
-        self._estimate, self._senders = VelocityEstimate(), SenderCheck()
+        self._estimate, self._senders = VelocityEstimate(), SenderCheck(is_shared)
 
     def read(self, message: Any) -> tuple[float, ObjectState]:
         """Return time in s and state of the object from a message of the source's type."""
@@ -341,8 +354,8 @@ class ObjectReader:
         pose = message.pose if self._source.type == "PoseStamped" else message.pose.pose
         x = position(pose.position.x, f"{where}.pose: position.x")
         y = position(pose.position.y, f"{where}.pose: position.y")
-        if apart := self._senders.distance(time, x, y):
-            raise SendersError(f"{where}: {_to_and_fro(apart)}")
+        if distance := self._senders.distance(time, x, y):
+            raise SendersError(f"{where}: {_to_and_fro(distance)}")
         if self._source.type != "Odometry":
             return time, self._estimate.state(time, x, y)
         linear = message.twist.twist.linear
@@ -395,14 +408,14 @@ def world_from(situation: Any, *, frame: str = "", where: str = "situation") -> 
 
 def check_senders(transforms: Transforms, frame: str, child: str) -> None:
     """Raise SendersError if a transform between two frames comes from two senders."""
-    if found := transforms.rivals(frame, child):
-        parent, name, apart = found
-        raise SendersError(f"tf: {quoted(parent)} to {quoted(name)}: {_to_and_fro(apart)}")
+    if found := transforms.second_sender(frame, child):
+        parent, name, distance = found
+        raise SendersError(f"tf: {quoted(parent)} to {quoted(name)}: {_to_and_fro(distance)}")
 
 
-def _to_and_fro(apart: float) -> str:
+def _to_and_fro(distance: float) -> str:
     return (
-        f"expected one sender, got positions that jump to and fro by {apart:.2f} m; end one of the "
+        f"expected one sender, got positions that jump to and fro by {distance:.2f} m; end one of the "
         "nodes that publish it"
     )
 

@@ -62,12 +62,12 @@ class _Link:
     fixed: bool
     placements: deque[tuple[float, Placement]] = field(default_factory=lambda: deque(maxlen=_KEPT))
     senders: SenderCheck = field(default_factory=SenderCheck)
-    apart: float = 0.0  # m between the placements of two senders; 0 with one
+    sender_distance: float = 0.0  # m between the placements of two senders; 0 with one
 
     def add(self, time: float, placement: Placement) -> None:
         """Add a placement; if it is older than the last one, the clock was reset."""
         if not self.fixed:
-            self.apart = self.senders.distance(time, *placement.origin[:2])
+            self.sender_distance = self.senders.distance(time, *placement.origin[:2])
         if self.placements and (self.fixed or time < self.placements[-1][0]):
             self.placements.clear()
         elif self.placements and time == self.placements[-1][0]:
@@ -124,15 +124,15 @@ class Transforms:
         there, back = self._in_ancestor(rising, time), self._in_ancestor(falling, time)
         return None if there is None or back is None else (time, back.inverse().compose(there))
 
-    def rivals(self, frame: str, child: str) -> tuple[str, str, float] | None:
+    def second_sender(self, frame: str, child: str) -> tuple[str, str, float] | None:
         """Return parent, frame and distance in m of a transform between two frames with two senders.
 
         None if there is none.
         """
         for name in chain(*(self._path(frame, child) or ())):
             link = self._links[name]
-            if link.apart > 0.0:
-                return link.parent, name, link.apart
+            if link.sender_distance > 0.0:
+                return link.parent, name, link.sender_distance
         return None
 
     def latest_in_odometry(self, frame: str, child: str) -> tuple[float, Placement] | None:

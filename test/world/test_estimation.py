@@ -117,43 +117,60 @@ def test_after_a_gap_or_a_reset_a_robot_is_at_rest(time: float) -> None:
     assert (state.v, state.w) == (0.0, 0.0)
 
 
-@pytest.mark.parametrize("apart", [0.05, 0.4])
-def test_jumps_to_and_fro_do_not_become_a_velocity(apart: float) -> None:
+@pytest.mark.parametrize("distance", [0.05, 0.4])
+def test_jumps_to_and_fro_do_not_become_a_velocity(distance: float) -> None:
     estimate = RobotVelocity(0.5, 2.0)
     for tick in range(80):
-        x = 0.1 * 0.02 * tick + (apart if tick % 4 else 0.0)
+        x = 0.1 * 0.02 * tick + (distance if tick % 4 else 0.0)
         state = estimate.state(0.02 * tick, Pose(x, 0.0, 0.0))
         assert abs(state.v) <= 0.75
 
 
 def senders(
-    apart: float,
+    distance: float,
     *,
-    every: int = 2,
+    is_shared: Callable[[], bool] | None = lambda: True,
+    every: float = 2,
     speed: float = 0.8,
     noise: float = 0.0,
     uneven: float = 0.0,
     jump_every: int = 10**9,
 ) -> float:
-    """Return the distance that is found after 3 s at 40 Hz; one sender in `every` is `apart` m off.
+    """Return the distance that is found after 3 s at 40 Hz; one message in `every` is `distance` m off.
+
+    `every` below 1 is the probability of such a message.
 
     A corrected position jumps by 0.3 m after `jump_every` messages.
     """
-    rng, check, found, corrected = np.random.default_rng(2), SenderCheck(), 0.0, 0.0
+    rng, check, found, corrected = np.random.default_rng(2), SenderCheck(is_shared), 0.0, 0.0
     for tick in range(120):
         time = 0.025 * tick + (uneven if tick % 2 else 0.0)
         corrected += rng.choice([-0.3, 0.3]) if tick % jump_every == jump_every - 1 else 0.0
         x, y = rng.normal(scale=noise, size=2) if noise else (0.0, 0.0)
-        off = apart if tick % every == 0 else 0.0
+        is_off = rng.random() < every if every < 1 else tick % every == 0
+        off = distance if is_off else 0.0
         found = check.distance(time, 7e5 + speed * time + x + corrected, y + off)
     return found
 
 
-@pytest.mark.parametrize("apart", [0.05, 0.4, 30.0])
+@pytest.mark.parametrize("distance", [0.05, 0.4, 30.0])
 @pytest.mark.parametrize("every", [2, 3, 5])
 @pytest.mark.parametrize("uneven", [0.0, 0.015])
-def test_two_senders_are_recognized(apart: float, every: int, uneven: float) -> None:
-    assert senders(apart, every=every, uneven=uneven) == pytest.approx(apart, rel=0.3)
+def test_two_senders_are_recognized(distance: float, every: int, uneven: float) -> None:
+    found = senders(distance, every=every, uneven=uneven)
+    assert found == pytest.approx(distance, rel=0.3)
+    in_tf = senders(distance, every=every, uneven=uneven, is_shared=None)
+    assert in_tf == (0.0 if distance == 0.05 else found)
+
+
+@pytest.mark.parametrize("cell", [0.03, 0.05])
+@pytest.mark.parametrize("every", [0.5, 0.2, 2])
+@pytest.mark.parametrize("is_shared", [None, lambda: False])
+def test_one_sender_whose_positions_are_rounded_is_one(
+    cell: float, every: float, is_shared: Callable[[], bool] | None
+) -> None:
+    for speed in (0.0, 0.8):
+        assert senders(cell, every=every, speed=speed, is_shared=is_shared) == 0.0
 
 
 @pytest.mark.parametrize(

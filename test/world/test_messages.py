@@ -223,7 +223,7 @@ def test_where_pose_and_twist_contradict_each_other_the_pose_decides(wrong: str)
 
 
 def test_odometry_of_two_senders_is_refused() -> None:
-    reader, refused = OdometryReader("odom"), list[str]()
+    reader, refused = OdometryReader("odom", is_shared=lambda: True), list[str]()
     for tick in range(100):
         pose = Pose(0.005 * tick, 0.4 if tick % 2 and tick < 60 else 0.0, 0.0)
         try:
@@ -236,16 +236,18 @@ def test_odometry_of_two_senders_is_refused() -> None:
 
 
 def test_an_object_of_two_senders_is_refused() -> None:
-    reader = ObjectReader(ObjectSource("cart"), "map")
+    is_shared = False
+    reader = ObjectReader(ObjectSource("cart"), "map", is_shared=lambda: is_shared)
 
     def read(tick: int) -> None:
         here = Pose(3.0, 4.0 + 0.4 * (tick % 2), 0.0)
         reader.read(odometry(here, vector(), frame="map", time=0.025 * tick))
 
-    for tick in range(11):
+    for tick in range(40):
         read(tick)
+    is_shared = True
     with pytest.raises(SendersError, match=r"cart: expected one sender, got positions that jump"):
-        read(11)
+        read(40)
 
 
 def test_a_goal_in_degrees_is_refused_and_other_lengths_are_normalized() -> None:
