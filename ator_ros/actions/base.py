@@ -118,8 +118,8 @@ class Action(ABC):
     def step(self, world: World) -> Step:
         """Return the command for the next tick; `Step.status` says whether the action has ended."""
 
-    def may_precede_end(self, world: World) -> bool:  # noqa: ARG002
-        """Return whether `world` may be older than the end that `step` has returned.
+    def is_before_result(self, world: World) -> bool:  # noqa: ARG002
+        """Return whether `world` may be older than the result that `step` has returned.
 
         Actions that are executed here end with a state.
         """

@@ -384,7 +384,7 @@ class StepRun:
         unmet = top.unmet(world, self.call.goal, self._library.robot)
         if not unmet:
             return step
-        if self.action is not None and self.action.may_precede_end(world):
+        if self.action is not None and self.action.is_before_result(world):
             awaited = f"{top.name} waits for a state after its end: {'; '.join(unmet)}"
             return Step(None, Status.RUNNING, awaited)
         self._settling = min(self._settling, world.time)

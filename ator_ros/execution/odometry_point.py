@@ -11,10 +11,13 @@ from ator_ros.geometry import Pose, wrap_angle
 
 _STEP = 0.1  # rad; turn after which the sideways motion is measured: noise of 5 mm counts as 5 cm
 _LARGEST_STEP = 0.6  # rad; above it, messages are missing, or the pose was reset
-_FARTHEST = 0.15  # m; in longer steps the curvature may change, which looks like sideways motion
-_LONGEST = 0.5  # s; the same for the time of a step, if the robot hardly turns
-_KEPT, _FEWEST = 40, 10  # greatest and least number of steps: 1 rad
-_OFF = 0.06  # m; with 0.05 m drives arrive, with 0.1 m some do not
+# m; in longer steps the curvature may change, which looks like sideways motion: with `_STEP`, arcs
+# of a radius up to 1.5 m are measured
+_LONGEST_STEP = 0.15
+_SLOWEST_STEP = 0.5  # s; the same for the time of a step, if the robot hardly turns
+_KEPT = 40  # greatest number of steps whose median counts
+_FEWEST = 10  # least number of steps: a turn by 1 rad
+_LEAST_AHEAD = 0.06  # m; with 0.05 m drives arrive, with 0.1 m some do not
 _ROUNDED = 0.05  # m; so that the sentence rarely changes
 
 
@@ -39,8 +42,8 @@ class OdometryPoint:
             return
         since, before = self._begin
         turned = wrap_angle(pose.yaw - before.yaw)
-        far = before.distance(pose) > _FARTHEST or abs(turned) > _LARGEST_STEP
-        if far or not 0.0 <= time - since <= _LONGEST:
+        far = before.distance(pose) > _LONGEST_STEP or abs(turned) > _LARGEST_STEP
+        if far or not 0.0 <= time - since <= _SLOWEST_STEP:
             self._begin = time, pose
         elif abs(turned) >= _STEP:
             middle = before._replace(yaw=before.yaw + 0.5 * turned)
@@ -52,7 +55,7 @@ class OdometryPoint:
         if len(self._found) < _FEWEST:
             return ""
         low, ahead, high = np.quantile(self._found, (0.25, 0.5, 0.75)).tolist()
-        if not (low > _OFF or high < -_OFF):
+        if not (low > _LEAST_AHEAD or high < -_LEAST_AHEAD):
             return ""
         side = "ahead of" if ahead > 0.0 else "behind"
         distance = _ROUNDED * round(abs(ahead) / _ROUNDED)

@@ -222,7 +222,7 @@ def type_mismatch(node: Node, topic: str, kind: type) -> str:
     return ""
 
 
-def rival_senders(node: Node, topics: Iterable[str]) -> str:
+def several_publishers(node: Node, topics: Iterable[str]) -> str:
     """Return the topics with several publishers, which DDS counts for 20 s after they were killed."""
     senders = {
         topic: [node_of(s) for s in node.get_publishers_info_by_topic(topic)] for topic in topics

@@ -37,7 +37,7 @@ from ator_ros.nodes.diagnostics import (
     Diagnostics,
     Health,
     Ticks,
-    rival_senders,
+    several_publishers,
 )
 from ator_ros.nodes.drawing import ExecutionDrawing
 from ator_ros.nodes.goal_run import GoalRun, concluded, unstarted
@@ -400,7 +400,11 @@ class ExecutorNode(Node):
         if self._world is None or time.monotonic() - self._odom_at > 0.5 * self._odom_timeout:
             return self._missing_cause("odom")
         lost = missing_in(supervisor.executor.chain.calls, self._world)
-        return self._missing_cause(lost[0]) if lost else rival_senders(self, self._diagnosis.topics)
+        return (
+            self._missing_cause(lost[0])
+            if lost
+            else several_publishers(self, self._diagnosis.topics)
+        )
 
     def _missing_cause(self, name: str) -> str:
         timeout = self._odom_timeout if name == "odom" else self._settings[f"{name}_timeout"]
@@ -465,7 +469,7 @@ class ExecutorNode(Node):
                 name: "unknown" if name not in known else "overdue" if name in overdue else "known"
                 for name in self._domain.objects
             },
-            "delay of odom (s)": f"{self._delay:.2f}",
+            "delay of odom (s)": f"{self._delay:.2f}" if self._inputs.delay.is_known else "unknown",
             **self._rolling.diagnostics(),
             **self._ticks.diagnostics(),
             "goal": "none" if self._run is None else self._run.supervisor.phase.value,
@@ -483,7 +487,6 @@ class ExecutorNode(Node):
             missing = f"{', '.join(lost)}: expected recent messages; {self._missing_cause(lost[0])}"
         elif self._run is not None:  # without a goal inputs are read less often than they come
             missing = self._diagnosis.rate_problem("odom", self._odom_timeout)
-        rivals = rival_senders(self, self._diagnosis.topics)
         problems = (
             missing,
             "" if missing else self._delay_problem(),
@@ -491,7 +494,7 @@ class ExecutorNode(Node):
             self._map.problem,
             self._sets.problem,
             self._remotes.problem,
-            rivals,
+            several_publishers(self, self._diagnosis.topics),
         )
         is_error = self._map.is_missing or (stale and self._run is not None)
         return Health("; ".join(filter(None, problems)), is_error, values)

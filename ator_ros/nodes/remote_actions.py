@@ -114,7 +114,7 @@ class RemoteAction(Action):
         """Return the next step; its command is None from the tick on in which the goal is sent."""
         return self._prepare(world) if self._sent is None else self._wait(world, self._sent)
 
-    def may_precede_end(self, world: World) -> bool:
+    def is_before_result(self, world: World) -> bool:
         """Return whether `world` may be older than the server's result."""
         if self._result_at is None:
             return False

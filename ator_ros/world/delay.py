@@ -28,7 +28,8 @@ class Delay:
 
     def restart(self) -> None:
         """Forget the usual delay; the delay is unknown until the clock has run with real time for 3 s."""
-        self._is_known = False
+        self.is_known = False
+        """Whether the usual delay is known."""
         self._last = -math.inf
         self._least: deque[tuple[float, float]] = deque()
         self._recent: deque[tuple[float, float]] = deque()
@@ -46,7 +47,7 @@ class Delay:
             since, least = self._least[-1]
             self._least[-1] = since, min(least, offset)
         else:
-            self._is_known = self._is_known or self._is_steady()
+            self.is_known = self.is_known or self._is_steady()
             self._least.append((now, offset))
         while now - self._least[0][0] > _USUAL:
             self._least.popleft()
@@ -61,7 +62,7 @@ class Delay:
     @property
     def seconds(self) -> float:
         """The delay in s beyond the usual one; 0 where stamps do not run with real time."""
-        if not self._is_known:
+        if not self.is_known:
             return 0.0
         usual = min(offset for _, offset in self._least)
         return min(offset for _, offset in self._recent) - usual

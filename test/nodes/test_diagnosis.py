@@ -12,7 +12,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from ros_client import Client
 
 from ator_ros.nodes.commands import CommandPublisher
-from ator_ros.nodes.diagnostics import Diagnosis, rival_senders
+from ator_ros.nodes.diagnostics import Diagnosis, several_publishers
 from ator_ros.nodes.inputs import Input, TfListener
 from ator_ros.nodes.qos import NEWEST, SENSOR_DATA
 
@@ -43,7 +43,8 @@ def test_the_cause_of_missing_odometry(client: Client) -> None:
     client.eventually(lambda: node.count_publishers("odom"), "the graph")
     client.within(lambda: [node.create_publisher(Odometry, "ball", SENSOR_DATA) for _ in range(2)])
     client.eventually(
-        lambda: "ball: expected one pub" in rival_senders(node, ["odom", "ball"]), "rivals"
+        lambda: "ball: expected one pub" in several_publishers(node, ["odom", "ball"]),
+        "a second publisher",
     )
     for came, expected in (
         (cause(), "odom: /test_client publishes it, but sends no messages"),

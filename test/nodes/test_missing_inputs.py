@@ -138,7 +138,13 @@ class DelayedBase(MovingBase):
 def test_odometry_whose_delay_grows_ends_the_goal(host: Host, client: Client) -> None:
     base = DelayedBase(client)
     node = host("executor", fence="[-9.0, -3.0, 9.0, 3.0]")
-    time.sleep(4.0)  # until the pace of the clock is known
+    health = client.statuses()
+
+    def delay() -> str:
+        values = {item.key: item.value for item in health[-1].values} if health else {}
+        return values.get("delay of odom (s)", "unknown")
+
+    client.eventually(lambda: delay() != "unknown", "the clock's usual delay")
     sent = ChainClient(client).send([call("goToPose", Pose(4.0, 0.0, 0.0))])
     client.eventually(lambda: sent.ended() or base.pose.x > 0.3, "the robot drives")
     base.begin = time.monotonic()
