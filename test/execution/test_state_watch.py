@@ -130,14 +130,18 @@ class GivenDelay(Delay):
 def test_the_greatest_delay_counts_until_states_are_in_time() -> None:
     delay = GivenDelay()
     watch = DelayWatch(ROBOT, 0.3, delay)
-    found = []
-    for tick, delay.value in enumerate([0.1, 0.35, 0.8, 0.1, 0.4, 0.9] + 6 * [0.5]):
-        found.append(watch.judge(World(0.05 * tick, RobotState(START, 0.5))))
-        if tick == 3:
-            assert watch.greatest == 0.0
-    assert found[3] is Timeliness.IN_TIME
+
+    def judge(tick: int, late: float) -> Timeliness:
+        delay.value = late
+        return watch.judge(World(0.05 * tick, RobotState(START, 0.5)))
+
+    assert judge(0, 0.8) is Timeliness.DOUBTFUL
+    assert judge(1, 0.1) is Timeliness.IN_TIME
+    assert watch.greatest == 0.0
+    assert judge(2, 0.6) is Timeliness.DOUBTFUL
+    found = [judge(tick, 0.4) for tick in range(3, 12)]
     assert found[-1] is Timeliness.LATE
-    assert watch.greatest == 0.9
+    assert watch.greatest == 0.6
 
 
 def place(there: Pose) -> tuple[Ending | None, str, float]:
