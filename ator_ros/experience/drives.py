@@ -32,12 +32,12 @@ from ator_ros.experience.server_goals import (
     ServerGoals,
     status_topics,
 )
-from ator_ros.geometry import FloatArray, Pose, wrap_angle, wrap_angles
+from ator_ros.geometry import FloatArray, IntArray, Pose, wrap_angle, wrap_angles
 from ator_ros.printable import printable, quoted
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import Top
 from ator_ros.tops.objects import held_first, held_last, is_held
-from ator_ros.world.estimation import JUMP, RobotVelocity
+from ator_ros.world.estimation import JUMP, TWIST_TOLERANCE, RobotVelocity
 from ator_ros.world.messages import (
     MessageError,
     ObjectReader,
@@ -74,7 +74,6 @@ _JUMP_SLACK = (
 _MOVING = 0.05  # m/s or rad/s, speeds above which pose and twist are compared
 _BESIDE = 0.1  # s before and after a state between which its velocity is derived from the poses
 _LEAST_TIME = 1.0  # s for which pose and twist have to contradict each other
-_CONTRADICTING = 0.3  # share of the speed by which pose and twist may differ, as in `TwistCheck`
 _SEGMENT = 100  # numbers that need as much memory as a segment without messages
 _JUMPS = "the pose jumps during the drive"
 _TOO_LONG = f"expected at most {_LONGEST:.0f} s"
@@ -172,7 +171,6 @@ class Reader:
         self._is_older = False
         self._counts: Counter[str] = Counter()
         self._numbers = 0
-        self._odometry_remark = ""
         self._parents: dict[str, str] = {}
         """By frame in tf, its parent."""
         self.left_out: Counter[str] = Counter()
@@ -191,7 +189,6 @@ class Reader:
         try:
             if role == ODOM:
                 self._add_state(*self._odometry.read(message))
-                self._odometry_remark = self._odometry_remark or self._odometry.remark
             elif role == CMD_VEL:
                 command = command_from(message, CMD_VEL)
                 if newest.odom:  # a Twist has no stamp: it gets that of the last odometry message
@@ -293,11 +290,8 @@ class Reader:
                 f"got the frames {frames}"
             )
         corrected = sorted(set().union(*(each.track.corrected for each in states)))
-        contradiction = self._odometry_remark
-        if corrected and not contradiction:
-            contradiction = f"odom: {' and '.join(corrected)} and poses contradict each other"
-        if contradiction:
-            yield f"{contradiction}; the poses decide" if corrected else contradiction
+        if corrected:
+            yield f"odom: {' and '.join(corrected)} and poses contradict each other; the poses decide"
 
     def _server_episodes(self) -> list[Episode]:
         """Return the goals that action servers executed.
@@ -535,26 +529,52 @@ def _around(table: FloatArray, times: FloatArray) -> FloatArray:
 def _correct_twists(odom: FloatArray) -> set[str]:
     """Derive velocities that contradict the poses from them, in place; return which these are.
 
-    Columns are t, x, y, yaw, v, w. A driver without signs reports how fast the robot drives backward
-    as if it drove forward: then the sign alone is corrected.
+    Columns are t, x, y, yaw, v, w. A driver without signs reports how fast the robot drives
+    backward as if it drove forward: then the sign alone is corrected.
     """
     times = odom[:, 0]
-    before = np.searchsorted(times, times - _BESIDE)
-    after = np.minimum(np.searchsorted(times, times + _BESIDE, "right"), len(odom)) - 1
-    elapsed = times[after] - times[before]
-    moved = odom[after, 1:4] - odom[before, 1:4]
-    half = odom[before, 3] + moved[:, 2] / 2.0
-    along = moved[:, 0] * np.cos(half) + moved[:, 1] * np.sin(half)
-    known = elapsed > 0.0
     corrected = set[str]()
-    for column, motion, name in ((4, along, "twist.linear"), (5, moved[:, 2], "twist.angular")):
-        by_pose = np.divide(motion, elapsed, out=odom[:, column].copy(), where=known)
+    by_poses = _velocities_by_pose(odom)
+    for column, name, by_pose in zip((4, 5), ("linear", "angular"), by_poses, strict=True):
         by_twist = odom[:, column]
         if _contradicts(times, by_twist, by_pose):
             signed = np.copysign(by_twist, by_pose)
             odom[:, column] = by_pose if _contradicts(times, signed, by_pose) else signed
-            corrected.add(name)
+            corrected.add(f"twist.{name}")
     return corrected
+
+
+def _velocities_by_pose(odom: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return v (n,) in m/s and w (n,) in rad/s by the poses `_BESIDE` each state.
+
+    Just before and after a rest only the side of the rest counts: else the robot would seem to
+    stop later than it does.
+    """
+    times = odom[:, 0]
+    here = np.arange(len(odom))
+    before = np.searchsorted(times, times - _BESIDE)
+    after = np.minimum(np.searchsorted(times, times + _BESIDE, "right"), len(odom)) - 1
+    v, w = _mean_velocities(odom, before, after)
+    for first, last in ((before, here), (here, after)):
+        mean_v, mean_w = _mean_velocities(odom, first, last)
+        at_rest = (times[first] < times[last]) & NOT_DRIVEN.holds(mean_v, mean_w)
+        v[at_rest] = mean_v[at_rest]
+        w[at_rest] = mean_w[at_rest]
+    return v, w
+
+
+def _mean_velocities(
+    odom: FloatArray, first: IntArray, last: IntArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return v and w between rows of odometry by their poses; by their twist if no time passes."""
+    elapsed = odom[last, 0] - odom[first, 0]
+    moved = odom[last, 1:4] - odom[first, 1:4]
+    heading = odom[first, 3] + moved[:, 2] / 2.0
+    along = moved[:, 0] * np.cos(heading) + moved[:, 1] * np.sin(heading)
+    known = elapsed > 0.0
+    v = np.divide(along, elapsed, out=odom[first, 4], where=known)
+    w = np.divide(moved[:, 2], elapsed, out=odom[first, 5], where=known)
+    return v, w
 
 
 def _contradicts(times: FloatArray, by_twist: FloatArray, by_pose: FloatArray) -> bool:
@@ -569,7 +589,7 @@ def _contradicts(times: FloatArray, by_twist: FloatArray, by_pose: FloatArray) -
     spans = np.gradient(times)
     off = np.abs(by_twist - by_pose)
     faster = np.maximum(np.abs(by_twist), np.abs(by_pose))
-    contradicting = off > _CONTRADICTING * faster + _MOVING
+    contradicting = off > TWIST_TOLERANCE * faster + _MOVING
     for direction in (by_pose > 0.0, by_pose < 0.0):
         moving = usual & direction
         time = spans[moving & contradicting].sum()

@@ -283,17 +283,18 @@ class OdometryReader:
     """Reads the odometry of one robot in the order of arrival.
 
     Poses must be in the frame `frame`; empty: in that of the first message. The attribute `frame`
-    is the frame of the poses, once it is known. Velocities that contradict the poses are replaced,
-    unless `corrects` is false: a recording is corrected as a whole.
+    is the frame of the poses, once it is known. Velocities that contradict the poses are replaced
+    and reported, unless `corrects` is false: a recording is corrected as a whole.
     """
 
     def __init__(self, frame: str = "", *, corrects: bool = True) -> None:
-        self.frame, self._corrects = plain_frame(frame), corrects
+        self.frame = plain_frame(frame)
         self.remark = ""
         """That pose and twist contradict each other, after the message that showed it; else empty.
 
         Then the poses decide."""
-        self._check, self._senders = TwistCheck(), SenderCheck()
+        self._check = TwistCheck() if corrects else None
+        self._senders = SenderCheck()
 
     def read(self, odometry: Any) -> tuple[float, RobotState]:
         """Return time in s and state of the robot from a nav_msgs/Odometry.
@@ -315,12 +316,14 @@ class OdometryReader:
         self.frame = self.frame or plain_frame(given)
         if apart := self._senders.distance(time, pose.x, pose.y):
             raise SendersError(f"odom: {_to_and_fro(apart)}; end one of the nodes that publish it")
+        if self._check is None:
+            return time, robot
         checked, found = self._check.check(time, robot)
         child = quoted(odometry.child_frame_id)
         self.remark = (
             f"odom: {found}; is the twist in the frame child_frame_id {child}?" if found else ""
         )
-        return time, checked if self._corrects else robot
+        return time, checked
 
 
 class ObjectReader:
