@@ -120,6 +120,19 @@ def test_a_recording_without_definitions_is_read(tmp_path: Path, usual: pd.DataF
     pd.testing.assert_frame_equal(read(file).frame, usual)
 
 
+def test_definitions_may_be_stored_as_bytes(tmp_path: Path, usual: pd.DataFrame) -> None:
+    file = in_sqlite(tmp_path)
+    change(
+        file,
+        "UPDATE message_definitions SET "
+        "encoded_message_definition = CAST(encoded_message_definition AS BLOB)",
+        "INSERT INTO message_definitions VALUES (9, 'a/msg/B', 'ros2msg', x'80ff', '')",
+    )
+    experience = read(file)
+    assert experience.remarks == ()
+    pd.testing.assert_frame_equal(experience.frame, usual)
+
+
 @pytest.mark.parametrize("apart", [False, True])
 def test_several_files_of_one_recording_are_merged(
     tmp_path: Path, usual: pd.DataFrame, apart: bool
@@ -193,6 +206,15 @@ def test_chunks_with_a_wrong_crc_are_skipped(tmp_path: Path, usual: pd.DataFrame
     assert experience.frame["episode"].nunique() == len(drives())
 
 
+def end_of_records(content: bytes) -> int:
+    """Return where the last whole record of a file in MCAP ends."""
+    end = place = 8
+    while place <= len(content):
+        end = place
+        place += 9 + int.from_bytes(content[place + 1 : place + 9], "little")
+    return end
+
+
 @pytest.mark.parametrize("storage", ["mcap", "db3"])
 def test_a_recording_that_was_cut_off_is_read_to_there(tmp_path: Path, storage: str) -> None:
     file = in_sqlite(tmp_path) if storage == "db3" else chunked(tmp_path / "a.mcap")
@@ -203,7 +225,8 @@ def test_a_recording_that_was_cut_off_is_read_to_there(tmp_path: Path, storage: 
     experience = read(cut)
     assert 1 <= experience.frame["episode"].nunique() < len(drives())
     (remark,) = experience.remarks
-    assert remark.startswith(f"cut.{storage}: skipped the end, after ")
+    where = f"{end_of_records(content[:begin]):,} bytes: " if storage == "mcap" else "row "
+    assert remark.startswith(f"cut.{storage}: skipped the end, after {where}")
 
 
 # Hostile files
