@@ -15,9 +15,8 @@ from ator_ros.world.state import World
 _OBEYS = 0.25
 _MARGIN = 0.05  # s; one message
 _LEAST_LOSS = 0.1  # least share of the described deceleration in that time
-_STAYS = (
-    0.5  # s for which an object must be inside the robot: longer than the wrong states of a reset
-)
+# s for which an object must be inside the robot: longer than the wrong states of a reset
+_STAYS = 0.5
 
 
 class Timeliness(enum.Enum):

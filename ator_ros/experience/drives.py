@@ -53,7 +53,8 @@ from ator_ros.world.transforms import Transforms
 ODOM, CMD_VEL, RECORDS = "odom", "cmd_vel", "performance/action"
 TF = ("tf", "tf_static")
 """Roles of topics."""
-_ODOMETRY_FRAME, _ROBOT_FRAME = "odom", "base_link"  # REP-105
+_ODOMETRY_FRAME = "odom"  # REP-105
+_ROBOT_FRAME = "base_link"  # REP-105
 SILENCE = 1.0  # s without odometry after which a new segment begins
 PERIOD = 0.1  # s between examples, the paper's 10 Hz
 PAUSE = 0.3  # s without a command to move that separates two drives
@@ -67,17 +68,20 @@ _MOST_RECORDS = 20_000
 """Records of a recording that are kept: a week of actions of 30 s."""
 _MOST_SAMPLES = 300_000  # of all drives of a recording: 8 h of driving
 _LONGEST = 3600.0  # s, the longest drive
-_MOST_FRAMES, _LONGEST_NAME = 1000, 256  # frames in tf, and characters of their names
-_JUMP_SLACK = (
-    0.1  # m or rad between two messages, beyond `FASTEST`, above which the pose has jumped
-)
-_MOVING = 0.05  # m/s or rad/s, speeds above which pose and twist are compared
+_MOST_FRAMES = 1000  # in tf: far more than a robot has
+_LONGEST_NAME = 256  # characters of a frame in tf
+# m or rad between two messages, beyond `FASTEST`, above which the pose has jumped
+_JUMP_SLACK = 0.1
+# m/s or rad/s above which pose and twist are compared: 1 cm of noise in twice `_BESIDE`
+_MOVING = 0.05
 _BESIDE = 0.1  # s before and after a state between which its velocity is derived from the poses
-_LEAST_TIME = 1.0  # s for which pose and twist have to contradict each other
+# s for which pose and twist have to contradict each other; a jump of the pose takes twice `_BESIDE`
+_LEAST_TIME = 1.0
 _SEGMENT = 100  # numbers that need as much memory as a segment without messages
 _JUMPS = "the pose jumps during the drive"
 _TOO_LONG = f"expected at most {_LONGEST:.0f} s"
-_ROUNDING, _DIGITS = 1e-6, 6  # s, and digits of s; stamps since 1970 are rounded to 0.24 us
+_ROUNDING = 1e-6  # s; stamps since 1970 are rounded to 0.24 us
+_DIGITS = 6  # of times in s, likewise
 
 
 class Rows:
@@ -274,7 +278,8 @@ class Reader:
         states = [segment for segment in self.segments if segment.odom]
         if self.is_full:
             yield (
-                f"read only the first {self._counts.total():,} messages, as many as memory is meant for: "
+                f"read only the first {self._counts.total():,} messages: expected at most "
+                f"{_MOST_NUMBERS // 10**6} million numbers and {_MOST_RECORDS:,} records; "
                 "split the recording"
             )
         same = [segment for segment in states if segment.odom.first[0] == segment.odom.last[0]]
@@ -289,6 +294,8 @@ class Reader:
                 f"tf: expected {_ROBOT_FRAME}, or a single frame, in {_ODOMETRY_FRAME}; "
                 f"got the frames {frames}"
             )
+        if self.records:  # then odometry is not used
+            return
         corrected = sorted(set().union(*(each.track.corrected for each in states)))
         if corrected:
             yield f"odom: {' and '.join(corrected)} and poses contradict each other; the poses decide"
@@ -580,7 +587,8 @@ def _mean_velocities(
 def _contradicts(times: FloatArray, by_twist: FloatArray, by_pose: FloatArray) -> bool:
     """Return whether velocities by twist contradict those by poses in most of either direction.
 
-    Jumps of the pose are no velocities: much more than usual, or a short time in all, do not count.
+    More than twice the usual velocity is a jump of the pose and does not count. Contradictions of
+    less than `_LEAST_TIME` in all do not count either.
     """
     usual = np.abs(by_pose) > _MOVING
     if not usual.any() or len(times) < 2:

@@ -23,7 +23,8 @@ PLAN, GOAL_POSE = "plan", "goal_pose"
 STATUS_SUFFIX = "/_action/status"
 """Of the topic on which the server of an action publishes the status of its goals."""
 NOT_CONNECTED = "tf does not connect odometry's frame with the goal's"
-_MOST_GOALS, _LONGEST_FRAME = 10_000, 256  # goals of a recording; characters of a frame's name
+_MOST_GOALS = 10_000  # of a recording: a week of drives of one minute
+_LONGEST_FRAME = 256  # characters of a frame's name
 _RECENT = 1.0  # s by which a goal_pose may precede its goal, and a goal the first status message
 _ENDED = ("succeeded", "canceled", "aborted")
 
