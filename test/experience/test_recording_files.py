@@ -1,8 +1,13 @@
 """Files of recordings: compressed, damaged, hostile, of an earlier ROS, or several of one recording."""
 
+import os
 import shutil
+import signal
 import sqlite3
 import struct
+import subprocess
+import sys
+import threading
 import tracemalloc
 from pathlib import Path
 from typing import Any
@@ -227,6 +232,70 @@ def test_a_recording_that_was_cut_off_is_read_to_there(tmp_path: Path, storage: 
     (remark,) = experience.remarks
     where = f"{end_of_records(content[:begin]):,} bytes: " if storage == "mcap" else "row "
     assert remark.startswith(f"cut.{storage}: skipped the end, after {where}")
+
+
+# Large files
+
+
+def test_reading_can_be_interrupted_during_a_long_query(
+    tmp_path: Path, usual: pd.DataFrame
+) -> None:
+    file = in_sqlite(tmp_path)
+    change(
+        file,
+        "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n LIMIT 1000000) "
+        "INSERT INTO message_definitions SELECT i + 9, 'a', 'b', 'c', '' FROM n",
+    )
+    interrupt = threading.Timer(0.05, os.kill, (os.getpid(), signal.SIGINT))
+    interrupt.start()
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            read(file)
+    finally:
+        interrupt.cancel()
+
+
+PEAK = """
+import resource, sys
+from pathlib import Path
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.experience.recordings import read_recording
+remarks = read_recording(Path(sys.argv[1]), SOCCER.robot(None), SOCCER).remarks
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, *remarks)
+"""
+"""Prints the greatest memory in KiB that a process needed to read a recording, and the remarks."""
+
+
+def peak(file: Path) -> tuple[int, str]:
+    """Return the greatest resident memory in bytes of a process that reads a file, and remarks."""
+    words = [sys.executable, "-c", PEAK, str(file)]
+    said = subprocess.run(words, capture_output=True, text=True, check=True).stdout
+    kibibytes, _, remarks = said.partition(" ")
+    return 1024 * int(kibibytes), remarks
+
+
+@pytest.mark.long
+def test_the_memory_of_the_process_does_not_grow_with_the_file(tmp_path: Path) -> None:
+    """The file has 300 MB of messages on a topic that is read, which cannot be decoded."""
+    small = chunked(tmp_path / "small.mcap")
+    large = tmp_path / "large.mcap"
+    noise = os.urandom(3 * MEGABYTE)
+    with large.open("wb") as stream:
+        writer = Writer(stream, compression=CompressionType.NONE)
+        writer.start("ros2")
+        text, _ = Messages().store.generate_msgdef(ODOMETRY, ros_version=2)
+        schema = writer.register_schema(ODOMETRY, "ros2msg", text.encode())
+        channel = writer.register_channel("/odom", "cdr", schema)
+        for number in range(100):
+            writer.add_message(channel, number, b"\xff" * 100 + noise, number)
+        writer.finish()
+    (tmp_path / "both").mkdir()
+    shutil.copy(small, tmp_path / "both")
+    large.rename(tmp_path / "both" / large.name)
+    usual, _ = peak(small)
+    needed, remarks = peak(tmp_path / "both")
+    assert "skipped 100 messages on /odom" in remarks
+    assert needed < usual + 150 * MEGABYTE
 
 
 # Hostile files
