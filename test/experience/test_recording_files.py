@@ -256,12 +256,13 @@ def test_reading_can_be_interrupted_during_a_long_query(
 
 
 PEAK = """
-import resource, sys
+import sys
 from pathlib import Path
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience.recordings import read_recording
 remarks = read_recording(Path(sys.argv[1]), SOCCER.robot(None), SOCCER).remarks
-print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, *remarks)
+status = dict(line.split(":", 1) for line in open("/proc/self/status"))
+print(status["VmHWM"].split()[0], *remarks)  # not ru_maxrss, which includes that of the parent
 """
 """Prints the greatest memory in KiB that a process needed to read a recording, and the remarks."""
 
@@ -295,7 +296,7 @@ def test_the_memory_of_the_process_does_not_grow_with_the_file(tmp_path: Path) -
     usual, _ = peak(small)
     needed, remarks = peak(tmp_path / "both")
     assert "skipped 100 messages on /odom" in remarks
-    assert needed < usual + 150 * MEGABYTE
+    assert needed < usual + 100 * MEGABYTE  # a chunk, and messages to be put in order
 
 
 # Hostile files
