@@ -42,7 +42,7 @@ from ator_ros.performance.model_file import load_models
 from ator_ros.refinement.gate import Gate
 from ator_ros.refinement.refiner import Refinement, Refiner
 
-COMPARISON_SHARE = 0.1  # greatest share of chains that run as planned, for comparison
+COMPARISON_SHARE = 0.1  # greatest share of chains that run naive, for comparison
 
 
 class _Round:

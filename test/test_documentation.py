@@ -1,5 +1,6 @@
 """Every command in the documentation is executed by a test, or listed here with a reason."""
 
+import ast
 import functools
 import json
 import os
@@ -348,6 +349,43 @@ def test_source_files_named_on_a_page_exist(page: Path) -> None:
     paths = [f"/{file.relative_to(ROOT)}" for folder in folders for file in folder.rglob("*.py")]
     named = re.findall(r"`((?:[\w.]+/)*\w+\.py)", page.read_text(encoding="utf-8"))
     assert [name for name in named if not any(path.endswith(f"/{name}") for path in paths)] == []
+
+
+EXAMPLES = (
+    *("odom", "tf", "base_link", "cmd_vel", "map", "/map", "view", "messages", "round.json"),
+    *("twist.linear", "latency", "speed", "limits.v", "v", "m", "time", "calibrate", "my_robot"),
+    *("the ball", "ball", "the base", "moves", "move", "drives", "dribbleBall", "visit", "reach"),
+    *("NO_VALID_PATH", "ComputePathToPose", "error_code", "aborted", "kept naive", "follow_path"),
+)
+"""Values in the messages of docs/errors.md; so are numbers, quoted names, and what `…` omits."""
+
+
+def texts_of(file: Path) -> list[str]:
+    """Return the texts in a source file, of messages with values the parts between the values."""
+    nodes = list(ast.walk(ast.parse(file.read_text(encoding="utf-8"))))
+    docstrings = {id(node.value) for node in nodes if isinstance(node, ast.Expr)}
+    constants = (node for node in nodes if isinstance(node, ast.Constant))
+    values = (node.value for node in constants if id(node) not in docstrings)
+    return [value for value in values if isinstance(value, str)]
+
+
+def test_the_listed_messages_are_in_the_sources() -> None:
+    names = "|".join(rf"(?<!\w){re.escape(name)}(?!\w)" for name in EXAMPLES)
+    value = re.compile(rf"…|'\w+'|\S*\d\S*|{names}")
+    texts = "\n".join(text for file in (ROOT / "ator_ros").rglob("*.py") for text in texts_of(file))
+    page = (ROOT / "docs" / "errors.md").read_text(encoding="utf-8")
+    cells = re.findall(r"^\| (.*?) \|", page, flags=re.MULTILINE)
+    messages = [
+        message
+        for cell in cells
+        if "(of ROS" not in cell
+        for message in re.findall(r"`([^`]+)`", cell)
+    ]
+    assert len(messages) > 50
+    parts = [
+        (part.strip(" :;,()"), message) for message in messages for part in value.split(message)
+    ]
+    assert [message for part, message in parts if len(part) > 2 and part not in texts] == []
 
 
 @pytest.mark.long

@@ -15,7 +15,8 @@ import tempfile
 import zlib
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
-from functools import cache
+from enum import IntEnum
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -26,8 +27,8 @@ Topic = tuple[str, str]
 """Name of a topic, and type of its messages as in nav_msgs/msg/Odometry."""
 _COMPRESSED = (".zstd", ".zst")
 """Suffixes of files that were compressed as a whole."""
-_ZSTD, _LZ4 = b"\x28\xb5\x2f\xfd", b"\x04\x22\x4d\x18"
-"""First bytes of compressed data; messages in CDR begin with a zero."""
+_ZSTD = b"\x28\xb5\x2f\xfd"
+"""First bytes of data compressed with zstd; messages in CDR begin with a zero."""
 LARGEST_MESSAGE = 4 << 20
 """Bytes of the largest message that is read, decompressed: a path of 40,000 poses."""
 _LARGEST_CHUNK = 64 << 20  # bytes; recorders write chunks of 1 MB, or of one image
@@ -51,6 +52,23 @@ class _Raw(NamedTuple):
     definition: int
 
 
+class _Opcode(IntEnum):
+    """What a record of an .mcap file contains."""
+
+    FOOTER = 2
+    SCHEMA = 3
+    CHANNEL = 4
+    MESSAGE = 5
+    CHUNK = 6
+    DATA_END = 15
+
+
+_READ = (_Opcode.SCHEMA, _Opcode.CHANNEL, _Opcode.MESSAGE)
+_RECORD_HEAD = struct.Struct("<BQ")
+_MESSAGE_HEAD = struct.Struct("<HIQQ")  # channel, sequence, times of arrival and of publication
+_CHUNK_HEAD = struct.Struct("<QQQII")  # first and last time, size, CRC, length of the compression
+
+
 class _Mcap:
     """An .mcap file.
 
@@ -63,6 +81,8 @@ class _Mcap:
         Those with messages in CDR.
     damage : Counter of str
         What was skipped, and how often.
+    skipped_end : str
+        Why the end was skipped; empty: it was not.
     """
 
     def __init__(self, path: Path, stack: contextlib.ExitStack) -> None:
@@ -71,19 +91,20 @@ class _Mcap:
         if self._file.read(8) != b"\x89MCAP0\r\n":
             raise ValueError("expected an MCAP file, got other first bytes")
         self.damage: Counter[str] = Counter()
+        self.skipped_end = ""
         self._definitions: dict[int, tuple[str, str]] = {}
         self._channels: dict[int, tuple[Topic, int]] = {}
         used = set[int]()
         spare = _MOST_DEFINITIONS
         for opcode, content in self._records(self.damage):
-            if opcode == _MESSAGE:
+            if opcode == _Opcode.MESSAGE:
                 used.add(int.from_bytes(content[:2], "little"))
-            elif opcode == _SCHEMA and (schema := _schema_in(bytes(content))) is not None:
+            elif opcode == _Opcode.SCHEMA and (schema := _schema_in(bytes(content))) is not None:
                 number, name, text = schema
                 if number not in self._definitions and len(text) <= spare:
                     self._definitions[number] = name, text
                     spare -= len(text)
-            elif opcode == _CHANNEL and (channel := _channel_in(bytes(content))) is not None:
+            elif opcode == _Opcode.CHANNEL and (channel := _channel_in(bytes(content))) is not None:
                 number, name, encoding, schema_number = channel
                 kind, _ = self._definitions.get(schema_number, ("", ""))
                 if encoding == "cdr" and kind:
@@ -102,7 +123,7 @@ class _Mcap:
             number: channel for number, channel in self._channels.items() if channel[0] in topics
         }
         for opcode, content in self._records(Counter()):
-            if opcode != _MESSAGE:
+            if opcode != _Opcode.MESSAGE:
                 continue
             number, _, time, _ = _MESSAGE_HEAD.unpack_from(content)
             if number in wanted:
@@ -111,22 +132,21 @@ class _Mcap:
 
     def _records(self, damage: Counter[str]) -> Iterator[tuple[int, memoryview]]:
         """Yield opcode and content of schemas, channels and messages, also of those in chunks."""
-        place = 8
-        while place + _RECORD_HEAD.size <= self._size:
-            self._file.seek(place)
+        begin = 8
+        while begin + _RECORD_HEAD.size <= self._size:
+            self._file.seek(begin)
             opcode, length = _RECORD_HEAD.unpack(self._file.read(_RECORD_HEAD.size))
-            place += _RECORD_HEAD.size + length
-            if opcode in (_DATA_END, _FOOTER):
+            end = begin + _RECORD_HEAD.size + length
+            if opcode in (_Opcode.DATA_END, _Opcode.FOOTER):
                 return
-            if opcode == 0 or place > self._size:
+            if opcode == 0 or end > self._size:
                 break
-            if opcode == _CHUNK:
+            begin = end
+            if opcode == _Opcode.CHUNK:
                 yield from self._chunk(length, damage)
             elif opcode in _READ and _fits(opcode, length, damage):
                 yield opcode, memoryview(self._file.read(length))
-        damage[
-            f"the end, after {min(place, self._size):,} bytes: it was cut off or is damaged"
-        ] += 1
+        self.skipped_end = f"after {begin:,} bytes: it was cut off or is damaged"
 
     def _chunk(self, length: int, damage: Counter[str]) -> Iterator[tuple[int, memoryview]]:
         if length > _LARGEST_CHUNK + _BLOCK:
@@ -152,16 +172,9 @@ class _Mcap:
         yield from _inner_records(memoryview(records), damage)
 
 
-_SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _DATA_END, _FOOTER = 3, 4, 5, 6, 15, 2  # opcodes
-_READ = (_SCHEMA, _CHANNEL, _MESSAGE)
-_RECORD_HEAD = struct.Struct("<BQ")
-_MESSAGE_HEAD = struct.Struct("<HIQQ")  # channel, sequence, times of arrival and of publication
-_CHUNK_HEAD = struct.Struct("<QQQII")  # first and last time, size, CRC, length of the compression
-
-
 def _fits(opcode: int, length: int, damage: Counter[str]) -> bool:
     """Return whether a record has a plausible length, and count it if it has none."""
-    least = _MESSAGE_HEAD.size if opcode == _MESSAGE else 4
+    least = _MESSAGE_HEAD.size if opcode == _Opcode.MESSAGE else 4
     if length > LARGEST_MESSAGE:
         damage["messages of more than 4 MiB"] += 1
     elif length < least:
@@ -322,10 +335,12 @@ class _Sqlite:
         options = "mode=ro&immutable=1" if whole else "mode=ro"
         database = sqlite3.connect(f"{path.absolute().as_uri()}?{options}", uri=True)
         self._data = stack.enter_context(contextlib.closing(database))
+        self._data.text_factory = partial(str, encoding="utf-8", errors="replace")
         self._data.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, _LARGEST_CHUNK)
         # A pending signal makes the call of the handler fail, which interrupts the query.
         self._data.set_progress_handler(lambda: 0, _STEPS)
         self.damage: Counter[str] = Counter()
+        self.skipped_end = ""
         with _signals_raised():
             self._require_table("topics", "id", "name", "type", "serialization_format")
             self._require_table("messages", "id", "topic_id", "timestamp", "data")
@@ -377,7 +392,7 @@ class _Sqlite:
                             "messages of more than 4 MiB" if large else "damaged messages"
                         ] += 1
         except sqlite3.DatabaseError as error:
-            self.damage[f"the end, after row {last or 0:,}: {printable(error)}"] += 1
+            self.skipped_end = f"after row {last or 0:,}: {printable(error)}"
 
     def _has(self, name: str) -> bool:
         return bool(self._rows("SELECT 1 FROM sqlite_master WHERE name = ?", name))
@@ -403,7 +418,8 @@ class _Sqlite:
         table = "message_definitions"
         self._require_table(table, "topic_type", "encoding", "encoded_message_definition")
         query = (
-            "SELECT topic_type, encoded_message_definition FROM message_definitions NOT INDEXED "
+            "SELECT topic_type, CAST(encoded_message_definition AS TEXT) "
+            "FROM message_definitions NOT INDEXED "
             "WHERE encoding = 'ros2msg' AND length(encoded_message_definition) < ?"
         )
         return dict(self._rows(query, LARGEST_MESSAGE // 16))
@@ -457,7 +473,8 @@ class Bag:
 
     def __init__(self, paths: Sequence[Path]) -> None:
         self._stack = contextlib.ExitStack()
-        self._damaged: Counter[str] = Counter()
+        self._damaged = 0
+        self._first_damage = ""
         self._repeated = 0
         with self._stack:
             self._files = [self._opened(file) for path in paths for file in _files_of(path)]
@@ -498,8 +515,10 @@ class Bag:
             except ImportError:
                 raise
             except Exception as error:  # damaged data raises anything
-                name, why = printable(raw.topic[0]), printable(str(error) or repr(error), 100)
-                self._damaged[f"messages on {name}: {why}" if not self._damaged else ""] += 1
+                self._damaged += 1
+                if not self._first_damage:
+                    why = printable(str(error) or repr(error), 100)
+                    self._first_damage = f"messages on {printable(raw.topic[0])}: {why}"
                 continue
             yield raw.topic, message
 
@@ -508,11 +527,11 @@ class Bag:
         counts: Counter[str] = Counter()
         for file in self._files:
             counts.update(file.damage)
-        first = next(iter(self._damaged), "")
-        if first:
-            counts[first] = self._damaged.total()
+        if self._damaged:
+            counts[self._first_damage] = self._damaged
         lines = [f"skipped {count} {what}" for what, count in counts.most_common(8)]
-        lines = [line.replace("skipped 1 the end", "skipped the end") for line in lines]
+        ends = [file.skipped_end for file in self._files if file.skipped_end]
+        lines += [f"skipped the end, {end}" for end in ends[:8]]
         if self._repeated:
             lines.append(f"skipped {self._repeated} messages that were recorded twice")
         return lines

@@ -32,12 +32,12 @@ from ator_ros.experience.server_goals import (
     ServerGoals,
     status_topics,
 )
-from ator_ros.geometry import FloatArray, Pose, wrap_angle, wrap_angles
+from ator_ros.geometry import FloatArray, IntArray, Pose, wrap_angle, wrap_angles
 from ator_ros.printable import printable, quoted
 from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import Top
 from ator_ros.tops.objects import held_first, held_last, is_held
-from ator_ros.world.estimation import JUMP, RobotVelocity
+from ator_ros.world.estimation import JUMP, TWIST_TOLERANCE, RobotVelocity
 from ator_ros.world.messages import (
     MessageError,
     ObjectReader,
@@ -53,7 +53,8 @@ from ator_ros.world.transforms import Transforms
 ODOM, CMD_VEL, RECORDS = "odom", "cmd_vel", "performance/action"
 TF = ("tf", "tf_static")
 """Roles of topics."""
-_ODOMETRY_FRAME, _ROBOT_FRAME = "odom", "base_link"  # REP-105
+_ODOMETRY_FRAME = "odom"  # REP-105
+_ROBOT_FRAME = "base_link"  # REP-105
 SILENCE = 1.0  # s without odometry after which a new segment begins
 PERIOD = 0.1  # s between examples, the paper's 10 Hz
 PAUSE = 0.3  # s without a command to move that separates two drives
@@ -67,18 +68,20 @@ _MOST_RECORDS = 20_000
 """Records of a recording that are kept: a week of actions of 30 s."""
 _MOST_SAMPLES = 300_000  # of all drives of a recording: 8 h of driving
 _LONGEST = 3600.0  # s, the longest drive
-_MOST_FRAMES, _LONGEST_NAME = 1000, 256  # frames in tf, and characters of their names
-_JUMP_SLACK = (
-    0.1  # m or rad between two messages, beyond `FASTEST`, above which the pose has jumped
-)
-_MOVING = 0.05  # m/s or rad/s, speeds above which pose and twist are compared
+_MOST_FRAMES = 1000  # in tf: far more than a robot has
+_LONGEST_NAME = 256  # characters of a frame in tf
+# m or rad between two messages, beyond `FASTEST`, above which the pose has jumped
+_JUMP_SLACK = 0.1
+# m/s or rad/s above which pose and twist are compared: 1 cm of noise in twice `_BESIDE`
+_MOVING = 0.05
 _BESIDE = 0.1  # s before and after a state between which its velocity is derived from the poses
-_LEAST_TIME = 1.0  # s for which pose and twist have to contradict each other
-_CONTRADICTING = 0.3  # share of the speed by which pose and twist may differ, as in `TwistCheck`
+# s for which pose and twist have to contradict each other; a jump of the pose takes twice `_BESIDE`
+_LEAST_TIME = 1.0
 _SEGMENT = 100  # numbers that need as much memory as a segment without messages
 _JUMPS = "the pose jumps during the drive"
 _TOO_LONG = f"expected at most {_LONGEST:.0f} s"
-_ROUNDING, _DIGITS = 1e-6, 6  # s, and digits of s; stamps since 1970 are rounded to 0.24 us
+_ROUNDING = 1e-6  # s; stamps since 1970 are rounded to 0.24 us
+_DIGITS = 6  # of times in s, likewise
 
 
 class Rows:
@@ -172,7 +175,6 @@ class Reader:
         self._is_older = False
         self._counts: Counter[str] = Counter()
         self._numbers = 0
-        self._odometry_remark = ""
         self._parents: dict[str, str] = {}
         """By frame in tf, its parent."""
         self.left_out: Counter[str] = Counter()
@@ -191,7 +193,6 @@ class Reader:
         try:
             if role == ODOM:
                 self._add_state(*self._odometry.read(message))
-                self._odometry_remark = self._odometry_remark or self._odometry.remark
             elif role == CMD_VEL:
                 command = command_from(message, CMD_VEL)
                 if newest.odom:  # a Twist has no stamp: it gets that of the last odometry message
@@ -277,7 +278,8 @@ class Reader:
         states = [segment for segment in self.segments if segment.odom]
         if self.is_full:
             yield (
-                f"read only the first {self._counts.total():,} messages, as many as memory is meant for: "
+                f"read only the first {self._counts.total():,} messages: expected at most "
+                f"{_MOST_NUMBERS // 10**6} million numbers and {_MOST_RECORDS:,} records; "
                 "split the recording"
             )
         same = [segment for segment in states if segment.odom.first[0] == segment.odom.last[0]]
@@ -292,12 +294,11 @@ class Reader:
                 f"tf: expected {_ROBOT_FRAME}, or a single frame, in {_ODOMETRY_FRAME}; "
                 f"got the frames {frames}"
             )
+        if self.records:  # then odometry is not used
+            return
         corrected = sorted(set().union(*(each.track.corrected for each in states)))
-        contradiction = self._odometry_remark
-        if corrected and not contradiction:
-            contradiction = f"odom: {' and '.join(corrected)} and poses contradict each other"
-        if contradiction:
-            yield f"{contradiction}; the poses decide" if corrected else contradiction
+        if corrected:
+            yield f"odom: {' and '.join(corrected)} and poses contradict each other; the poses decide"
 
     def _server_episodes(self) -> list[Episode]:
         """Return the goals that action servers executed.
@@ -535,32 +536,59 @@ def _around(table: FloatArray, times: FloatArray) -> FloatArray:
 def _correct_twists(odom: FloatArray) -> set[str]:
     """Derive velocities that contradict the poses from them, in place; return which these are.
 
-    Columns are t, x, y, yaw, v, w. A driver without signs reports how fast the robot drives backward
-    as if it drove forward: then the sign alone is corrected.
+    Columns are t, x, y, yaw, v, w. A driver without signs reports how fast the robot drives
+    backward as if it drove forward: then the sign alone is corrected.
     """
     times = odom[:, 0]
-    before = np.searchsorted(times, times - _BESIDE)
-    after = np.minimum(np.searchsorted(times, times + _BESIDE, "right"), len(odom)) - 1
-    elapsed = times[after] - times[before]
-    moved = odom[after, 1:4] - odom[before, 1:4]
-    half = odom[before, 3] + moved[:, 2] / 2.0
-    along = moved[:, 0] * np.cos(half) + moved[:, 1] * np.sin(half)
-    known = elapsed > 0.0
     corrected = set[str]()
-    for column, motion, name in ((4, along, "twist.linear"), (5, moved[:, 2], "twist.angular")):
-        by_pose = np.divide(motion, elapsed, out=odom[:, column].copy(), where=known)
+    by_poses = _velocities_by_pose(odom)
+    for column, name, by_pose in zip((4, 5), ("linear", "angular"), by_poses, strict=True):
         by_twist = odom[:, column]
         if _contradicts(times, by_twist, by_pose):
             signed = np.copysign(by_twist, by_pose)
             odom[:, column] = by_pose if _contradicts(times, signed, by_pose) else signed
-            corrected.add(name)
+            corrected.add(f"twist.{name}")
     return corrected
+
+
+def _velocities_by_pose(odom: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return v (n,) in m/s and w (n,) in rad/s by the poses `_BESIDE` each state.
+
+    Just before and after a rest only the side of the rest counts: else the robot would seem to
+    stop later than it does.
+    """
+    times = odom[:, 0]
+    here = np.arange(len(odom))
+    before = np.searchsorted(times, times - _BESIDE)
+    after = np.minimum(np.searchsorted(times, times + _BESIDE, "right"), len(odom)) - 1
+    v, w = _mean_velocities(odom, before, after)
+    for first, last in ((before, here), (here, after)):
+        mean_v, mean_w = _mean_velocities(odom, first, last)
+        at_rest = (times[first] < times[last]) & NOT_DRIVEN.holds(mean_v, mean_w)
+        v[at_rest] = mean_v[at_rest]
+        w[at_rest] = mean_w[at_rest]
+    return v, w
+
+
+def _mean_velocities(
+    odom: FloatArray, first: IntArray, last: IntArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return v and w between rows of odometry by their poses; by their twist if no time passes."""
+    elapsed = odom[last, 0] - odom[first, 0]
+    moved = odom[last, 1:4] - odom[first, 1:4]
+    heading = odom[first, 3] + moved[:, 2] / 2.0
+    along = moved[:, 0] * np.cos(heading) + moved[:, 1] * np.sin(heading)
+    known = elapsed > 0.0
+    v = np.divide(along, elapsed, out=odom[first, 4], where=known)
+    w = np.divide(moved[:, 2], elapsed, out=odom[first, 5], where=known)
+    return v, w
 
 
 def _contradicts(times: FloatArray, by_twist: FloatArray, by_pose: FloatArray) -> bool:
     """Return whether velocities by twist contradict those by poses in most of either direction.
 
-    Jumps of the pose are no velocities: much more than usual, or a short time in all, do not count.
+    More than twice the usual velocity is a jump of the pose and does not count. Contradictions of
+    less than `_LEAST_TIME` in all do not count either.
     """
     usual = np.abs(by_pose) > _MOVING
     if not usual.any() or len(times) < 2:
@@ -569,7 +597,7 @@ def _contradicts(times: FloatArray, by_twist: FloatArray, by_pose: FloatArray) -
     spans = np.gradient(times)
     off = np.abs(by_twist - by_pose)
     faster = np.maximum(np.abs(by_twist), np.abs(by_pose))
-    contradicting = off > _CONTRADICTING * faster + _MOVING
+    contradicting = off > TWIST_TOLERANCE * faster + _MOVING
     for direction in (by_pose > 0.0, by_pose < 0.0):
         moving = usual & direction
         time = spans[moving & contradicting].sum()

@@ -17,7 +17,7 @@ from ator_ros.actions import DEFAULT_SET
 from ator_ros.experience.bag_files import Bag, Topic, is_recording
 from ator_ros.experience.drives import CMD_VEL, ODOM, RECORDS, SHORTEST, TF, Reader
 from ator_ros.experience.records import Vocabulary
-from ator_ros.experience.server_goals import GOAL_POSE, PLAN, status_topics
+from ator_ros.experience.server_goals import GOAL_POSE, PLAN, STATUS_SUFFIX, status_topics
 from ator_ros.experience.store import is_store, read_store
 from ator_ros.experience.table import (
     Experience,
@@ -41,7 +41,6 @@ _TYPES = {
 }
 _STATUS = {"action_msgs/msg/GoalStatusArray"}
 
-_STATUS_OF = "/_action/status"
 _BATCH = 200  # episodes of which one table is made
 _MOST_LINES = 8  # about topics that were skipped
 
@@ -68,7 +67,7 @@ def _select(
     """
     roles: defaultdict[Topic, list[str]] = defaultdict(list)
     skipped: list[str] = []
-    namespace = "/"
+    namespace: str | None = None  # unknown: that of the root
     for role, name, types in wanted:  # odometry first, then actions
         named = [
             (topic, kind) for topic, kind in topics if topic == name or topic.endswith(f"/{name}")
@@ -80,14 +79,14 @@ def _select(
             if kind not in types
         ]
         if len(found) > 1 and role != RECORDS:
-            near = [topic for topic in found if topic[0] == f"{namespace}{name}"]
+            near = [topic for topic in found if topic[0] == f"{namespace or '/'}{name}"]
             if role in TF and not near:
                 near = [topic for topic in found if topic[0] == f"/{name}"]
             if not near:
                 several = _listed(topic for topic, _ in found)
                 skipped.append(f"skipped {several}: expected one of them as {role}")
             found = near
-        if found and namespace == "/" and (role == ODOM or types == _STATUS):
+        if found and namespace is None and (role == ODOM or types == _STATUS):
             namespace = _namespace(found[0][0], name)
         for topic in found:
             roles[topic].append(role)
@@ -97,7 +96,7 @@ def _select(
 def _namespace(topic: str, name: str) -> str:
     """Return the namespace in which a topic has this name; absolute names say it themselves."""
     if name.startswith("/"):
-        return name.removesuffix(_STATUS_OF).rpartition("/")[0] + "/"
+        return name.removesuffix(STATUS_SUFFIX).rpartition("/")[0] + "/"
     return topic.removesuffix(name)
 
 

@@ -20,8 +20,11 @@ from ator_ros.world.messages import MessageError, plain_frame, pose_from, second
 
 PLAN, GOAL_POSE = "plan", "goal_pose"
 """Roles of topics: the path to a goal (nav_msgs/Path), and a goal as RViz publishes it before it is sent."""
+STATUS_SUFFIX = "/_action/status"
+"""Of the topic on which the server of an action publishes the status of its goals."""
 NOT_CONNECTED = "tf does not connect odometry's frame with the goal's"
-_MOST_GOALS, _LONGEST_FRAME = 10_000, 256  # goals of a recording; characters of a frame's name
+_MOST_GOALS = 10_000  # of a recording: a week of drives of one minute
+_LONGEST_FRAME = 256  # characters of a frame's name
 _RECENT = 1.0  # s by which a goal_pose may precede its goal, and a goal the first status message
 _ENDED = ("succeeded", "canceled", "aborted")
 
@@ -29,7 +32,7 @@ _ENDED = ("succeeded", "canceled", "aborted")
 def status_topics(domain: Vocabulary) -> dict[str, str]:
     """Return the remote actions of a domain by the status topics of their servers."""
     specs = [spec for specs in domain.action_sets.values() for spec in specs if spec.remote]
-    return {f"{spec.remote.server}/_action/status": spec.name for spec in specs if spec.remote}
+    return {f"{spec.remote.server}{STATUS_SUFFIX}": spec.name for spec in specs if spec.remote}
 
 
 @dataclass

@@ -1,4 +1,4 @@
-"""The measured gain of refined chains, compared with chains that ran as planned."""
+"""The measured gain of refined chains, compared with chains that ran naive."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Seconds = Annotated[float, Within(-_LONGEST, _LONGEST)]
 
 @dataclass(frozen=True)
 class ChainGain:
-    """One executed chain, refined or as planned.
+    """One executed chain, refined or naive.
 
     Attributes
     ----------
@@ -65,7 +65,7 @@ class Gains:
         }
 
     def comparison_share(self, greatest: float) -> float:
-        """Return the probability with which the next chain runs as planned, at most `greatest`."""
+        """Return the probability with which the next chain runs naive, at most `greatest`."""
         return greatest * min(1.0, math.sqrt(_FULL_SHARE / (len(self.chains) + 1)))
 
     @cached_property
@@ -94,7 +94,7 @@ class Gains:
 def chain_gain(record: Any, models: str) -> ChainGain | None:
     """Return the gain of a chain from an ator_interfaces/ChainPerformance; None if it does not count.
 
-    A chain counts if it was refined, or ran as planned for comparison, with the models of this
+    A chain counts if it was refined, or ran naive for comparison, with the models of this
     digest, and succeeded without events that predictions do not cover.
     """
     gain, counts = record.gain, record.refined or record.gain.comparison

@@ -13,7 +13,7 @@ import pandas as pd
 from scipy.stats import theilslopes
 
 from ator_ros.experience.store import NUMBER
-from ator_ros.geometry import FloatArray
+from ator_ros.geometry import FloatArray, IntArray
 from ator_ros.performance.driving import DrivingStyle
 from ator_ros.performance.features import Feature
 from ator_ros.performance.model import MEASURES
@@ -25,7 +25,7 @@ from ator_ros.performance.training import (
     features_of,
     small_tree,
 )
-from ator_ros.performance.tree.nodes import IntArray, ModelTree
+from ator_ros.performance.tree.nodes import ModelTree
 from ator_ros.robot.description import Robot
 
 _COLUMNS = {"duration": "duration", **OUTCOMES}

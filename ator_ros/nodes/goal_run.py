@@ -91,7 +91,7 @@ class GoalRun:
         )
         self._id = _id_of(handle)
         self._records: list[ActionPerformance] = []
-        self._gain = gain_of()  # of the chain as planned
+        self._gain = gain_of()  # as predicted when the chain was refined
         self._changes: list[str] = []  # what refinement changed in it, in words
         self._request: Future | None = None
         self._asked: Question | None = None

@@ -148,7 +148,7 @@ class RefinementNode(Node):
         Diagnostics(self, self._health)
         policy = "a chain is changed where the predicted gain exceeds its uncertainty"
         if not self._sets.present[DEFAULT_SET].models:
-            policy = "chains stay as they are sent"
+            policy = "without models, open variables get naive values"
         elif not self._settings["gate"]:
             policy = "gate is false: a chain is changed whenever a gain is predicted"
         self.get_logger().info(

@@ -9,13 +9,16 @@ from ator_ros.world.state import CONTROL_PERIOD
 
 _FEWEST_REFINED, _FEWEST_COMPARED = 10, 3  # chains from which on a measured gain can close the gate
 _REQUIRED = 0.5  # share of the predicted gain that the measured one has to reach
+KEPT_NAIVE = "kept naive"
+KEPT_AS_SENT = "kept as sent"
+"""What happens to a chain that is not refined: its reference is the naive one, or the one sent."""
 _ZERO = 0.005  # gain in s that is shown as 0.00 s
 _ZERO_SHARE = 0.0005  # gain as a share of the cost that is shown as 0.0 %
 
 
 @dataclass(frozen=True)
 class MeasuredGain:
-    """The gain of refined chains, compared with chains that ran as planned.
+    """The gain of refined chains, compared with chains that ran naive.
 
     Attributes
     ----------
@@ -45,12 +48,12 @@ class MeasuredGain:
         """Return it in words."""
         if math.isnan(self.mean):
             return (
-                f"unknown: {self.refined} refined chains and {self.compared} as planned; "
+                f"unknown: {self.refined} refined chains and {self.compared} naive ones; "
                 "two of each needed"
             )
         return (
             f"{self.mean:.2f} s ({self.low:.2f} to {self.high:.2f}), predicted {self.predicted:.2f} s, "
-            f"from {self.refined} refined chains and {self.compared} as planned"
+            f"from {self.refined} refined chains and {self.compared} naive ones"
             f"{'; too low: the gate is closed' if self.too_low else ''}"
         )
 
@@ -74,8 +77,8 @@ class Gate:
     measured : MeasuredGain
         The gain of refined chains; if it is too low, the gate is closed.
     drawn : bool
-        Whether this chain was drawn for the opposite decision, to measure the gain: as planned
-        although it would be refined, or refined although the gate is closed.
+        Whether this chain was drawn for the opposite decision, to measure the gain: naive although
+        it would be refined, or refined although the gate is closed.
     """
 
     least: float = CONTROL_PERIOD
@@ -90,7 +93,9 @@ class Gate:
             return gain > self.least_share
         return gain > self.least and (self.factor == 0.0 or gain > self.factor * uncertainty)
 
-    def decide(self, gain: float, uncertainty: float | None) -> tuple[bool, str]:
+    def decide(
+        self, gain: float, uncertainty: float | None, kept: str = KEPT_NAIVE
+    ) -> tuple[bool, str]:
         """Return whether to refine a chain with a predicted gain, and why in words.
 
         Parameters
@@ -100,6 +105,8 @@ class Gate:
         uncertainty : float or None
             Of the gain, in s; None if the objective has no durations, as only errors of predicted
             durations are known.
+        kept : str
+            What happens to the chain if it is not refined: `KEPT_NAIVE` or `KEPT_AS_SENT`.
         """
         if not gain >= (_ZERO_SHARE if uncertainty is None else _ZERO):
             return False, "no gain predicted"
@@ -112,7 +119,7 @@ class Gate:
             amount = f"gain {gain:.2f} s ± {uncertainty:.2f} s"
             is_certain = gain > self.factor * uncertainty
             least = f"one control tick ({self.least:g} s)"
-        reason = f"{amount}: {'refined' if refine else 'kept as planned'}"
+        reason = f"{amount}: {'refined' if refine else kept}"
         if pays and self.drawn:
             reason += ", to measure what refinement gains"
         elif pays and self.measured.too_low:

@@ -21,7 +21,7 @@ from ator_ros.refinement.free_variables import (
     within_experience,
     within_regions,
 )
-from ator_ros.refinement.gate import NO_GATE, Gate
+from ator_ros.refinement.gate import KEPT_AS_SENT, KEPT_NAIVE, NO_GATE, Gate
 from ator_ros.refinement.naive import naive_on_paths
 from ator_ros.refinement.objective import Objective, expected_time
 from ator_ros.refinement.search import (
@@ -46,8 +46,8 @@ MOST_ALTERNATIVES = 7
 _MOST_LISTED = 6
 _LONGEST_REASONS = 180  # characters of the reasons of all chains, without their names
 _SHORTEST_REASON = 50  # characters of each
-_CUT_SHORT = "its deadline cut the search short"
-_NOT_SEARCHED = "kept as planned without a search, as its deadline had passed"
+ITS_DEADLINE = "its deadline"
+"""In the reason of every answer whose search was cut short."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +88,7 @@ class Refinement:
         while the uncertainty of the sum grows with √n only. So this is √n times that of
         `ChainModel.compare`.
     comparison : bool
-        Whether it would have been refined, but runs as planned, to measure the gain of refinement.
+        Whether it would have been refined, but `original` runs, to measure the gain of refinement.
     """
 
     refined: bool
@@ -216,7 +216,8 @@ class Refiner:
             raise RefinementError(
                 "expected a finite prediction for some candidate, got none: check the distances"
             )
-        return self._answer(world, chain, analysis, model, optimum, work, compared)
+        kept = KEPT_NAIVE if placeholders else KEPT_AS_SENT
+        return self._answer(world, chain, analysis, model, optimum, work, compared, kept)
 
     def naive(self, world: World, chain: TopChain) -> TopChain:
         """Return the paper's reference: each subgoal is optimal for the action that leads to it alone.
@@ -262,14 +263,14 @@ class Refiner:
             model = ChainModel(
                 world, part, self.robot, models=self.models, names=names, objective=objective
             )
-            # Its evaluations are few, and it takes as long as estimated to set them up.
-            work.done += expected_work(domains[index])
             costs = model.costs_of_step(index)
             allowed = regions.of_subgoal(chain, index, names[index])
             try:
                 optimum = search(costs, domains[index], allowed=allowed, deadline=deadline)
             except NoCandidateError:  # the region is tiny: the given value is the only candidate
                 continue
+            finally:  # the evaluations are few, and it takes as long as estimated to set them up
+                work.done += expected_work(domains[index])
             if not math.isfinite(optimum.cost):
                 top = chain.calls[index].top.name
                 raise RefinementError(
@@ -306,6 +307,7 @@ class Refiner:
         optimum: Optimum,
         work: Work,
         compared: tuple[ChainPrediction, ChainPrediction, float],
+        kept: str,
     ) -> Refinement:
         """Return the answer after a search: the gate decides."""
         best = chain
@@ -316,7 +318,7 @@ class Refiner:
         uncertainty = math.sqrt(len(analysis.free)) * error
         gain = _gain(before, after, model.objective)
         known = uncertainty if model.objective.weights.get("duration") else None
-        refine, reason = self.gate.decide(gain, known)
+        refine, reason = self.gate.decide(gain, known, kept)
         limited = any(variable.limits for variable in analysis.free)
         invalid = best.violations(world, self.robot) if limited else []
         if invalid:
@@ -325,7 +327,10 @@ class Refiner:
         if refine and known is not None and others:
             reason = f"{reason}; the uncertainty of {' and '.join(others)} is unknown"
         if not optimum.complete:
-            reason = f"{reason}; {_CUT_SHORT}" if optimum.searched else _NOT_SEARCHED
+            if optimum.searched:
+                reason = f"{reason}; {ITS_DEADLINE} cut the search short"
+            else:
+                reason = f"{kept} without a search, as {ITS_DEADLINE} had passed"
         possible = best != chain and not invalid
         comparison = possible and not refine and self.gate.drawn and self.gate.pays(gain, known)
         return Refinement(

@@ -19,6 +19,7 @@ from ator_ros.domains.domain import Domain
 from ator_ros.evaluation.trials import Trial, open_speeds, random_trial
 from ator_ros.files import atomic_write
 from ator_ros.nodes.segments import surroundings
+from ator_ros.refinement.refiner import ITS_DEADLINE
 from ator_ros.robot.description import Robot
 from ator_ros.tools.command_line import (
     add_factor,
@@ -41,7 +42,6 @@ _LEGEND = (
     "arrows show the start, dots objects, and crosses the goals of steps (green: nothing is open)"
 )
 _COLUMNS = 3
-_DEADLINE = "deadline"  # in the reason of a search that was cut short, see `needed_deadline`
 _MOST_SITUATIONS = 200  # that fit into one picture
 BLUE, ORANGE, GRAY, GREEN, DARK = "#1f5fa8", "#d9791a", "#8a8f98", "#2e7d4f", "#333333"
 
@@ -74,7 +74,7 @@ class DemoSituation:
     @property
     def cut_short(self) -> bool:
         """Whether a deadline ended a search for this situation."""
-        return self.answer.cut_short or _DEADLINE in self.refined.record.refinement
+        return self.answer.cut_short or ITS_DEADLINE in self.refined.record.refinement
 
 
 def explanation(name: str, chain: TopChain) -> str:

@@ -122,11 +122,9 @@ class TopCall:
         if not self.top.arrives:
             return []
         here = arrived(World(0.0, RobotState(Pose(0.0, 0.0, 0.0), 0.0)), self.goal, robot)
-        state, goal, determined_by = (
-            state_of(here, robot),
-            goal_values(self.goal),
-            self.top.arrival(),
-        )
+        state = state_of(here, robot)
+        goal = goal_values(self.goal)
+        determined_by = self.top.arrival()
         fixed = (
             term
             for term in self.top.post.terms

@@ -268,7 +268,8 @@ _WINDOW = 0.5  # s over which the motion of a robot's poses is compared with tha
 _LONGEST_STEP = 0.3  # s between two messages above which their twists do not determine the motion
 _LEAST_MOTION = 0.03  # m or rad in one window up to which a robot counts as at rest
 _MOST_OFF = 0.015  # m or rad in one window; difference due to filters, slip and late stamps
-_MOST_SHARE = 0.3  # further such difference as a share of the greater motion
+TWIST_TOLERANCE = 0.3
+"""Share of the greater motion by which pose and twist may differ: filters, slip and late stamps."""
 # motion that no ground robot makes: its pose was corrected, or a simulation placed it
 _FASTEST_V, _FASTEST_W = 20.0, 50.0  # m/s, rad/s
 # excess of contradicting over agreeing windows before a report: one may be a corrected pose
@@ -332,7 +333,7 @@ class TwistCheck:
         sizes = np.abs(motion).max(axis=0)
         if sizes.max() <= _LEAST_MOTION:
             return ""  # a robot at rest
-        off = np.abs(motion[0] - motion[1]) - _MOST_SHARE * sizes
+        off = np.abs(motion[0] - motion[1]) - TWIST_TOLERANCE * sizes
         for axis in (0, 1):
             change = 1 if off[axis] > _MOST_OFF else -1
             self._windows[axis] = min(max(0, self._windows[axis] + change), _CONFIRMED)

@@ -1,8 +1,13 @@
 """Files of recordings: compressed, damaged, hostile, of an earlier ROS, or several of one recording."""
 
+import os
 import shutil
+import signal
 import sqlite3
 import struct
+import subprocess
+import sys
+import threading
 import tracemalloc
 from pathlib import Path
 from typing import Any
@@ -120,6 +125,19 @@ def test_a_recording_without_definitions_is_read(tmp_path: Path, usual: pd.DataF
     pd.testing.assert_frame_equal(read(file).frame, usual)
 
 
+def test_definitions_may_be_stored_as_bytes(tmp_path: Path, usual: pd.DataFrame) -> None:
+    file = in_sqlite(tmp_path)
+    change(
+        file,
+        "UPDATE message_definitions SET "
+        "encoded_message_definition = CAST(encoded_message_definition AS BLOB)",
+        "INSERT INTO message_definitions VALUES (9, 'a/msg/B', 'ros2msg', x'80ff', '')",
+    )
+    experience = read(file)
+    assert experience.remarks == ()
+    pd.testing.assert_frame_equal(experience.frame, usual)
+
+
 @pytest.mark.parametrize("apart", [False, True])
 def test_several_files_of_one_recording_are_merged(
     tmp_path: Path, usual: pd.DataFrame, apart: bool
@@ -193,6 +211,15 @@ def test_chunks_with_a_wrong_crc_are_skipped(tmp_path: Path, usual: pd.DataFrame
     assert experience.frame["episode"].nunique() == len(drives())
 
 
+def end_of_records(content: bytes) -> int:
+    """Return where the last whole record of a file in MCAP ends."""
+    end = place = 8
+    while place <= len(content):
+        end = place
+        place += 9 + int.from_bytes(content[place + 1 : place + 9], "little")
+    return end
+
+
 @pytest.mark.parametrize("storage", ["mcap", "db3"])
 def test_a_recording_that_was_cut_off_is_read_to_there(tmp_path: Path, storage: str) -> None:
     file = in_sqlite(tmp_path) if storage == "db3" else chunked(tmp_path / "a.mcap")
@@ -203,7 +230,73 @@ def test_a_recording_that_was_cut_off_is_read_to_there(tmp_path: Path, storage: 
     experience = read(cut)
     assert 1 <= experience.frame["episode"].nunique() < len(drives())
     (remark,) = experience.remarks
-    assert remark.startswith(f"cut.{storage}: skipped the end, after ")
+    where = f"{end_of_records(content[:begin]):,} bytes: " if storage == "mcap" else "row "
+    assert remark.startswith(f"cut.{storage}: skipped the end, after {where}")
+
+
+# Large files
+
+
+def test_reading_can_be_interrupted_during_a_long_query(
+    tmp_path: Path, usual: pd.DataFrame
+) -> None:
+    file = in_sqlite(tmp_path)
+    change(
+        file,
+        "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n LIMIT 1000000) "
+        "INSERT INTO message_definitions SELECT i + 9, 'a', 'b', 'c', '' FROM n",
+    )
+    interrupt = threading.Timer(0.05, os.kill, (os.getpid(), signal.SIGINT))
+    interrupt.start()
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            read(file)
+    finally:
+        interrupt.cancel()
+
+
+PEAK = """
+import sys
+from pathlib import Path
+from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.experience.recordings import read_recording
+remarks = read_recording(Path(sys.argv[1]), SOCCER.robot(None), SOCCER).remarks
+status = dict(line.split(":", 1) for line in open("/proc/self/status"))
+print(status["VmHWM"].split()[0], *remarks)  # not ru_maxrss, which includes that of the parent
+"""
+"""Prints the greatest memory in KiB that a process needed to read a recording, and the remarks."""
+
+
+def peak(file: Path) -> tuple[int, str]:
+    """Return the greatest resident memory in bytes of a process that reads a file, and remarks."""
+    words = [sys.executable, "-c", PEAK, str(file)]
+    said = subprocess.run(words, capture_output=True, text=True, check=True).stdout
+    kibibytes, _, remarks = said.partition(" ")
+    return 1024 * int(kibibytes), remarks
+
+
+@pytest.mark.long
+def test_the_memory_of_the_process_does_not_grow_with_the_file(tmp_path: Path) -> None:
+    """The file has 300 MB of messages on a topic that is read, which cannot be decoded."""
+    small = chunked(tmp_path / "small.mcap")
+    large = tmp_path / "large.mcap"
+    noise = os.urandom(3 * MEGABYTE)
+    with large.open("wb") as stream:
+        writer = Writer(stream, compression=CompressionType.NONE)
+        writer.start("ros2")
+        text, _ = Messages().store.generate_msgdef(ODOMETRY, ros_version=2)
+        schema = writer.register_schema(ODOMETRY, "ros2msg", text.encode())
+        channel = writer.register_channel("/odom", "cdr", schema)
+        for number in range(100):
+            writer.add_message(channel, number, b"\xff" * 100 + noise, number)
+        writer.finish()
+    (tmp_path / "both").mkdir()
+    shutil.copy(small, tmp_path / "both")
+    large.rename(tmp_path / "both" / large.name)
+    usual, _ = peak(small)
+    needed, remarks = peak(tmp_path / "both")
+    assert "skipped 100 messages on /odom" in remarks
+    assert needed < usual + 100 * MEGABYTE  # a chunk, and messages to be put in order
 
 
 # Hostile files

@@ -102,6 +102,16 @@ def test_records_of_the_executor_are_read_unchanged(tmp_path: Path) -> None:
     assert frame["position_error"].iloc[0] == 0.01
 
 
+def test_odometry_beside_records_is_not_judged(tmp_path: Path) -> None:
+    store = own_types()
+    record = action_performance(store, goal=Pose(1.5, 0.5, 0.7), speed=0.3, duration=3.25, code=1)
+    write_records(tmp_path / "records", store, [record])
+    bags = [tmp_path / "records", recorded(tmp_path, slip=0.1)]
+    experience = read_recording(bags, ROBOT, SOCCER)
+    assert experience.frame["duration"].tolist() == [3.25]
+    assert experience.remarks == ()
+
+
 def test_records_that_cannot_be_used_are_left_out(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

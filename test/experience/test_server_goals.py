@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from bags import ODOMETRY, ROBOT, Extra, Messages, Tick, write_bag
+from bags import ODOMETRY, ROBOT, TWIST, Extra, Messages, Tick, write_bag
 from domain_files import changed, file_of
 
 from ator_ros.domains.domain import Domain, find_domain
@@ -161,6 +161,27 @@ def test_all_topics_may_be_in_a_namespace(tmp_path: Path, domain: Domain, odomet
     topics = [(f"/robot1{name}", kind, make) for name, kind, make in [*states, TF, *TOPICS]]
     bag = write_bag(tmp_path / "bag", Messages(offset=100.0), ticks(), *topics)
     assert found_in(bag, domain) == 3
+
+
+def test_a_robot_without_a_namespace_is_read_beside_one_in_a_namespace(
+    tmp_path: Path, domain: Domain
+) -> None:
+    """The status topic of the other robot does not decide whose commands are read."""
+
+    def no_goals(make: Messages, tick: Tick) -> Any:
+        return make.types["action_msgs/msg/GoalStatusArray"]([])
+
+    def stop(make: Messages, tick: Tick) -> Any:
+        return make.twist(0.0, 0.0, 0.0)
+
+    topics: list[Extra] = [
+        ("/odom", ODOMETRY, Messages.odometry),
+        ("/cmd_vel", TWIST, Messages.command),
+        ("/robot1/cmd_vel", TWIST, stop),
+        ("/robot1/navigate_to_pose/_action/status", "action_msgs/msg/GoalStatusArray", no_goals),
+    ]
+    bag = write_bag(tmp_path / "bag", Messages(), ticks(), *topics)
+    assert found_in(bag, domain) == len(GOALS) - 1  # the last drive has no end
 
 
 def moving(child: str) -> Extra:

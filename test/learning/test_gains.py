@@ -33,7 +33,7 @@ def test_the_gate_closes_where_the_predicted_gain_does_not_materialize() -> None
     closed = Gate(measured=executed(-0.7).measured)
     refine, reason = closed.decide(0.7, 0.2)
     assert not refine
-    assert reason.startswith("gain 0.70 s ± 0.20 s: kept as planned, as the measured gain is ")
+    assert reason.startswith("gain 0.70 s ± 0.20 s: kept naive, as the measured gain is ")
     assert reason.endswith("the gate is closed")
     for gains in (executed(0.6), executed(-0.7, refined=5, compared=2), Gains()):
         assert Gate(measured=gains.measured).decide(0.7, 0.2) == (

@@ -178,7 +178,7 @@ def test_the_refinement_node_loads_a_set(
     assert refine(client, request_of_the_paper()).before.duration == after.before.duration
 
 
-def test_some_executed_chains_run_as_planned_to_compare(
+def test_some_executed_chains_run_unrefined_to_compare(
     host: Host, client: Client, tmp_path: Path, slower: tuple[Path, Path]
 ) -> None:
     host("refinement", models=slower[0], learned=tmp_path / "learned", deadline=20.0)
@@ -187,7 +187,7 @@ def test_some_executed_chains_run_as_planned_to_compare(
     answers = (refine(client, request) for _ in range(200))  # a tenth of them compares
     compared = next(answer for answer in answers if answer.gain.comparison)
     assert not compared.refined
-    assert "kept as planned, to measure what refinement gains" in compared.reason
+    assert "kept as sent, to measure what refinement gains" in compared.reason
     assert compared.chain.calls[0].goal.pose.orientation.z == pytest.approx(math.sin(1.5))
     assert compared.gain.predicted > 0.5
     assert client.set_parameters("refinement", comparison_share=0.0)[0].successful

@@ -23,7 +23,7 @@ def record(*, refined: bool, code: int = Outcome.SUCCEEDED) -> object:
     made = record_of(code=code, reason="arrived", duration=6.55, refined=refined)
     made.predicted = Performance(duration=6.54)
     made.gain = Gain(predicted=0.22)
-    made.refinement = "gain 0.01 s ± 0.03 s: kept as planned"
+    made.refinement = "gain 0.01 s ± 0.03 s: kept naive"
     return made
 
 
@@ -37,7 +37,7 @@ def test_success_has_durations_and_changes() -> None:
 
 def test_a_kept_chain_has_the_reason_of_the_gate() -> None:
     kept = result_line(record(refined=False), wanted=True, changes=[])
-    assert kept.endswith("6.54 s predicted; gain 0.01 s ± 0.03 s: kept as planned")
+    assert kept.endswith("6.54 s predicted; gain 0.01 s ± 0.03 s: kept naive")
     assert result_line(record(refined=False), wanted=False, changes=[]).endswith("predicted")
 
 

@@ -65,7 +65,7 @@ def refined(model: PerformanceModel, gate: Gate, objective: Objective | None = N
     return Refiner(ROBOT, {"drive_to": model}, gate).refine(world, chain, objective)
 
 
-@pytest.mark.parametrize(("make", "words"), [(learned, "refined"), (linear, "kept as planned")])
+@pytest.mark.parametrize(("make", "words"), [(learned, "refined"), (linear, "kept as sent")])
 def test_only_a_model_of_the_right_form_changes_the_chain(make: Any, words: str) -> None:
     model = make()
     without, behind = refined(model, NO_GATE), refined(model, Gate())
@@ -85,11 +85,11 @@ def test_few_drives_make_a_gain_less_certain_than_many() -> None:
     ("gain", "uncertainty", "reason"),
     [
         (0.7, 0.5, "gain 0.70 s ± 0.50 s: refined"),
-        (0.5, 0.7, "gain 0.50 s ± 0.70 s: kept as planned"),
+        (0.5, 0.7, "gain 0.50 s ± 0.70 s: kept naive"),
         (
             0.04,
             0.01,
-            "gain 0.04 s ± 0.01 s: kept as planned, as it is not above one control tick (0.05 s)",
+            "gain 0.04 s ± 0.01 s: kept naive, as it is not above one control tick (0.05 s)",
         ),
         (-0.02, 0.1, "no gain predicted"),
     ],
@@ -166,7 +166,7 @@ def test_with_durations_only_their_uncertainty_is_known() -> None:
         (0.12, "gain 12.0 % of the cost, of unknown uncertainty: refined"),
         (
             0.008,
-            "gain 0.8 % of the cost, of unknown uncertainty: kept as planned, as it is not above 1 %",
+            "gain 0.8 % of the cost, of unknown uncertainty: kept naive, as it is not above 1 %",
         ),
         (0.0001, "no gain predicted"),
     ],

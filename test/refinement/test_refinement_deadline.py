@@ -24,7 +24,7 @@ from refinement_fakes import (
 
 from ator_ros.geometry import FloatArray
 from ator_ros.refinement.naive import naive_on_paths
-from ator_ros.refinement.refiner import LONGEST_CHAIN, Refiner, Selection
+from ator_ros.refinement.refiner import ITS_DEADLINE, LONGEST_CHAIN, Refiner, Selection
 from ator_ros.refinement.search import search
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.ranges import Range
@@ -88,7 +88,7 @@ def test_an_answer_at_the_deadline_is_marked_and_never_worse() -> None:
     ]
     for result in results:
         assert result.after.cost <= result.before.cost
-        assert result.complete == ("deadline" not in result.reason)
+        assert result.complete == (ITS_DEADLINE not in result.reason)
     assert not results[0].complete
     assert results[0].best == long_chain()
     assert any(result.refined and not result.complete for result in results)
@@ -99,7 +99,9 @@ def test_placeholders_have_naive_values_without_time() -> None:
     first = refiner.refine(world(), sent, placeholders=True, deadline=after(0))
     assert first.original == naive_on_paths(world(), sent, ROBOT, LIBRARY.ranges) != sent
     assert not first.complete
-    assert first.reason == "kept as planned without a search, as its deadline had passed"
+    assert first.reason == "kept naive without a search, as its deadline had passed"
+    again = refiner.refine(world(), first.original, deadline=after(0))
+    assert again.reason == "kept as sent without a search, as its deadline had passed"
     whole = refiner.refine(world(), sent, placeholders=True)
     assert whole.original == refiner.naive(world(), sent) != sent
 

@@ -14,6 +14,7 @@ from ator_ros.domains.declared import DeclaredServer
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.evaluation.trials import random_trial
 from ator_ros.nodes.network import NodesError
+from ator_ros.refinement.refiner import ITS_DEADLINE
 from ator_ros.robot.description import load_robot
 from ator_ros.tools.demo import DemoSituation, table
 from ator_ros.tools.own_nodes import NodeProcesses
@@ -24,10 +25,12 @@ ROBOT = load_robot()
 TRIAL = random_trial(SOCCER, "shoot", SOCCER.library(ROBOT), seed=401, index=0)
 
 
-def run(*, total: float, success: bool = True, refined: bool = False) -> Run:
+def run(
+    *, total: float, success: bool = True, refined: bool = False, refinement: str = "no gain"
+) -> Run:
     durations = (3.0, 4.0, total - 7.0) if success else (3.0,)
     code = Outcome.SUCCEEDED if success else Outcome.FAILED
-    given = {"refined": refined, "refinement": "no gain", "reason": "lost the ball"}
+    given = {"refined": refined, "refinement": refinement, "reason": "lost the ball"}
     return Run("refined", record_of(*durations, code=code, duration=total, **given))
 
 
@@ -60,15 +63,19 @@ def test_noise_of_unchanged_chains_is_no_saving_and_short_searches_are_marked() 
     times = 2 * [(3.1, 4.1)]
     answers = [Answer(shorter, shorter, False, "", *times, cut_short=cut) for cut in (False, True)]
     changed = run(total=8.0, refined=True)
+    reason = f"gain 0.70 s ± 0.50 s: refined; {ITS_DEADLINE} cut the search short"
+    cut_short = run(total=9.0, refined=True, refinement=reason)
     text = table(
         [
             DemoSituation(TRIAL.world, shorter, answers[0], run(total=10.0), run(total=9.0)),
             DemoSituation(TRIAL.world, shorter, answers[1], run(total=10.0), changed),
+            DemoSituation(TRIAL.world, shorter, answers[0], run(total=10.0), cut_short),
         ]
     )
-    assert "refinement saved 2.00 s of 20.00 s (10.0 %)" in text
+    assert "refinement saved 3.00 s of 30.00 s (10.0 %)" in text
     assert "1 unchanged " in text
     assert "2 refined* " in text
+    assert "3 refined* " in text
     assert "* the deadline cut the search short" in text
 
 

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ator_ros.geometry import FloatArray
-from ator_ros.performance.tree.nodes import IntArray
+from ator_ros.geometry import FloatArray, IntArray
 
 # Moments are the normal equations of nodes over standardized rows, shape (…, n_features + 2,
 # n_features + 2).

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.utils.validation import check_is_fitted
 
-from ator_ros.geometry import BoolArray, FloatArray
+from ator_ros.geometry import BoolArray, FloatArray, IntArray
 from ator_ros.performance.tree.linear_models import (
     TERM_COST,
     Standardized,
@@ -17,7 +17,7 @@ from ator_ros.performance.tree.linear_models import (
     fit_node_models,
     squared_error,
 )
-from ator_ros.performance.tree.nodes import IntArray, ModelTree
+from ator_ros.performance.tree.nodes import ModelTree
 from ator_ros.performance.tree.partition import GrownNode, Partition
 
 _TRACE = 0.01  # deviation of a term, as a share of the model's error, below which it is a trace

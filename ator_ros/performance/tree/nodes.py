@@ -9,12 +9,9 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ator_ros.compiled import compiled
-from ator_ros.geometry import BoolArray, FloatArray
-
-IntArray = NDArray[np.intp]
+from ator_ros.geometry import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True)

@@ -13,9 +13,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ator_ros.geometry import BoolArray, FloatArray
+from ator_ros.geometry import BoolArray, FloatArray, IntArray
 from ator_ros.performance.tree.linear_models import corrected_error, residual_squares, solve
-from ator_ros.performance.tree.nodes import IntArray
 
 _EXACT = 1e-9  # share of the target's deviation up to which the residuals of a node count as 0
 _CANDIDATES = 15  # thresholds to try per feature and node, at quantiles
