@@ -28,7 +28,6 @@ _FEWEST = 3  # least number of samples in that time
 _FAR_BELOW = 0.5  # share of the greatest command below which an unreached limit says nothing
 _UNFIT = 0.15  # RMS error, as a share of the greatest speed, of a base that follows otherwise
 _EDGE = 0.99  # share of the greatest latency and lag from which an estimate is only a bound
-_ON_THE_SPOT = (DrivePart.CREEP_W, DrivePart.SPRINT_W)
 _LEAST_TURN = 0.5  # rad; turns on the spot by less do not show which point odometry describes
 
 
@@ -80,7 +79,7 @@ def identify(samples: Sequence[DriveSample]) -> BaseEstimate:
     return BaseEstimate(
         _axis(samples, DrivePart.SPRINT_V, DrivePart.CREEP_V, lambda s: (s.command.v, s.robot.v)),
         _axis(samples, DrivePart.SPRINT_W, DrivePart.CREEP_W, lambda s: (s.command.w, s.robot.w)),
-        _point([sample for sample in samples if sample.part in _ON_THE_SPOT]),
+        _point([sample for sample in samples if sample.part is DrivePart.SPRINT_W]),
     )
 
 
@@ -114,8 +113,8 @@ def check_plausible(estimate: BaseEstimate) -> None:
 def _point(spins: Sequence[DriveSample]) -> tuple[float, float]:
     """Return where the point whose pose odometry gives lies, in m ahead and to the left of the axle.
 
-    In turns on the spot it moves in a circle around the middle of the axle; the circle is fitted by
-    least squares. (0, 0) if the robot hardly turned.
+    In turns on the spot, with no drive between them, it moves in a circle around the middle of the
+    axle; the circle is fitted by least squares. (0, 0) if the robot hardly turned.
     """
     yaws = np.unwrap([sample.robot.pose.yaw for sample in spins])
     if len(yaws) < _FEWEST or float(np.ptp(yaws)) < _LEAST_TURN:
