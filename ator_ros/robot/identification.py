@@ -17,7 +17,9 @@ from ator_ros.robot.response import AxisResponse
 _LATENCIES = (0.0, 0.05, 0.1, 0.15, 0.2, 0.3)
 _LAGS = (0.03, 0.12)
 _LOWER = (0.0, 0.002, 0.01, 0.01, 0.01, 0.05)
-_UPPER = (0.6, 0.6, 10.0, 30.0, 30.0, 200.0)
+_LONGEST = 0.6  # s; greatest latency and lag
+_FASTEST = 10.0  # m/s and rad/s
+_UPPER = (_LONGEST, _LONGEST, _FASTEST, 30.0, 30.0, 200.0)
 _STARTS = 3
 _RESPONDING = 0.5  # least share of a creeping command with which a base moves outside its dead zone
 _LAST = 0.25  # s at the end of a creeping step that are evaluated
@@ -99,13 +101,10 @@ def check_plausible(estimate: BaseEstimate) -> None:
                 f"got {response.limit:.2f} {unit} while the base still accelerated; "
                 f"give more --space, or a lower --{name}"
             )
-        for what, value, most in (
-            ("latency", response.latency, _UPPER[0]),
-            ("lag", response.lag, _UPPER[1]),
-        ):
-            if value > _EDGE * most:
+        for what, value in (("latency", response.latency), ("lag", response.lag)):
+            if value > _EDGE * _LONGEST:
                 raise DriveError(
-                    f"{what} of {name}: expected less than {most:g} s, got more; "
+                    f"{what} of {name}: expected less than {_LONGEST:g} s, got more; "
                     "check the stamps of odometry"
                 )
 
@@ -161,7 +160,7 @@ def _is_held(
     response: AxisResponse, times: Sequence[float], commands: FloatArray, noise: float
 ) -> bool:
     """Return whether the limit held the base back: without it the fit would have gone on to gain speed."""
-    unlimited = replace(response, limit=_UPPER[2]).speeds(times, commands.tolist())
+    unlimited = replace(response, limit=_FASTEST).speeds(times, commands.tolist())
     least = response.limit + max(_NEAR * response.limit, noise)
     beyond = (np.abs(unlimited) > least) & (np.abs(commands) > response.limit)
     return int(beyond.sum()) >= _FEWEST and float(np.diff(times)[beyond[:-1]].sum()) >= _HELD

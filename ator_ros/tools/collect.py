@@ -46,9 +46,8 @@ from ator_ros.tools.command_line import (
     without_ros_arguments,
 )
 
-_OFTEN = (
-    0.2  # share of failed episodes that is reported: the actions of the domains fail more rarely
-)
+# share of failed episodes that is reported: the actions of the domains fail more rarely
+_OFTEN = 0.2
 # duration, as a multiple of a straight drive and turns at the robot's limits, that is reported: the
 # drives of the shipped robots and servers take 0.7 to 1.3 times as long
 _LONG = 4.0
@@ -178,8 +177,8 @@ def _plan(
         return f"{text}; the first take longer: each process loads or compiles code, up to a minute"
     limit = max(TIME_LIMIT, domain.time_limit)
     return (
-        f"{text}, driven by {drivers(domain, action_set, actions)}; before each, the robot is placed, "
-        f"and after {limit:g} s it ends; the nodes start and compile code first, up to a minute"
+        f"{text}, driven by {drivers(domain, action_set, actions)}; before each, the robot is placed; "
+        f"each drive ends after at most {limit:g} s; the nodes start and compile code first, up to a minute"
     )
 
 

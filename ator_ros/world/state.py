@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from ator_ros.geometry import Pose, decimal, decimal_pose
+from ator_ros.geometry import Pose, as_float, decimal_pose
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,8 +61,8 @@ class RobotState:
     def __post_init__(self) -> None:
         """Read whole numbers as floats."""
         object.__setattr__(self, "pose", decimal_pose(self.pose))
-        object.__setattr__(self, "v", decimal(self.v))
-        object.__setattr__(self, "w", decimal(self.w))
+        object.__setattr__(self, "v", as_float(self.v))
+        object.__setattr__(self, "w", as_float(self.w))
 
     @property
     def is_still(self) -> bool:
@@ -87,7 +87,7 @@ class ObjectState:
     def __post_init__(self) -> None:
         """Read whole numbers as floats."""
         for name in ("x", "y", "vx", "vy"):
-            object.__setattr__(self, name, decimal(getattr(self, name)))
+            object.__setattr__(self, name, as_float(getattr(self, name)))
 
     @property
     def speed(self) -> float:
