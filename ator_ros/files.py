@@ -137,9 +137,8 @@ class DamagedFileError(FileError):
 
 def set_aside(path: Path) -> Path:
     """Rename a damaged file or folder to NAME.damaged, or NAME.damaged-2 and so on; return it."""
-    names = (
-        f"{path.name}.damaged{f'-{number}' if number else ''}" for number in (0, *range(2, 1000))
-    )
+    suffixes = ("", *(f"-{number}" for number in range(2, 1000)))
+    names = (f"{path.name}.damaged{suffix}" for suffix in suffixes)
     free = next(place for place in map(path.with_name, names) if not place.exists())
     return path.rename(free)
 

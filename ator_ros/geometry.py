@@ -46,7 +46,7 @@ class Pose(NamedTuple):
         return math.hypot(other.x - self.x, other.y - self.y)
 
 
-def decimal(value: float) -> float:
+def as_float(value: float) -> float:
     """Return a whole number as a float, any other value as it is.
 
     Compiled code would be compiled again for whole numbers, or fail.
@@ -55,11 +55,11 @@ def decimal(value: float) -> float:
 
 
 def decimal_pose(pose: Pose) -> Pose:
-    """Return a pose whose whole numbers are floats; see `decimal`."""
+    """Return a pose whose whole numbers are floats; see `as_float`."""
     x, y, yaw = pose
     if type(x) is type(y) is type(yaw) is float:
         return pose
-    return Pose(decimal(x), decimal(y), decimal(yaw))
+    return Pose(as_float(x), as_float(y), as_float(yaw))
 
 
 def wrap_angle(angle: float) -> float:

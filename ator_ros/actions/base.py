@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import ClassVar
 
-from ator_ros.geometry import FloatArray, Pose, decimal, decimal_pose
+from ator_ros.geometry import FloatArray, Pose, as_float, decimal_pose
 from ator_ros.printable import ReadableError
 from ator_ros.robot.description import Robot
 from ator_ros.world.state import STOP, Command, World
@@ -58,7 +58,7 @@ class Goal:
     def __post_init__(self) -> None:
         """Read whole numbers as floats."""
         object.__setattr__(self, "pose", decimal_pose(self.pose))
-        object.__setattr__(self, "speed", decimal(self.speed))
+        object.__setattr__(self, "speed", as_float(self.speed))
 
     def robot_pose(self, robot: Robot) -> Pose:
         """Return the pose of the axle at this destination."""

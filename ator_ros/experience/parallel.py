@@ -102,8 +102,8 @@ def _in_worker(function: Callable[[Task], Result], task: Task, parent: int) -> R
     """Execute a task, in a worker of the process `parent` or in `parent` itself."""
     if os.getpid() == parent:
         return function(task)
-    if os.getppid() == parent:  # else a worker of a cluster
-        end_with_parent()
+    if "distributed" not in sys.modules:  # a worker of a cluster is no child of `parent`
+        end_with_parent(parent)
     # Ctrl-C in a terminal, and the SIGTERM of a supervisor, reach the workers too; only the parent
     # reacts.
     if threading.current_thread() is threading.main_thread():
@@ -114,9 +114,12 @@ def _in_worker(function: Callable[[Task], Result], task: Task, parent: int) -> R
 
 
 @functools.cache
-def end_with_parent() -> None:
-    """End this process within a second after its parent process, also if that was killed."""
-    parent = os.getppid()
+def end_with_parent(parent: int) -> None:
+    """End this process within a second after its parent process, also if that was killed.
+
+    `parent` is the number of the parent, which may have ended already. For processes of this
+    package; `tools.own_nodes.NodeProcesses` ends those of any program.
+    """
 
     def watch() -> None:
         while os.getppid() == parent:

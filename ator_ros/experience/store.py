@@ -117,7 +117,10 @@ class RecordStore:
         Raises OSError if the folder cannot be read. SQLite writes to a deleted or renamed file
         without an error.
         """
-        return self._opened is not None and self._opened == identity_of(self._file)
+        try:
+            return self._opened is not None and self._opened == identity_of(self._file)
+        except FileNotFoundError:
+            return False
 
     def append(self, action_set: str, episode: Episode) -> None:
         """Append an episode; it is written whole or, when OSError is raised, not at all.

@@ -131,13 +131,13 @@ class Learner:
             self._lock.close()
             raise
         self._last = self._last_round()
-        self.frozen = (folder / FROZEN).exists()
 
     def _open(self) -> None:
         """Lock the folder and open its store; set aside what is damaged."""
         self._lock.close()
         self._lock.enter_context(exclusive_folder(self._folder))
         self._opened = identity_of(self._folder)
+        self.frozen = (self._folder / FROZEN).exists()
         self._read_set()
         records = self._folder / RECORDS
         try:
@@ -158,8 +158,12 @@ class Learner:
         An empty folder in its place is not used: it may be the mount point of a share.
         """
         is_same = identity_of(self._folder) == self._opened
-        if not is_same and not is_store(self._folder / RECORDS):
-            raise FileNotFoundError(errno.ENOENT, "its records have disappeared")
+        records = self._folder / RECORDS
+        if not is_store(records):
+            if not is_same:
+                raise FileNotFoundError(errno.ENOENT, "its records have disappeared")
+            deleted = f"{records}: expected a store of records, it was deleted; a new one is used"
+            self._damage = self._damage or deleted  # or it was set aside
         self._store.close()
         self._open()
 
@@ -277,7 +281,7 @@ class Learner:
     @property
     def new(self) -> int:
         """Records since the last round."""
-        return self.stored - min(self._last.ends, self.stored)
+        return max(self.stored - self._last.ends, 0)
 
     def _finish(self, result: dict[str, Any]) -> str:
         """Publish the set of a round, if it made one; return what to report."""
@@ -362,14 +366,11 @@ class Learner:
             if not self._store.is_in_place():
                 self._open_again()
             while self._waiting:
-                self._waiting[0]()
-                self._waiting.popleft()
+                self._write_oldest()
             if not self._is_saved:
                 save(self._folder / ROUND, KIND, self._last)
                 self._is_saved = True
         except (FileError, OSError) as error:
-            if isinstance(error, DamagedFileError):  # a new store is opened next time
-                self._set_aside(self._folder / RECORDS, error)
             reason = error.strerror if isinstance(error, OSError) and error.strerror else error
             self.fault = (
                 f"{self._folder}: expected a folder that can be written: {reason}; "
@@ -377,3 +378,12 @@ class Learner:
             )
         else:
             self.fault = ""
+
+    def _write_oldest(self) -> None:
+        """Write what waits longest; set the store aside if it is damaged, as only records need it."""
+        try:
+            self._waiting[0]()
+        except DamagedFileError as error:
+            self._set_aside(self._folder / RECORDS, error)  # a new store is opened next time
+            raise
+        self._waiting.popleft()

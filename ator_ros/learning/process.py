@@ -16,11 +16,15 @@ _ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
 
 
 class RoundProcess:
-    """A running round of learning, in a process that runs `module` with `settings` as a JSON object."""
+    """A running round of learning, in a process that runs `module` with a JSON object as argument.
+
+    The object has the `settings`, and the number of this process as `parent`.
+    """
 
     def __init__(self, module: str, settings: Mapping[str, str]) -> None:
+        argument = json.dumps({**settings, "parent": str(os.getpid())})
         self._process = subprocess.Popen(
-            [sys.executable, "-m", module, json.dumps(settings)],
+            [sys.executable, "-m", module, argument],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,

@@ -310,14 +310,14 @@ class Routes:
         corner, look = complex(left, low), LOOK_AHEAD / self._cell
         tables = _tables(parent, order, right - left, end - corner, clearance, look)
         field = _Field(
-            low,
-            left,
-            high - low,
-            right - left,
-            math.inf if whole else reach,
-            inside,
-            parent,
-            tables,
+            low=low,
+            left=left,
+            rows=high - low,
+            columns=right - left,
+            reach=math.inf if whole else reach,
+            goal=inside,
+            parent=parent,
+            tables=tables,
         )
         self._fields[level, end] = field
         size = sum(20 * len(other.parent) for other in self._fields.values())
@@ -330,7 +330,7 @@ class _ThreadRoutes(threading.local):
     """The routes that one thread computed: their caches change with each request."""
 
     def __init__(self) -> None:
-        self.on = lru_cache(maxsize=4)(Routes)
+        self.on = lru_cache(maxsize=1)(Routes)  # of a large map they have GB
 
 
 _routes = _ThreadRoutes()

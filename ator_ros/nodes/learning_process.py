@@ -23,14 +23,15 @@ def main() -> None:
 
     The only argument is a JSON object: `learned`, the folder of records; `domain`, `robot`,
     `models`, `map`, `planner` and `frame` as the parameters of the node; `time`, the time stamp of
-    the new set of models. It ends with the node, also if that is killed.
+    the new set of models; `parent`, the process of the node. It ends with the node, also if that is
+    killed.
     """
-    end_with_parent()
+    given: dict[str, str] = json.loads(sys.argv[1])
+    end_with_parent(int(given["parent"]))
     os.nice(_NICE)
     # Linux weighs sessions before processes, and this process has its own session
     with suppress(OSError):
         Path("/proc/self/autogroup").write_text(str(_NICE), encoding="ascii")
-    given: dict[str, str] = json.loads(sys.argv[1])
     domain = domain_for(given["domain"], given["robot"]).on_map(given["map"])
     if given["planner"]:
         rclpy.init()

@@ -44,13 +44,22 @@ class Limits:
     a: Annotated[float, Within(LEAST, GREATEST["a"])]  # m/s^2; gaining speed
     brake: Annotated[float, Within(LEAST, GREATEST["brake"])]  # m/s^2; losing speed
     aw: Annotated[float, Within(LEAST, GREATEST["aw"])]  # rad/s^2
-    # m/s; 0: the base never drives backward, otherwise it does so at up to `v`
-    v_back: Annotated[float, Within(0.0, GREATEST["v"])] | None = None
+    v_back: float | None = None  # m/s; greatest speed backward: 0, or None for `v`
+
+    def __post_init__(self) -> None:
+        """Replace a `v_back` of `v` by None; raise ValueError if it is neither that nor 0."""
+        if self.v_back == self.v:
+            object.__setattr__(self, "v_back", None)
+        elif self.v_back not in (None, 0.0):
+            raise ValueError(
+                f"v_back: expected 0, for a base that never drives backward, or v ({self.v:g}), "
+                f"got {self.v_back:g}"
+            )
 
     @property
     def backward(self) -> float:
         """Greatest speed backward in m/s: 0 or `v`."""
-        return 0.0 if self.v_back == 0.0 else self.v
+        return self.v if self.v_back is None else self.v_back
 
     def scaled(self, factor: float) -> Limits:
         """Return these limits times `factor`."""
@@ -157,11 +166,10 @@ class Robot(Base):
             2.0 * self.half_width,
             least_torque(self.mass, self.wheel_radius, self.limits),
         )
-        v_back = self.limits.v_back
-        if v_back is not None and 0.0 < v_back < self.limits.v:
+        if holder is not None and holder.limits.v_back not in (None, self.limits.v_back):
             raise ConfigError(
-                "robot.limits.v_back: expected 0, for a base that never drives backward, or at "
-                f"least v ({self.limits.v:g}), got {v_back:g}"
+                "robot.holder.limits.v_back: expected none, as robot.limits.v_back holds with and "
+                f"without an object, got {holder.limits.v_back:g}"
             )
         _at_most(
             "build.wheel_mass", build.wheel_mass, _MOST_WHEEL * self.mass, "as the body has a mass"

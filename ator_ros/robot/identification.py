@@ -17,7 +17,9 @@ from ator_ros.robot.response import AxisResponse
 _LATENCIES = (0.0, 0.05, 0.1, 0.15, 0.2, 0.3)
 _LAGS = (0.03, 0.12)
 _LOWER = (0.0, 0.002, 0.01, 0.01, 0.01, 0.05)
-_UPPER = (0.6, 0.6, 10.0, 30.0, 30.0, 200.0)
+_LONGEST = 0.6  # s; greatest latency and lag
+_FASTEST = 10.0  # m/s and rad/s
+_UPPER = (_LONGEST, _LONGEST, _FASTEST, 30.0, 30.0, 200.0)
 _STARTS = 3
 _RESPONDING = 0.5  # least share of a creeping command with which a base moves outside its dead zone
 _LAST = 0.25  # s at the end of a creeping step that are evaluated
@@ -28,7 +30,6 @@ _FEWEST = 3  # least number of samples in that time
 _FAR_BELOW = 0.5  # share of the greatest command below which an unreached limit says nothing
 _UNFIT = 0.15  # RMS error, as a share of the greatest speed, of a base that follows otherwise
 _EDGE = 0.99  # share of the greatest latency and lag from which an estimate is only a bound
-_ON_THE_SPOT = (DrivePart.CREEP_W, DrivePart.SPRINT_W)
 _LEAST_TURN = 0.5  # rad; turns on the spot by less do not show which point odometry describes
 
 
@@ -80,7 +81,7 @@ def identify(samples: Sequence[DriveSample]) -> BaseEstimate:
     return BaseEstimate(
         _axis(samples, DrivePart.SPRINT_V, DrivePart.CREEP_V, lambda s: (s.command.v, s.robot.v)),
         _axis(samples, DrivePart.SPRINT_W, DrivePart.CREEP_W, lambda s: (s.command.w, s.robot.w)),
-        _point([sample for sample in samples if sample.part in _ON_THE_SPOT]),
+        _point([sample for sample in samples if sample.part is DrivePart.SPRINT_W]),
     )
 
 
@@ -100,13 +101,10 @@ def check_plausible(estimate: BaseEstimate) -> None:
                 f"got {response.limit:.2f} {unit} while the base still accelerated; "
                 f"give more --space, or a lower --{name}"
             )
-        for what, value, most in (
-            ("latency", response.latency, _UPPER[0]),
-            ("lag", response.lag, _UPPER[1]),
-        ):
-            if value > _EDGE * most:
+        for what, value in (("latency", response.latency), ("lag", response.lag)):
+            if value > _EDGE * _LONGEST:
                 raise DriveError(
-                    f"{what} of {name}: expected less than {most:g} s, got more; "
+                    f"{what} of {name}: expected less than {_LONGEST:g} s, got more; "
                     "check the stamps of odometry"
                 )
 
@@ -114,8 +112,8 @@ def check_plausible(estimate: BaseEstimate) -> None:
 def _point(spins: Sequence[DriveSample]) -> tuple[float, float]:
     """Return where the point whose pose odometry gives lies, in m ahead and to the left of the axle.
 
-    In turns on the spot it moves in a circle around the middle of the axle; the circle is fitted by
-    least squares. (0, 0) if the robot hardly turned.
+    In turns on the spot, with no drive between them, it moves in a circle around the middle of the
+    axle; the circle is fitted by least squares. (0, 0) if the robot hardly turned.
     """
     yaws = np.unwrap([sample.robot.pose.yaw for sample in spins])
     if len(yaws) < _FEWEST or float(np.ptp(yaws)) < _LEAST_TURN:
@@ -162,7 +160,7 @@ def _is_held(
     response: AxisResponse, times: Sequence[float], commands: FloatArray, noise: float
 ) -> bool:
     """Return whether the limit held the base back: without it the fit would have gone on to gain speed."""
-    unlimited = replace(response, limit=_UPPER[2]).speeds(times, commands.tolist())
+    unlimited = replace(response, limit=_FASTEST).speeds(times, commands.tolist())
     least = response.limit + max(_NEAR * response.limit, noise)
     beyond = (np.abs(unlimited) > least) & (np.abs(commands) > response.limit)
     return int(beyond.sum()) >= _FEWEST and float(np.diff(times)[beyond[:-1]].sum()) >= _HELD

@@ -127,7 +127,7 @@ def report(estimate: BaseEstimate) -> list[str]:
     ahead, left = estimate.point
     if math.hypot(ahead, left) > _POINT_TOLERANCE:
         lines.append(
-            f"odometry describes a point {ahead:.2f} m ahead and {left:.2f} m to the left of the middle "
+            f"odometry describes a point {ahead:z.2f} m ahead and {left:z.2f} m to the left of the middle "
             "of the axle, but drives need that of the axle: correct the driver, or its robot_frame"
         )
     return lines

@@ -177,8 +177,8 @@ def _plan(
         return f"{text}; the first take longer: each process loads or compiles code, up to a minute"
     limit = max(TIME_LIMIT, domain.time_limit)
     return (
-        f"{text}, driven by {drivers(domain, action_set, actions)}; before each, the robot is placed, "
-        f"and after {limit:g} s it ends; the nodes start and compile code first, up to a minute"
+        f"{text}, driven by {drivers(domain, action_set, actions)}; before each, the robot is placed; "
+        f"each drive ends after at most {limit:g} s; the nodes start and compile code first, up to a minute"
     )
 
 

@@ -46,8 +46,8 @@ _REFINEMENT_TIMEOUT = 30.0  # real s; in which a busy machine has searched for t
 _ATTEMPTS = 3  # drives from one situation: other programs or a busy machine may abort a drive
 _ANSWER_TIMEOUT = 120.0  # real s
 _SHUTDOWN_TIMEOUT = 5.0  # real s after which nodes are killed
-# The end of the input, also when the process that writes it was killed, ends the process groups
-# whose numbers were read.
+# Reads the numbers of process groups. When its input ends, as the process that writes it has ended,
+# it ends these groups.
 _WATCHER = f"""
 while read -r group; do groups="$groups -$group"; done
 kill -s INT -- $groups
@@ -59,8 +59,9 @@ kill -s KILL -- $groups
 class NodeProcesses:
     """Starts nodes on a ROS domain.
 
-    As a context manager, stops all of them at the end of the block. They also end if this process
-    is killed.
+    A context manager: all of them, with the processes that they started, end with the block, and
+    also if this process is killed. Nodes may be programs of other packages, so that a shell script
+    watches for that; `experience.parallel.end_with_parent` does so inside of our own processes.
     """
 
     def __init__(self, domain: int) -> None:
@@ -68,14 +69,6 @@ class NodeProcesses:
         self._environment = {**os.environ, "ROS_DOMAIN_ID": str(domain), "PYTHONUNBUFFERED": "1"}
         self._logs = tempfile.TemporaryDirectory(prefix="ator_ros_")
         self._processes: dict[str, subprocess.Popen[bytes]] = {}
-        self._watcher = subprocess.Popen(
-            ["sh", "-c", _WATCHER],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-            bufsize=0,
-            start_new_session=True,
-        )
 
     def start(self, name: str, parameters: Mapping[str, object]) -> None:
         """Start an executable of this package with these parameters; raises NodesError."""
@@ -134,25 +127,37 @@ class NodeProcesses:
         return Path(self._logs.name, f"{name.replace('/', '_')[:100]}.log")
 
     def __enter__(self) -> Self:
+        self._watcher = subprocess.Popen(
+            ["sh", "-c", _WATCHER],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            bufsize=0,
+            start_new_session=True,
+        )
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Send SIGINT to all nodes in reverse order, and kill those that do not end."""
+        """Send SIGINT to the process groups of all nodes in reverse order, and kill what remains."""
         with uninterrupted():  # a second signal (`timeout` sends two) must not leave nodes
-            running = [
-                process for process in reversed(self._processes.values()) if process.poll() is None
-            ]
-            for process in running:
-                process.send_signal(signal.SIGINT)
+            processes = list(reversed(self._processes.values()))
+            for process in processes:
+                _signal_group(process, signal.SIGINT)
             end = time.monotonic() + _SHUTDOWN_TIMEOUT
-            for process in running:
+            for process in processes:
                 with suppress(subprocess.TimeoutExpired):
                     process.wait(timeout=max(0.0, end - time.monotonic()))
-                process.kill()
+                _signal_group(process, signal.SIGKILL)
                 process.wait()
             self._watcher.kill()
             self._watcher.communicate()
             self._logs.cleanup()
+
+
+def _signal_group(leader: subprocess.Popen[bytes], number: signal.Signals) -> None:
+    """Send a signal to a process and to those that it started, which may outlive it."""
+    with suppress(ProcessLookupError):  # all of them have ended
+        os.killpg(leader.pid, number)
 
 
 def _executable(package: str, name: str, where: str = "servers") -> str:

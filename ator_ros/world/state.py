@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from ator_ros.geometry import Pose, decimal, decimal_pose
+from ator_ros.geometry import Pose, as_float, decimal_pose
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,8 +64,8 @@ class RobotState:
         if type(x) is type(y) is type(yaw) is type(self.v) is type(self.w) is float:
             return
         object.__setattr__(self, "pose", decimal_pose(self.pose))
-        object.__setattr__(self, "v", decimal(self.v))
-        object.__setattr__(self, "w", decimal(self.w))
+        object.__setattr__(self, "v", as_float(self.v))
+        object.__setattr__(self, "w", as_float(self.w))
 
     @property
     def is_still(self) -> bool:
@@ -92,7 +92,7 @@ class ObjectState:
         if type(self.x) is type(self.y) is type(self.vx) is type(self.vy) is float:
             return
         for name in ("x", "y", "vx", "vy"):
-            object.__setattr__(self, name, decimal(getattr(self, name)))
+            object.__setattr__(self, name, as_float(getattr(self, name)))
 
     @property
     def speed(self) -> float:

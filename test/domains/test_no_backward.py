@@ -2,7 +2,6 @@
 
 import dataclasses
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,7 +15,8 @@ from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
 from ator_ros.geometry import Pose
 from ator_ros.performance.derived import Geometry
 from ator_ros.resources import resource_path
-from ator_ros.robot.description import ConfigError, Robot, load_robot
+from ator_ros.robot.description import ConfigError, Robot, load_robot, robot_of
+from ator_ros.schema import SchemaError
 from ator_ros.simulation.run import place, run_action
 from ator_ros.simulation.simulation import Simulation
 from ator_ros.world.state import Command, ObjectState, RobotState, World
@@ -41,18 +41,31 @@ def described(tmp_path_factory: pytest.TempPathFactory) -> str:
     return str(file)
 
 
-def test_the_setting_belongs_to_the_robot(tmp_path: Path) -> None:
+def test_the_setting_belongs_to_the_robot() -> None:
     assert FORWARD.digest() != PIONEER.digest()
     assert "v_back" not in PIONEER.sections()["robot"]["limits"]
     assert FORWARD.limits.scaled(0.5).backward == 0.0
     assert FORWARD.limits.within(PIONEER.limits).backward == 0.0
-    content = FORWARD.sections()
-    content["robot"]["limits"]["v_back"] = 0.3
-    file = tmp_path / "slow.yaml"
-    file.write_text(yaml.safe_dump(content), encoding="utf-8")
-    expected = r"robot\.limits\.v_back: expected 0, .* or at least v \(1\.2\), got 0\.3"
-    with pytest.raises(ConfigError, match=expected):
-        load_robot(file)
+
+
+def described_with(limits: dict[str, float], holder_limits: dict[str, float]) -> Robot:
+    content = yaml.safe_load(yaml.safe_dump(PIONEER.sections()))
+    content["robot"]["limits"] |= limits
+    content["robot"]["holder"]["limits"] |= holder_limits
+    return robot_of(content)
+
+
+def test_greatest_speed_backward_is_0_or_that_forward() -> None:
+    assert described_with({"v_back": PIONEER.limits.v}, {}).digest() == PIONEER.digest()
+    for v_back in (0.3, 15.0):
+        with pytest.raises(SchemaError, match=rf"limits: v_back: expected 0, .* got {v_back:g}$"):
+            described_with({"v_back": v_back}, {})
+    with pytest.raises(SchemaError, match=r"v_back: expected 0, .* got 0\.1$"):
+        described_with({}, {"v_back": 0.1})
+    with pytest.raises(
+        ConfigError, match=r"robot\.holder\.limits\.v_back: expected none, .* got 0$"
+    ):
+        described_with({}, {"v_back": 0.0})
 
 
 @pytest.mark.parametrize(("action_set", "seed"), [("default", 78), ("bezier", 11)])

@@ -17,7 +17,7 @@ from ator_ros.experience import store
 from ator_ros.experience.store import STORE, read_records
 from ator_ros.files import save
 from ator_ros.learning.gains import GAINS, ChainGain, add_chain, read_gains
-from ator_ros.learning.learner import KIND, ROUND, Learner
+from ator_ros.learning.learner import FROZEN, KIND, ROUND, Learner
 from ator_ros.learning.sets import (
     RECORDS,
     Manifest,
@@ -99,6 +99,21 @@ def test_records_wait_until_the_folder_is_back(
     assert count(folder) == 43
     assert len(read_gains(folder, learner.gains.models).chains) == 2
     assert count(elsewhere) == 40
+
+
+@pytest.mark.parametrize("name", [RECORDS, f"{RECORDS}/{STORE}"])
+def test_a_deleted_store_is_replaced_by_a_new_one(
+    learner: Learner, folder: Path, name: str
+) -> None:
+    deleted = folder / name
+    if deleted.is_dir():
+        shutil.rmtree(deleted)
+    else:
+        deleted.unlink()
+    take(learner, 3)
+    assert (learner.fault, count(folder)) == ("", 3)
+    assert "it was deleted; a new one is used" in learner.problem
+    assert (learner.stored, learner.diagnostics()["records waiting in memory"]) == (43, 0)
 
 
 @pytest.mark.parametrize("number", [errno.EIO, errno.ESTALE, errno.EACCES])
@@ -183,6 +198,9 @@ def test_a_damaged_file_is_set_aside(
         used = current_set(folder)
         if used is not None:
             read_manifest(used)
+        # SQLite takes an empty file as a new store, and does not check each byte of a row
+        if STORE not in name or number == 1:
+            assert list(folder.rglob("*.damaged*"))
 
 
 @pytest.mark.parametrize(
@@ -221,3 +239,31 @@ def test_a_store_that_is_damaged_while_learning_runs_is_replaced(
     learner.work(0.0)
     assert "renamed to records.damaged" in learner.problem
     assert (count(folder), learner.stored, learner.lost) == (3, 43, 0)
+
+
+def test_a_damaged_set_does_not_cost_the_store(
+    learner: Learner, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    elsewhere = folder.rename(folder.with_name("elsewhere"))
+    take(learner, 3)
+    shutil.copytree(elsewhere, folder, symlinks=True)
+    place = current_set(folder)
+    assert place is not None
+    (place / "goToPose.json").unlink()
+    with monkeypatch.context() as patched:  # as if it were damaged right after the repair
+        patched.setattr("ator_ros.learning.learner.repair", lambda _: "")
+        learner.work(0.0)
+        assert "digest" in learner.fault
+    learner.work(1.0)
+    assert (learner.fault, learner.lost, count(folder)) == ("", 0, 43)
+    assert not folder.joinpath("records.damaged").exists()
+
+
+def test_freezing_follows_the_folder(learner: Learner, folder: Path) -> None:
+    elsewhere = folder.rename(folder.with_name("elsewhere"))
+    take(learner, 3)
+    (elsewhere / FROZEN).touch()
+    shutil.copytree(elsewhere, folder, symlinks=True)
+    learner.work(0.0)
+    assert learner.frozen
+    assert learner.learn_now() == "learning is frozen"

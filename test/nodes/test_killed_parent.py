@@ -1,5 +1,6 @@
 """Processes that a command line or a node started end with it, also if it is killed."""
 
+import json
 import os
 import signal
 import subprocess
@@ -15,6 +16,7 @@ OWN_NODES = """
 import signal, sys
 from ator_ros.domains.declared import DeclaredServer
 from ator_ros.tools.own_nodes import NodeProcesses
+signal.signal(signal.SIGINT, signal.default_int_handler)
 with NodeProcesses(1) as nodes:
     for name, script in (("polite", "sleep 1000 & echo $$ $! > polite; wait"),
                          ("deaf", "trap '' INT; echo $$ > deaf; sleep 1000; sleep 1000")):
@@ -22,11 +24,12 @@ with NodeProcesses(1) as nodes:
     signal.pause()
 """
 WORKERS = """
-import os, pathlib, sys, time
+import os, pathlib, signal, sys, time
 from ator_ros.experience.parallel import run_tasks, workers
 def task(name):
     pathlib.Path(sys.argv[1], name).write_text(str(os.getpid()))
     time.sleep(1000.0)
+signal.signal(signal.SIGINT, signal.default_int_handler)
 with workers(2):
     list(run_tasks(task, ["polite", "deaf"]))
 """
@@ -69,14 +72,33 @@ def family(
             os.kill(child, signal.SIGKILL)
 
 
-def test_children_end_with_a_killed_parent(
-    family: tuple[subprocess.Popen[bytes], list[int]],
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
+def test_children_end_with_their_parent(
+    family: tuple[subprocess.Popen[bytes], list[int]], number: signal.Signals
 ) -> None:
     parent, children = family
     assert all(map(runs, children))
-    parent.kill()
+    parent.send_signal(number)
     parent.wait()
     end = time.monotonic() + PATIENCE
     while any(map(runs, children)):
         assert time.monotonic() < end, children
         time.sleep(0.1)
+
+
+def test_a_round_of_learning_ends_if_its_node_was_killed_before_it_began(tmp_path: Path) -> None:
+    with subprocess.Popen(["true"]) as node:
+        node.wait()
+    settings = dict.fromkeys(("domain", "robot", "map", "planner", "frame", "models", "time"), "")
+    argument = json.dumps({**settings, "learned": str(tmp_path), "parent": str(node.pid)})
+    command = [sys.executable, "-m", "ator_ros.nodes.learning_process", argument]
+    # in a session of its own, whose priority it lowers
+    done = subprocess.run(
+        command,
+        env=environment(),
+        stderr=subprocess.DEVNULL,
+        timeout=60,
+        start_new_session=True,
+        check=False,
+    )
+    assert done.returncode == -signal.SIGKILL

@@ -220,11 +220,13 @@ def test_a_base_that_never_drives_backward_is_probed_forward_only() -> None:
         assert command.v >= 0.0
         moved = Pose(0.05 * command.v, 0.0, 0.05 * command.w)
         robot, tick = RobotState(robot.pose.compose(moved), command.v, command.w), tick + 1
-    check_plausible(identify(drive.samples))
+    estimate = identify(drive.samples)
+    check_plausible(estimate)
+    assert estimate.point == pytest.approx((0.0, 0.0), abs=0.01)
     description = dataclasses.replace(
         PIONEER, limits=dataclasses.replace(PIONEER.limits, v_back=0.0)
     )
-    assert described(description, identify(drive.samples)).limits.backward == 0.0
+    assert described(description, estimate).limits.backward == 0.0
 
 
 def test_a_base_that_refuses_to_drive_backward_names_the_setting() -> None:

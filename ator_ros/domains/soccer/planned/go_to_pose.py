@@ -126,9 +126,16 @@ class GoToPose(PlannedAction):
         self, start: Pose, goal: Pose, entries: Ends, exits: Ends, obstacles: Obstacles, tries: int
     ) -> Manoeuvre:
         return fastest(
-            self.robot, start, goal, entries, exits, self.plan_limits, obstacles,
-            forward_only=self._forward_only, tries=tries,
-        )  # fmt: skip
+            self.robot,
+            start,
+            goal,
+            entries,
+            exits,
+            self.plan_limits,
+            obstacles,
+            forward_only=self._forward_only,
+            tries=tries,
+        )
 
     def _leaving_ball(
         self,
