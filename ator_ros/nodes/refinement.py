@@ -11,8 +11,8 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
-from rclpy.task import Future
 from visualization_msgs.msg import MarkerArray
 
 from ator_interfaces.srv import PlanChains, PredictDurations, RefineSubgoal
@@ -135,16 +135,17 @@ class RefinementNode(Node):
         self._goals = domain.goals(robot)
         self._variables = state_variables(domain.objects, holder=robot.holder is not None)
         self._answered, self._cut_short, self._last_error = 0, 0, ""
-        self._last_prediction = Future()  # done when the last request for durations is answered
-        self._last_prediction.set_result(None)
         self._tf = TfListener(self)
         self._markers = LazyPublisher(self, MarkerArray, "refinement_markers")
-        for kind, name, answer in (
-            (RefineSubgoal, "refine_subgoal", self._refine),
-            (PlanChains, "plan_chains", self._plan),
-            (PredictDurations, "predict_durations", self._predict),
+        # A request between two blocks keeps its group locked: only others of this service wait.
+        blocks = MutuallyExclusiveCallbackGroup()
+        for kind, name, answer, group in (
+            (RefineSubgoal, "refine_subgoal", self._refine, None),
+            (PlanChains, "plan_chains", self._plan, None),
+            (PredictDurations, "predict_durations", self._predict, blocks),
         ):
-            self.create_service(kind, name, partial(self._serve, answer), qos_profile=SERVICES)
+            serve = partial(self._serve, answer)
+            self.create_service(kind, name, serve, qos_profile=SERVICES, callback_group=group)
         Diagnostics(self, self._health)
         policy = "a chain is changed where the predicted gain exceeds its uncertainty"
         if not self._sets.present[DEFAULT_SET].models:
@@ -274,9 +275,9 @@ class RefinementNode(Node):
         )
 
     async def _predict(self, request: PredictDurations.Request) -> PredictDurations.Response:
-        """Predict durations in blocks, between which other requests are answered.
+        """Predict durations in blocks, between which requests to other services are answered.
 
-        Requests of this service take turns.
+        All blocks use the map and the models of the first one.
         """
         for field in ("situations", "calls"):
             count(getattr(request, field), field, least=1, most=_MOST_PREDICTED)
@@ -288,16 +289,11 @@ class RefinementNode(Node):
             messages.into_frame(self._frame, self._tf.base, (), situation)
             worlds.append(world_from(situation, frame=self._frame, where=f"situations[{number}]"))
         calls = messages.calls_from(request.calls, self._libraries[name], frame=self._frame)
-        previous, self._last_prediction = self._last_prediction, Future()
-        over = self._last_prediction
-        try:
-            await previous
-            models = self._sets.present[name].models
-            found = await self._predict_in_blocks(worlds, calls, models)
-        finally:
-            over.set_result(None)
+        reason = "" if self._robot.grid is None else one_line(f"map {self._robot.grid}")
+        found = await self._predict_in_blocks(
+            worlds, calls, self._robot, self._sets.present[name].models
+        )
         durations, spreads, success = (values.ravel().tolist() for values in found)
-        reason = "" if self._robot.grid is None else f"map {self._robot.grid}"
         return PredictDurations.Response(
             accepted=True, reason=reason, durations=durations, spreads=spreads, success=success
         )
@@ -306,6 +302,7 @@ class RefinementNode(Node):
         self,
         worlds: Sequence[World],
         calls: Sequence[TopCall],
+        robot: Robot,
         models: Mapping[str, PerformanceModel],
     ) -> Durations:
         """Predict steps from situations, in blocks that take about `_BLOCK_TIME`."""
@@ -316,7 +313,7 @@ class RefinementNode(Node):
             while first < len(worlds):
                 started = time.monotonic()
                 last = first + size
-                block = predict_durations(worlds[first:last], [call], self._robot, models)
+                block = predict_durations(worlds[first:last], [call], robot, models)
                 for values, part in zip(found, block, strict=True):
                     values[first:last, column] = part[:, 0]
                 pace = _BLOCK_TIME / max(time.monotonic() - started, 1e-3)
