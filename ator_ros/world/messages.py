@@ -401,6 +401,7 @@ def check_senders(transforms: Transforms, frame: str, child: str) -> None:
 
 
 def _to_and_fro(apart: float) -> str:
+    """Return what two senders whose positions are `apart` m from each other look like, and the remedy."""
     return (
         f"expected one sender, got positions that jump to and fro by {apart:.2f} m; end one of the "
         "nodes that publish it"

@@ -26,7 +26,7 @@ from ator_interfaces.srv import PredictDurations, RefineSubgoal
 from ator_ros.domains.domain import find_domain
 from ator_ros.geometry import Pose
 from ator_ros.nodes import refinement
-from ator_ros.nodes.maps import follow_map
+from ator_ros.nodes.maps import FollowedMap
 from ator_ros.nodes.messages import occupancy_grid_of, pose_of
 from ator_ros.nodes.qos import LATCHED
 from ator_ros.performance.model_file import save_model
@@ -194,7 +194,7 @@ def test_goals_are_refused_while_the_map_that_was_asked_for_is_unusable(
 
 def test_a_map_is_used_once_the_node_is_idle_unless_it_has_no_room(client: Client) -> None:
     taken, busy = list[GridMap | None](), iter((False,) * 4)
-    follow_map(
+    FollowedMap(
         client.node,
         {"map": "walls"},
         BUILDING,
