@@ -86,7 +86,7 @@ def test_a_long_chain_is_answered_at_its_deadline_with_a_note(requests: Any) -> 
     for answer in responses:
         assert answer.accepted
         assert answer.cut_short
-        assert re.search(
+        assert re.match(
             rf"the whole search needs a deadline of about [\d.]+ s, it had {DEADLINE:g} s",
             answer.reason,
         )

@@ -8,7 +8,7 @@ import pytest
 import yaml
 from conftest import Start
 from documentation import ROOT, commands
-from process import run
+from process import PATIENCE, run
 from ros_client import Client
 
 PAGE = (ROOT / "docs" / "rounds.md").read_text(encoding="utf-8")
@@ -41,7 +41,9 @@ def test_a_round_is_predicted_and_driven(start: Start, client: Client, domain: i
     assert [name for name, *_ in nodes] == ["simulation", "executor", "refinement"]
     for name, *words in nodes:
         start(name, **dict(word.split(":=") for word in words if ":=" in word))
-    client.eventually(lambda: {"/predict_durations", GOALS} <= services(client), "the nodes")
+    client.eventually(
+        lambda: {"/predict_durations", GOALS} <= services(client), "the nodes", 3.0 * PATIENCE
+    )
 
     def called(beginning: str, change: tuple[str, str] = ("", "")) -> str:
         words = [word.replace(*change) if change[0] else word for word in printed(beginning)]
