@@ -1,13 +1,13 @@
 """Call a service, send a goal to an action, or echo a topic, where the command `ros2` is not installed.
 
-    python3 examples/call.py /reset std_srvs/srv/Trigger python3 examples/call.py /pause
-    std_srvs/srv/SetBool "{data: true}" python3 examples/call.py /execute_chain
-    ator_interfaces/action/ExecuteChain "{refine: true, ...}" python3 examples/call.py echo
-    /performance/chain
+    python3 examples/call.py /reset std_srvs/srv/Trigger
+    python3 examples/call.py /pause std_srvs/srv/SetBool "{data: true}"
+    python3 examples/call.py /execute_chain ator_interfaces/action/ExecuteChain "{refine: true, ...}"
+    python3 examples/call.py echo /performance/chain
 
-The values are YAML; other fields keep their defaults. --feedback prints a line when anything
-but a number of a goal's feedback changes. Before a result, its reason is printed in a line of its own.
-Ctrl-C cancels the goal. The program needs rclpy, PyYAML and the packages of the types.
+The values are YAML; other fields keep their defaults. --feedback prints a line when a text or an
+integer in a goal's feedback changes. Before a result, its reason is printed in a line of its own.
+Ctrl-C cancels the goal. The program needs rclpy, PyYAML, ator_ros and the packages of the types.
 """
 
 from __future__ import annotations
@@ -32,7 +32,6 @@ from rclpy.signals import SignalHandlerOptions
 from ator_ros.nodes.leases import publish_lease
 
 _TIMEOUT = 10.0  # s
-_DECIMALS = re.compile(r"\d+\.\d+(e-?\d+)?|\bnan\b")
 _POLL = 0.1  # s: Ctrl-C is handled between two waits
 
 
@@ -94,15 +93,15 @@ def show(message: Any, end: str = "") -> None:
 
 
 class FeedbackLines:
-    """Prints feedback in a line each time that anything but its numbers with decimals changes."""
+    """Prints feedback in a line each time that anything but its floats changes."""
 
     def __init__(self) -> None:
-        self._last = ""
+        self._last: Any = None
 
     def show(self, message: Any) -> None:
         """Print the feedback of a message of an action if it is new."""
         fields = _plain(message.feedback)
-        state = _DECIMALS.sub("", str(fields))
+        state = _without_floats(fields)
         if state == self._last:
             return
         self._last = state
@@ -110,6 +109,14 @@ class FeedbackLines:
             fields, sort_keys=False, width=math.inf, allow_unicode=True, default_flow_style=True
         )
         print(f"feedback: {text.strip()}", flush=True)
+
+
+def _without_floats(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {name: _without_floats(item) for name, item in value.items()}
+    if isinstance(value, list):
+        return [_without_floats(item) for item in value]
+    return None if isinstance(value, float) else value
 
 
 def reason_of(result: Any) -> str:
@@ -172,7 +179,7 @@ def send_goal(node: Node, action: str, kind: Any, values: Any, *, feedback: bool
             f"expected the action {action} of this type within {_TIMEOUT:g} s, found none"
         )
     goal = filled(kind.Goal, values, "goal")
-    if not getattr(goal, "lease", "none"):
+    if hasattr(goal, "lease") and not goal.lease:
         goal.lease = publish_lease(node)  # a chain of execute_chain ends with this program
     sent = client.send_goal_async(
         goal,

@@ -16,9 +16,9 @@ from rclpy.node import Node
 from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
-from ator_ros.nodes.inputs import GAPS, Subscriptions
+from ator_ros.nodes.inputs import GAPS, MOST_NAMED, Subscriptions
 from ator_ros.nodes.qos import RESULTS
-from ator_ros.printable import one_line, printable
+from ator_ros.printable import listed, one_line, printable
 from ator_ros.world.messages import FrameError, SendersError
 
 STEADY = Clock(clock_type=ClockType.STEADY_TIME)  # of timers that are independent of simulated time
@@ -28,7 +28,6 @@ _PERIOD = 1.0  # s
 _PERSISTENT = 5
 _LONGEST = 500  # characters of a status, which may join the messages of several problems
 _TICKS = 1000
-_MOST_NAMED = 8  # nodes in a message
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,6 +79,19 @@ class Diagnostics:
         message = DiagnosticArray(status=[status])
         message.header.stamp = self._node.get_clock().now().to_msg()
         self._publisher.publish(message)
+
+
+class Warnings:
+    """Logs warnings, each in one line and not more than one in `WARNING_PERIOD`; `last` is the last text."""
+
+    def __init__(self, node: Node) -> None:
+        self._logger = node.get_logger()
+        self.last = ""
+
+    def __call__(self, text: str) -> None:
+        """Log a warning."""
+        self.last = text
+        self._logger.warning(one_line(text), throttle_duration_sec=WARNING_PERIOD)
 
 
 class Ticks:
@@ -146,8 +158,7 @@ class Diagnosis:
             )
         sender = node_of(senders[0])
         if isinstance(item.error, SendersError):
-            names = sorted({node_of(info) for info in senders})
-            sender = f"{', '.join(names[:_MOST_NAMED])}{' …' if len(names) > _MOST_NAMED else ''}"
+            sender = listed(sorted({node_of(info) for info in senders}), MOST_NAMED)
         reasons = [incompatibility(info.qos_profile, item.qos) for info in senders]
         if all(reasons):
             return f"{topic}: the quality of service of {sender} does not fit: {reasons[0]}"

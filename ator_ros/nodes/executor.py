@@ -32,18 +32,18 @@ from ator_ros.execution.supervisor import (
 from ator_ros.nodes.commands import CommandPublisher
 from ator_ros.nodes.diagnostics import (
     STEADY,
-    WARNING_PERIOD,
     Diagnosis,
     Diagnostics,
     Health,
     Ticks,
+    Warnings,
     several_publishers,
 )
 from ator_ros.nodes.drawing import ExecutionDrawing
 from ator_ros.nodes.goal_run import GoalRun, concluded, unstarted
 from ator_ros.nodes.inputs import Subscriptions
 from ator_ros.nodes.leases import Leases
-from ator_ros.nodes.maps import follow_map
+from ator_ros.nodes.maps import FollowedMap
 from ator_ros.nodes.messages import expect_sizes, into_frame
 from ator_ros.nodes.models import LEARNED, LearnedSets
 from ator_ros.nodes.parameters import (
@@ -174,7 +174,7 @@ class ExecutorNode(Node):
         for reason in filter(None, reasons):
             self.get_logger().warning(reason)
         self._sets = LearnedSets(self, domain, self._libraries, self._settings)
-        self._map = follow_map(
+        self._map = FollowedMap(
             self, self._settings, domain, robot, self._take_map, lambda: self._run is None
         )
         for name, library in self._libraries.items():
@@ -187,7 +187,8 @@ class ExecutorNode(Node):
         self._world: World | None = None
         self._run: GoalRun | None = None
         self._odom_at, self._stop_until, self._shutting_down = 0.0, 0.0, False
-        self._motion_remark = self._last_error = ""  # as logged last
+        self._motion_remark = ""  # as logged last
+        self._warn = Warnings(self)
         self._ticks = Ticks()
         self._started = time.monotonic()
         self._connect(robot)
@@ -282,6 +283,7 @@ class ExecutorNode(Node):
         self._report(run)
 
     def _check_deadlines(self) -> None:
+        self._remotes.check()
         for warning in self._remotes.warnings():
             self._warn(warning)
         if self._run is None:
@@ -379,7 +381,7 @@ class ExecutorNode(Node):
         self._chains.publish(result.record)
         run.finished.set_result(result)
         if run.supervisor.ending is not Ending.SUCCEEDED:
-            self._last_error = run.supervisor.reason
+            self._warn.last = run.supervisor.reason
         self.get_logger().info(one_line(f"goal ended: {run.summary}", _LONGEST_SUMMARY))
 
     def _cause(self, supervisor: Supervisor) -> str:
@@ -455,10 +457,6 @@ class ExecutorNode(Node):
         if command is not None:
             self._commands.publish(command, self._inputs.time or 0.0)
 
-    def _warn(self, error: str) -> None:
-        self._last_error = error
-        self.get_logger().warning(one_line(error), throttle_duration_sec=WARNING_PERIOD)
-
     def _health(self) -> Health:
         silence = time.monotonic() - self._odom_at if self._odom_at else None
         stale = silence is None or silence > self._odom_timeout
@@ -474,7 +472,7 @@ class ExecutorNode(Node):
             **self._ticks.diagnostics(),
             "goal": "none" if self._run is None else self._run.supervisor.phase.value,
             "times real time, by odometry": f"{self._inputs.pace:.2f}",
-            "last error": self._last_error,
+            "last error": self._warn.last,
             **self._sets.diagnostics(),
         }
         required = (name for name in self._domain.objects if not self._domain.source(name).optional)
@@ -504,6 +502,7 @@ class ExecutorNode(Node):
         self._send(STOP)  # first: ending an action may fail
         self._shutting_down = True
         self._end(Ending.SHUTDOWN, "the executor was ended", at_once=True)
+        self._remotes.stop()
         self._send(STOP)
         spin_out(self)  # so that the result is sent, also to a client that requests it only now
         self._send(STOP)

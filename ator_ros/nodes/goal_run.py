@@ -283,7 +283,7 @@ def unstarted(handle: ServerGoalHandle, ending: Ending, reason: str, *, frame: s
     outcome = Outcome(code=ending.value, reason=reason)
     record = ChainPerformance(
         chain_id=_id_of(handle),
-        chain=messages.short_chain(handle.request.chain),
+        chain=messages.chain_to_return(handle.request.chain),
         refinement="not requested",
         gain=gain_of(),
         predicted=performance_of(),

@@ -43,7 +43,7 @@ from ator_ros.world.transforms import Placement, Transforms
 Take = Callable[[float, Placement], None]
 GAPS = 5  # last gaps between messages whose median counts: one or two may be lost or late messages
 _WARNING_PERIOD = 2.0  # s
-_MOST_NAMED = 8  # frames in a message
+MOST_NAMED = 8  # frames or nodes in a message
 
 
 class TfListener:
@@ -64,7 +64,7 @@ class TfListener:
         ours = f"from {printable(frame)} to {printable(child)}"
         if self.transforms.latest(frame, child) is not None:
             return f"tf: expected newer transforms {ours}"
-        frames = listed(map(printable, self.transforms.frames), _MOST_NAMED) or "none"
+        frames = listed(map(printable, self.transforms.frames), MOST_NAMED) or "none"
         return one_line(f"tf: expected transforms {ours}, got the frames: {frames}")
 
     def base(self, frame: str, other: str) -> Pose | None:

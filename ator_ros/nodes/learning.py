@@ -22,7 +22,7 @@ from ator_ros.learning.learner import Learner
 from ator_ros.learning.process import RoundProcess
 from ator_ros.learning.sets import digest_of_start
 from ator_ros.nodes.diagnostics import STEADY, WARNING_PERIOD, Diagnostics, Health
-from ator_ros.nodes.maps import follow_map
+from ator_ros.nodes.maps import FollowedMap
 from ator_ros.nodes.parameters import (
     FRAME,
     MODELS,
@@ -38,7 +38,7 @@ from ator_ros.nodes.parameters import (
 from ator_ros.nodes.path_planner import expect_planner_usable, planner_name
 from ator_ros.nodes.qos import RESULTS, SERVICES
 from ator_ros.nodes.running import run_node
-from ator_ros.printable import printable
+from ator_ros.printable import one_line
 from ator_ros.robot.description import Robot
 from ator_ros.world.grid_map import GridMap, save_map
 from ator_ros.world.messages import MessageError
@@ -102,7 +102,7 @@ class LearningNode(Node):
             )
         except (FileError, OSError) as error:
             raise SetupError(f"parameter learned: {error}") from error
-        self._map = follow_map(self, settings, self._domain, self._robot, self._take_map)
+        self._map = FollowedMap(self, settings, self._domain, self._robot, self._take_map)
         subscribed: dict[str, type[Any]] = {}
         for kind, topics, take in (
             (ActionPerformance, settings["records"], self._take),
@@ -152,12 +152,12 @@ class LearningNode(Node):
 
     def _work(self) -> None:
         if report := self._learner.work(time.monotonic(), may_begin=not self._awaits_map):
-            self.get_logger().info(printable(report, 1000))
+            self.get_logger().info(one_line(report))
         fault = self._learner.fault
         if fault != self._fault:
             self._fault = fault
             if fault:
-                self.get_logger().warning(printable(fault, 1000))
+                self.get_logger().warning(one_line(fault))
             else:
                 self.get_logger().info(f"{self._folder} can be written again; no record waits")
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from functools import cache, partial
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -47,7 +48,7 @@ from ator_ros.world.state import Command, ObjectState, RobotState, World
 
 # times the robot's limit, which may be an estimate; a speed in km/h would be 3.6 times
 _FASTEST_GOAL = 3.0
-_LONGEST_NAMES = 65_536  # characters of all names in a refused chain that is sent back
+_LONGEST_TEXT = 65_536  # characters of all texts in a refused chain that is sent back
 
 
 def stamp_of(seconds: float) -> Time:
@@ -76,43 +77,49 @@ def expect_sizes(request: ExecuteChain.Goal | RefineSubgoal.Request) -> None:
 
     Call this first: all other work grows with them.
     """
-    expect_chain_size(request.chain, "chain")
+    checks.count(request.chain.calls, "chain.calls", least=1, most=LONGEST_CHAIN)
     checks.count(request.alternatives, "alternatives", least=0, most=MOST_ALTERNATIVES)
 
 
-def expect_chain_size(chain: msg.TopChain, where: str) -> None:
-    """Raise MessageError unless a chain has a call, and not too many."""
-    checks.count(chain.calls, f"{where}.calls", least=1, most=LONGEST_CHAIN)
+def chain_to_return(chain: msg.TopChain) -> msg.TopChain:
+    """Return a chain that was refused, or an empty one if it is too large to be sent back."""
+    is_small = len(chain.calls) <= LONGEST_CHAIN and _text_length(chain) <= _LONGEST_TEXT
+    return chain if is_small else msg.TopChain()
 
 
-def short_chain(chain: msg.TopChain) -> msg.TopChain:
-    """Return a chain that was refused, or an empty one if it is too long to be sent back."""
-    names = [chain.action_set]
-    for call in chain.calls[:LONGEST_CHAIN]:
-        values = (value.name for value in call.values)
-        names += [call.top, call.goal.header.frame_id, *call.open, *values]
-    is_short = len(chain.calls) <= LONGEST_CHAIN and sum(map(len, names)) <= _LONGEST_NAMES
-    return chain if is_short else msg.TopChain()
+def _text_length(chain: msg.TopChain) -> int:
+    """Return the number of characters of all texts in a chain."""
+    length = len(chain.action_set)
+    for call in chain.calls:
+        length += len(call.top) + len(call.goal.header.frame_id) + sum(map(len, call.open))
+        length += sum(len(value.name) for value in call.values)
+    return length
 
 
 def into_frame(
     frame: str,
     base: Callable[[str, str], Pose | None],
     chains: Iterable[msg.TopChain],
-    situation: msg.Situation | None = None,
+    situations: Iterable[msg.Situation] = (),
 ) -> None:
-    """Transform goals and a situation in place to a frame, if `base` (`TfListener.base`) returns its pose."""
+    """Transform goals and situations in place to a frame, if `base` (`TfListener.base`) returns its pose.
+
+    Each frame is looked up once, which takes up to 1 ms.
+    """
+    origin_in = cache(partial(base, frame))
     for goal in (call.goal for chain in chains for call in chain.calls):
-        if (origin := base(frame, goal.header.frame_id)) is not None:
+        if (origin := origin_in(goal.header.frame_id)) is not None:
             goal.pose = pose_of(origin.compose(goal_pose_from(goal.pose, "call.goal.pose")))
             goal.header.frame_id = frame
-    if situation and (origin := base(frame, situation.header.frame_id)) is not None:
-        situation.robot = pose_of(origin.compose(pose_from(situation.robot, "situation.robot")))
-        turn = Pose(0.0, 0.0, origin.yaw)
-        for item in situation.objects:
-            for vector, pose in ((item.position, origin), (item.velocity, turn)):
-                vector.x, vector.y, _ = pose.compose(Pose(vector.x, vector.y, 0.0))
-        situation.header.frame_id = frame
+    for situation in situations:
+        if (origin := origin_in(situation.header.frame_id)) is not None:
+            robot = pose_from(situation.robot, "situation.robot")
+            situation.robot = pose_of(origin.compose(robot))
+            turn = Pose(0.0, 0.0, origin.yaw)
+            for item in situation.objects:
+                for vector, pose in ((item.position, origin), (item.velocity, turn)):
+                    vector.x, vector.y, _ = pose.compose(Pose(vector.x, vector.y, 0.0))
+            situation.header.frame_id = frame
 
 
 def odometry_of(time: float, robot: RobotState, *, frame: str, child: str) -> Odometry:
@@ -181,7 +188,7 @@ def chain_from(
     fence: Fence | None = None,
 ) -> TopChain:
     """Read a chain with goals in `frame`; raises MessageError also if it leads out of the fence."""
-    expect_chain_size(chain, where)
+    checks.count(chain.calls, f"{where}.calls", least=1, most=LONGEST_CHAIN)
     read = TopChain(tuple(calls_from(chain.calls, library, frame=frame, where=f"{where}.calls")))
     violation = None if fence is None else fence.violation(read, library.robot, where)
     if violation is not None:
@@ -318,17 +325,18 @@ def answer_of(
     request: RefineSubgoal.Request,
     gain: msg.Gain,
     *,
+    reason: str,
     action_set: str,
     frame: str,
 ) -> RefineSubgoal.Response:
-    """Write the answer to a request."""
+    """Write the answer to a request, with a reason that is cut to one line."""
     refinement = choice.refinement
     before, after = refinement.before, refinement.after
     response = RefineSubgoal.Response(
         accepted=True,
         refined=refinement.refined,
         cut_short=not choice.complete,
-        reason=one_line(refinement.reason),
+        reason=one_line(reason),
         chain=chain_of(refinement.chain, action_set=action_set, frame=frame),
         original=chain_of(refinement.original, action_set=action_set, frame=frame),
         free=_free_variables(refinement),
@@ -375,7 +383,7 @@ def _alternative(
 
 def refused(reason: str, chain: msg.TopChain) -> RefineSubgoal.Response:
     """Write the answer to a request that cannot be evaluated, with its `chain`."""
-    chain = short_chain(chain)
+    chain = chain_to_return(chain)
     response = RefineSubgoal.Response(reason=reason, chain=chain, original=chain, gain=gain_of())
     response.before = response.after = performance_of()
     response.cost_before = response.cost_after = math.nan

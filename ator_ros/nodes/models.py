@@ -6,11 +6,12 @@ import errno
 import time
 import warnings
 from collections.abc import Callable, Mapping
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from threading import Thread
 from typing import Any
 
 from rclpy.node import Node
@@ -24,6 +25,7 @@ from ator_ros.nodes.diagnostics import STEADY
 from ator_ros.nodes.parameters import Parameter
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.model_file import NoModelsError, RobotMismatchWarning, load_models
+from ator_ros.printable import one_line
 from ator_ros.tops.library import TopLibrary
 
 LEARNED = Parameter(
@@ -71,8 +73,10 @@ class LearnedSets:
 
     `present` are the models in use by action set, `gains` the measured gains of chains refined with
     them. `warm_up` is called with the library of an action set and its models before they are used,
-    in a thread for a new learned set. After the start the learned folder is read in that thread
-    only, since a network share may hang. While it cannot be read, what is in use is kept.
+    in a thread for a new learned set. That thread also watches the learned folder, since a network
+    share may hang. While it cannot be read, what is in use is kept. The main thread reads the
+    folder at the start and for each new map; if its set cannot be read then, those of `models` are
+    used until it can.
     """
 
     def __init__(
@@ -100,7 +104,6 @@ class LearnedSets:
         )
         self.present: Mapping[str, ModelSet] = self._load(self._place)
         self.gains, self._gains_state = Gains(self._digest), ("", 0)
-        self._threads = ThreadPoolExecutor(1)
         self._reading: Future[LearnedModels] | None = None
         self._reading_began = 0.0  # monotonic s
         if self._folder is not None:
@@ -143,7 +146,7 @@ class LearnedSets:
         except (FileError, OSError) as error:
             read = ModelSet({}, absent=str(error), problem=str(error))
         if read.problem and (read.absent or name == DEFAULT_SET):  # other sets are rarely used
-            self._node.get_logger().warning(f"action set {name}: {read.problem}")
+            self._node.get_logger().warning(one_line(f"action set {name}: {read.problem}"))
         if read.models:
             self._warm_up(library, read)
         return read
@@ -188,8 +191,8 @@ class LearnedSets:
         except FileError as error:  # the file system has a fault
             raise OSError(errno.EIO, str(error)) from error
         models = self._load(place)
-        if broken := [each.problem for each in models.values() if each.absent and each.problem]:
-            raise FileError("; ".join(broken))
+        if broken := _broken(models):
+            raise FileError(broken)
         return manifest, models
 
     def _check_folder(self, folder: Path) -> None:
@@ -210,8 +213,8 @@ class LearnedSets:
                 self._folder_problem = read.gains_problem
                 self._use(read)
         self._reading_began = now
-        self._reading = self._threads.submit(
-            self._read_folder, folder, self._newest, self._digest, self._gains_state
+        self._reading = _in_thread(
+            partial(self._read_folder, folder, self._newest, self._digest, self._gains_state)
         )
 
     def _use(self, read: LearnedModels) -> None:
@@ -229,18 +232,19 @@ class LearnedSets:
 
     def _report_failure(self, reason: str) -> None:
         name = "" if self._newest is None else self._newest.name
-        self._set_problem = f"the learned set {name} is not used: {reason}"
+        self._set_problem = one_line(f"the learned set {name} is not used: {reason}")
         self._node.get_logger().warning(self._set_problem)
 
     def load_again(self, domain: Domain, libraries: Mapping[str, TopLibrary]) -> None:
         """Load the models in use for a domain on another map."""
         self._domain, self._libraries = domain, libraries
         self.present = self._load(self._place)
-        if self._manifest is not None and any(
-            each.absent and each.problem for each in self.present.values()
-        ):  # the learned folder has a fault: its set is loaded again when it is back
-            self.present = self._load(domain.models_root(self._models))
-            self._manifest, self._newest = None, None
+        broken = _broken(self.present)
+        if self._manifest is not None and broken:
+            self._report_failure(broken)
+            self._place = domain.models_root(self._models)
+            self.present = self._load(self._place)
+            self._manifest, self._newest = None, None  # the set is loaded again when it is back
         if self._reading is not None:  # its thread may have used the previous map
             self._reading, self._newest = None, None
 
@@ -274,6 +278,25 @@ class LearnedSets:
             )
             values |= self.gains.diagnostics()
         return values
+
+
+def _broken(models: Mapping[str, ModelSet]) -> str:
+    """Return why some action sets have no models although there are files; else an empty text."""
+    return "; ".join(each.problem for each in models.values() if each.absent and each.problem)
+
+
+def _in_thread(read: Callable[[], LearnedModels]) -> Future[LearnedModels]:
+    """Read in a thread that does not delay the end of the process."""
+    future: Future[LearnedModels] = Future()
+
+    def run() -> None:
+        try:
+            future.set_result(read())
+        except BaseException as error:
+            future.set_exception(error)
+
+    Thread(target=run, daemon=True).start()
+    return future
 
 
 def _described(manifest: Manifest) -> str:

@@ -11,8 +11,8 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
-from rclpy.task import Future
 from visualization_msgs.msg import MarkerArray
 
 from ator_interfaces.srv import PlanChains, PredictDurations, RefineSubgoal
@@ -25,7 +25,7 @@ from ator_ros.nodes import messages
 from ator_ros.nodes.diagnostics import WARNING_PERIOD, Diagnostics, Health
 from ator_ros.nodes.drawing import LazyPublisher, marker_array
 from ator_ros.nodes.inputs import TfListener
-from ator_ros.nodes.maps import follow_map
+from ator_ros.nodes.maps import FollowedMap
 from ator_ros.nodes.models import LEARNED, LearnedSets, ModelSet
 from ator_ros.nodes.parameters import (
     FENCE,
@@ -131,20 +131,21 @@ class RefinementNode(Node):
         # places are searched inside the fence
         self._ranges = self._fence.narrowed(domain.ranges, robot)
         self._sets = LearnedSets(self, domain, self._libraries, self._settings, self._warm_up)
-        self._map = follow_map(self, self._settings, domain, robot, self._take_map)
+        self._map = FollowedMap(self, self._settings, domain, robot, self._take_map)
         self._goals = domain.goals(robot)
         self._variables = state_variables(domain.objects, holder=robot.holder is not None)
         self._answered, self._cut_short, self._last_error = 0, 0, ""
-        self._last_prediction = Future()  # done when the last request for durations is answered
-        self._last_prediction.set_result(None)
         self._tf = TfListener(self)
         self._markers = LazyPublisher(self, MarkerArray, "refinement_markers")
-        for kind, name, answer in (
-            (RefineSubgoal, "refine_subgoal", self._refine),
-            (PlanChains, "plan_chains", self._plan),
-            (PredictDurations, "predict_durations", self._predict),
+        # A request between two blocks keeps its group locked: only others of this service wait.
+        blocks = MutuallyExclusiveCallbackGroup()
+        for kind, name, answer, group in (
+            (RefineSubgoal, "refine_subgoal", self._refine, None),
+            (PlanChains, "plan_chains", self._plan, None),
+            (PredictDurations, "predict_durations", self._predict, blocks),
         ):
-            self.create_service(kind, name, partial(self._serve, answer), qos_profile=SERVICES)
+            serve = partial(self._serve, answer)
+            self.create_service(kind, name, serve, qos_profile=SERVICES, callback_group=group)
         Diagnostics(self, self._health)
         policy = "a chain is changed where the predicted gain exceeds its uncertainty"
         if not self._sets.present[DEFAULT_SET].models:
@@ -165,10 +166,11 @@ class RefinementNode(Node):
         } - {""}
         for other in sorted(learned):
             if grid is not None and (PATHS_OF in other) != (grid.planner is not None):
-                self.get_logger().warning(
+                warning = (
                     f"action set {library.action_set}: models were learned on the map {other}, but are used "
                     f"on {grid}: set the parameter planner if, and only if, they were learned with it"
                 )
+                self.get_logger().warning(one_line(warning))
 
     def _use(self, domain: Domain, robot: Robot) -> None:
         self._domain, self._robot = domain, robot
@@ -227,7 +229,7 @@ class RefinementNode(Node):
             raise RefinementError(f"action set {action_set}: {present.absent}")
         self._map.expect_usable()
         sent = request.chain, *request.alternatives
-        messages.into_frame(frame, self._tf.base, sent, request.situation)
+        messages.into_frame(frame, self._tf.base, sent, [request.situation])
         gains = self._sets.gains.of(action_set)
         refiner = self._refiner(present, self._gate(request, gains))
         choice = refine_request(
@@ -248,18 +250,20 @@ class RefinementNode(Node):
 
         self._markers.publish(markers)
         gain = messages.gain_of(found, gains.measured, gains.models)
-        answer = messages.answer_of(choice, request, gain, action_set=action_set, frame=frame)
-        if not choice.complete:
-            answer.reason += f"; {needed_deadline(choice, deadline)}"
+        reason = found.reason
+        if not choice.complete:  # first, since the end of a long reason is cut
+            reason = f"{needed_deadline(choice, deadline)}; {reason}"
         if self._robot.grid is not None:
-            answer.reason = one_line(f"{answer.reason}; map {self._robot.grid}")
-        return answer
+            reason = f"{reason}; map {self._robot.grid}"
+        return messages.answer_of(
+            choice, request, gain, reason=reason, action_set=action_set, frame=frame
+        )
 
     def _plan(self, request: PlanChains.Request) -> PlanChains.Response:
         self._map.expect_usable()
         name = messages.action_set_from(request, allowed=self._libraries, where="request")
         goal = messages.statements_from(request.goal, self._goals, self._variables)
-        messages.into_frame(self._frame, self._tf.base, (), request.situation)
+        messages.into_frame(self._frame, self._tf.base, (), [request.situation])
         world = world_from(request.situation, frame=self._frame)
         chains = chains_for(goal, world, self._libraries[name], self._domain.objects, self._fence)
         return PlanChains.Response(
@@ -274,30 +278,25 @@ class RefinementNode(Node):
         )
 
     async def _predict(self, request: PredictDurations.Request) -> PredictDurations.Response:
-        """Predict durations in blocks, between which other requests are answered.
+        """Predict durations in blocks, between which requests to other services are answered.
 
-        Requests of this service take turns.
+        All blocks use the map and the models of the first one.
         """
         for field in ("situations", "calls"):
             count(getattr(request, field), field, least=1, most=_MOST_PREDICTED)
         self._map.expect_usable()
         name = messages.action_set_from(request, allowed=self._libraries, where="request")
-        messages.into_frame(self._frame, self._tf.base, (request,))
-        worlds = []
-        for number, situation in enumerate(request.situations):
-            messages.into_frame(self._frame, self._tf.base, (), situation)
-            worlds.append(world_from(situation, frame=self._frame, where=f"situations[{number}]"))
+        messages.into_frame(self._frame, self._tf.base, [request], request.situations)
+        worlds = [
+            world_from(situation, frame=self._frame, where=f"situations[{number}]")
+            for number, situation in enumerate(request.situations)
+        ]
         calls = messages.calls_from(request.calls, self._libraries[name], frame=self._frame)
-        previous, self._last_prediction = self._last_prediction, Future()
-        over = self._last_prediction
-        try:
-            await previous
-            models = self._sets.present[name].models
-            found = await self._predict_in_blocks(worlds, calls, models)
-        finally:
-            over.set_result(None)
+        reason = "" if self._robot.grid is None else one_line(f"map {self._robot.grid}")
+        found = await self._predict_in_blocks(
+            worlds, calls, self._robot, self._sets.present[name].models
+        )
         durations, spreads, success = (values.ravel().tolist() for values in found)
-        reason = "" if self._robot.grid is None else f"map {self._robot.grid}"
         return PredictDurations.Response(
             accepted=True, reason=reason, durations=durations, spreads=spreads, success=success
         )
@@ -306,6 +305,7 @@ class RefinementNode(Node):
         self,
         worlds: Sequence[World],
         calls: Sequence[TopCall],
+        robot: Robot,
         models: Mapping[str, PerformanceModel],
     ) -> Durations:
         """Predict steps from situations, in blocks that take about `_BLOCK_TIME`."""
@@ -316,7 +316,7 @@ class RefinementNode(Node):
             while first < len(worlds):
                 started = time.monotonic()
                 last = first + size
-                block = predict_durations(worlds[first:last], [call], self._robot, models)
+                block = predict_durations(worlds[first:last], [call], robot, models)
                 for values, part in zip(found, block, strict=True):
                     values[first:last, column] = part[:, 0]
                 pace = _BLOCK_TIME / max(time.monotonic() - started, 1e-3)

@@ -74,6 +74,16 @@ class RemoteServers:
         """Return whether a server may still move the robot after its goal was canceled."""
         return any(server.ending() for server in self._servers.values())
 
+    def check(self) -> None:
+        """Cancel what may still move the robot although its goal was canceled; call this periodically."""
+        for server in self._servers.values():
+            server.check()
+
+    def stop(self) -> None:
+        """Cancel what may still move the robot, before the node ends and cannot check it any more."""
+        for server in self._servers.values():
+            server.stop()
+
     def warnings(self) -> list[str]:
         """Return warnings, each once.
 
@@ -154,7 +164,6 @@ class RemoteAction(Action):
         if sent.accepted is False:
             return finished(Status.REFUSED, f"{name} rejected the goal")
         if server.lost():
-            server.cancel_others()
             missing = f"its action server has been missing for {server.longest_absence:g} s"
             return finished(Status.FAILED, f"{name} is gone: {missing}")
         if sent.accepted is None:
@@ -266,20 +275,27 @@ class RemoteServer:
         """Return whether a canceled goal may still be executed."""
         return self._is_canceling() and self.present() and time.monotonic() <= self._cancel_deadline
 
-    def warnings(self) -> list[str]:
-        """Return warnings, each once.
+    def check(self) -> None:
+        """Cancel all goals of the servers `cancel_too` if this server has ignored a cancellation.
 
-        A server that has ignored a cancellation is not tracked any more. Then all goals of the
-        servers `cancel_too` are canceled.
+        Its goal is not tracked any more then.
         """
-        found, self._warnings = self._warnings, []
         if self._is_canceling() and time.monotonic() > self._cancel_deadline:
-            self._released = None
-            self.cancel_others()
-            found.append(
+            self.stop()
+            self._warnings.append(
                 f"{self.name} did not end its goal within {self.timeouts.cancel:g} s of its "
                 "cancellation: it may still move the robot"
             )
+
+    def stop(self) -> None:
+        """Cancel all goals of the servers `cancel_too` unless this server's goal is over."""
+        if self._is_canceling():
+            self._released = None
+            self.cancel_others()
+
+    def warnings(self) -> list[str]:
+        """Return warnings, each once."""
+        found, self._warnings = self._warnings, []
         return found
 
     def _is_canceling(self) -> bool:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from ator_ros.printable import listed, printable
+from ator_ros.printable import listed, one_line, printable
 
 _MOST_CHANGES = 4
 _MOST_REASON = 150  # characters
@@ -49,15 +49,15 @@ def result_line(record: Any, *, wanted: bool, changes: Sequence[str]) -> str:
         record.predicted.duration,
     )
     if record.outcome.code != record.outcome.SUCCEEDED or not math.isfinite(driven):
-        return str(reason)
+        return one_line(reason)
     times = f"{driven:.2f} s driven"
     if math.isfinite(predicted):
         times = f"{times}, {predicted:.2f} s predicted"
     line = f"{reason}: {times}"
     if not wanted:
-        return line
+        return one_line(line)
     if record.refined and changes:
         saved = record.gain.predicted
         gain = f", predicted to save {saved:.2f} s" if math.isfinite(saved) else ""
-        return f"{line}; refined: {listed(changes, _MOST_CHANGES)}{gain}"
-    return f"{line}; {printable(record.refinement, _MOST_REASON)}"
+        return one_line(f"{line}; refined: {listed(changes, _MOST_CHANGES)}{gain}")
+    return one_line(f"{line}; {printable(record.refinement, _MOST_REASON)}")

@@ -32,7 +32,6 @@ from ator_ros.resources import ResourceError
 _EMPTY_PARAMETER = re.compile(r"parameter override rule: '(-p \S+:=)'")  # rcl gives no reason
 _SPIN_PERIOD = 0.1  # s within which a signal ends the node
 _LAST_SPINS = 0.3  # s for which `spin_out` sends
-# characters of the error with which a node ends: a part of a path may have 255
 _EXPECTED = (
     SetupError,
     ResourceError,

@@ -22,7 +22,7 @@ from ator_interfaces.srv import PlaceObject, PlaceRobot
 from ator_ros.domains.domain import domain_for
 from ator_ros.files import is_name
 from ator_ros.geometry import Pose, quaternion_from_yaw
-from ator_ros.nodes.diagnostics import STEADY, WARNING_PERIOD, Diagnostics, Health, Ticks
+from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health, Ticks, Warnings
 from ator_ros.nodes.messages import object_odometry_of, occupancy_grid_of, odometry_of, stamp_of
 from ator_ros.nodes.parameters import (
     FRAMES,
@@ -38,7 +38,7 @@ from ator_ros.nodes.parameters import (
 from ator_ros.nodes.qos import LATCHED, NEWEST, RESULTS, SENSOR_DATA, SERVICES
 from ator_ros.nodes.running import run_node
 from ator_ros.nodes.simulated_world import SimulatedRobot, SimulatedWorld
-from ator_ros.printable import one_line, quoted
+from ator_ros.printable import quoted
 from ator_ros.robot.description import Robot
 from ator_ros.simulation.sensors import ObjectErrors, SensorConfig, Sensors
 from ator_ros.simulation.simulation import TICK
@@ -123,7 +123,8 @@ class SimulationNode(Node):
         super().__init__("simulation", automatically_declare_parameters_from_overrides=True)
         self._settings = settings = declare_with_domain(self, parameters_for)
         self._world = world_of(settings)
-        self._paused, self._last_error = False, ""
+        self._paused = False
+        self._warn = Warnings(self)
         self._deadline = 0.0  # real time in s of the next tick
         # next ticks that take as long as in reality, unless a command comes
         self._real_time_ticks = 0
@@ -206,7 +207,7 @@ class SimulationNode(Node):
             command = checks.command_from(message, self._topics[number].resolved("cmd_vel"))
             self._world.simulation.command(command, number=number)
         except MessageError as error:
-            self._warn(str(error))
+            self._warn(f"ignored: {error}")
             return
         self.get_logger().debug(f"{self._world.simulation.time:.2f} s: {command}")
         if number not in self._awaited and command == STOP:
@@ -215,12 +216,6 @@ class SimulationNode(Node):
         if not (self._paused or self._awaited):
             self._deadline = 0.0
 
-    def _warn(self, reason: str) -> None:
-        self._last_error = reason
-        self.get_logger().warning(
-            one_line(f"ignored: {reason}"), throttle_duration_sec=WARNING_PERIOD
-        )
-
     def _serve(self, handle: Callable[[Any], str], request: Any, response: Any) -> Any:
         """Answer a request with the text that `handle` returns, or with its error."""
         try:
@@ -228,7 +223,7 @@ class SimulationNode(Node):
             self._publish()
         except MessageError as error:
             response.message, response.success = str(error), False
-            self._warn(str(error))
+            self._warn(f"ignored: {error}")
         return response
 
     def _place_robot(self, number: int, request: PlaceRobot.Request) -> str:
@@ -265,9 +260,7 @@ class SimulationNode(Node):
             "simulated time (s)": f"{self._world.simulation.time:.2f}",
             "paused": self._paused,
         }
-        return Health(
-            values={**values, **self._ticks.diagnostics(), "last error": self._last_error}
-        )
+        return Health(values={**values, **self._ticks.diagnostics(), "last error": self._warn.last})
 
 
 def _period_at(factor: float) -> float:

@@ -8,7 +8,7 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from functools import partial
+from functools import cache, partial
 from typing import Any
 
 from geometry_msgs.msg import Pose as PoseMessage
@@ -24,10 +24,10 @@ from ator_interfaces.msg import Outcome
 from ator_interfaces.msg import TopChain as ChainMessage
 from ator_ros.domains.domain import Domain
 from ator_ros.geometry import Pose
-from ator_ros.nodes.diagnostics import STEADY, WARNING_PERIOD
+from ator_ros.nodes.diagnostics import STEADY, Warnings
 from ator_ros.nodes.inputs import Subscriptions
 from ator_ros.nodes.leases import publish_lease
-from ator_ros.nodes.maps import follow_map
+from ator_ros.nodes.maps import FollowedMap
 from ator_ros.nodes.messages import chain_of, pose_of, stamp_of
 from ator_ros.nodes.parameters import (
     FENCE,
@@ -59,7 +59,7 @@ from ator_ros.world.state import RobotState
 # 50 ms also on a machine that is half as fast.
 _MAX_CHAIN_STEPS = 8
 _PERIOD = 0.1  # real s between two checks of awaited conditions and of the executor
-_TF_TIMEOUT = 1.0  # real s until the frame of a pose counts as unknown
+_INPUT_TIMEOUT = 1.0  # real s until a map counts as missing, and the frame of a pose as unknown
 _SERVER_TIMEOUT = 3.0  # real s until the executor counts as missing; DDS may still be connecting it
 _MOST_WAYPOINTS = 2000  # a goal; three hours of drives of 5 s
 _BLOCK = 50  # poses that are read at once: 5 ms, after which other messages are processed
@@ -106,12 +106,14 @@ class WaypointGoal:
     A *leg* is the drive to one waypoint. The legs of all loops are numbered consecutively: `leg` is
     the current one, `end` the one after the last. `poses` are the waypoints as sent, `targets` by
     index those that can be driven to, in the node's frame. `pace` is the time in s per m along
-    straight lines that is expected before the first prediction.
+    straight lines that is expected before the first prediction. A newer goal has a greater `number`.
     """
 
-    def __init__(self, handle: ServerGoalHandle, kind: Any, pace: float) -> None:
+    def __init__(
+        self, handle: ServerGoalHandle, kind: Any, *, pace: float, number: int = 0
+    ) -> None:
         request = handle.request
-        self.handle, self._kind = handle, kind
+        self.handle, self.number, self._kind = handle, number, kind
         self.is_follow_waypoints = loops = hasattr(request, "number_of_loops")
         poses = getattr(request.poses, "goals", request.poses)  # nav_msgs/Goals since Kilted
         self.poses: list[PoseStamped] = list(poses)
@@ -304,17 +306,19 @@ class WaypointsNode(Node):
         self._library, self._fence = domain.library(self._robot), fence_of(settings, self._robot)
         self._top, self._frame = driving_top(self._library), settings["frame"]
         self._active: WaypointGoal | None = None
-        self._arrived = 0  # goals
-        self._newest_executed = 0  # number of a goal, in the order of arrival
+        self._arrived_count = 0
+        self._arrived: dict[bytes, WaypointGoal] = {}  # by goal id, until they are executed
+        self._newest_executed = 0  # number of a goal
         self._waiting: list[Future] = []
         self._robot_pose: tuple[float, Pose] | None = None  # with its stamp in s
         self._executor_count, self._shutting_down = 0, False
+        self._warn = Warnings(self)
         subscribed = Subscriptions(
             self, settings, self._robot, (),
             take_robot=self._take_robot, take_object=lambda *_: None, warn=self._warn,
         )  # fmt: skip
         self._tf = subscribed.tf
-        self._map = follow_map(self, settings, domain, self._robot, self._take_map)
+        self._map = FollowedMap(self, settings, domain, self._robot, self._take_map)
         self._chains = ActionClient(self, ExecuteChain, "execute_chain", **ACTION_QUEUES)
         self._lease = publish_lease(self)
         self._servers = [
@@ -337,9 +341,6 @@ class WaypointsNode(Node):
 
     def _take_map(self, _: Domain, robot: Robot) -> None:
         self._robot = robot
-
-    def _warn(self, text: str) -> None:
-        self.get_logger().warning(text, throttle_duration_sec=WARNING_PERIOD)
 
     def _check(self) -> None:
         """Continue `_wait_for`.
@@ -369,16 +370,19 @@ class WaypointsNode(Node):
 
     def _take_goal(self, kind: Any, handle: ServerGoalHandle) -> None:
         """Start to execute an accepted goal; the order of these calls decides which one is newer."""
-        self._arrived += 1
-        goal = WaypointGoal(handle, kind, pace=1.0 / self._robot.limits.v)
-        handle.execute(partial(self._execute, goal=goal, number=self._arrived))
+        self._arrived_count += 1
+        self._arrived[bytes(handle.goal_id.uuid)] = WaypointGoal(
+            handle, kind, pace=1.0 / self._robot.limits.v, number=self._arrived_count
+        )
+        handle.execute()
 
-    async def _execute(self, handle: ServerGoalHandle, goal: WaypointGoal, number: int) -> Any:
+    async def _execute(self, handle: ServerGoalHandle) -> Any:
+        goal = self._arrived.pop(bytes(handle.goal_id.uuid))
         code, reason = await self._read(goal)
-        if not reason and number < self._newest_executed:
+        if not reason and goal.number < self._newest_executed:
             code, reason = goal.unknown_error, _PREEMPTED
         if not reason and not handle.is_cancel_requested:
-            self._newest_executed = number
+            self._newest_executed = goal.number
             previous, self._active = self._active, goal
             code, reason = await self._execute_chains(goal)
             if self._active is goal:
@@ -409,7 +413,7 @@ class WaypointsNode(Node):
                 f"poses: expected at most {_MOST_WAYPOINTS} poses, got {count}; send several goals"
             )
             return goal.unknown_error, reason
-        if not await self._wait_for(lambda: not self._map.is_missing, _TF_TIMEOUT):
+        if not await self._wait_for(lambda: not self._map.is_missing, _INPUT_TIMEOUT):
             return goal.unknown_error, one_line(self._map.problem)
         used = {
             goal.waypoint_index(leg) for leg in range(goal.leg, min(goal.end, goal.leg + count))
@@ -418,8 +422,9 @@ class WaypointsNode(Node):
             frames = {plain_frame(goal.poses[index].header.frame_id) for index in used}
             frames -= {"", plain_frame(self._frame)}
             await self._wait_for(
-                lambda: all(self._tf.base(self._frame, each) for each in frames), _TF_TIMEOUT
+                lambda: all(self._tf.base(self._frame, each) for each in frames), _INPUT_TIMEOUT
             )
+        origin_in = cache(partial(self._tf.base, self._frame))
         keep_heading = self._kept_headings(goal) | {goal.waypoint_index(goal.end - 1)}
         previous = Pose(0.0, 0.0, 0.0) if self._robot_pose is None else self._robot_pose[1]
         end = 0, ""
@@ -430,7 +435,7 @@ class WaypointsNode(Node):
                     return goal.unknown_error, "canceled"
             source = None if index in keep_heading else previous
             try:
-                previous = self._target(goal.poses[index], f"poses[{index}]", source)
+                previous = self._target(goal.poses[index], f"poses[{index}]", source, origin_in)
                 goal.targets[index] = previous
             except MessageError as error:
                 self._warn(str(error))
@@ -440,24 +445,29 @@ class WaypointsNode(Node):
         )
         return (0, "") if continues else end
 
-    def _target(self, stamped: PoseStamped, where: str, previous: Pose | None) -> Pose:
-        """Read a pose into the node's frame.
+    def _target(
+        self,
+        stamped: PoseStamped,
+        where: str,
+        previous: Pose | None,
+        origin_in: Callable[[str], Pose | None],
+    ) -> Pose:
+        """Read a pose into the node's frame, in which `origin_in` returns the pose of another frame.
 
         If its heading does not count, `previous` is the pose before it: a heading that cannot be
         read becomes the direction from there. Raises MessageError, also if it lies outside the
         fence.
         """
-        other, start = stamped.header.frame_id, None
+        other = stamped.header.frame_id
+        start = None
         try:
             pose = goal_pose_from(stamped.pose, f"{where}.pose")
         except MessageError:
             if previous is None:
                 raise
-            pose, start = (
-                goal_pose_from(PoseMessage(position=stamped.pose.position), where),
-                previous,
-            )
-        if (origin := self._tf.base(self._frame, other)) is not None:
+            pose = goal_pose_from(PoseMessage(position=stamped.pose.position), where)
+            start = previous
+        if (origin := origin_in(other)) is not None:
             pose = origin.compose(pose)
         else:
             expect_frame(other, f"{where}.header.frame_id", expected=self._frame)

@@ -141,7 +141,7 @@ def map_of_grid(
     return GridMap(name, free.reshape(height, width), side, origin)
 
 
-def values_of(data: Sequence[int]) -> str:
+def describe_values(data: Sequence[int]) -> str:
     """Return which values the cells of an OccupancyGrid have, and which of them are free, for messages."""
     values = np.asarray(data, dtype=np.int16)
     if not values.size:

@@ -417,6 +417,7 @@ def check_senders(transforms: Transforms, frame: str, child: str) -> None:
 
 
 def _to_and_fro(distance: float) -> str:
+    """Return what two senders at a distance in m look like, and the remedy."""
     return (
         f"expected one sender, got positions that jump to and fro by {distance:.2f} m; end one of the "
         "nodes that publish it"

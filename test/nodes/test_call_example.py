@@ -1,8 +1,10 @@
 """The example that calls services, sends goals and echoes topics without the `ros2` command."""
 
+import math
 import signal
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import pytest
 from conftest import Host, Start
@@ -10,8 +12,9 @@ from documentation import ROOT
 from process import environment, run
 from ros_client import Client
 
+from ator_interfaces.action import ExecuteChain
 from ator_interfaces.srv import PlaceObject
-from examples.call import CallError, filled, main
+from examples.call import CallError, FeedbackLines, filled, main
 
 PLACE = "ator_interfaces/srv/PlaceObject"
 CHAIN = "{chain: {calls: [{top: goToPose, goal: {pose: {position: {x: -1.5, y: 1.0}}}}]}}"
@@ -57,6 +60,17 @@ def test_a_goal_is_sent_and_feedback_and_result_printed_and_an_interrupt_cancels
     assert "result:\n  outcome:\n    code: 4\n    reason: canceled by the client\n" in output
     assert errors == "call: execute_chain: the goal was canceled\n"
     assert "goal ended: canceled" in executor.output
+
+
+def test_feedback_is_printed_again_if_more_than_floats_changes(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    lines = FeedbackLines()
+    for remaining in (1.25, -1.25, 1e-05, math.inf, math.nan, 2.0):
+        feedback = ExecuteChain.Feedback(status="executing 1.5 m", predicted_remaining=remaining)
+        lines.show(SimpleNamespace(feedback=feedback))
+    lines.show(SimpleNamespace(feedback=ExecuteChain.Feedback(status="executing 1.6 m")))
+    assert capsys.readouterr().out.count("feedback: ") == 2
 
 
 @pytest.mark.parametrize(

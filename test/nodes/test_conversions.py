@@ -1,6 +1,7 @@
 """Conversions between messages and core types; invalid messages raise only MessageError."""
 
 import math
+from copy import deepcopy
 from typing import Any
 
 import pytest
@@ -194,10 +195,15 @@ def test_goals_and_situations_in_a_known_frame_are_transformed() -> None:
     call.goal.pose, call.goal.header.frame_id = messages.pose_of(Pose(1.0, 1.0, 0.0)), "odom"
     elsewhere = TopCall()
     elsewhere.goal.header.frame_id = "attic"
-    bases = {"odom": origin}
-    messages.into_frame(
-        "map", lambda _, other: bases.get(other), [TopChain(calls=[call, elsewhere])], situation
-    )
+    looked_up: list[str] = []
+
+    def base(_: str, other: str) -> Pose | None:
+        looked_up.append(other)
+        return origin if other == "odom" else None
+
+    chains = [TopChain(calls=[call, elsewhere]), TopChain(calls=[deepcopy(call)])]
+    messages.into_frame("map", base, chains, [situation, deepcopy(situation)])
+    assert looked_up == ["odom", "attic"]
     assert near(pose_from(call.goal.pose, "goal"), Pose(0.0, 3.0, math.pi / 2.0))
     assert [each.goal.header.frame_id for each in (call, elsewhere)] == ["map", "attic"]
     read = world_from(situation, frame="map")

@@ -59,9 +59,12 @@ def slowed(shared: tuple[Processes, Client], requests: Any) -> Iterator[Any]:
 
     thread = threading.Thread(target=interrupt)
     thread.start()
-    yield requests
-    ended.set()
-    thread.join()
+    try:
+        yield requests
+    finally:
+        ended.set()
+        thread.join()
+        refinement.send(signal.SIGCONT)
 
 
 def answers(futures: Sequence[Any], patience: float = PATIENCE) -> list[Any]:
@@ -83,7 +86,7 @@ def test_a_long_chain_is_answered_at_its_deadline_with_a_note(requests: Any) -> 
     for answer in responses:
         assert answer.accepted
         assert answer.cut_short
-        assert re.search(
+        assert re.match(
             rf"the whole search needs a deadline of about [\d.]+ s, it had {DEADLINE:g} s",
             answer.reason,
         )
@@ -92,7 +95,7 @@ def test_a_long_chain_is_answered_at_its_deadline_with_a_note(requests: Any) -> 
 
 
 def test_an_answer_does_not_depend_on_the_load(slowed: Any) -> None:
-    answers = [slowed.call(request_of_the_paper(), timeout_sec=PATIENCE) for _ in range(20)]
+    answers = [slowed.call(request_of_the_paper(), timeout_sec=PATIENCE) for _ in range(8)]
     assert not any(answer.cut_short for answer in answers)
     assert all(answer.reason == answers[0].reason for answer in answers)
     assert all(answer.chain == answers[0].chain for answer in answers)
@@ -136,14 +139,12 @@ def test_requests_are_answered_while_many_durations_are_predicted(
     assert client.wait_for_service(timeout_sec=PATIENCE)
     start = Situation(robot=pose_of(Pose(-2.0, 0.0, 0.0)))
     steps = [call("goToPose", Pose(0.02 * number, 0.5, 0.0)) for number in range(100)]
-    large = PredictDurations.Request(situations=[start] * 100, calls=steps)
-    predicted = [client.call_async(large) for _ in range(2)]
-    requests.call(request_of_the_paper(), timeout_sec=PATIENCE)
-    assert not predicted[1].done()
-    found = answers(predicted)
-    assert [len(each.durations) for each in found] == [10_000] * 2
-    assert np.array_equal(found[0].durations, found[1].durations)
-    assert np.all(np.diff(found[0].durations[:100]) > 0.0)
+    predicted = client.call_async(PredictDurations.Request(situations=[start] * 100, calls=steps))
+    assert requests.call(request_of_the_paper(), timeout_sec=PATIENCE).accepted
+    assert not predicted.done()
+    (found,) = answers([predicted])
+    assert len(found.durations) == 10_000
+    assert np.all(np.diff(found.durations[:100]) > 0.0)
 
 
 def test_each_of_many_goals_is_accepted_and_has_a_result(nodes: Client) -> None:

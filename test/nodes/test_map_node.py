@@ -4,6 +4,9 @@ Goals in walls; a drive through a door.
 """
 
 import math
+import threading
+import time
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -14,19 +17,24 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from experience_rows import route_drives
 from maps import hall_map
 from nav_msgs.msg import OccupancyGrid
+from process import PATIENCE
 from refinement_requests import refine
 from ros_client import Client
 
 from ator_interfaces.msg import Outcome, TopCall
-from ator_interfaces.srv import RefineSubgoal
+from ator_interfaces.srv import PredictDurations, RefineSubgoal
 from ator_ros.domains.domain import find_domain
 from ator_ros.geometry import Pose
-from ator_ros.nodes.maps import follow_map
+from ator_ros.nodes import refinement
+from ator_ros.nodes.maps import FollowedMap
 from ator_ros.nodes.messages import occupancy_grid_of, pose_of
 from ator_ros.nodes.qos import LATCHED
 from ator_ros.performance.model_file import save_model
 from ator_ros.performance.training import train
+from ator_ros.refinement.durations import Durations
+from ator_ros.robot.description import Robot
 from ator_ros.world.grid_map import GridMap
+from ator_ros.world.state import World
 
 pytestmark = pytest.mark.node
 BUILDING = find_domain("building")
@@ -94,6 +102,39 @@ def test_a_new_map_replaces_the_old_one_and_answers_name_theirs(
     )
 
 
+def test_all_durations_of_a_request_are_predicted_on_one_map(
+    host: Host, client: Client, models: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    has_begun = threading.Event()
+
+    def predicted(worlds: Sequence[World], calls: Sequence[object], robot: Robot, *_) -> Durations:
+        has_begun.set()
+        time.sleep(0.05)  # as with a slow planner: a request takes 2 s
+        return Durations(*np.full((3, len(worlds), len(calls)), float(robot.grid == WALL)))
+
+    monkeypatch.setattr(refinement, "predict_durations", predicted)
+    maps = client.node.create_publisher(OccupancyGrid, "map", LATCHED)
+    host("refinement", domain="pursuit", models=models, map="/map", frame="map")
+    durations = client.node.create_client(PredictDurations, "predict_durations")
+    assert durations.wait_for_service(timeout_sec=PATIENCE)
+    sent = request(call("visit", Pose(3.0, 0.0, 0.0)))
+
+    def switch(grid: GridMap) -> None:
+        maps.publish(occupancy_grid_of(grid, frame="map"))
+        client.eventually(lambda: f"map {grid}" in refine(client, sent).reason, f"the map {grid}")
+
+    switch(WALL)
+    future = durations.call_async(
+        PredictDurations.Request(situations=[sent.situation] * 60, calls=sent.chain.calls)
+    )
+    assert has_begun.wait(PATIENCE)
+    switch(EMPTY)
+    assert not future.done()
+    answer = client.eventually(future.result, "the durations")
+    assert f"map {WALL}" in answer.reason
+    assert np.all(np.equal(answer.durations, 1.0))
+
+
 def test_the_executor_refuses_a_goal_in_a_wall_before_the_robot_moves(
     host: Host, client: Client
 ) -> None:
@@ -153,7 +194,7 @@ def test_goals_are_refused_while_the_map_that_was_asked_for_is_unusable(
 
 def test_a_map_is_used_once_the_node_is_idle_unless_it_has_no_room(client: Client) -> None:
     taken, busy = list[GridMap | None](), iter((False,) * 4)
-    follow_map(
+    FollowedMap(
         client.node,
         {"map": "walls"},
         BUILDING,

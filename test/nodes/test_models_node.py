@@ -2,17 +2,22 @@
 
 import errno
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 from conftest import Host
 from diagnostic_msgs.msg import DiagnosticStatus
+from process import PATIENCE, environment
 from ros_client import Client, values_of
 
+from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.learning.gains import GAINS, ChainGain, add_chain, read_gains
 from ator_ros.learning.sets import Manifest, new_set_folder, publish, read_manifest, seal
 from ator_ros.nodes import models as nodes_models
 from ator_ros.resources import resource_path
+from ator_ros.robot.description import load_robot
 
 BOTH = pytest.mark.parametrize("name", ["executor", "refinement"])
 
@@ -94,6 +99,49 @@ def learned(tmp_path: Path, models: Path) -> Path:
     digest = read_manifest(publish(folder, made)).digest
     add_chain(folder, read_gains(folder, digest), ChainGain(True, 0.5, 0.1))
     return folder
+
+
+def test_models_of_the_start_are_used_on_new_maps_while_the_learned_folder_has_a_fault(
+    client: Client, learned: Path, models: Path
+) -> None:
+    libraries = {"default": SOCCER.library(load_robot())}
+    settings = {"models": str(models), "learned": str(learned)}
+    sets = nodes_models.LearnedSets(client.node, SOCCER, libraries, settings)
+    in_use = sets.diagnostics()["learned set"]
+    elsewhere = learned.with_name("elsewhere")
+    learned.rename(elsewhere)
+    for _ in range(2):
+        sets.load_again(SOCCER, libraries)
+        assert set(sets.present["default"].models) == {"dribbleBall", "goToPose", "shoot"}
+        assert "the learned set" in sets.problem
+    elsewhere.rename(learned)
+    client.eventually(
+        lambda: sets.diagnostics()["learned set"] == in_use and not sets.problem, "the learned set"
+    )
+
+
+HANGING = """
+import os, signal, sys, time
+from ator_ros.nodes import models, refinement
+
+def hang(folder):
+    if calls.pop():
+        os.kill(os.getpid(), signal.SIGTERM)
+        time.sleep(1000.0)
+
+calls = [True, False]  # the folder can be read at the start
+models.current_set = hang
+refinement.main()
+"""
+
+
+def test_a_share_that_hangs_does_not_delay_the_end_of_a_node(tmp_path: Path, domain: int) -> None:
+    arguments = ["--ros-args", "-p", f"learned:={tmp_path}"]
+    ended = subprocess.run(
+        [sys.executable, "-c", HANGING, *arguments],
+        env=environment(domain), timeout=PATIENCE, check=False,
+    )  # fmt: skip
+    assert ended.returncode == 0
 
 
 @pytest.mark.parametrize("fault", ["missing", "file", "stale", "gains"])

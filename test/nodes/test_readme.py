@@ -35,7 +35,8 @@ def answered(request: RefineSubgoal.Request) -> RefineSubgoal.Response:
     models = load_models(ROBOT, SOCCER.known_features)
     refiner = Refiner(ROBOT, models, Gate(), ranges=SOCCER.ranges)
     found = refine_request(request, refiner, LIBRARY, frame="odom")
-    return answer_of(found, request, gain_of(), action_set="default", frame="odom")
+    reason = found.refinement.reason
+    return answer_of(found, request, gain_of(), reason=reason, action_set="default", frame="odom")
 
 
 def durations(field: str) -> list[str]:

@@ -34,7 +34,8 @@ def answered(sent: RefineSubgoal.Request, *without: str) -> RefineSubgoal.Respon
     found = refine_request(
         sent, Refiner(ROBOT, known, ranges=LIBRARY.ranges), LIBRARY, frame="odom"
     )
-    return answer_of(found, sent, gain_of(), action_set="default", frame="odom")
+    reason = found.refinement.reason
+    return answer_of(found, sent, gain_of(), reason=reason, action_set="default", frame="odom")
 
 
 def test_a_step_without_a_model_is_reported_and_others_are_refined() -> None:

@@ -52,9 +52,17 @@ def test_other_ends_keep_their_reason(code: int) -> None:
     assert result_line(record(refined=True, code=code), wanted=True, changes=["x"]) == "arrived"
 
 
-def test_many_changes_and_long_names_are_cut() -> None:
-    many = [FreeVariable(name="v" * 5000, after=float(number + 1)) for number in range(9)]
+@pytest.mark.parametrize(("length", "text"), [(5, "… and 5 more"), (5000, "6.54 s predicted")])
+def test_many_changes_and_long_names_are_cut(length: int, text: str) -> None:
+    many = [FreeVariable(name="v" * length, after=float(number + 1)) for number in range(9)]
     changes = changes_of(RefineSubgoal.Response(refined=True, chain=ANSWER.chain, free=many))
     line = result_line(record(refined=True), wanted=True, changes=changes)
-    assert "… and 5 more" in line
-    assert len(line) < 600
+    assert text in line
+    assert len(line) < 301
+
+
+@pytest.mark.parametrize("code", [Outcome.SUCCEEDED, Outcome.FAILED])
+def test_long_reasons_are_cut(code: int) -> None:
+    made = record(refined=False, code=code)
+    made.outcome.reason = "why " * 500
+    assert len(result_line(made, wanted=True, changes=[])) < 301
