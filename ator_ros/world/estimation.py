@@ -181,9 +181,11 @@ class VelocityCheck:
 
 
 _LEAST_DISTANCE = 0.02  # m between two senders of a topic; the noise of odometry is below
-# m between two senders in tf: detections of depth cameras, and poses of scan matchers, flip by the
-# 3 to 5 cm of a cell
+# m between two senders in tf: detections of depth cameras, and corrections of localization, flip by
+# the 3 to 5 cm of a cell
 _LEAST_IN_TF = 0.2
+LEAST_IN_ODOMETRY = 0.04
+"""Distance in m of two senders of a frame in odom, which moves without jumps (REP-105)."""
 # least share of a jump by which both neighbors seem to jump back: simulated senders, every second
 # to fifth message of one of them, with uneven stamps, reach it
 _LEAST_RETURN = 0.1
@@ -202,12 +204,15 @@ class SenderCheck:
     one sender may do so, too, as those of a camera whose depths are rounded, and the graph lists
     publishers that have ended for up to 20 s.
 
-    Without `is_shared`, as in tf, whose senders are unknown, jumps of at least 0.2 m count alone.
+    Without `is_shared`, as in tf, whose senders are unknown, jumps of at least `least` m count
+    alone.
     """
 
-    def __init__(self, is_shared: Callable[[], bool] | None = None) -> None:
+    def __init__(
+        self, is_shared: Callable[[], bool] | None = None, *, least: float = _LEAST_IN_TF
+    ) -> None:
         self._is_shared = is_shared
-        self._least = _LEAST_IN_TF if is_shared is None else _LEAST_DISTANCE
+        self._least = least if is_shared is None else _LEAST_DISTANCE
         self._positions: deque[tuple[float, float, float]] = deque(maxlen=3)  # s, m, m
         # differences of positions from the lines between those before and after
         self._deviations: deque[tuple[float, float]] = deque(maxlen=3)

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from ator_ros.geometry import FloatArray
-from ator_ros.world.estimation import SenderCheck
+from ator_ros.world.estimation import LEAST_IN_ODOMETRY, SenderCheck
 
 _RECENT = 2.0  # s before the newest transform of all
 _KEPT = 512  # transforms of each frame: five seconds at 100 Hz
@@ -60,8 +60,8 @@ class _Link:
 
     parent: str
     fixed: bool
+    senders: SenderCheck
     placements: deque[tuple[float, Placement]] = field(default_factory=lambda: deque(maxlen=_KEPT))
-    senders: SenderCheck = field(default_factory=SenderCheck)
     sender_distance: float = 0.0  # m between the placements of two senders; 0 with one
 
     def add(self, time: float, placement: Placement) -> None:
@@ -88,6 +88,11 @@ class _Link:
         return before.between(after, (time - begin) / (end - begin))
 
 
+def _is_odometry(frame: str) -> bool:
+    """Return whether a frame is odom (REP-105), in a namespace or not."""
+    return frame.rpartition("/")[2] == "odom"
+
+
 class Transforms:
     """The recent transforms of all frames."""
 
@@ -105,7 +110,8 @@ class Transforms:
         """Add the placement of `child` in `frame` at `time` (s), or at any time if it is `fixed`."""
         link = self._links.get(child)
         if link is None or (link.parent, link.fixed) != (frame, fixed):
-            link = self._links[child] = _Link(frame, fixed)
+            check = SenderCheck(least=LEAST_IN_ODOMETRY) if _is_odometry(frame) else SenderCheck()
+            link = self._links[child] = _Link(frame, fixed, check)
         link.add(time, placement)
 
     def latest(self, frame: str, child: str) -> tuple[float, Placement] | None:
@@ -137,7 +143,7 @@ class Transforms:
 
     def latest_in_odometry(self, frame: str, child: str) -> tuple[float, Placement] | None:
         """Return `latest` in the frame odom (REP-105), which localization does not correct, if it exists."""
-        odometry = (name for name in self._ancestors(child) if name.rpartition("/")[2] == "odom")
+        odometry = (name for name in self._ancestors(child) if _is_odometry(name))
         return self.latest(next(odometry, frame), child)
 
     @property

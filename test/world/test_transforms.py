@@ -74,10 +74,13 @@ def test_a_clock_reset_and_a_new_parent_clear_the_buffer() -> None:
 def test_two_senders_of_one_frame_are_found_on_the_way_to_it() -> None:
     known = robot_in_map()
     assert known.second_sender("map", "camera") is None
-    for tick in range(40):  # one scan matcher
-        known.add("odom", "base_link", 1.0 + 0.025 * tick, planar(2.0 + 0.05 * (tick % 2), 0.0))
+    for tick in range(40):  # localization on cells of 5 cm
+        known.add("map", "odom", 1.0 + 0.025 * tick, planar(0.05 * (tick % 2), 0.0))
     assert known.second_sender("map", "camera") is None
-    for tick in range(40):
-        known.add("odom", "base_link", 2.0 + 0.025 * tick, planar(2.0 + 0.4 * (tick % 2), 0.0))
-    assert known.second_sender("map", "camera") == ("odom", "base_link", pytest.approx(0.4))
+    for number, distance in enumerate((0.05, 0.4), 2):
+        for tick in range(40):
+            x = 2.0 + distance * (tick % 2)
+            known.add("odom", "base_link", number + 0.025 * tick, planar(x, 0.0))
+        found = ("odom", "base_link", pytest.approx(distance))
+        assert known.second_sender("map", "camera") == found
     assert known.second_sender("map", "odom") is None
