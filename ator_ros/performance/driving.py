@@ -128,7 +128,7 @@ _ARRIVALS = (0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.5, 0.6, 0.75, 0.95, 1
 _LEAST = (0.0, 0.25, 0.5, 0.75)
 _SLOWEST = 0.1  # share of the turn rate below which no turn is tried
 _DRAWN = 2000  # pairs of ends on which shapes are compared
-_SEED = 5
+_SEED = 5  # of these pairs
 _PLAIN = 50  # pairs of ends assumed for an action that was not observed
 
 TurnRates = Callable[[float, float], float]

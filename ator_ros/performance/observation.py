@@ -47,7 +47,8 @@ _LEAST_DRIVEN = 0.1  # m, forward minus backward; below this the direction of a 
 _SPEEDS: FloatArray = np.array([0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.65, 0.8, 1.0])
 _CHANGES: FloatArray = np.array([-1.0, -0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75, 1.0])
 """Speeds, and changes of speed, for which turn rates are kept; shares of the limits."""
-# by how much alike turns may differ in speed and in its change
+# Turns are alike if their speeds are at most this much lower or higher, and their changes of speed
+# differ by at most `_OTHER`; shares of the limits.
 _SLOWER = 0.04
 _FASTER = 0.02
 _OTHER = 0.1

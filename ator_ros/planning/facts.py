@@ -83,7 +83,8 @@ def target_of(
 ) -> Value:
     """Return the target of a statement after `values` have changed.
 
-    `top` is the name of the TOP whose goal the statement may be about.
+    A statement may be about the goal variables of the TOP with the name `top`, whose symbols are
+    in `binding`.
     """
     if not isinstance(term.target, str):
         return Value(float(term.target))

@@ -29,7 +29,7 @@ Plan = tuple[int, ...]
 """Indices of operators."""
 # Bounds for one goal; the shipped domains need about ten searches of less than a hundred states.
 _MOST_SEARCHES = 60
-_MOST_STATES = 20_000
+_MOST_STATES = 20_000  # in each search
 _MOVING = ("robot.", "hold.")  # variables that are no destination, as they change during a step
 
 

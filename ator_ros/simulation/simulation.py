@@ -122,7 +122,10 @@ class Simulation:
         vx: float = 0.0,
         vy: float = 0.0,
     ) -> None:
-        """Put an object on the floor at (x, y) m, rolling at (vx, vy) m/s."""
+        """Put an object on the floor at (x, y) m, rolling at (vx, vy) m/s.
+
+        Raises KeyError for a name that the scene lacks.
+        """
         set_object_dynamics(
             self._bullet,
             self._bodies[name],

@@ -595,7 +595,10 @@ class BezierShoot(_BezierHolding):
     name: ClassVar[str] = "shoot"
 
     def start(self, world: World, goal: Goal) -> None:
-        """Commit to the goal mouth that `goal` lies in; see `Action.start`."""
+        """Commit to the goal mouth that `goal` lies in; see `Action.start`.
+
+        Raises ActionError if the field has no goals, or `goal` lies in none.
+        """
         check_arrival(goal, self.robot.limits.v, self.name)
         check_held(world, self.robot, self.name)
         field = field_of(self.robot)

@@ -41,7 +41,11 @@ def dribble(
     library: TopLibrary,
     rng: np.random.Generator,
 ) -> tuple[World, TopChain]:
-    """Draw the chain of the paper's Table 1: go to the ball, dribble it to a pose."""
+    """Draw the chain of the paper's Table 1: go to the ball, dribble it to a pose.
+
+    Returns the state at the start, and the chain with its open variables. Raises NoPlaceError
+    without room.
+    """
     ball, world = _start(robot, rng)
     most = farthest(robot, _OF_TWO, SHORTEST, with_ball=True)
     goal = pose_within(robot, rng, ball, SHORTEST, most, held=True)
@@ -102,7 +106,11 @@ def shoot(
     library: TopLibrary,
     rng: np.random.Generator,
 ) -> tuple[World, TopChain]:
-    """Draw the chain of the paper's Figure 1: go to the ball, dribble it before the goal, shoot."""
+    """Draw the chain of the paper's Figure 1: go to the ball, dribble it before the goal, shoot.
+
+    Returns the state at the start, and the chain with its open variables. Raises NoPlaceError
+    without room.
+    """
     most = farthest(robot, _OF_TWO, SHORTEST, with_ball=True)
 
     def dribbled(chain: TopChain) -> float:
@@ -178,7 +186,10 @@ def drive(
     *,
     time_limit: float = TIME_LIMIT,
 ) -> tuple[World, TopChain]:
-    """Draw a chain of two drives to poses, for every robot."""
+    """Draw a chain of two drives to poses, for every robot.
+
+    Straight paths take at most 0.3 of `time_limit` (s) each. Raises NoPlaceError without room.
+    """
     stop = random_pose(robot, rng)
     most = farthest(robot, _OF_TWO, SHORTEST, time_limit=time_limit)
     goal = pose_within(robot, rng, stop, SHORTEST, most)

@@ -216,7 +216,10 @@ def box_distance(
     y_low: float,
     y_high: float,
 ) -> Any:
-    """Return the distance in m from places to a box; 0 inside."""
+    """Return the distance in m from places to a box along the axes; 0 inside.
+
+    Places are numbers or arrays of one shape, which is that of the result.
+    """
     along = np.maximum(np.maximum(x_low - x, x - x_high), 0.0)
     across = np.maximum(np.maximum(y_low - y, y - y_high), 0.0)
     return np.hypot(along, across)

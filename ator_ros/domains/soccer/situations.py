@@ -64,8 +64,23 @@ def pose_within(
 ) -> Pose:
     """Draw a pose `low` to `high` m from another.
 
-    If both are poses of a ball that is `held`, the robot's axle drives at most `high` m. Raises
-    NoPlaceError if there is no such pose.
+    Parameters
+    ----------
+    robot : Robot
+        The robot, with its scene.
+    rng : numpy.random.Generator
+        Source of random numbers.
+    of : Pose
+        The other pose.
+    low, high : float
+        Least and greatest distance in m.
+    held : bool
+        Whether both are poses of a held ball. Then the axle, too, drives at most `high` m.
+
+    Raises
+    ------
+    NoPlaceError
+        There is no such pose.
     """
 
     def distance(pose: Pose) -> float:
@@ -127,6 +142,8 @@ def go_to_pose(
     robot: Robot, rng: np.random.Generator, *, time_limit: float = TIME_LIMIT
 ) -> Situation:
     """Draw a drive to a ball, every second time with an arrival speed, or to a pose.
+
+    Straight paths take at most 0.6 of `time_limit` (s). Raises NoPlaceError without room.
 
     One start in seven is in motion. One drive in seven is short, see `short_goal`. Without a holder
     or a ball in the scene, all are drives to a pose.

@@ -26,6 +26,7 @@ _ENTRY_GAINS = (*(step / 16 for step in range(15)), 0.9625)
 _EXIT_SPEEDS = (0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.5, 0.6, 0.75, 0.95)
 _EXIT_LOSSES = (0.0, 0.25, 0.5, 0.75, 0.9)
 _RATES = tuple(1.0 - 0.02 * step for step in range(40))
+# Those of turns before a shot, at constant speed.
 _RELEASE_SPEEDS = (0.3, 0.5, 0.75, 0.95)
 _RELEASE_RATES = (1.0, 0.67, 0.33)
 _LARGEST_TURN = math.radians(300.0)  # greatest angle in rad of a turn with the ball

@@ -56,7 +56,10 @@ def is_free(
     obstacles: Obstacles,
     robot: Robot,
 ) -> bool:
-    """Return whether the robot touches no obstacle at the start of a motion to `goal`."""
+    """Return whether the robot touches no obstacle at the start of a motion to `goal`.
+
+    Poses are those of the axle. A ball may be touched within the run at the end.
+    """
     pose = np.array([start])
     ball = obstacles.ball
     if touches_goals(pose, robot):
@@ -436,7 +439,23 @@ def turn_on_spot(
 ) -> Manoeuvre:
     """Plan to turn to the heading `yaw` (rad) from rest.
 
-    Raises ActionError if the robot would touch something.
+    Parameters
+    ----------
+    robot : Robot
+        The robot, with its scene.
+    start : Pose
+        Pose of the axle.
+    yaw : float
+        Heading at the end in rad.
+    limits : Limits
+        Limits of the turn.
+    obstacles : Obstacles
+        The ball, if it must not be touched.
+
+    Raises
+    ------
+    ActionError
+        The robot would touch something.
     """
     turn = Side(0.0, 0.0, 0.0, 0.0, limits.w)
     goal = start._replace(yaw=yaw)

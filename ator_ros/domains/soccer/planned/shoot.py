@@ -30,12 +30,15 @@ from ator_ros.robot.description import Limits, Robot
 from ator_ros.world.state import World
 
 _SLANT = math.radians(60.0)  # greatest angle between a shot and the goal's axis
-# of the ball's rolling distance, at which it is released; the rest is for losses
+# Share of the ball's rolling distance at which it is released; the rest is for losses. The robot,
+# which brakes harder than the ball, then stops with its axle before the line.
 _ROLL_SHARE = 0.62
 _ROOM = 0.05  # m between the robot and the goal's posts and walls
 _AIMS = (-0.6, -0.3, 0.0, 0.3, 0.6)  # shares of half the goal's width
+# rad between a shot and the goal's axis
 _SLANTS = tuple(math.radians(angle) for angle in (-50.0, -25.0, 0.0, 25.0, 50.0))
 _GRID_TRIES = 1500  # run-ups that are checked
+# candidates: turns in rad, and lengths in m by which the straight before a turn is longer
 _TURNS: FloatArray = math.radians(1.0) * np.arange(-292, 293, dtype=float)
 _LEADS: FloatArray = np.array((0.0, 0.1, 0.2, 0.3, 0.45, 0.7, 1.0, 1.4))
 
