@@ -142,7 +142,8 @@ def fit_error_process(
     from sklearn.gaussian_process import GaussianProcessRegressor
     from sklearn.gaussian_process.kernels import ConstantKernel, Matern, WhiteKernel
 
-    kept = np.linspace(0, len(errors) - 1, min(len(errors), _MOST_EPISODES)).astype(int)
+    count = min(len(errors), _MOST_EPISODES)
+    kept = np.linspace(0, len(errors) - 1, count).astype(int)
     features = features[kept]
     errors = errors[kept].round(_DIGITS)
     center = features.mean(axis=0)

@@ -80,8 +80,9 @@ def _basic(name: str, unit: str, derives: str) -> Feature:
 _PLACES = "x y xg yg yawg hold"
 _POSES = f"{_PLACES} yaw"
 
+_DIRECT = ("x", "y", "yaw", "xg", "yg", "yawg")
 PAPER_11 = (
-    *(_basic(name, DIRECT_VARIABLES[name], name) for name in ("x", "y", "yaw", "xg", "yg", "yawg")),
+    *(_basic(name, DIRECT_VARIABLES[name], name) for name in _DIRECT),
     _basic("dx", "m", "x xg yawg hold"),
     _basic("dy", "m", "y yg yawg hold"),
     _basic("dist", "m", _PLACES),

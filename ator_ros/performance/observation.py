@@ -172,14 +172,16 @@ def _observed_limits(rows: pd.DataFrame, robot: Robot) -> Limits:
     """
     v, w, time, after = _series(rows)
     step = time[after] - time[after - 1]
-    change = (np.abs(v[after]) - np.abs(v[after - 1])) / step
+    speed = np.abs(v)
+    change = (speed[after] - speed[after - 1]) / step
+    turn_change = np.abs(w[after] - w[after - 1]) / step
     base = robot.limits
     observed = (
-        _quantile(np.abs(v), _SPEED_QUANTILE, base.v),
+        _quantile(speed, _SPEED_QUANTILE, base.v),
         _quantile(np.abs(w), _SPEED_QUANTILE, base.w),
         _quantile(change[change > 0.0], _CHANGE_QUANTILE, base.a),
         _quantile(-change[change < 0.0], _CHANGE_QUANTILE, base.brake),
-        _quantile(np.abs(w[after] - w[after - 1]) / step, _CHANGE_QUANTILE, base.aw),
+        _quantile(turn_change, _CHANGE_QUANTILE, base.aw),
     )
     return Limits(*np.clip(observed, LEAST, list(GREATEST.values())).tolist())
 

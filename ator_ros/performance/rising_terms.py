@@ -140,8 +140,9 @@ def _fitted(
     for name in rising:
         groups.append([[at] for at, (other, _) in enumerate(begins) if other == name])
     error, slopes = _fit(groups, factor, len(target))
-    while fewer := [(*_fit(merged, factor, len(target)), merged) for merged in _merged(groups)]:
-        least, other, merged = min(fewer, key=lambda each: each[0])
+    while candidates := _merged(groups):
+        fits = [(*_fit(merged, factor, len(target)), merged) for merged in candidates]
+        least, other, merged = min(fits, key=lambda each: each[0])
         if least[0] > error[0]:
             break
         error = least
@@ -175,7 +176,8 @@ def _fit(
     count: int,
 ) -> tuple[tuple[float, float], FloatArray]:
     """Return corrected error (may be infinite) and plain error, to sort by, and the slopes."""
-    table = np.column_stack([factor[:, run].sum(axis=1) for runs in groups for run in runs])
+    all_runs = [run for runs in groups for run in runs]
+    table = np.column_stack([factor[:, run].sum(axis=1) for run in all_runs])
     slopes, residual = nnls(table, factor[:, -1])
     terms = np.array([1.0 + _TERM_COST * len(slopes)])
     error = corrected_error(

@@ -188,7 +188,8 @@ def routed(
     Without a map all rows do.
     """
     lengths = [feature for feature in features if feature.name == _LENGTH]
-    return np.asarray(np.isfinite(feature_table(direct_of(rows), robot, lengths)).all(axis=1))
+    table = feature_table(direct_of(rows), robot, lengths)
+    return np.asarray(np.isfinite(table).all(axis=1))
 
 
 def without_routes(
@@ -334,18 +335,19 @@ def _far_from_goal(table: pd.DataFrame) -> BoolArray:
     return far if far.sum() >= LEAST_EPISODES else np.full(len(far), True)
 
 
-_Base = Callable[[pd.DataFrame, FloatArray], tuple[tuple[Hinge, ...], FloatArray]]
+_Fitted = tuple[tuple[Hinge, ...], FloatArray]
+_Base = Callable[[pd.DataFrame, FloatArray], _Fitted]
 """Returns the terms that fit durations, and the target (n,) of the tree.
 
 The target is the durations less these terms, in s.
 """
 
 
-def _whole(_: pd.DataFrame, durations: FloatArray) -> tuple[tuple[Hinge, ...], FloatArray]:
+def _whole(_: pd.DataFrame, durations: FloatArray) -> _Fitted:
     return (), durations
 
 
-def _minus_path(table: pd.DataFrame, durations: FloatArray) -> tuple[tuple[Hinge, ...], FloatArray]:
+def _minus_path(table: pd.DataFrame, durations: FloatArray) -> _Fitted:
     late = durations - table[_PATH].to_numpy()
     usual = float(np.median(late))
     spread = float(np.median(np.abs(late - usual)))
@@ -354,7 +356,7 @@ def _minus_path(table: pd.DataFrame, durations: FloatArray) -> tuple[tuple[Hinge
 
 def _minus_terms(
     table: pd.DataFrame, durations: FloatArray, *, parts: pd.DataFrame | None
-) -> tuple[tuple[Hinge, ...], FloatArray]:
+) -> _Fitted:
     times = durations[:, None] if parts is None else parts.loc[table.index].to_numpy()
     used = _far_from_goal(table) & np.isfinite(times).all(axis=1)
     base = rising_terms(table[used], times[used])
@@ -387,7 +389,8 @@ def _best_learning(
         base, target = base_of(table[~held], durations[~held])
         values = durations[held] - sum_of(base, table[held])
         for at, learner in enumerate(learners):
-            errors[at, held] = values - learner.fit(used[~held], target).predict(used[held])
+            learner.fit(used[~held], target)
+            errors[at, held] = values - learner.predict(used[held])
     base, target = base_of(table, durations)
     best = int(np.argmin(np.abs(errors).sum(axis=1)))
     tree: ModelTree = learners[best].fit(used, target).tree_
@@ -517,15 +520,20 @@ def start_ranges(rows: pd.DataFrame, robot: Robot) -> dict[str, list[float]]:
     relative = {name: starts[name] - moved.get(name, 0.0) for name in names}
     turns = np.abs(wrap_angles((starts["yawg"] - starts["yaw"]).to_numpy(dtype=float)))
     columns = {**relative, "way": _distances(starts, robot), "turn": turns}
-    ranges = {name: [float(values.min()), float(values.max())] for name, values in columns.items()}
-    return {**ranges, "braking": [0.0, _braking(starts[starts["success"]], robot)]}
+    ranges = {}
+    for name, values in columns.items():
+        ranges[name] = [float(values.min()), float(values.max())]
+    ranges["braking"] = [0.0, _braking(starts[starts["success"]], robot)]
+    return ranges
 
 
 def _braking(starts: pd.DataFrame, robot: Robot) -> float:
     """Return the deceleration in m/s^2 that enough episodes needed for a straight drive."""
     # If there is hardly room to brake, the robot makes a detour, and models err by seconds. Such
     # starts are too rare to influence trees or spreads.
-    squares = starts["v"].to_numpy(dtype=float) ** 2 - starts["speedg"].to_numpy(dtype=float) ** 2
+    v = starts["v"].to_numpy(dtype=float)
+    arrival = starts["speedg"].to_numpy(dtype=float)
+    squares = v**2 - arrival**2
     distances = np.maximum(_distances(starts, robot), _NEAREST)
     needed = np.sort(np.maximum(squares, 0.0) / (2.0 * distances))
     beyond = min(_BRAKING_EPISODES, math.ceil(_BRAKING_SHARE * len(needed)))

@@ -83,7 +83,8 @@ def solve(moments: FloatArray) -> FloatArray:
     """
     left = moments[:-1, :-1] / moments[0, 0]
     left.flat[:: len(left) + 1] += _RIDGE
-    return np.asarray(np.linalg.solve(left, moments[:-1, -1] / moments[0, 0]))
+    right = moments[:-1, -1] / moments[0, 0]
+    return np.asarray(np.linalg.solve(left, right))
 
 
 def residual_squares(moments: FloatArray) -> FloatArray:
@@ -97,7 +98,8 @@ def residual_squares(moments: FloatArray) -> FloatArray:
     scaled[..., terms, terms] += _RIDGE
     scaled[..., -1, -1] *= 1.0 + _ROUNDING
     # The square of the last diagonal element of the Cholesky factor is the residual of the target.
-    return np.asarray(weight * np.linalg.cholesky(scaled)[..., -1, -1] ** 2)
+    root = np.linalg.cholesky(scaled)[..., -1, -1]
+    return np.asarray(weight * root**2)
 
 
 def squared_error(models: FloatArray, moments: FloatArray) -> FloatArray:

@@ -31,7 +31,9 @@ class Hinge:
 
     def of(self, values: Any) -> Any:
         """Return the term for values of the feature, elementwise."""
-        return self.slope * (np.maximum(values - self.above, 0.0) if self.above else values)
+        if self.above:
+            values = np.maximum(values - self.above, 0.0)
+        return self.slope * values
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,8 +189,10 @@ def leaves(tree: ModelTree) -> Iterator[tuple[int, Bounds]]:
         threshold = float(tree.threshold[node])
         lower, upper = bounds.get(name, (-math.inf, math.inf))
         at_most, above = (int(child) for child in tree.children[node])
-        waiting.append((above, {**bounds, name: (max(lower, threshold), upper)}))
-        waiting.append((at_most, {**bounds, name: (lower, min(upper, threshold))}))
+        bounds_above = (max(lower, threshold), upper)
+        bounds_at_most = (lower, min(upper, threshold))
+        waiting.append((above, {**bounds, name: bounds_above}))
+        waiting.append((at_most, {**bounds, name: bounds_at_most}))
 
 
 @dataclass(frozen=True)
