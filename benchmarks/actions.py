@@ -26,7 +26,7 @@ from ator_ros.geometry import wrap_angle
 from ator_ros.simulation.simulation import Simulation
 from ator_ros.tops.library import top_of
 
-TURN = math.radians(1.0)
+TURN = math.radians(1.0)  # rad, change of the heading at the start
 TEXT = """# How the actions perform (set `{action_set}`)
 
 {situations} random situations of each action, seed {seed}, drawn as for experience. *Turned by 1°*
@@ -43,16 +43,24 @@ A control tick is 0.05 s.
 """
 
 
-def run_both(task: tuple[str, int], *, action_set: str, seed: int) -> tuple[Episode, Episode]:
-    """Return the episode of a situation, and that of the situation with the robot turned by a degree."""
+def run_both(
+    task: tuple[str, int],
+    *,
+    action_set: str,
+    seed: int,
+) -> tuple[Episode, Episode]:
+    """Return the episode of a situation, and of the same situation with the robot turned by 1°.
+
+    `task` are the name of the action and the number of the situation.
+    """
     name, number = task
     domain = find_domain("soccer")
-    robot, spec = domain.robot(), domain.actions(action_set)[name]
+    robot = domain.robot()
+    spec = domain.actions(action_set)[name]
     situation = spec.sample(robot, episode_generator(name, seed, number))
     pose = situation.robot.pose
-    turned = dataclasses.replace(
-        situation.robot, pose=pose._replace(yaw=wrap_angle(pose.yaw + TURN))
-    )
+    turned_pose = pose._replace(yaw=wrap_angle(pose.yaw + TURN))
+    turned = dataclasses.replace(situation.robot, pose=turned_pose)
     episodes = []
     for drawn in (situation, dataclasses.replace(situation, robot=turned)):
         with Simulation(robot) as simulation:
@@ -61,23 +69,26 @@ def run_both(task: tuple[str, int], *, action_set: str, seed: int) -> tuple[Epis
     return episodes[0], episodes[1]
 
 
-def measure(action_set: str, situations: int, seed: int) -> tuple[list[str], str]:
-    """Return the rows of the table, and a text about failures."""
+def measure(
+    action_set: str,
+    situations: int,
+    seed: int,
+) -> tuple[list[str], str]:
+    """Return the rows of the table in Markdown, and a text about failures."""
     names = tuple(find_domain("soccer").actions(action_set))
     tasks = [(name, number) for name in names for number in range(situations)]
     run = partial(run_both, action_set=action_set, seed=seed)
     with workers(-1):
         found = list(progress(run_tasks(run, tasks), done=0, total=len(tasks), unit="situation"))
-    rows, failures = [], Counter[str]()
+    rows = []
+    failures = Counter[str]()
     for name in names:
         pairs = [pair for (action, _), pair in zip(tasks, found, strict=True) if action == name]
         failures.update(f"{name}: {first.reason}" for first, _ in pairs if not first.success)
-        good = [
-            (first.duration, other.duration)
-            for first, other in pairs
-            if first.success and other.success
-        ]
-        success, measured = np.mean([first.success for first, _ in pairs]), "- | -"
+        both_succeeded = [pair for pair in pairs if pair[0].success and pair[1].success]
+        good = [(first.duration, other.duration) for first, other in both_succeeded]
+        success = np.mean([first.success for first, _ in pairs])
+        measured = "- | -"
         if good:
             durations, turned = np.array(good).T
             change = np.quantile(np.abs(turned - durations), [0.95, 0.99])

@@ -1,4 +1,6 @@
-"""Measure the gain of refining a chain again while it is executed, with a ball that rolls at the start.
+"""Measure the gain of refining a chain again while it is executed.
+
+The ball rolls at the start.
 
 scripts/run python benchmarks/along.py --situations 200
 
@@ -26,17 +28,30 @@ TEST = Path(__file__).parents[1] / "test"
 
 
 def both(index: int, *, seed: int) -> tuple[ChainRun, ChainRun]:
-    """Execute a chain that is refined once, and one that is refined again along the way."""
+    """Execute a chain that is refined once, and one that is refined again along the way.
+
+    `index` is the number of the situation.
+    """
     if str(TEST) not in sys.path:  # in each worker process
         sys.path.append(str(TEST))
     from refined_along import refining_along
 
     tools, library = tools_of(ToolsetSource())
-    trial = random_trial(tools.domain, "rolling", library, seed=seed, index=index)
+    trial = random_trial(
+        tools.domain,
+        "rolling",
+        library,
+        seed=seed,
+        index=index,
+    )
     chain, refined_along = refining_along(tools, library, trial)
     executor: Any = refined_along  # has the methods of a ChainExecutor that run_chain calls
     execute = partial(
-        run_chain, tools.robot, library, trial.world, time_limit=tools.domain.time_limit
+        run_chain,
+        tools.robot,
+        library,
+        trial.world,
+        time_limit=tools.domain.time_limit,
     )
     return execute(chain), execute(chain, executor=executor)
 
@@ -53,7 +68,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     with workers(-1):
         found = run_tasks(partial(both, seed=options.seed), tasks)
         runs = list(progress(found, done=0, total=len(tasks), unit="situation"))
-    once, along = np.array([[run.duration for run in pair] for pair in runs]).T
+    durations = [(once.duration, along.duration) for once, along in runs]
+    once, along = np.array(durations).T
     failed = [sum(not run.success for run in column) for column in zip(*runs, strict=True)]
     low, high = mean_ci95(once - along)
     print(f"refined once: {once.mean():.2f} s, {failed[0]} failed")

@@ -60,48 +60,70 @@ def _predicted(tree: ModelTreeRegressor, rows: FloatArray) -> FloatArray:
 
 
 def measured(
-    learner: Any, predict: Callable[[Any], Any], fit: Callable[[], Any], test: Any, y: Any
+    learner: Any,
+    predict: Callable[[Any], Any],
+    fit: Callable[[], Any],
+    test: Any,
+    y: Any,
 ) -> str:
-    """Fit a learner; return its times and errors as cells of a table."""
+    """Fit a learner; return its times and errors as cells of a table.
+
+    `test` and `y` are the fresh features, shape (n, n_features), and durations (s), shape (n,).
+    """
     began = time.perf_counter()
     fit()
     fitted = time.perf_counter() - began
     error = np.asarray(learner.predict(test)).ravel() - y
-    few, times = np.ascontiguousarray(test[:CANDIDATES]), []
+    few = np.ascontiguousarray(test[:CANDIDATES])
+    times = []
     for _ in range(21):
         began = time.perf_counter()
         predict(few)
         times.append(time.perf_counter() - began)
-    rmse, mae = float(np.sqrt(np.mean(error**2))), float(np.mean(np.abs(error)))
+    rmse = float(np.sqrt(np.mean(error**2)))
+    mae = float(np.mean(np.abs(error)))
     return f"{fitted:.2f} | {1000.0 * float(np.median(times)):.2f} | {rmse:.3f} | {mae:.3f}"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Print a table for each action with the paper's features and with those of the shipped models."""
+    """Print a table for each action, with the paper's features and with those that ship."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("experience", type=Path, help="table of collect, to learn from")
     parser.add_argument("fresh", type=Path, help="another one, to measure on")
     options = parser.parse_args(argv)
     domain = find_domain()
     robot = domain.robot()
-    experience, fresh = read_experience(options.experience), read_experience(options.fresh)
+    experience = read_experience(options.experience)
+    fresh = read_experience(options.fresh)
     for action in experience.frame["action"].unique():
         driving = observed_driving(experience.of(action), robot)
         for features, kind in ((PAPER_11, "of the paper"), (domain.candidates(action), "shipped")):
             X, y = examples(experience, action, features, robot, driving)
             test, test_y = examples(fresh, action, features, robot, driving)
             print(
-                f"\n{action}, {len(features)} features {kind}, {len(y)} episodes, {len(test_y)} fresh\n"
+                f"\n{action}, {len(features)} features {kind}, {len(y)} episodes, "
+                f"{len(test_y)} fresh\n"
             )
-            print(
-                "| learner | fit (s) | predict 360 (ms) | RMSE (s) | MAE (s) |\n|---|---|---|---|---|"
-            )
+            print("| learner | fit (s) | predict 360 (ms) | RMSE (s) | MAE (s) |")
+            print("|---|---|---|---|---|")
             tree = ModelTreeRegressor()
-            row = measured(tree, partial(_predicted, tree), partial(tree.fit, X, y), test, test_y)
+            row = measured(
+                tree,
+                partial(_predicted, tree),
+                partial(tree.fit, X, y),
+                test,
+                test_y,
+            )
             print(f"| ator_ros | {row} |")
             for name, make in OTHERS.items():
                 other = make()
-                row = measured(other, other.predict, partial(other.fit, X, y), test, test_y)
+                row = measured(
+                    other,
+                    other.predict,
+                    partial(other.fit, X, y),
+                    test,
+                    test_y,
+                )
                 print(f"| {name} | {row} |", flush=True)
     return 0
 

@@ -1,4 +1,4 @@
-"""Measure the nodes: requests per second, time to an answer, CPU share idle and driving, time of a tick.
+"""Measure the nodes: requests per second, time to an answer, CPU shares, and time of a tick.
 
     scripts/run python benchmarks/nodes.py --out nodes.json
 
@@ -46,9 +46,11 @@ def request() -> RefineSubgoal.Request:
     message.situation.robot.position.x = -2.0
     message.situation.robot.orientation.w = 1.0
     message.situation.objects = [ObjectState(name="ball")]
-    approach, dribble = TopCall(top="goToBall", open=["yaw"]), TopCall(top="dribbleBall")
+    approach = TopCall(top="goToBall", open=["yaw"])
+    dribble = TopCall(top="dribbleBall")
     approach.goal.pose.orientation.w = 1.0
-    dribble.goal.pose.position.x, dribble.goal.pose.position.y = 1.0, 1.5
+    dribble.goal.pose.position.x = 1.0
+    dribble.goal.pose.position.y = 1.5
     dribble.goal.pose.orientation = Quaternion(z=0.7071067811865476, w=0.7071067811865476)
     message.chain.calls = [approach, dribble]
     return message
@@ -58,7 +60,8 @@ def request() -> RefineSubgoal.Request:
 def spun(name: str) -> Iterator[Node]:
     """Yield a node that a thread spins."""
     rclpy.init()
-    node, executor = Node(name), SingleThreadedExecutor()
+    node = Node(name)
+    executor = SingleThreadedExecutor()
     executor.add_node(node)
     stopping = threading.Event()
 
@@ -90,13 +93,15 @@ def until(condition: Callable[[], bool], what: str) -> None:
 def answer_times(number: int, seconds: float, results: Any) -> None:
     """Send requests one after the other for some seconds.
 
-    Put their times in s and the number of failures.
+    The times in s and the number of failures are put into the queue `results`.
     """
     with spun(f"client{number}") as node:
         client = node.create_client(RefineSubgoal, "refine_subgoal")
         client.wait_for_service(TIMEOUT)
         client.call(request(), timeout_sec=5.0)
-        times, failures, end = [], 0, time.monotonic() + seconds
+        times = []
+        failures = 0
+        end = time.monotonic() + seconds
         while time.monotonic() < end:
             started = time.monotonic()
             answer = client.call(request(), timeout_sec=5.0)
@@ -120,7 +125,10 @@ def requests(clients: int, seconds: float) -> dict[str, float]:
     found = [results.get() for _ in processes]
     for process in processes:
         process.join()
-    times = sorted(1000.0 * each for each_times, _ in found for each in each_times)
+    times: list[float] = []
+    for times_of_client, _ in found:
+        times += [1000.0 * each for each in times_of_client]
+    times.sort()
     return {
         "requests per second": round(len(times) / seconds, 1),
         "median (ms)": round(statistics.median(times), 2),
@@ -137,20 +145,20 @@ def processor_time(pid: int) -> float:
 
 def shares(pids: dict[str, int], work: Callable[[], None]) -> dict[str, float]:
     """Return the share of a core in % that each process uses during `work`."""
-    before, started = {name: processor_time(pid) for name, pid in pids.items()}, time.monotonic()
+    before = {name: processor_time(pid) for name, pid in pids.items()}
+    started = time.monotonic()
     work()
     took = time.monotonic() - started
-    return {
-        name: round(100.0 * (processor_time(pid) - before[name]) / took, 2)
-        for name, pid in pids.items()
-    }
+    used = {name: processor_time(pid) - before[name] for name, pid in pids.items()}
+    return {name: round(100.0 * seconds / took, 2) for name, seconds in used.items()}
 
 
 class Driver:
     """Executes the chain of `request` repeatedly; another thread spins its node."""
 
     def __init__(self, node: Node) -> None:
-        self.diagnosed, self.ticks = False, ""
+        self.diagnosed = False
+        self.ticks = ""
         self._robot = node.create_client(PlaceRobot, "place_robot")
         self._ball = node.create_client(PlaceObject, "place_ball")
         self._chains = ActionClient(node, ExecuteChain, "execute_chain")
@@ -170,7 +178,8 @@ class Driver:
             self._drive_once()
 
     def _drive_once(self) -> None:
-        robot, ball = PlaceRobot.Request(), PlaceObject.Request()
+        robot = PlaceRobot.Request()
+        ball = PlaceObject.Request()
         robot.pose.pose = request().situation.robot
         self._robot.call(robot, timeout_sec=TIMEOUT)
         self._ball.call(ball, timeout_sec=TIMEOUT)

@@ -1,7 +1,6 @@
 """Measure what learning on the job gains, starting without models.
 
-    scripts/run python benchmarks/on_the_job.py --domain pursuit --chains 100 --seed 2041 --work
-    on_the_job
+    scripts/run python benchmarks/on_the_job.py --chains 100 --seed 2041 --work on_the_job
 
 The chains are those of `evaluate --domain pursuit --seed 2041`. With `--oracle-from`, gains are
 compared with the oracle of such an evaluation. Each chain is executed as the nodes would do it with
@@ -16,6 +15,7 @@ import math
 import random
 import sys
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -62,7 +62,8 @@ class _Round:
 
 def episode(record: ActionRecord) -> Episode:
     """Return the episode of an executed action, with its start as the only sample."""
-    call, start = record.chain.calls[record.index], record.start
+    call = record.chain.calls[record.index]
+    start = record.start
     samples: FloatArray = np.array([sample_of(start, start.time, start.objects)])
     return Episode(
         Situation(call.top.action, start.robot, start.objects, call.goal),
@@ -77,15 +78,27 @@ def episode(record: ActionRecord) -> Episode:
     )
 
 
-def refine(domain: Domain, learner: Learner, folder: Path, trial: Trial) -> Refinement | None:
+def refine(
+    domain: Domain,
+    learner: Learner,
+    folder: Path,
+    trial: Trial,
+) -> Refinement | None:
     """Refine the chain of a trial with the current models; return None without models."""
-    robot, place = domain.robot(None), current_set(folder)
+    robot = domain.robot(None)
+    place = current_set(folder)
     if place is None:
         return None
     models = load_models(robot, domain.known_features, folder=place)
     drawn = random.random() < learner.gains.comparison_share(COMPARISON_SHARE)
     gate = Gate(measured=learner.gains.measured, drawn=drawn)
-    refiner = Refiner(robot, models, gate, ranges=domain.ranges, failure_cost=domain.time_limit)
+    refiner = Refiner(
+        robot,
+        models,
+        gate,
+        ranges=domain.ranges,
+        failure_cost=domain.time_limit,
+    )
     return refiner.refine(trial.world, trial.chain, placeholders=True)
 
 
@@ -103,32 +116,47 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     options = parser.parse_args(argv)
     domain = find_domain(options.domain)
-    robot, chain = domain.robot(None), next(iter(domain.chains))
-    library, folder = domain.library(robot), options.work
+    robot = domain.robot(None)
+    chain = next(iter(domain.chains))
+    library = domain.library(robot)
+    folder = options.work
     folder.mkdir(parents=True)
     source = Source(folder, domain, robot, folder / "none")
     begin: Any = lambda: _Round(source)  # noqa: E731
-    learner = Learner(folder, StoreInfo(robot.digest(), domain.name), begin, start="", batch=20)
+    learner = Learner(
+        folder,
+        StoreInfo(robot.digest(), domain.name),
+        begin,
+        start="",
+        batch=20,
+    )
     best = np.full(options.chains, math.nan)
     if options.oracle_from:
-        best[:] = read_json(options.oracle_from / "evaluation.json")["runs"]["oracle"]["best"][
-            : options.chains
-        ]
+        evaluation = read_json(options.oracle_from / "evaluation.json")
+        best[:] = evaluation["runs"]["oracle"]["best"][: options.chains]
     rows = []
     random.seed(options.seed)
     for index in range(options.chains):
-        trial = random_trial(domain, chain, library, seed=options.seed, index=index)
+        trial = random_trial(
+            domain,
+            chain,
+            library,
+            seed=options.seed,
+            index=index,
+        )
         usual = arrive(Toolset(domain, robot, {}), trial).chain
-        baseline = run_chain(
-            robot, library, trial.world, usual, time_limit=domain.time_limit
-        ).duration
+        execute = partial(
+            run_chain,
+            robot,
+            library,
+            trial.world,
+            time_limit=domain.time_limit,
+        )
+        baseline = execute(usual).duration
         found = refine(domain, learner, folder, trial)
         driven = usual if found is None else found.chain
         executor = ChainExecutor(library, driven, time_limit=domain.time_limit)
-        run = run_chain(
-            robot, library, trial.world, driven, time_limit=domain.time_limit, executor=executor
-        )
-
+        run = execute(driven, executor=executor)
         for record in executor.records:
             learner.take(DEFAULT_SET, episode(record))
         if found is not None and run.success and (found.refined or found.comparison):
@@ -139,17 +167,17 @@ def main(argv: Sequence[str] | None = None) -> int:
         compared = found is not None and found.comparison
         rows.append((baseline - run.duration, baseline - best[index], baseline, compared))
         reason = "no models" if found is None else found.reason
-        print(
-            f"{index + 1}: {run.duration:.2f} s, {rows[-1][0]:+.2f} s less than the baseline; {reason}",
-            flush=True,
-        )
+        gain = f"{rows[-1][0]:+.2f} s less than the baseline"
+        print(f"{index + 1}: {run.duration:.2f} s, {gain}; {reason}", flush=True)
     gains: FloatArray = np.array(rows, dtype=float)
-    for name, part in (("first", gains[: len(gains) // 2]), ("last", gains[len(gains) // 2 :])):
+    half = len(gains) // 2
+    for name, part in (("first", gains[:half]), ("last", gains[half:])):
         low, high = mean_ci95(part[:, 0])
         gained, possible, usual_time, share = part.mean(axis=0)
         print(
-            f"the {name} {len(part)}: {gained:.2f} s ({low:.2f} to {high:.2f}) less than {usual_time:.2f} s, "
-            f"{100.0 * gained / possible:.0f} % of the oracle's {possible:.2f} s; {share:.0%} to compare"
+            f"the {name} {len(part)}: {gained:.2f} s ({low:.2f} to {high:.2f}) less than "
+            f"{usual_time:.2f} s, {100.0 * gained / possible:.0f} % of the oracle's "
+            f"{possible:.2f} s; {share:.0%} to compare"
         )
     print(f"measured gain per refined chain: {learner.gains.measured}")
     learner.close()

@@ -36,17 +36,17 @@ from ator_ros.tops.ranges import Range
 NEAR = 0.005  # relative cost above the reference up to which the search counts as near
 # m/s between candidates of a speed, for each degree between candidates of an angle
 SPEED_STEP = 0.05
-# of the optimizer: individuals for each variable, and generations
-POPULATION, GENERATIONS = 32, 400
+POPULATION = 32  # individuals of the optimizer for each variable
+GENERATIONS = 400  # of the optimizer
 OUTSIDE = 1000.0  # cost in s of values outside a region
 
 
 class Case(NamedTuple):
-    """Index of the domain's chain, its open variables, and degrees between candidates of a grid, if any."""
+    """A kind of chain to search."""
 
-    chain: int
-    opened: Callable[[TopChain], TopChain]
-    degrees: int | None
+    chain: int  # index of the domain's chain
+    opened: Callable[[TopChain], TopChain]  # opens its variables
+    degrees: int | None  # between candidates of a grid; None: a global optimizer
 
 
 def _first_speed_open(chain: TopChain) -> TopChain:
@@ -67,19 +67,29 @@ CASES = {
 class Reference:
     """The cost of a chain as a function of its open variables, and its minimum."""
 
-    def __init__(self, tools: Toolset, trial: Trial, chain: TopChain) -> None:
+    def __init__(
+        self,
+        tools: Toolset,
+        trial: Trial,
+        chain: TopChain,
+    ) -> None:
         refiner = tools.refiner(gated=True)
         analysis, regions = refiner.bounded(trial.world, chain)
-        self._chain, self._allowed = chain, regions.allowing()
-        self._model = ChainModel(
-            trial.world, chain, tools.robot, models=refiner.models, names=names_of(chain, analysis.free),
-            objective=expected_time(refiner.failure_cost),
-        )  # fmt: skip
-        self._axes = [
-            [each.domain for each in analysis.free if each.subgoal == index]
-            for index in range(len(chain.calls))
-        ]
+        self._chain = chain
+        self._allowed = regions.allowing()
         self._names = names_of(chain, analysis.free)
+        self._model = ChainModel(
+            trial.world,
+            chain,
+            tools.robot,
+            models=refiner.models,
+            names=self._names,
+            objective=expected_time(refiner.failure_cost),
+        )
+        self._axes = []
+        for index in range(len(chain.calls)):
+            free = [each for each in analysis.free if each.subgoal == index]
+            self._axes.append([each.domain for each in free])
 
     def brute_force(self, degrees: int) -> TopChain:
         """Return the best chain on a grid with this distance between angles."""
@@ -94,9 +104,17 @@ class Reference:
         """Return the chain that differential evolution finds (Storn and Price 1997, SciPy)."""
         bounds = [(domain.low, domain.high) for axes in self._axes for domain in axes]
         found = differential_evolution(
-            self._costs, bounds, vectorized=True, updating="deferred", init="sobol", popsize=POPULATION,
-            maxiter=GENERATIONS, tol=0.0, polish=False, seed=seed,
-        )  # fmt: skip
+            self._costs,
+            bounds,
+            vectorized=True,
+            updating="deferred",
+            init="sobol",
+            popsize=POPULATION,
+            maxiter=GENERATIONS,
+            tol=0.0,
+            polish=False,
+            seed=seed,
+        )
         given = np.concatenate(self._model.given)
         best = found.x if found.fun < self._costs(given[:, None])[0] else given
         return self._with([values[0] for values in self._split(best[:, None])])
@@ -104,7 +122,8 @@ class Reference:
     def _costs(self, points: FloatArray) -> FloatArray:
         """Return the cost in s of chains with free values `points` (variables, n), shape (n,)."""
         subgoals = self._split(points)
-        cost, before = np.zeros(points.shape[1]), np.zeros((1, 0))
+        cost = np.zeros(points.shape[1])
+        before = np.zeros((1, 0))
         for step, after in enumerate(subgoals):
             cost = cost + self._model.step_costs([(step, before, after)])[0]
             before = after
@@ -127,22 +146,40 @@ class Reference:
     def _with(self, values: Sequence[FloatArray]) -> TopChain:
         chain = self._chain
         for index, names in enumerate(self._names):
-            chain = replaced(chain, index, dict(zip(names, map(float, values[index]), strict=True)))
+            named = dict(zip(names, map(float, values[index]), strict=True))
+            chain = replaced(chain, index, named)
         return chain
 
 
 def fine_line(domain: Range, degrees: int) -> FloatArray:
     """Return the candidates of one variable."""
     if domain.periodic:
-        return np.linspace(domain.low, domain.high, 360 // degrees, endpoint=False)
+        return np.linspace(
+            domain.low,
+            domain.high,
+            360 // degrees,
+            endpoint=False,
+        )
     count = max(2, round((domain.high - domain.low) / (SPEED_STEP * degrees)) + 1)
     return np.linspace(domain.low, domain.high, count)
 
 
-def compared(tools: Toolset, library: TopLibrary, case: Case, seed: int, index: int) -> list[float]:
-    """Return predicted cost and executed duration of the search, and both of the reference, in s."""
+def compared(
+    tools: Toolset,
+    library: TopLibrary,
+    case: Case,
+    seed: int,
+    index: int,
+) -> list[float]:
+    """Return predicted cost and executed duration of the search, then of the reference, in s."""
     name = list(tools.domain.chains)[case.chain]
-    trial = random_trial(tools.domain, name, library, seed=seed, index=index)
+    trial = random_trial(
+        tools.domain,
+        name,
+        library,
+        seed=seed,
+        index=index,
+    )
     refiner = tools.refiner(gated=True)
     chain = refiner.naive(trial.world, case.opened(trial.chain))
     known = Reference(tools, trial, chain)
@@ -150,8 +187,15 @@ def compared(tools: Toolset, library: TopLibrary, case: Case, seed: int, index: 
     numbers = []
     for found in (refiner.refine(trial.world, chain).best, best):
         objective = expected_time(refiner.failure_cost)
-        predicted = predict_chain(trial.world, found, refiner.models, tools.robot, objective)
-        numbers += [predicted.cost, run_chain(tools.robot, library, trial.world, found).duration]
+        predicted = predict_chain(
+            trial.world,
+            found,
+            refiner.models,
+            tools.robot,
+            objective,
+        )
+        run = run_chain(tools.robot, library, trial.world, found)
+        numbers += [predicted.cost, run.duration]
     return numbers
 
 
@@ -161,24 +205,29 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "cases", nargs="*", metavar="CASE", help=f"of {', '.join(CASES)} (default: all)"
     )
-    parser.add_argument("--situations", type=int, default=125, metavar="N", help="of each case")
+    parser.add_argument(
+        "--situations",
+        type=int,
+        default=125,
+        metavar="N",
+        help="of each case",
+    )
     parser.add_argument("--seed", type=int, default=2051)
     options = parser.parse_args(argv)
     tools, library = tools_of(ToolsetSource())
-    print(
-        "| open | reference | near | predicted above it | executed less it, s (95 %) |\n|---|---|---|---|---|"
-    )
+    print("| open | reference | near | predicted above it | executed less it, s (95 %) |")
+    print("|---|---|---|---|---|")
     for name in options.cases or CASES:
         case = CASES[name]
-        rows = [
-            compared(tools, library, case, options.seed, index)
-            for index in range(options.situations)
-        ]
+        reference = "global optimizer" if case.degrees is None else "brute force"
+        numbers = range(options.situations)
+        rows = [compared(tools, library, case, options.seed, number) for number in numbers]
         cost, taken, least, least_taken = np.array(rows).T
-        above, later = cost / least - 1.0, taken - least_taken
+        above = cost / least - 1.0
+        later = taken - least_taken
         low, high = mean_ci95(later)
         print(
-            f"| {name} | {'global optimizer' if case.degrees is None else 'brute force'} "
+            f"| {name} | {reference} "
             f"| {100.0 * (above <= NEAR).mean():.1f} % | {100.0 * above.mean():.3f} % "
             f"| {later.mean():+.4f} ({low:+.4f} to {high:+.4f}) |",
             flush=True,

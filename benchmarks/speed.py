@@ -1,4 +1,6 @@
-"""Measure the speed of refinement, plans, actions, routes and simulation, without ROS, on an idle machine.
+"""Measure the speed of refinement, plans, actions, routes and simulation, without ROS.
+
+The machine must be idle.
 
 make bench                                         # everything
 make bench ARGS='refinement --requests 50'
@@ -41,8 +43,10 @@ WARM_UP = 10  # requests
 LENGTHS = (2, 8, 32)  # steps of long chains
 TICKS = 40  # measured ticks of an action: the first two seconds, in which it plans
 BLOCK = 5.0  # s of a simulation
-# rooms along a side of the building; sides and widths in m
-ROOMS, ROOM, DOOR, WALL = 10, 5.0, 1.0, 0.15
+ROOMS = 10  # along a side of the building
+ROOM = 5.0  # m, side of a room
+DOOR = 1.0  # m, width
+WALL = 0.15  # m, thickness
 
 CASES: dict[str, tuple[int, Callable[[TopChain], TopChain]]] = {
     "2 steps, heading": (0, lambda chain: chain),
@@ -57,13 +61,20 @@ CASES: dict[str, tuple[int, Callable[[TopChain], TopChain]]] = {
 def refinement(requests: int) -> Rows:
     """Measure search, prediction and gate in random situations."""
     tools, library = tools_of(SOURCE)
-    refiner, names = tools.refiner(gated=True), list(tools.domain.chains)
+    refiner = tools.refiner(gated=True)
+    names = list(tools.domain.chains)
     gc.collect()
     gc.freeze()
     for name, (kind, opened) in CASES.items():
         times = []
         for index in range(requests + WARM_UP):
-            trial = random_trial(tools.domain, names[kind], library, seed=801, index=index)
+            trial = random_trial(
+                tools.domain,
+                names[kind],
+                library,
+                seed=801,
+                index=index,
+            )
             chain = refiner.naive(trial.world, opened(trial.chain))
             began = time.perf_counter()
             refiner.refine(trial.world, chain)
@@ -97,12 +108,11 @@ def plans(requests: int) -> Rows:
     """Measure the planning of chains for each named goal of the domain."""
     tools, library = tools_of(SOURCE)
     domain = tools.domain
+    chain = next(iter(domain.chains))
     for name, goal in sorted(domain.goals(tools.robot).items()):
         times = []
         for index in range(requests + WARM_UP):
-            world = random_trial(
-                domain, next(iter(domain.chains)), library, seed=803, index=index
-            ).world
+            world = random_trial(domain, chain, library, seed=803, index=index).world
             began = time.perf_counter()
             chains_for(goal.terms, world, library, domain.objects)
             times.append(time.perf_counter() - began)
@@ -110,20 +120,26 @@ def plans(requests: int) -> Rows:
 
 
 def ticks(requests: int) -> Rows:
-    """Measure the longest tick of actions in situations in which a path is hard to find or missing."""
-    domain, robot = find_domain(SOURCE.domain), SOURCE.described()
+    """Measure the longest tick of actions where a path is hard to find or missing."""
+    domain = find_domain(SOURCE.domain)
+    robot = SOURCE.described()
     for action_set in domain.action_sets:
         actions = domain.actions(action_set)
-        longest = [
-            max(tick_times(actions[name].factory(robot), world, goal))
-            for name, world, goal in hard_situations(robot, requests + WARM_UP, seed=17)
-        ]
+        longest = []
+        for name, world, goal in hard_situations(robot, requests + WARM_UP, seed=17):
+            action = actions[name].factory(robot)
+            longest.append(max(tick_times(action, world, goal)))
         yield f"longest tick, {action_set}", _percentiles(longest[WARM_UP:])
 
 
-def tick_times(action: Action, world: World, goal: Goal) -> list[float]:
-    """Return the processor time in s of each tick of an action whose robot follows every command."""
-    began, times = time.process_time(), []
+def tick_times(
+    action: Action,
+    world: World,
+    goal: Goal,
+) -> list[float]:
+    """Return the processor time in s of each tick of an action; the robot follows all commands."""
+    began = time.process_time()
+    times = []
     try:
         action.start(world, goal)
     except ActionError:
@@ -139,7 +155,11 @@ def tick_times(action: Action, world: World, goal: Goal) -> list[float]:
     return times
 
 
-def hard_situations(robot: Robot, count: int, seed: int) -> Iterator[tuple[str, World, Goal]]:
+def hard_situations(
+    robot: Robot,
+    count: int,
+    seed: int,
+) -> Iterator[tuple[str, World, Goal]]:
     """Draw situations with posts, walls or the ball in the way: action, start and goal."""
     rng = np.random.default_rng(seed)
     field = field_of(robot)
@@ -149,13 +169,17 @@ def hard_situations(robot: Robot, count: int, seed: int) -> Iterator[tuple[str, 
     def anywhere() -> Pose:
         return Pose(*(float(rng.uniform(*low_high)) for low_high in edges))
 
+    def near_either_side(at: float) -> float:
+        return float(rng.choice((-1.0, 1.0)) * at + rng.normal(0.0, 0.35))
+
     def at_post() -> Pose:
         post = field.length / 2, field.goal_width / 2
-        x, y = (float(rng.choice((-1.0, 1.0)) * at + rng.normal(0.0, 0.35)) for at in post)
+        x, y = (near_either_side(at) for at in post)
         return robot.scene.area.at(x, y, anywhere().yaw)
 
     def state(pose: Pose) -> RobotState:
-        limits, moves = robot.limits, float(rng.random() < 0.5)
+        limits = robot.limits
+        moves = float(rng.random() < 0.5)
         v, w = (moves * float(rng.uniform(-most, most)) for most in (limits.v, limits.w))
         return RobotState(pose, v, w)
 
@@ -163,51 +187,77 @@ def hard_situations(robot: Robot, count: int, seed: int) -> Iterator[tuple[str, 
         kind = index % 4
         if kind == 0:  # the ball at a post
             ball = at_post()
-            world = World(
+            start = state(anywhere())
+            rolling = ObjectState(
+                ball.x,
+                ball.y,
+                float(rng.normal()),
                 0.0,
-                state(anywhere()),
-                {BALL: ObjectState(ball.x, ball.y, float(rng.normal()), 0.0)},
             )
+            world = World(0.0, start, {BALL: rolling})
             yield "goToPose", world, Goal(ball, 0.0, Point.HOLD)
         elif kind == 1:  # the ball beside the robot, itself at a post or not
             pose = at_post() if rng.random() < 0.5 else anywhere()
             ball = pose.ahead(float(rng.uniform(0.2, 0.8)))
-            world = World(
-                0.0, state(pose), {BALL: ObjectState(ball.x, ball.y, 0.0, float(rng.normal()))}
+            start = state(pose)
+            rolling = ObjectState(
+                ball.x,
+                ball.y,
+                0.0,
+                float(rng.normal()),
             )
+            world = World(0.0, start, {BALL: rolling})
             yield "goToPose", world, Goal(anywhere())
         else:  # the ball held, somewhere or at a post
             pose = at_post() if rng.random() < 0.5 else anywhere()
-            ball, v = (
-                robot.hold_point(pose),
-                float(rng.integers(2) * rng.uniform(0.0, robot.holder_for("dribbling").limits.v)),
+            ball = robot.hold_point(pose)
+            v = float(rng.integers(2) * rng.uniform(0.0, robot.holder_for("dribbling").limits.v))
+            world = World(
+                0.0,
+                RobotState(pose, v),
+                {BALL: ObjectState(ball.x, ball.y)},
             )
-            world = World(0.0, RobotState(pose, v), {BALL: ObjectState(ball.x, ball.y)})
             side = 1 if rng.random() < 0.5 else -1
-            mouth = Goal(Pose(*field.goal_center(side), 0.0), 0.0, Point.HOLD)
+            mouth = Goal(
+                Pose(*field.goal_center(side), 0.0),
+                0.0,
+                Point.HOLD,
+            )
             post = Goal(at_post(), 0.0, Point.HOLD)
             yield ("shoot", world, mouth) if kind == 2 else ("dribbleBall", world, post)
 
 
 def _after(robot: Robot, world: World, command: Command) -> World:
     """Return the world one tick later; a ball in front of the robot stays there."""
-    before, ball = world.robot, ball_of(world)
-    speeds = ramped(Command(before.v, before.w), command, CONTROL_PERIOD, robot.limits, robot.stop)
+    before = world.robot
+    ball = ball_of(world)
+    speeds = ramped(
+        Command(before.v, before.w),
+        command,
+        CONTROL_PERIOD,
+        robot.limits,
+        robot.stop,
+    )
     moved = before.pose.ahead(speeds.v * CONTROL_PERIOD)
     pose = moved._replace(yaw=moved.yaw + speeds.w * CONTROL_PERIOD)
     if ball is not None and not is_lost(world, robot, BALL):
         hold = robot.hold_point(pose)
         ball = ObjectState(hold.x, hold.y)
-    return World(
-        world.time + CONTROL_PERIOD, RobotState(pose, speeds.v, speeds.w), objects_of(ball)
-    )
+    after = RobotState(pose, speeds.v, speeds.w)
+    return World(world.time + CONTROL_PERIOD, after, objects_of(ball))
 
 
 def route(requests: int) -> Rows:
-    """Measure our own search for routes in a building, from random places to new and to known ones."""
+    """Measure the search for routes in a building, from random places to new and known ones."""
     rng = np.random.default_rng(23)
-    side, cell = ROOMS * ROOM, 0.05
-    grid = GridMap("building", building(rng, cell), cell, Pose(0.0, 0.0, 0.0))
+    side = ROOMS * ROOM
+    cell = 0.05
+    grid = GridMap(
+        "building",
+        building(rng, cell),
+        cell,
+        Pose(0.0, 0.0, 0.0),
+    )
     routes = Routes(grid, SOURCE.described().half_width)
     times: dict[str, list[float]] = {"new": [], "known": []}
     for _ in range(requests + WARM_UP):
@@ -227,7 +277,7 @@ def route(requests: int) -> Rows:
 
 
 def building(rng: np.random.Generator, cell: float) -> BoolArray:
-    """Return the free cells of a square building of rooms.
+    """Return the free cells of a square building of rooms; `cell` is their side in m.
 
     Walls between rooms have a door somewhere.
     """
@@ -249,14 +299,18 @@ def _in_a_room(rng: np.random.Generator) -> FloatArray:
 
 def simulation(requests: int) -> Rows:
     """Measure the real-time factor of the simulation in the fastest of several blocks."""
-    domain, robot = find_domain(SOURCE.domain), SOURCE.described()
+    domain = find_domain(SOURCE.domain)
+    robot = SOURCE.described()
     for name, held in (("with a held object", domain.objects[0]), ("without objects", None)):
         least = min(_block(robot, held) for _ in range(min(requests, 12)))
         yield f"simulation, {name}", f"{BLOCK / least:.0f} times real time"
 
 
 def _block(robot: Robot, held: str | None) -> float:
-    """Return the real s for a block in which the robot drives in bends, with or without an object."""
+    """Return the real time in s for a block in which the robot drives in bends.
+
+    `held` is the name of an object that it pushes; None: without an object.
+    """
     with Simulation(robot) as simulated:
         simulated.place_robot(Pose(0.0, 0.0, 0.0))
         if held is not None:

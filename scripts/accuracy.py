@@ -1,4 +1,6 @@
-"""Write pages with the accuracy of learned models, or with the feature ablation (paper, end of section 3).
+"""Write a page with the accuracy of learned models, or with the feature ablation.
+
+Both are as in the paper, at the end of section 3.
 
 scripts/run python scripts/accuracy.py --models models --out models/accuracy.md
 scripts/run python scripts/accuracy.py experience.parquet fresh.parquet --out ablation.md
@@ -39,7 +41,7 @@ ABLATION: dict[str, Features] = {
 def accuracy_table(
     models: Iterable[PerformanceModel], published: Mapping[str, str]
 ) -> Iterator[str]:
-    """Yield lines of Markdown: the accuracy in the model files, and the paper's errors by action."""
+    """Yield lines of Markdown: the accuracy in the model files, and the paper's errors."""
     yield "| action | set | kind of start | episodes | MAE (s) | RMSE (s) | relative | paper |"
     yield "| --- | --- | --- | --- | --- | --- | --- | --- |"
     for model in models:
@@ -61,10 +63,9 @@ def success_table(models: Iterable[PerformanceModel]) -> Iterator[str]:
         if success:
             low, high = success["brier_gain_ci95"]
             which = f"{model.action} | {model.metadata['action_set']}"
-            yield (
-                f"| {which} | {100 * success['success_rate']:.2f} % | "
-                f"{success['brier']:.4f} | {success['brier_base_rate']:.4f} | {low:+.4f} to {high:+.4f} |"
-            )
+            scores = f"{success['brier']:.4f} | {success['brier_base_rate']:.4f}"
+            rate = f"{100 * success['success_rate']:.2f} %"
+            yield f"| {which} | {rate} | {scores} | {low:+.4f} to {high:+.4f} |"
 
 
 def ablation_table(
@@ -77,8 +78,16 @@ def ablation_table(
 ) -> Iterator[str]:
     """Yield lines of Markdown: accuracy for starts at rest with several sets of candidate features.
 
-    `experience` and `fresh` are the rows to learn from and those of fresh episodes, by action;
-    `seed` is that of the fresh episodes.
+    Parameters
+    ----------
+    experience, fresh : mapping of str to pandas.DataFrame
+        Rows to learn from, and rows of fresh episodes, by action.
+    robot : Robot
+        The robot of both.
+    domain : Domain
+        The domain, whose candidates are the last row.
+    seed : int
+        Seed of the fresh episodes.
     """
     yield "| action | candidates | leaves | features used | MAE (s) | RMSE (s) |"
     yield "| --- | --- | --- | --- | --- | --- |"
@@ -91,7 +100,8 @@ def ablation_table(
         for label, features in {**ABLATION, "shipped": chosen}.items():
             model = train(action, rows, robot, features=features)
             result = accuracy(model, starts, seed=seed)
-            used, leaves = model.used_features, model.trees["duration"].n_leaves
+            used = model.used_features
+            leaves = model.trees["duration"].n_leaves
             yield (
                 f"| {action} | {label} | {leaves} | {len(used)}: {', '.join(used)} | "
                 f"{_interval(result, 'mae_s')} | {_interval(result, 'rmse_s')} |"
@@ -114,11 +124,14 @@ def shipped(folder: Path, domain: Domain, robot: Robot) -> list[PerformanceModel
     """Return the models of a domain in a folder whose accuracy was measured."""
     # their models are in folders with their names
     others = set(entry_points_of(GROUP)) - {domain.name}
-    files = (
-        path for path in folder.rglob("*.json") if path.relative_to(folder).parts[0] not in others
-    )
-    models = [load_model(path, robot, domain.known_features) for path in sorted(files)]
-    return [model for model in models if model.metadata["accuracy"]]
+    models = []
+    for path in sorted(folder.rglob("*.json")):
+        if path.relative_to(folder).parts[0] in others:
+            continue
+        model = load_model(path, robot, domain.known_features)
+        if model.metadata["accuracy"]:
+            models.append(model)
+    return models
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -137,13 +150,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     robot = domain.robot()
     if options.tables:
         experience, fresh = map(read_experience, options.tables)
-        rows, others = (
-            dict(iter(table.frame.groupby("action", sort=False))) for table in (experience, fresh)
-        )
+        rows = dict(iter(experience.frame.groupby("action", sort=False)))
+        others = dict(iter(fresh.frame.groupby("action", sort=False)))
         title = "Feature ablation"
-        lines = list(
-            ablation_table(rows, others, robot, domain, seed=fresh.metadata.get("seed") or 0)
-        )
+        seed = fresh.metadata.get("seed") or 0
+        lines = list(ablation_table(rows, others, robot, domain, seed=seed))
     else:
         models = shipped(domain.models_root(options.models), domain, robot)
         title = "Accuracy of the performance models"
@@ -154,7 +165,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             "",
             *success_table(models),
         ]
-    command, text = portable_command("accuracy.py", words), "\n".join(lines)
+    command = portable_command("accuracy.py", words)
+    text = "\n".join(lines)
     made = f"Made by `{command}`. Times in s, with 95 % bootstrap intervals."
     write_text(options.out, f"# {title}\n\n{made}\n\n{text}\n")
     return 0

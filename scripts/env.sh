@@ -1,4 +1,5 @@
-# The environment for all commands: `. scripts/env.sh` in a shell, or `scripts/run COMMAND …` for one command.
+# The environment for all commands: `. scripts/env.sh` in a shell, or `scripts/run COMMAND …` for
+# one command.
 # POSIX sh. The checkout that is sourced last replaces any other.
 
 _former=${ATOR_ROS_ROOT:-}
@@ -9,7 +10,8 @@ elif [ -n "${BASH_VERSION:-}" ]; then
 elif [ -n "${ZSH_VERSION:-}" ]; then
     ATOR_ROS_ROOT=$(eval 'cd "${${(%):-%x}:h}/.." && pwd -P')
 else
-    # Other shells have no variable for a sourced file, but keep it open. ($$ is wrong in a subshell.)
+    # Other shells have no variable for a sourced file, but keep it open. ($$ is wrong in a
+    # subshell.)
     _shell=$(exec sh -c 'echo "$PPID"')
     for _file in /proc/"$_shell"/fd/*; do
         _file=$(readlink "$_file")
@@ -22,8 +24,8 @@ export ATOR_ROS_ROOT
 _venv=$ATOR_ROS_ROOT/.venv
 _install=$ATOR_ROS_ROOT/install
 
-# Print the list of folders $1 without folders of this checkout and of the one sourced before, without empty
-# entries, and without folders for which the command $2 succeeds.
+# Print the list of folders $1 without folders of this checkout and of the one sourced before,
+# without empty entries, and without folders for which the command $2 succeeds.
 _others() {
     _rest=$1:
     _kept=
@@ -62,8 +64,9 @@ _in_no_workspace() {
     return 0
 }
 
-# With ROS in the virtual environment, another ROS is removed. Sourced workspaces are kept, after this one. Of
-# PYTHONPATH only workspaces are kept, because it precedes the packages of the virtual environment.
+# With ROS in the virtual environment, another ROS is removed. Sourced workspaces are kept, after
+# this one. Of PYTHONPATH only workspaces are kept, because it precedes the packages of the virtual
+# environment.
 _ros=$(cat "$_venv/ros_prefix" 2>/dev/null)
 _foreign=false
 _outside=false
@@ -80,7 +83,8 @@ if [ "$_ros" = wheels ]; then
     export ROS_DISTRO=jazzy ROS_VERSION=2 ROS_PYTHON_VERSION=3 RMW_IMPLEMENTATION=rmw_fastrtps_cpp
     AMENT_PREFIX_PATH=$_venv${AMENT_PREFIX_PATH:+:$AMENT_PREFIX_PATH}
     CMAKE_PREFIX_PATH=$_venv${CMAKE_PREFIX_PATH:+:$CMAKE_PREFIX_PATH}
-    # The wheels extend LD_LIBRARY_PATH at the start of Python unless this is set (perhaps by another venv).
+    # The wheels extend LD_LIBRARY_PATH at the start of Python unless this is set (perhaps by
+    # another venv).
     unset _ROS_WHEELS_BOOTSTRAP_COMPLETE
 fi
 

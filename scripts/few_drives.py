@@ -1,8 +1,8 @@
 """Measure what refinement gains with and without the gate, with models from few drives.
 
 scripts/run python scripts/few_drives.py --domains pursuit tour --oracle-jointly --work few_drives
-scripts/run python scripts/few_drives.py --domains building --drives 200 --oracle-jointly --work
-few_drives
+
+The same with `--domains building --drives 200` measures the domain with a map.
 
 For each domain it collects random drives of each action without ROS, learns from them, and executes
 the same new chains with every model. The oracle is executed once, with the model of most drives.
@@ -45,10 +45,12 @@ def measured(
     folder = work / f"{name}_{drives}"
     robot = "" if options.robot is None else str(options.robot)
     source = ToolsetSource(domain=domain_name, robot=robot, models=str(folder / "models"))
-    table, out = folder / "experience.parquet", folder / "evaluation"
+    table = folder / "experience.parquet"
+    out = folder / "evaluation"
     if (out / RESULT).exists():
         summary = dict(load(out / RESULT, KIND, dict[str, Any])["summary"])
-        seed, chains = summary["seed"], summary["situations"]
+        seed = summary["seed"]
+        chains = summary["situations"]
         if (seed, chains) != (options.seed, options.chains):
             expected = f"expected seed {options.seed} and {options.chains} chains"
             raise SystemExit(f"{out}: {expected}, got seed {seed} and {chains} chains")
@@ -58,7 +60,12 @@ def measured(
     if not table.exists():
         actions = list(domain.actions())
         collect(
-            actions, source, table, command=command, episodes=drives, seed=options.seed + drives
+            actions,
+            source,
+            table,
+            command=command,
+            episodes=drives,
+            seed=options.seed + drives,
         )
     train(
         [table],
@@ -90,7 +97,8 @@ def rows(domain_name: str, summaries: dict[int, dict[str, Any]]) -> Iterator[str
         raise SystemExit(
             f"--drives: expected the greatest number of earlier runs too, got {max(summaries)}"
         )
-    oracle, naive = summary["oracle"], summary["naive"]
+    oracle = summary["oracle"]
+    naive = summary["naive"]
     yield f"| {domain_name} | naive | {naive['mean_duration_s']:.2f} s | | | |"
     yield f"| | oracle | {oracle['mean_duration_s']:.2f} s | {_gain(oracle)} | | |"
     for policy, meaning in UNLEARNED.items():
@@ -115,7 +123,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--domains", nargs="+", default=["pursuit", "tour"])
-    parser.add_argument("--drives", nargs="+", type=int, default=[50, 100, 200, 400])
+    parser.add_argument(
+        "--drives",
+        nargs="+",
+        type=int,
+        default=[50, 100, 200, 400],
+    )
     parser.add_argument("--robot", type=Path, help="file of a robot (default: the domain's)")
     parser.add_argument("--chains", type=int, default=500)
     parser.add_argument("--oracle", type=int, default=12)
@@ -125,14 +138,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, help="file of the table (default: printed)")
     options = parser.parse_args(argv)
     lines = [
-        "| domain | headings | duration | gain over naive (95 %) | of the oracle's | slower by over 2 % |",
+        "| domain | headings | duration | gain over naive (95 %) | of the oracle's "
+        "| slower by over 2 % |",
         "| --- | --- | --- | --- | --- | --- |",
     ]
     for name in options.domains:
         most_first = sorted(options.drives, reverse=True)
-        lines += rows(
-            name, {drives: measured(name, drives, options.work, options) for drives in most_first}
-        )
+        summaries = {}
+        for drives in most_first:
+            summaries[drives] = measured(name, drives, options.work, options)
+        lines += rows(name, summaries)
     text = "\n".join(lines) + "\n"
     if options.out:
         write_text(options.out, text)

@@ -1,7 +1,6 @@
 """Draw the paper's Figures 4 and 6 for learned models of soccer.
 
-scripts/run python scripts/figures.py --action-set bezier    # figure4_bezier.svg,
-figure6_bezier.svg
+scripts/run python scripts/figures.py --action-set bezier    # figure[46]_bezier.svg
 """
 
 from __future__ import annotations
@@ -38,11 +37,13 @@ from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import ObjectState, RobotState, World
 
 DISTANCE = 2.0  # m to the ball straight ahead, in Figure 4
-STEP = math.radians(0.5)
+STEP = math.radians(0.5)  # rad between angles in Figure 4
 EXAMPLE = math.radians(45.0)  # the angle whose rule is printed
 # Figure 6, as Figure 1: the robot drives away from the goal to reach the ball.
-START, BALL, GOAL = Pose(1.5, 0.6, math.pi), Pose(-0.5, 0.0, 0.0), Pose(2.2, 0.0, 0.0)
-CANDIDATES = 180
+START = Pose(1.5, 0.6, math.pi)
+BALL = Pose(-0.5, 0.0, 0.0)
+GOAL = Pose(2.2, 0.0, 0.0)
+CANDIDATES = 180  # headings in Figure 6
 _STYLE: Any = {
     "font.family": "DejaVu Sans",
     "svg.fonttype": "none",
@@ -62,19 +63,46 @@ def new_figure(width: float, height: float) -> Any:
     return Figure(figsize=(width, height), layout="constrained")
 
 
-def draw_robot(axes: Any, robot: Robot, pose: Pose, color: str) -> None:
+def draw_robot(
+    axes: Any,
+    robot: Robot,
+    pose: Pose,
+    color: str,
+) -> None:
     """Draw the robot's outline at `pose`, with a line to its front."""
-    front, rear, half = robot.front, -robot.rear, robot.half_width
+    front = robot.front
+    rear = -robot.rear
+    half = robot.half_width
     corners = ((front, half), (front, -half), (rear, -half), (rear, half))
     outline = np.array([pose.compose(Pose(x, y, 0.0))[:2] for x, y in corners])
-    axes.fill(outline[:, 0], outline[:, 1], facecolor=color, edgecolor="none", alpha=0.2)
-    axes.plot(*np.append(outline, outline[:1], axis=0).T, color=color, lw=1.0, alpha=0.85)
+    axes.fill(
+        outline[:, 0],
+        outline[:, 1],
+        facecolor=color,
+        edgecolor="none",
+        alpha=0.2,
+    )
+    axes.plot(
+        *np.append(outline, outline[:1], axis=0).T,
+        color=color,
+        lw=1.0,
+        alpha=0.85,
+    )
     tip = pose.ahead(robot.front)
-    axes.plot([pose.x, tip.x], [pose.y, tip.y], color=color, lw=1.6, alpha=0.85)
+    axes.plot(
+        [pose.x, tip.x],
+        [pose.y, tip.y],
+        color=color,
+        lw=1.6,
+        alpha=0.85,
+    )
 
 
 def situations(robot: Robot, angles: FloatArray) -> dict[str, Any]:
-    """Return the direct variables of starts at rest before a ball, for headings at the ball (rad, (n,))."""
+    """Return the direct variables of starts at rest before a ball.
+
+    `angles` are the headings at the ball in rad, shape (n,).
+    """
     return {
         **dict.fromkeys(("x", "y", "yaw", "v", "w", "speedg"), 0.0),
         "xg": DISTANCE + robot.hold * np.cos(angles),
@@ -85,20 +113,38 @@ def situations(robot: Robot, angles: FloatArray) -> dict[str, Any]:
 
 
 def figure4(model: PerformanceModel) -> Any:
-    """Draw the predicted time against the angle at the ball, the limits of leaves, and one rule."""
+    """Draw the predicted time against the angle at the ball, the limits of leaves, and one rule.
+
+    It is Figure 4 of the paper.
+    """
     angles = np.arange(-math.pi, math.pi + STEP / 2, STEP)
     direct = situations(model.robot, angles)
-    prediction, tree = model.predict(direct), model.trees["duration"]
+    prediction = model.predict(direct)
+    tree = model.trees["duration"]
     features = [model.features[name] for name in tree.names]
     leaves = tree.apply(feature_table(direct, model.robot, features, model.driving))
     changes = np.flatnonzero(np.diff(leaves)) + 1
-    times, spread, degrees = np.asarray(prediction.duration), prediction.spread, np.degrees(angles)
+    times = np.asarray(prediction.duration)
+    spread = prediction.spread
+    degrees = np.degrees(angles)
     figure = new_figure(8.0, 4.6)
     upper, lower = figure.subfigures(2, 1, height_ratios=(5.0, 1.6))
     axes = upper.add_subplot(1, 2, 1)
-    axes.fill_between(degrees, times - spread, times + spread, color=BLUE, alpha=0.15, lw=0)
+    axes.fill_between(
+        degrees,
+        times - spread,
+        times + spread,
+        color=BLUE,
+        alpha=0.15,
+        lw=0,
+    )
     for begin, end in zip([0, *changes], [*changes, len(angles)], strict=True):
-        axes.plot(degrees[begin:end], times[begin:end], color=BLUE, lw=1.5)
+        axes.plot(
+            degrees[begin:end],
+            times[begin:end],
+            color=BLUE,
+            lw=1.5,
+        )
     axes.axvline(math.degrees(EXAMPLE), color=GRAY, lw=0.8)
     axes.set(
         xlabel="angle_at_dest (degree)", ylabel="predicted execution time (s)", xlim=(-180, 180)
@@ -108,8 +154,19 @@ def figure4(model: PerformanceModel) -> Any:
     polar = upper.add_subplot(1, 2, 2, projection="polar")
     polar.plot(angles, times, color=BLUE, lw=1.5)
     for change in changes:
-        axes.axvline((degrees[change - 1] + degrees[change]) / 2, color=ORANGE, lw=0.6, ls=":")
-        polar.plot([angles[change]] * 2, [0.0, float(times.max())], color=ORANGE, lw=0.6, ls=":")
+        axes.axvline(
+            (degrees[change - 1] + degrees[change]) / 2,
+            color=ORANGE,
+            lw=0.6,
+            ls=":",
+        )
+        polar.plot(
+            [angles[change]] * 2,
+            [0.0, float(times.max())],
+            color=ORANGE,
+            lw=0.6,
+            ls=":",
+        )
     polar.set_rlim(0.0, float(times.max()) * 1.08)
     polar.tick_params(labelsize=7)
     rule = model.explain(situations(model.robot, np.array([EXAMPLE]))).splitlines()[0]
@@ -117,7 +174,12 @@ def figure4(model: PerformanceModel) -> Any:
         0.02, 0.9, f"rule at {math.degrees(EXAMPLE):.0f}°:", fontsize=7, va="top", color=GRAY
     )
     lower.text(
-        0.02, 0.72, textwrap.fill(rule, 118), fontsize=6.5, va="top", family="DejaVu Sans Mono"
+        0.02,
+        0.72,
+        textwrap.fill(rule, 118),
+        fontsize=6.5,
+        va="top",
+        family="DejaVu Sans Mono",
     )
     figure.suptitle(
         f"{model.action} to the ball: dist = {DISTANCE:g} m, angle_to_dest = 0°", fontsize=10
@@ -127,8 +189,13 @@ def figure4(model: PerformanceModel) -> Any:
 
 def example(library: TopLibrary) -> tuple[World, TopChain]:
     """Return situation and chain of Figure 6."""
-    world = World(0.0, RobotState(START), objects_of(ObjectState(BALL.x, BALL.y)))
-    first, second = library["goToBall"], library["dribbleBall"]
+    world = World(
+        0.0,
+        RobotState(START),
+        objects_of(ObjectState(BALL.x, BALL.y)),
+    )
+    first = library["goToBall"]
+    second = library["dribbleBall"]
     return world, TopChain(
         (
             TopCall(first, Goal(BALL, 0.0, first.point), frozenset({"yaw"})),
@@ -140,22 +207,39 @@ def example(library: TopLibrary) -> tuple[World, TopChain]:
 def curves(
     robot: Robot, models: Mapping[str, Any], library: TopLibrary
 ) -> tuple[FloatArray, list[FloatArray]]:
-    """Return headings (rad), shape (n,), and the predicted durations (s) of both actions for them."""
+    """Return headings (rad), and the predicted durations (s) of both actions for them.
+
+    All arrays have the shape (n,).
+    """
     world, chain = example(library)
     free = analyze(chain, models, robot).free
     model = ChainModel(
-        world, chain, robot, models=models, names=names_of(chain, free), objective=Objective()
+        world,
+        chain,
+        robot,
+        models=models,
+        names=names_of(chain, free),
+        objective=Objective(),
     )
-    headings, nothing = np.linspace(-math.pi, math.pi, CANDIDATES, endpoint=False), np.zeros((1, 0))
+    headings = np.linspace(-math.pi, math.pi, CANDIDATES, endpoint=False)
+    nothing = np.zeros((1, 0))
     steps = (0, nothing, headings[:, None]), (1, headings[:, None], nothing)
     return headings, model.step_costs(steps)
 
 
-def figure6(robot: Robot, models: Mapping[str, Any], library: TopLibrary) -> Any:
-    """Draw the times of two actions and their sum against the heading at the ball, and both choices."""
+def figure6(
+    robot: Robot,
+    models: Mapping[str, Any],
+    library: TopLibrary,
+) -> Any:
+    """Draw the times of two actions and their sum against the heading at the ball (Figure 6).
+
+    Below are the naive and the refined choice.
+    """
     headings, (first, second) = curves(robot, models, library)
     total = first + second
-    naive, best = int(np.argmin(first)), int(np.argmin(total))
+    naive = int(np.argmin(first))
+    best = int(np.argmin(total))
     figure = new_figure(11.0, 6.6)
     titles = ("goToBall (s)", "dribbleBall (s)", "both (s)")
     for column, (title, values) in enumerate(
@@ -163,11 +247,25 @@ def figure6(robot: Robot, models: Mapping[str, Any], library: TopLibrary) -> Any
     ):
         axes = figure.add_subplot(2, 3, column, projection="polar")
         axes.plot(
-            np.append(headings, headings[0]), np.append(values, values[0]), color="black", lw=1.2
+            np.append(headings, headings[0]),
+            np.append(values, values[0]),
+            color="black",
+            lw=1.2,
         )
         for index, color in ((naive, ORANGE), (best, BLUE)):
-            axes.plot([headings[index]] * 2, [0.0, values[index]], color=color, lw=1.5)
-            axes.plot(headings[index], values[index], "o", color=color, ms=4)
+            axes.plot(
+                [headings[index]] * 2,
+                [0.0, values[index]],
+                color=color,
+                lw=1.5,
+            )
+            axes.plot(
+                headings[index],
+                values[index],
+                "o",
+                color=color,
+                ms=4,
+            )
         axes.set_title(
             f"{title}\n{values[naive]:.1f} s alone, {values[best]:.1f} s together", fontsize=9
         )
@@ -176,9 +274,8 @@ def figure6(robot: Robot, models: Mapping[str, Any], library: TopLibrary) -> Any
     for position, index, name, color in ((4, naive, "naive", ORANGE), (6, best, "refined", BLUE)):
         axes = figure.add_subplot(2, 3, position)
         draw_robot(axes, robot, START, GRAY)
-        draw_robot(
-            axes, robot, robot.pose_holding(BALL._replace(yaw=float(headings[index]))), color
-        )
+        at_ball = BALL._replace(yaw=float(headings[index]))
+        draw_robot(axes, robot, robot.pose_holding(at_ball), color)
         draw_robot(axes, robot, robot.pose_holding(GOAL), GRAY)
         axes.plot(BALL.x, BALL.y, "o", color="black", ms=5)
         axes.set_title(f"{name}: {total[index]:.1f} s predicted in all", fontsize=9)
@@ -202,10 +299,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--models", type=Path, default=SOCCER.shipped_models, metavar="DIR")
     parser.add_argument("--out", type=Path, default=Path("docs"), metavar="DIR")
     options = parser.parse_args(argv)
-    robot, suffix = (
-        SOCCER.robot(),
-        "" if options.action_set == DEFAULT_SET else f"_{options.action_set}",
-    )
+    robot = SOCCER.robot()
+    suffix = "" if options.action_set == DEFAULT_SET else f"_{options.action_set}"
     models = load_models(
         robot, SOCCER.known_features, action_set=options.action_set, folder=options.models
     )

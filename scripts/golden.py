@@ -1,8 +1,8 @@
 """Record decisions of the package, to show that a change of structure changes none of them.
 
     scripts/run python scripts/golden.py write FOLDER           # every part, one file each
-    scripts/run python scripts/golden.py write FOLDER refined   # the parts whose names begin with
-    refined scripts/run python scripts/golden.py compare OLD NEW        # two folders, bit by bit
+    scripts/run python scripts/golden.py write FOLDER refined   # parts that begin with "refined"
+    scripts/run python scripts/golden.py compare OLD NEW        # two folders, bit by bit
 
 Numbers are written in full, so that two commits on one machine can be compared bit by bit. Other
 processors round differently: test/test_golden.py compares `test/golden/`, written with ``--digits
@@ -42,9 +42,9 @@ from ator_ros.evaluation.trials import (
 from ator_ros.experience.collect import collect
 from ator_ros.experience.table import join
 from ator_ros.files import write_text
-from ator_ros.geometry import Pose
+from ator_ros.geometry import FloatArray, Pose
 from ator_ros.performance.training import direct_of, train
-from ator_ros.planning.goals import PlanningError, statement_from
+from ator_ros.planning.goals import GoalStatement, PlanningError, statement_from
 from ator_ros.planning.planner import chains_for
 from ator_ros.refinement.chain_prediction import ChainPrediction
 from ator_ros.simulation.simulation import Simulation
@@ -89,18 +89,25 @@ def _predicted(prediction: ChainPrediction) -> Json:
     return {"cost": prediction.cost, "steps": [dict(step) for step in prediction.actions]}
 
 
-def _trials(source: ToolsetSource, chain: str, seed: int, count: int) -> Iterator[Trial]:
+def _trials(
+    source: ToolsetSource,
+    chain: str,
+    seed: int,
+    count: int,
+) -> Iterator[Trial]:
     domain = find_domain(source.domain)
-    name, library = (
-        chain or next(iter(domain.chains)),
-        domain.library(source.described(), source.action_set),
-    )
+    name = chain or next(iter(domain.chains))
+    library = domain.library(source.described(), source.action_set)
     for index in range(count):
         yield random_trial(domain, name, library, seed=seed, index=index)
 
 
+def _curve(totals: FloatArray) -> list[float]:
+    return [len(totals), float(np.min(totals)), float(np.sum(totals))]
+
+
 def refined(name: str, count: int) -> list[Json]:
-    """Return the answers of refinement, without deadline, in `count` situations of one of `REFINED`."""
+    """Return the answers of refinement, without deadline, in situations of one of `REFINED`."""
     source, chain, opening = REFINED[name]
     tools, _ = tools_of(source)
     refiner = tools.refiner(gated=True)
@@ -118,10 +125,7 @@ def refined(name: str, count: int) -> list[Json]:
                 "best": _goals(answer.best),
                 "before": _predicted(answer.before),
                 "after": _predicted(answer.after),
-                "curves": [
-                    [len(curve.totals), float(np.min(curve.totals)), float(np.sum(curve.totals))]
-                    for curve in answer.curves
-                ],
+                "curves": [_curve(curve.totals) for curve in answer.curves],
             }
         )
     return found
@@ -145,19 +149,20 @@ def _commands() -> Iterator[list[Command]]:
 
 
 def _bearings(trial: Trial) -> TopChain:
-    """Return the chain with the bearing of each subgoal from the preceding position as its heading."""
-    places = [trial.world.robot.pose, *(call.goal.pose for call in trial.chain.calls[:-1])]
-    pairs = enumerate(itertools.pairwise(places))
-    return with_headings(
-        trial.chain,
-        {index: math.atan2(to.y - here.y, to.x - here.x) for index, (here, to) in pairs},
-    )
+    """Return the chain with the bearing from the preceding position as heading of each subgoal."""
+    places = [trial.world.robot.pose]
+    places += [call.goal.pose for call in trial.chain.calls[:-1]]
+    headings = {}
+    for index, (here, to) in enumerate(itertools.pairwise(places)):
+        headings[index] = math.atan2(to.y - here.y, to.x - here.x)
+    return with_headings(trial.chain, headings)
 
 
 def executed(name: str, count: int) -> list[Json]:
     """Return durations, outcomes and commands of `count` executed chains of one of `EXECUTED`."""
     source, chain, policy = EXECUTED[name]
-    domain, robot = find_domain(source.domain), source.described()
+    domain = find_domain(source.domain)
+    robot = source.described()
     library = domain.library(robot, source.action_set)
     found = []
     for trial in _trials(source, chain, 4002, count):
@@ -197,28 +202,39 @@ def executed(name: str, count: int) -> list[Json]:
 
 
 GOALS: Sequence[Sequence[str]] = (
-    ("ball_in_goal",), ("ball_held",), ("ball.x=1.0", "ball.y=0.5"), ("robot.x=-1.0", "robot.y=1.0"),
+    ("ball_in_goal",),
+    ("ball_held",),
+    ("ball.x=1.0", "ball.y=0.5"),
+    ("robot.x=-1.0", "robot.y=1.0"),
     ("robot.x=0.5", "robot.y=-1.0", "robot.yaw=1.0"),
-)  # fmt: skip
+)
+"""Goals of plans: names of the domain's goals, or statements."""
 
 
 def planned(count: int) -> list[Json]:
     """Return the planned chains for `count` goals in soccer."""
     source = ToolsetSource()
-    domain, robot = find_domain(source.domain), source.described()
-    library, named = domain.library(robot, source.action_set), domain.goals(robot)
+    domain = find_domain(source.domain)
+    robot = source.described()
+    library = domain.library(robot, source.action_set)
+    named = domain.goals(robot)
     rng = np.random.default_rng(4003)
     found: list[Json] = []
     for index in range(count):
         words = GOALS[index % len(GOALS)]
-        goal = (
-            list(named[words[0]].terms)
-            if words[0] in named
-            else [statement_from(word) for word in words]
-        )
-        (robot_x, robot_y, x, y), yaw = rng.uniform(-2.0, 2.0, 4), rng.uniform(-3.0, 3.0)
+        goal: list[GoalStatement]
+        if words[0] in named:
+            goal = list(named[words[0]].terms)
+        else:
+            goal = [statement_from(word) for word in words]
+        robot_x, robot_y, x, y = rng.uniform(-2.0, 2.0, 4)
+        yaw = rng.uniform(-3.0, 3.0)
         pose = Pose(float(robot_x), float(robot_y), float(yaw))
-        world = World(0.0, RobotState(pose), {"ball": ObjectState(float(x), float(y))})
+        world = World(
+            0.0,
+            RobotState(pose),
+            {"ball": ObjectState(float(x), float(y))},
+        )
         try:
             chains = chains_for(goal, world, library, domain.objects)
         except PlanningError as error:
@@ -231,16 +247,27 @@ def planned(count: int) -> list[Json]:
 def trained(episodes: int) -> list[Json]:
     """Return rules and predictions of models that are learned from a few simulated episodes."""
     domain = find_domain()
-    robot, specs = domain.robot(), domain.actions()
+    robot = domain.robot()
+    specs = domain.actions()
     frames = collect(
-        [specs["goToPose"], specs["dribbleBall"]], domain.tops_for(robot), robot,
-        objects=domain.objects, episodes=episodes, seed=4004, time_limit=domain.time_limit,
-    )  # fmt: skip
+        [specs["goToPose"], specs["dribbleBall"]],
+        domain.tops_for(robot),
+        robot,
+        objects=domain.objects,
+        episodes=episodes,
+        seed=4004,
+        time_limit=domain.time_limit,
+    )
     rows = join(frames)
     found = []
     for action, own in rows.groupby("action", sort=False):
         starts = own[own["t"] == 0.0]
-        model = train(str(action), own, robot, features=domain.candidates(str(action)))
+        model = train(
+            str(action),
+            own,
+            robot,
+            features=domain.candidates(str(action)),
+        )
         durations = np.asarray(model.predict(direct_of(starts)).duration).tolist()
         found.append({"model": str(action), "rules": model.rules(), "durations": durations})
     return found
@@ -272,10 +299,9 @@ def write(folder: Path, parts: Sequence[str], digits: int) -> int:
     for name, (record, count) in PARTS.items():
         if not parts or name.startswith(tuple(parts)):
             print(f"golden: {name}", flush=True)
-            entries = (
-                json.dumps(_short(entry, digits), separators=(",", ":")) for entry in record(count)
-            )
-            write_text(folder / f"{name}.json", "[\n" + ",\n".join(entries) + "\n]\n")
+            entries = [_short(entry, digits) for entry in record(count)]
+            lines = [json.dumps(entry, separators=(",", ":")) for entry in entries]
+            write_text(folder / f"{name}.json", "[\n" + ",\n".join(lines) + "\n]\n")
     return 0
 
 
@@ -291,7 +317,11 @@ def compare(old: Path, new: Path) -> int:
     return int(differing > 0)
 
 
-def differences(expected: Any, found: Any, place: str = "") -> Iterator[str]:
+def differences(
+    expected: Any,
+    found: Any,
+    place: str = "",
+) -> Iterator[str]:
     """Yield where `found` differs from `expected`: in a decision, or in a number by more than 1e-6.
 
     Hashes and numbers in texts are not compared, because processors round differently.

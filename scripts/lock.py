@@ -30,13 +30,17 @@ OLDEST_PYTHON = "3.11"
 
 
 def locked(text: str) -> str:
-    """Return what `uv pip compile` wrote without packages for other systems and without its comments."""
+    """Return what `uv pip compile` wrote, without comments and without packages for Windows."""
     lines = [line for line in text.splitlines() if not line.lstrip().startswith("#")]
     entries = re.split(r"\n(?=\w)", "\n".join(lines).strip())
     return "\n".join(entry for entry in entries if "win32" not in entry.split("\n")[0]) + "\n"
 
 
-def write_lock(uv: list[str], target: Path, names: Sequence[str]) -> int:
+def write_lock(
+    uv: list[str],
+    target: Path,
+    names: Sequence[str],
+) -> int:
     """Write the lock of the pins in the files `names`; the exit code is uv's."""
     result = Path(uv[0]).parent / target.name
     if target.is_file():

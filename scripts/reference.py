@@ -33,9 +33,11 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 def text_of(lines: Iterable[str]) -> str:
     """Return a comment as Markdown; names between ` keep their characters."""
     parts = re.split(r"(`[^`]*`)", " ".join(lines))
-    return "".join(
-        part if part.startswith("`") else re.sub(r"([*<\[_])", r"\\\1", part) for part in parts
-    )
+    return "".join(part if part.startswith("`") else _escaped(part) for part in parts)
+
+
+def _escaped(text: str) -> str:
+    return re.sub(r"([*<\[_])", r"\\\1", text)
 
 
 def programs(folder: str) -> list[EntryPoint]:
@@ -55,9 +57,11 @@ def declared(module: Any) -> Sequence[Parameter]:
 
     Those of an object are called OBJECT_….
     """
-    found: Sequence[Parameter] = (
-        module.parameters_for([OBJECT]) if hasattr(module, "parameters_for") else module.PARAMETERS
-    )
+    found: Sequence[Parameter]
+    if hasattr(module, "parameters_for"):
+        found = module.parameters_for([OBJECT])
+    else:
+        found = module.PARAMETERS
     return found
 
 
@@ -86,6 +90,18 @@ def topics(module: Any) -> str:
     return inspect.getdoc(node) or ""
 
 
+def parameter_row(parameter: Parameter) -> tuple[str, ...]:
+    """Return the cells of a parameter in the table of its node."""
+    return (
+        f"`{parameter.name}`",
+        type_of(parameter.default),
+        f"`{json.dumps(parameter.default)}`",
+        allowed(parameter),
+        "live" if parameter.live else "read-only",
+        text_of([parameter.description]),
+    )
+
+
 def nodes_page() -> str:
     """Return the page of the nodes and their parameters."""
     text = (
@@ -95,12 +111,12 @@ def nodes_page() -> str:
     )
     for script in programs("nodes"):
         module = importlib.import_module(script.module)
-        rows = [
-            (f"`{item.name}`", type_of(item.default), f"`{json.dumps(item.default)}`", allowed(item),
-             "live" if item.live else "read-only", text_of([item.description]))
-            for item in declared(module)
-        ]  # fmt: skip
-        about = re.sub(r"^The node `\w+`: ", "", (module.__doc__ or "").strip().split("\n\n")[0])
+        rows = [parameter_row(item) for item in declared(module)]
+        about = re.sub(
+            r"^The node `\w+`: ",
+            "",
+            (module.__doc__ or "").strip().split("\n\n")[0],
+        )
         text += f"\n## {script.name}\n\n{about[:1].upper()}{about[1:]}\n\n"
         text += f"```{{eval-rst}}\n{topics(module)}\n```\n\n"
         text += table(("parameter", "type", "default", "values", "changes", "meaning"), rows)
@@ -122,6 +138,12 @@ def parts_of(file: Path) -> Iterator[tuple[str, Any]]:
         yield from (("Goal", action.goal), ("Result", action.result), ("Feedback", action.feedback))
 
 
+def field_row(field: Any) -> tuple[str, str]:
+    """Return the cells of a field or constant in the table of its interface."""
+    name = f"`{field}`".replace(f"{INTERFACES.name}/", "")
+    return name, text_of(field.annotations["comment"])
+
+
 def interfaces_page() -> str:
     """Return the page of messages, services and actions, with the comments in their files."""
     text = "# Interfaces\n\nMessages, services and actions of the package `ator_interfaces`.\n"
@@ -131,13 +153,7 @@ def interfaces_page() -> str:
             text += f"\n### {file.stem}\n"
             for name, part in parts_of(file):
                 text += f"\n{text_of(part.annotations['comment'])}\n"
-                rows = [
-                    (
-                        f"`{item}`".replace(f"{INTERFACES.name}/", ""),
-                        text_of(item.annotations["comment"]),
-                    )
-                    for item in (*part.constants, *part.fields)
-                ]
+                rows = [field_row(item) for item in (*part.constants, *part.fields)]
                 text += f"\n{table((name or 'Field', 'Meaning'), rows)}"
     return text
 
@@ -147,7 +163,10 @@ def interfaces_page() -> str:
 
 def tools_page() -> str:
     """Return the page of the command lines, with the help of their parsers."""
-    text = "# Command lines\n\nRun them with `ros2 run ator_ros NAME`, or `make run EXE=NAME ARGS='…'`.\n"
+    text = (
+        "# Command lines\n\n"
+        "Run them with `ros2 run ator_ros NAME`, or `make run EXE=NAME ARGS='…'`.\n"
+    )
     for script in programs("tools"):
         usage = importlib.import_module(script.module).arguments().format_help()
         text += f"\n## {script.name}\n\n```text\n{usage}```\n"
@@ -161,9 +180,8 @@ def imported_names() -> dict[str, set[str]]:
     for file in files:
         text = file.read_text(encoding="utf-8")
         for module, names in re.findall(r"from (ator_ros\.[\w.]+) import (\([^)]*\)|.*)", text):
-            found.setdefault(module, set()).update(
-                re.findall(r"\w+", re.sub(r"#.*| as \w+", "", names))
-            )
+            listed = re.sub(r"#.*| as \w+", "", names)
+            found.setdefault(module, set()).update(re.findall(r"\w+", listed))
     return found
 
 
@@ -172,7 +190,8 @@ def python_page() -> str:
     text = "# Python\n\nWhat the examples and the pages import, by module.\n"
     for module, names in sorted(imported_names().items()):
         listed = ", ".join(sorted(names))
-        text += f"\n## {module}\n\n```{{eval-rst}}\n.. automodule:: {module}\n   :members: {listed}\n```\n"
+        directive = f".. automodule:: {module}\n   :members: {listed}"
+        text += f"\n## {module}\n\n```{{eval-rst}}\n{directive}\n```\n"
     return text
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 MARK = {"ATOR_ROS_SETUP": str(ROOT)}
-"""Environment variable of every program that set-up starts, by which the next set-up finds leftovers."""
+"""Environment variable of programs that set-up starts; the next set-up kills those left over."""
 
 
 class SetupError(Exception):
@@ -25,7 +25,7 @@ def say(text: str) -> None:
 
 
 def digest(files: Iterable[Path], *extra: str) -> str:
-    """Return a digest of names and contents of `files` (below ROOT), and of the words in `extra`."""
+    """Return a digest of names and contents of `files` (below ROOT), and of `extra` words."""
     total = hashlib.sha256("\n".join(extra).encode())
     for file in sorted(files):
         total.update(f"{file.relative_to(ROOT)}\0".encode() + file.read_bytes())

@@ -69,7 +69,8 @@ def set_up_environment(prefix: str) -> None:
         return
     if found.get("ros", WHEELS) != WHEELS and prefix == WHEELS and found.get("root") == str(ROOT):
         raise SetupError(
-            f"this checkout was set up with {found['ros']}: source {found['ros']}/setup.sh, or make clean"
+            f"this checkout was set up with {found['ros']}: "
+            f"source {found['ros']}/setup.sh, or make clean"
         )
     check_machine(prefix)
     VENV_STAMP.unlink(missing_ok=True)
@@ -184,7 +185,11 @@ def output_of(process: subprocess.Popen[str], news: str) -> str:
             say(f"{news} after {time.monotonic() - start:.0f} s")
 
 
-def pip(entries: list[str], options: list[str], log: IO[str]) -> None:
+def pip(
+    entries: list[str],
+    options: list[str],
+    log: IO[str],
+) -> None:
     """Install entries of the lock in .venv; raise SetupError with pip's message on failure."""
     requirements = VENV / "requirements.txt"
     write_atomically(requirements, "\n".join(entries) + "\n")
@@ -200,14 +205,12 @@ def pip(entries: list[str], options: list[str], log: IO[str]) -> None:
         *options,
     ]
     environment = {k: v for k, v in os.environ.items() if k != "_ROS_WHEELS_BOOTSTRAP_COMPLETE"}
-    with subprocess.Popen(
-        command, stdout=log, stderr=log, env=environment | MARK, text=True
-    ) as done:
+    environment |= MARK
+    with subprocess.Popen(command, stdout=log, stderr=log, env=environment, text=True) as done:
         output_of(done, "pip is still installing")
     if done.returncode:
-        errors = re.findall(
-            r"^(?:ERROR|error): (.*)$", LOG.read_text(encoding="utf-8"), flags=re.MULTILINE
-        )
+        written = LOG.read_text(encoding="utf-8")
+        errors = re.findall(r"^(?:ERROR|error): (.*)$", written, flags=re.MULTILINE)
         reason = re.sub(r"https?://\S+", "(address)", errors[-1] if errors else "no reason given")
         raise SetupError(f"pip failed: {reason} (see {LOG.relative_to(ROOT)})")
 
@@ -218,8 +221,16 @@ def repair_cmake_exports() -> None:
     They contain the folders of the machine that built the wheels, with which CMake could not
     generate interfaces.
     """
-    query = "import numpy, sysconfig; print(sysconfig.get_paths()['include']); print(numpy.get_include())"
-    answer = subprocess.run([str(PYTHON), "-c", query], capture_output=True, text=True, check=True)
+    query = (
+        "import numpy, sysconfig; "
+        "print(sysconfig.get_paths()['include']); print(numpy.get_include())"
+    )
+    answer = subprocess.run(
+        [str(PYTHON), "-c", query],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
     python_include, numpy_include = answer.stdout.split("\n")[:2]
     exports = list(VENV.glob("share/*/cmake/export_*__rosidl_generator_pyExport.cmake"))
     if not exports:
@@ -248,7 +259,13 @@ def remove_generated(package: str) -> None:
             made.unlink(missing_ok=True)
 
 
-def build(package: str, sources: str, *, fresh: bool, folder: str = "") -> None:
+def build(
+    package: str,
+    sources: str,
+    *,
+    fresh: bool,
+    folder: str = "",
+) -> None:
     """Build `package` with colcon unless its stamp contains the digest `sources`.
 
     It is built from scratch if `fresh`, or if its last build did not end. `folder` is needed if
@@ -281,9 +298,12 @@ def build(package: str, sources: str, *, fresh: bool, folder: str = "") -> None:
     # outer make (ARGS=…) must not reach the inner one.
     with subprocess.Popen(
         ["scripts/run", *colcon, "--event-handlers", "console_direct-"],
-        cwd=ROOT, env=os.environ | MARK | {"MAKEFLAGS": f"-j{os.cpu_count()}"},
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-    ) as done:  # fmt: skip
+        cwd=ROOT,
+        env=os.environ | MARK | {"MAKEFLAGS": f"-j{os.cpu_count()}"},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as done:
         output = output_of(done, f"still building {package}")
     if done.returncode:
         print(output, file=sys.stderr)
@@ -311,19 +331,18 @@ def package_digest(environment: str) -> str:
     files = [
         ROOT / name for name in ("setup.py", "setup.cfg", "package.xml", "colcon_defaults.yaml")
     ]
-    data = [
-        str(f.relative_to(ROOT))
-        for top in DATA_FOLDERS
-        for f in (ROOT / top).rglob("*")
-        if f.is_file()
-    ]
+    data: list[str] = []
+    for top in DATA_FOLDERS:
+        found = [file for file in (ROOT / top).rglob("*") if file.is_file()]
+        data += [str(file.relative_to(ROOT)) for file in found]
     return digest(files, environment, *sorted(data))
 
 
 def main() -> int:
     """Set up; return the exit code."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    lock, ours = os.open(ROOT, os.O_RDONLY), False
+    lock = os.open(ROOT, os.O_RDONLY)
+    ours = False
     try:
         take_turns(lock)
         ours = True

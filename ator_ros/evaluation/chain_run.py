@@ -21,15 +21,25 @@ from ator_ros.world.state import World
 class ChainRun:
     """The result of one execution of a chain.
 
-    `error` is the final distance in m from the last goal, of the axle or the hold; NaN if the last
-    TOP does not place the robot.
+    Attributes
+    ----------
+    duration : float
+        Duration in s; the time limit if the chain failed.
+    success : bool
+        Whether every action succeeded, and the last TOP's post-condition holds in the simulator.
+    reason : str
+        How the chain ended, in a sentence.
+    actions : tuple of float
+        Durations in s of the actions that ended.
+    error : float
+        Final distance in m from the last goal, of the axle or the hold; NaN if the last TOP does
+        not place the robot.
     """
 
-    duration: float  # s; the time limit if the chain failed
-    # every action succeeded, and the last TOP's post-condition holds in the simulator
+    duration: float
     success: bool
-    reason: str  # how it ended, in a sentence
-    actions: tuple[float, ...]  # durations in s of the actions that ended
+    reason: str
+    actions: tuple[float, ...]
     error: float
 
 
@@ -42,7 +52,23 @@ def run_chain(
     time_limit: float = TIME_LIMIT,
     executor: ChainExecutor | None = None,
 ) -> ChainRun:
-    """Execute `chain` in a new simulation, for at most `time_limit` s, by default with a new executor."""
+    """Execute a chain in a new simulation.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot, with its scene.
+    library : TopLibrary
+        TOPs and their actions.
+    start : World
+        State at the start.
+    chain : TopChain
+        The chain.
+    time_limit : float
+        Greatest duration in s.
+    executor : ChainExecutor, optional
+        Executes the chain; by default a new one.
+    """
     rolling = Rolling(library.robot)
     if executor is None:
         executor = ChainExecutor(library, chain, time_limit=time_limit, rolling=rolling)
@@ -53,12 +79,15 @@ def run_chain(
 
     with Simulation(robot) as simulation:
         place(simulation, start)
-        ticks, message = round(time_limit * CONTROL_RATE) + 1, "interrupted"
+        ticks = round(time_limit * CONTROL_RATE) + 1
+        message = "interrupted"
         try:
             done = run(simulation, steered, ticks=ticks)
             status = Status.RUNNING if done is None else done.status
             message = f"not done after {time_limit:g} s" if done is None else done.message
-            end_time, records, last = simulation.time, tuple(executor.records), chain.calls[-1]
+            end_time = simulation.time
+            records = tuple(executor.records)
+            last = chain.calls[-1]
         finally:  # also after an error, the action must be ended
             executor.interrupt(simulation.world(), Ending.CANCELED, message)
         judgment = judge(simulation, last.top, last.goal, status, message)

@@ -25,7 +25,16 @@ from ator_ros.tops.chain import TopChain
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """A chain to execute; its refinement and prediction, if models chose it."""
+    """A chain to execute.
+
+    Attributes
+    ----------
+    chain : TopChain
+    refinement : Refinement or None
+        How the chain was refined; None if it was not.
+    predicted : ChainPrediction or None
+        Its predicted duration; None if no models chose it.
+    """
 
     chain: TopChain
     refinement: Refinement | None = None
@@ -33,13 +42,20 @@ class Choice:
 
 
 Policy = Callable[[Toolset, Trial], Choice]
+"""Chooses the open variables of a trial's chain."""
 
 
 @dataclass(frozen=True)
 class PathTime:
-    """A performance model that is not learned: the time of the fastest path or, on a map, of the route.
+    """A performance model that is not learned: the time of the fastest path.
 
-    `driving` is how the action drives; None: all that the base can do.
+    On a map it is the time of the route.
+
+    Attributes
+    ----------
+    robot : Robot
+    driving : DrivingStyle or None
+        How the action drives; None: all that the base can do.
     """
 
     robot: Robot
@@ -47,8 +63,17 @@ class PathTime:
     used_variables = PATHS[0].derives
     arrival = None
 
-    def predict(self, direct: Mapping[str, Any], measures: Any = (), signs: Any = None) -> Any:  # noqa: ARG002
-        """Return the duration in s, shape (n,), and an error of 0, as none was measured."""
+    def predict(
+        self,
+        direct: Mapping[str, Any],
+        measures: Any = (),  # noqa: ARG002
+        signs: Any = None,  # noqa: ARG002
+    ) -> Any:
+        """Return durations in s, shape (n,), and an error of 0, as none was measured.
+
+        `direct` are the direct variables of n situations. `measures` and `signs` are for models
+        that are learned.
+        """
         geometry = Geometry(direct, self.robot, self.driving)
         duration = geometry.path[0] if self.robot.grid is None else ROUTE_TIME.compute(geometry)
         return SimpleNamespace(duration=duration, error_of_sum=(0.0, 0.0))
@@ -67,18 +92,21 @@ def fixed(tools: Toolset, trial: Trial) -> Choice:  # noqa: ARG001
 
 def arrive(tools: Toolset, trial: Trial) -> Choice:  # noqa: ARG001
     """Choose the bearing from the previous place."""
-    places = [trial.world.robot.pose, *(call.goal.pose for call in trial.chain.calls[:-1])]
+    places = [trial.world.robot.pose]
+    places += [call.goal.pose for call in trial.chain.calls[:-1]]
     return _with_open_headings(trial, _bearings(places))
 
 
 def face_goal(tools: Toolset, trial: Trial) -> Choice:  # noqa: ARG001
     """Choose the bearing of the next goal."""
-    return _with_open_headings(trial, _bearings([call.goal.pose for call in trial.chain.calls]))
+    places = [call.goal.pose for call in trial.chain.calls]
+    return _with_open_headings(trial, _bearings(places))
 
 
 def _bearings(places: Sequence[Pose]) -> list[float]:
     """Return the bearing of the next place from each place but the last."""
-    return [math.atan2(to.y - here.y, to.x - here.x) for here, to in itertools.pairwise(places)]
+    pairs = itertools.pairwise(places)
+    return [math.atan2(to.y - here.y, to.x - here.x) for here, to in pairs]
 
 
 def _with_open_headings(trial: Trial, headings: Sequence[float]) -> Choice:
@@ -89,9 +117,14 @@ def _with_open_headings(trial: Trial, headings: Sequence[float]) -> Choice:
 
 
 def analytic(tools: Toolset) -> Toolset:
-    """Return tools whose models are path times, as learned models have observed their actions to drive."""
-    driving = {action: getattr(model, "driving", None) for action, model in tools.models.items()}
-    models = {action: PathTime(tools.robot, seen) for action, seen in driving.items()}
+    """Return tools whose models are path times.
+
+    The paths are those that learned models observed their actions to drive.
+    """
+    models = {}
+    for action, model in tools.models.items():
+        driving = getattr(model, "driving", None)
+        models[action] = PathTime(tools.robot, driving)
     return dataclasses.replace(tools, models=models)
 
 
@@ -103,11 +136,27 @@ def refined(
     gated: bool = False,
     learned: bool = True,
 ) -> Choice:
-    """Refine the naive chain: the variables that the plan opens, or the plan changed by `opened`."""
+    """Refine the naive chain (paper, section 5).
+
+    Parameters
+    ----------
+    tools : Toolset
+        The models.
+    trial : Trial
+        The situation and its plan.
+    opened : callable, optional
+        Returns the plan with more open variables; by default the plan opens its own.
+    gated : bool
+        Whether the gate decides about the gain.
+    learned : bool
+        Whether the learned models predict, or path times.
+    """
     plan = trial.chain if opened is None else opened(trial.chain)
     start = naive(tools, trial).chain
-    refiner = (tools if learned else analytic(tools)).refiner(gated=gated)
-    refinement = refiner.refine(trial.world, reopened(start, (call.open for call in plan.calls)))
+    predicting = tools if learned else analytic(tools)
+    refiner = predicting.refiner(gated=gated)
+    to_refine = reopened(start, (call.open for call in plan.calls))
+    refinement = refiner.refine(trial.world, to_refine)
     return Choice(refinement.chain, refinement, refinement.predicted)
 
 
@@ -127,8 +176,7 @@ POLICIES: Mapping[str, Policy] = MappingProxyType(
         "refined_place": partial(refined, opened=open_places),
     }
 )
-"""By name; a new policy is a new row. The oracle is no policy, as it executes chains."""
-USUAL = tuple(
-    name for name in POLICIES if name not in ("fixed", "arrive") and not name.endswith("_place")
-)
+"""The policies by name. The oracle is no policy, as it executes chains."""
+_UNUSUAL = ("fixed", "arrive", "analytic_place", "refined_place")
+USUAL = tuple(name for name in POLICIES if name not in _UNUSUAL)
 """The default policies: a place is free in few chains, and few chains have waypoints only."""

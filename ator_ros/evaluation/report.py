@@ -34,7 +34,8 @@ MEANING: Mapping[str, str] = {
     "refined": "subgoal refinement, headings only",
     "gated": "subgoal refinement where the gate accepts the predicted gain, headings only",
     "refined_speed": "refinement of headings and arrival speeds",
-    "gated_speed": "refinement of headings and arrival speeds where the gate accepts the predicted gain",
+    "gated_speed": "refinement of headings and arrival speeds where the gate accepts the predicted "
+    "gain",
     "refined_place": "refinement of headings, arrival speeds and places",
     "oracle": "the best of the executed headings",
     "oracle_speed": "the best of the executed headings and arrival speeds",
@@ -48,36 +49,40 @@ th:first-child,td:first-child{text-align:left}
 pre{background:#f2f3f5;padding:10px;overflow-x:auto;font-size:12.5px}
 """
 _NOTE = (
-    f"Higher and Lower: shorter or longer than naive by more than {100 * EQUAL:.0f} %. Intervals: 95 %, "
-    "bootstrap over situations. A failed chain counts at the time limit. Of oracle: share of the time that "
-    "the oracle saves against naive; more than 100 % if a policy chooses other variables, too."
+    f"Higher and Lower: shorter or longer than naive by more than {100 * EQUAL:.0f} %. "
+    "Intervals: 95 %, bootstrap over situations. A failed chain counts at the time limit. "
+    "Of oracle: share of the time that the oracle saves against naive; more than 100 % if a policy "
+    "chooses other variables, too."
 )
 
 
 def write_report(folder: Path, result: Mapping[str, Any]) -> Path:
-    """Write `report.html` to `folder`, from the contents of `evaluation.json`; return its path."""
-    summary, settings = result["summary"], result["settings"]
+    """Write `report.html` to a folder and return its path.
+
+    `result` are the contents of `evaluation.json`. Raises OSError if the file cannot be written.
+    """
+    summary = result["summary"]
+    settings = result["settings"]
     domain = settings["source"]["domain"]
     versions = ", ".join(f"{name} {version}" for name, version in result["versions"].items())
+    meanings = [(name, MEANING[name]) for name in _rows(summary)]
+    origin = (
+        f"Seed {summary['seed']}, {result['executed']} chains executed, digest of robot and models "
+        f"{result['digest']}. {versions}, on {result['machine']}."
+    )
     parts: list[Part] = [
         ("h2", "Table 1 of the paper"),
         table_1(summary, PAPER_TABLE_1 if domain == DEFAULT else ()),
         ("h2", "All policies on the same starts"),
         policy_table(summary),
         ("p", _NOTE),
-        pd.DataFrame(
-            [(name, MEANING[name]) for name in _rows(summary)], columns=["policy", "chooses"]
-        ),
+        pd.DataFrame(meanings, columns=["policy", "chooses"]),
         ("h2", "Predictions"),
         prediction_table(summary),
         ("p", "Durations of whole chains that succeeded, predicted minus actual."),
         ("h2", "To repeat this"),
         ("pre", summary["command"]),
-        (
-            "p",
-            f"Seed {summary['seed']}, {result['executed']} chains executed, digest of robot and models "
-            f"{result['digest']}. {versions}, on {result['machine']}.",
-        ),
+        ("p", origin),
     ]
     title = f"Subgoal refinement: chain {settings['chain']} of {domain}"
     write_text(folder / REPORT, page(title, parts))
@@ -86,19 +91,25 @@ def write_report(folder: Path, result: Mapping[str, Any]) -> Path:
 
 def page(title: str, parts: Iterable[Part]) -> str:
     """Return an HTML page of texts and tables."""
-    body = (
-        part.to_html(index=False, border=0) if isinstance(part, pd.DataFrame)
-        else f"<{part[0]}>{escape(part[1])}</{part[0]}>"
-        for part in [("h1", title), *parts]
-    )  # fmt: skip
+    body = "\n".join(_html(part) for part in [("h1", title), *parts])
     return (
-        f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>'
-        f"<style>{_STYLE}</style></head>\n<body>\n" + "\n".join(body) + "\n</body></html>\n"
+        '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
+        f"<title>{escape(title)}</title>"
+        f"<style>{_STYLE}</style></head>\n<body>\n{body}\n</body></html>\n"
     )
 
 
+def _html(part: Part) -> str:
+    if isinstance(part, pd.DataFrame):
+        return str(part.to_html(index=False, border=0))
+    return f"<{part[0]}>{escape(part[1])}</{part[0]}>"
+
+
 def table_1(summary: Mapping[str, Any], published: Sequence[tuple[str, ...]]) -> pd.DataFrame:
-    """Return the paper's Table 1: the published rows and ours."""
+    """Return the paper's Table 1: rows of the paper, then ours.
+
+    `summary` is that of an evaluation, `published` are rows such as `PAPER_TABLE_1`.
+    """
     rows: list[tuple[str, ...]] = []
     for name, title in (("refined", "Before filtering"), ("gated", "After filtering")):
         rows += [row for row in published if row[0].startswith(title)]
@@ -108,16 +119,18 @@ def table_1(summary: Mapping[str, Any], published: Sequence[tuple[str, ...]]) ->
             row = summary[policy]
             counts = (str(row[kind]) for kind in ("higher", "equal", "lower"))
             changes = (
-                f"{row['improvement_percent']:.1f}%", f"{row['mean_gain_higher_percent']:.1f}%", "0%",
+                f"{row['improvement_percent']:.1f}%",
+                f"{row['mean_gain_higher_percent']:.1f}%",
+                "0%",
                 f"-{row['mean_loss_lower_percent']:.1f}%",
-            )  # fmt: skip
+            )
             rows.append((f"{title}, {policy}: runs", str(summary["situations"]), *counts))
             rows.append((f"{title}, {policy}: improvement", *changes))
     return pd.DataFrame(rows, columns=["", "Total", "Higher", "Equal", "Lower"])
 
 
 def policy_table(summary: Mapping[str, Any]) -> pd.DataFrame:
-    """Return a row for each policy in the summary of an evaluation."""
+    """Return a row for each policy in the summary of an evaluation: durations, gains, failures."""
     return pd.DataFrame(
         {
             "policy": name,
@@ -129,16 +142,18 @@ def policy_table(summary: Mapping[str, Any]) -> pd.DataFrame:
             "lower": row["lower"],
             "worst loss %": f"{row['worst_loss_percent']:.0f}",
             "failed": row["failures"],
-            "of oracle %": "-"
-            if (share := row["oracle_captured_percent"]) is None
-            else f"{share:.1f}",
+            "of oracle %": _share(row["oracle_captured_percent"]),
         }
         for name, row in _rows(summary).items()
     )
 
 
+def _share(percent: float | None) -> str:
+    return "-" if percent is None else f"{percent:.1f}"
+
+
 def prediction_table(summary: Mapping[str, Any]) -> pd.DataFrame:
-    """Return the errors of the policies' predictions."""
+    """Return the errors of the policies' predictions, a row for each policy with models."""
     found = {name: row.get("prediction", {}) for name, row in _rows(summary).items()}
     return pd.DataFrame(
         {

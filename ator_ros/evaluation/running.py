@@ -21,7 +21,10 @@ KIND = "evaluation"
 
 
 def to_columns(records: Sequence[Mapping[str, Any] | None]) -> dict[str, Any]:
-    """Turn records into columns: each key to the list of its values, mappings key by key."""
+    """Convert records to columns: the list of values of each key.
+
+    Values that are mappings become columns themselves. A missing value is None.
+    """
     names = dict.fromkeys(name for record in records if record is not None for name in record)
     columns: dict[str, Any] = {}
     for name in names:
@@ -31,8 +34,20 @@ def to_columns(records: Sequence[Mapping[str, Any] | None]) -> dict[str, Any]:
     return columns
 
 
-def run_situations(settings: Settings, *, situations: int, folder: Path) -> list[Record]:
-    """Evaluate situations 0 to `situations` - 1; the results in `folder` of an interrupted call are used.
+def run_situations(
+    settings: Settings,
+    *,
+    situations: int,
+    folder: Path,
+) -> list[Record]:
+    """Evaluate situations 0 to `situations` - 1 in parallel.
+
+    Results of an interrupted call in `folder` are used.
+
+    Returns
+    -------
+    list of dict
+        The record of each situation, see `evaluate_trial`.
 
     Raises
     ------
@@ -48,47 +63,60 @@ def run_situations(settings: Settings, *, situations: int, folder: Path) -> list
     with PartialResults(folder / PARTIAL, identity, expected) as partial:
         records = {record["index"]: record for record in partial.results}
         tasks = [(settings, index) for index in range(situations) if index not in records]
-        results = run_tasks(evaluate_trial, tasks)
-        for record in progress(
-            results, done=situations - len(tasks), total=situations, unit="situation"
-        ):
+        results = progress(
+            run_tasks(evaluate_trial, tasks),
+            done=situations - len(tasks),
+            total=situations,
+            unit="situation",
+        )
+        for record in results:
             partial.append(record)
             records[record["index"]] = record
     return [records[index] for index in range(situations)]
 
 
-def earlier_oracle(folder: Path, settings: Settings, situations: int) -> list[Record]:
-    """Return the oracle's records of an earlier evaluation of the first `situations`.
+def earlier_oracle(
+    folder: Path,
+    settings: Settings,
+    situations: int,
+) -> list[Record]:
+    """Return the oracle's records of the first `situations` of an earlier evaluation.
 
-    Raises FileError if `evaluation.json` in `folder` cannot be read, has no oracle or too few
-    situations, or its seed, chain, domain, action set, robot or map are not those of `settings`.
+    Raises
+    ------
+    FileError
+        `evaluation.json` in `folder` cannot be read, has no oracle or too few situations, or its
+        seed, chain, domain, action set, robot or map are not those of `settings`.
     """
     file = folder / RESULT
     earlier = load(file, KIND, dict[str, Any])
-    theirs, ours = (
-        {name: each[name] for name in ("seed", "chain")}
-        | {name: each["source"].get(name, "") for name in ("domain", "action_set", "robot", "map")}
-        for each in (earlier["settings"], asdict(_portable(settings)))
-    )
+    theirs = _situations_of(earlier["settings"])
+    ours = _situations_of(asdict(_portable(settings)))
     if theirs != ours:
         raise FileError(f"{file}: expected an evaluation of {ours}, got {theirs}")
-    columns = {
-        name: earlier["runs"][name]
-        for name in ("oracle", "oracle_speed")
-        if name in earlier["runs"]
-    }
-    found = len(earlier["runs"]["index"]) if "oracle" in columns else 0
+    runs = earlier["runs"]
+    columns = {name: runs[name] for name in ("oracle", "oracle_speed") if name in runs}
+    found = len(runs["index"]) if "oracle" in columns else 0
     if found < situations:
         raise FileError(
             f"{file}: expected an oracle of at least {situations} situations, got {found}"
         )
-    return [
-        {
-            name: {key: values[index] for key, values in column.items()}
-            for name, column in columns.items()
-        }
-        for index in range(situations)
-    ]
+    return [_record_at(index, columns) for index in range(situations)]
+
+
+def _situations_of(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the settings that determine the situations, and so the oracle."""
+    found = {name: settings[name] for name in ("seed", "chain")}
+    for name in ("domain", "action_set", "robot", "map"):
+        found[name] = settings["source"].get(name, "")
+    return found
+
+
+def _record_at(index: int, columns: Mapping[str, Mapping[str, Any]]) -> Record:
+    record: Record = {}
+    for name, column in columns.items():
+        record[name] = {key: values[index] for key, values in column.items()}
+    return record
 
 
 def _portable(settings: Settings) -> Settings:
@@ -101,7 +129,19 @@ def _portable(settings: Settings) -> Settings:
 def write_result(
     folder: Path, settings: Settings, records: Sequence[Record], command: str
 ) -> dict[str, Any]:
-    """Write `evaluation.json`, with all runs by columns in one line; return its contents."""
+    """Write `evaluation.json` to a folder and return its contents.
+
+    Parameters
+    ----------
+    folder : Path
+        The folder; it exists.
+    settings : Settings
+        What was evaluated.
+    records : sequence of dict
+        Results of all situations; they are written by columns in one line.
+    command : str
+        The command that repeats the evaluation.
+    """
     summary: dict[str, Any] = {
         "situations": len(records),
         "seed": settings.seed,

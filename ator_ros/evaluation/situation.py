@@ -1,10 +1,12 @@
-"""Evaluation of one situation: every policy chooses a chain, and each distinct chain is executed once.
+"""Evaluation of one situation.
 
-The oracle executes many chains and chooses the best. If the robot stands between two actions, the
-duration of an action depends only on the poses at its two ends. Then the oracle can search all open
-headings jointly: each leg is executed for each pair of headings at its ends, and dynamic
-programming finds the best chain. This chain is executed as a whole, and only the duration of that
-execution counts.
+Every policy chooses a chain, and each distinct chain is executed once. The oracle executes many
+chains and chooses the best.
+
+If the robot stands between two actions, the duration of an action depends only on the poses at its
+two ends. Then the oracle can search all open headings jointly: each leg is executed for each pair
+of headings at its ends, and dynamic programming finds the best chain. This chain is executed as a
+whole, and only the duration of that execution counts.
 """
 
 from __future__ import annotations
@@ -38,32 +40,62 @@ Record = dict[str, Any]
 
 @dataclass(frozen=True)
 class Settings:
-    """Everything that the result of an evaluation depends on."""
+    """Everything that the result of an evaluation depends on.
 
-    seed: int  # of the situations
-    chain: str  # name of one of the domain's chains
-    policies: tuple[str, ...] = USUAL  # names of `POLICIES`
+    Attributes
+    ----------
+    seed : int
+        Seed of the situations.
+    chain : str
+        Name of one of the domain's chains.
+    policies : tuple of str
+        Names of `POLICIES`.
+    oracle : int
+        Number of evenly spaced headings of the first subgoal that the oracle executes, starting
+        with the naive one; 0: no oracle.
+    oracle_margin : float or None
+        Headings that are predicted to take this much longer than the best (s) are not executed;
+        None: all are.
+    oracle_speeds : tuple of float
+        Arrival speeds in m/s that the oracle of heading and speed executes for each heading.
+    source : ToolsetSource
+        Robot, actions and models.
+    joint_oracle : bool
+        Whether the oracle searches all open headings jointly, by executing legs. This is for chains
+        in which the robot stands between two actions.
+    """
+
+    seed: int
+    chain: str
+    policies: tuple[str, ...] = USUAL
     oracle: int = 0
-    """Number of evenly spaced headings of the first subgoal that the oracle executes, starting with the naive
-    one; 0: no oracle."""
     oracle_margin: float | None = None
-    """Headings that are predicted to take this much longer than the best (s) are not executed; None: all."""
     oracle_speeds: tuple[float, ...] = ()
-    """Arrival speeds in m/s that the oracle of heading and speed executes for each heading."""
     source: ToolsetSource = field(default_factory=ToolsetSource)
     joint_oracle: bool = False
-    """Whether the oracle searches all open headings jointly, by executing legs, for chains in which the robot
-    stands between two actions."""
 
 
 class Executions:
-    """Executes chains from one start.
+    """Executes chains from one start. Equal chains are executed once.
 
-    Equal chains are executed once, and `runs` has the results.
+    Attributes
+    ----------
+    runs : dict
+        The results, by the goals of the chains.
     """
 
-    def __init__(self, tools: Toolset, library: TopLibrary, trial: Trial) -> None:
-        self._run = partial(run_chain, tools.robot, library, time_limit=tools.domain.time_limit)
+    def __init__(
+        self,
+        tools: Toolset,
+        library: TopLibrary,
+        trial: Trial,
+    ) -> None:
+        self._run = partial(
+            run_chain,
+            tools.robot,
+            library,
+            time_limit=tools.domain.time_limit,
+        )
         self._start = trial.world
         self.runs: dict[tuple[Goal, ...], ChainRun] = {}
 
@@ -83,6 +115,8 @@ class Executions:
 def evaluate_trial(task: tuple[Settings, int]) -> Record:
     """Evaluate all policies in one situation.
 
+    `task` are the settings and the number of the situation.
+
     Returns
     -------
     dict
@@ -96,29 +130,33 @@ def evaluate_trial(task: tuple[Settings, int]) -> Record:
     """
     settings, index = task
     tools, library = tools_of(settings.source)
-    trial = random_trial(tools.domain, settings.chain, library, seed=settings.seed, index=index)
+    trial = random_trial(
+        tools.domain,
+        settings.chain,
+        library,
+        seed=settings.seed,
+        index=index,
+    )
     execute = Executions(tools, library, trial)
     choices = {name: POLICIES[name](tools, trial) for name in settings.policies}
-    record: Record = {
-        "index": index,
-        "start": _start(trial),
-        "policies": {
-            name: _policy_record(choice, execute(choice.chain)) for name, choice in choices.items()
-        },
-    }
+    policies = {}
+    for name, choice in choices.items():
+        policies[name] = _policy_record(choice, execute(choice.chain))
+    record: Record = {"index": index, "start": _start(trial), "policies": policies}
     if settings.oracle and settings.joint_oracle:
-        record.update(
-            _joint_oracle(settings, tools, trial, execute, [c.chain for c in choices.values()])
-        )
+        chosen = [choice.chain for choice in choices.values()]
+        record.update(_joint_oracle(settings, tools, trial, execute, chosen))
     elif settings.oracle:
-        record.update(_oracle(settings, tools, trial, execute, naive(tools, trial).chain))
+        start = naive(tools, trial).chain
+        record.update(_oracle(settings, tools, trial, execute, start))
     record["executed"] = len(execute.runs)
     return record
 
 
 def _start(trial: Trial) -> list[float]:
     first, *later = (call.goal.pose for call in trial.chain.calls)
-    places = (*trial.world.robot.pose, first.x, first.y, *(later[0] if later else ()))
+    second = later[0] if later else ()
+    places = (*trial.world.robot.pose, first.x, first.y, *second)
     return [round(value, 4) for value in places]
 
 
@@ -126,14 +164,7 @@ def _policy_record(choice: Choice, run: ChainRun) -> Record:
     record: Record = {
         "duration": round(run.duration, 3),
         "success": run.success,
-        "chosen": [
-            [
-                round(goal.pose.yaw, 4),
-                round(goal.speed, 3),
-                *(round(v, 4) for v in goal.values.values()),
-            ]
-            for goal in (call.goal for call in choice.chain.calls[:-1])
-        ],
+        "chosen": [_chosen_values(call.goal) for call in choice.chain.calls[:-1]],
         "actions": [round(duration, 3) for duration in run.actions],
     }
     if not run.success:
@@ -148,6 +179,11 @@ def _policy_record(choice: Choice, run: ChainRun) -> Record:
     return record
 
 
+def _chosen_values(goal: Goal) -> list[float]:
+    declared = [round(value, 4) for value in goal.values.values()]
+    return [round(goal.pose.yaw, 4), round(goal.speed, 3), *declared]
+
+
 def _joint_oracle(
     settings: Settings,
     tools: Toolset,
@@ -155,14 +191,12 @@ def _joint_oracle(
     execute: Executions,
     chosen: Sequence[TopChain],
 ) -> dict[str, Record]:
-    """Execute the chain with the best headings by executed legs.
-
-    The chains of the policies count too.
-    """
+    """Execute the chain with the best headings by executed legs, and the chains of the policies."""
     chain, legs = best_headings(
         tools, trial, chosen, execute.leg, count=settings.oracle, margin=settings.oracle_margin
     )
-    best = min([execute(each) for each in (chain, *chosen)], key=lambda run: run.duration)
+    runs = [execute(each) for each in (chain, *chosen)]
+    best = min(runs, key=lambda run: run.duration)
     headings = [round(call.goal.pose.yaw, 3) for call in chain.calls]
     return {"oracle": {"headings": headings, "durations": [None], **_best(best), "legs": legs}}
 
@@ -174,7 +208,7 @@ def _best(run: ChainRun) -> Record:
 def _oracle(
     settings: Settings, tools: Toolset, trial: Trial, execute: Executions, start: TopChain
 ) -> dict[str, Record]:
-    """Execute evenly spaced headings of the first subgoal, each with the predicted best of later ones."""
+    """Execute evenly spaced headings of the first subgoal, later ones as predicted best."""
     naive_heading = start.calls[0].goal.pose.yaw
     steps = (2.0 * math.pi * k / settings.oracle for k in range(settings.oracle))
     headings = [wrap_angle(naive_heading + step) for step in steps]
@@ -183,22 +217,21 @@ def _oracle(
         plans = [with_headings(trial.chain, {0: yaw}) for yaw in headings]
         chains = [tools.refiner().refine(trial.world, plan).chain for plan in plans]
     runs = _executed(settings, tools, trial, execute, chains)
-    best = min(
-        [run for run in runs if run is not None] + [execute(start)], key=lambda run: run.duration
-    )
+    executed = [run for run in runs if run is not None]
+    best = min([*executed, execute(start)], key=lambda run: run.duration)
     durations = [None if run is None else round(run.duration, 2) for run in runs]
     rounded = [round(yaw, 3) for yaw in headings]
     records = {"oracle": {"headings": rounded, "durations": durations, **_best(best)}}
     if settings.oracle_speeds:
-        moving = [
-            chain.with_goal(0, dataclasses.replace(chain.calls[0].goal, speed=speed))
-            for chain in chains
-            for speed in settings.oracle_speeds
-        ]
-        moving_runs = [
-            run for run in _executed(settings, tools, trial, execute, moving) if run is not None
-        ]
-        records["oracle_speed"] = _best(min([best, *moving_runs], key=lambda run: run.duration))
+        moving = []
+        for chain in chains:
+            for speed in settings.oracle_speeds:
+                goal = dataclasses.replace(chain.calls[0].goal, speed=speed)
+                moving.append(chain.with_goal(0, goal))
+        runs = _executed(settings, tools, trial, execute, moving)
+        moving_runs = [run for run in runs if run is not None]
+        best_of_both = min([best, *moving_runs], key=lambda run: run.duration)
+        records["oracle_speed"] = _best(best_of_both)
     return records
 
 
@@ -213,25 +246,38 @@ def _executed(
     costs = [tools.predict(trial.world, chain).cost for chain in chains]
     margin = settings.oracle_margin
     bound = math.inf if margin is None else min(costs) + margin
-    return [
-        execute(chain) if cost <= bound else None for chain, cost in zip(chains, costs, strict=True)
-    ]
+    runs = []
+    for chain, cost in zip(chains, costs, strict=True):
+        runs.append(execute(chain) if cost <= bound else None)
+    return runs
 
 
 Drive = Callable[[World, TopChain], float]
 """Executes a chain of one action from rest; returns its duration in s, infinite where it fails."""
-_SAME = 1e-3  # rad
+_SAME = 1e-3  # rad up to which headings are the same
 _ROUNDING = 1e-9  # s
 
 
-def candidates(trial: Trial, chains: Sequence[TopChain], count: int) -> list[FloatArray]:
-    """Return the headings (rad) to try at each step, shape (k,): `count` ones, and those of `chains`."""
+def candidates(
+    trial: Trial,
+    chains: Sequence[TopChain],
+    count: int,
+) -> list[FloatArray]:
+    """Return the headings to try at each step of a trial's chain.
+
+    Returns
+    -------
+    list of array of float, shape (k,)
+        For each step, in rad: the headings of `chains`, and `count` evenly spaced ones; only the
+        step's own heading if it is not open.
+    """
     offered = []
+    spaced = [2.0 * math.pi * k / count for k in range(count)]
     for index, call in enumerate(trial.chain.calls):
         distinct: list[float] = []
         if "yaw" in call.open:
             chosen = [chain.calls[index].goal.pose.yaw for chain in chains]
-            for yaw in (*chosen, *(2.0 * math.pi * k / count for k in range(count))):
+            for yaw in (*chosen, *spaced):
                 if all(abs(wrap_angle(yaw - other)) > _SAME for other in distinct):
                     distinct.append(wrap_angle(yaw))
         offered.append(np.array(distinct or [call.goal.pose.yaw]))
@@ -247,13 +293,33 @@ def best_headings(
     count: int,
     margin: float | None,
 ) -> tuple[TopChain, int]:
-    """Return the chain that is fastest by executed legs, and the number of legs that `drive` executed.
+    """Find the chain that is fastest by executed legs.
 
-    At each open step `count` evenly spaced headings are tried, and those of `chosen`, the policies'
-    choices. Headings are left out if the models predict that all chains through them take `margin`
-    s longer than the best; None: all are tried.
+    Parameters
+    ----------
+    tools : Toolset
+        The models.
+    trial : Trial
+        The situation and its plan.
+    chosen : sequence of TopChain
+        The policies' choices, whose headings are tried too.
+    drive : callable
+        Executes a leg.
+    count : int
+        Number of evenly spaced headings that are tried at each open step.
+    margin : float or None
+        Headings are left out if the models predict that all chains through them take this much
+        longer than the best (s); None: all are tried.
+
+    Returns
+    -------
+    chain : TopChain
+        The fastest chain.
+    legs : int
+        Number of executed legs.
     """
-    calls, names = trial.chain.calls, [("yaw",)] * len(trial.chain)
+    calls = trial.chain.calls
+    names = [("yaw",)] * len(trial.chain)
     model = ChainModel(
         trial.world,
         trial.chain,
@@ -274,11 +340,11 @@ def best_headings(
         headings = np.broadcast_to(after[:, 0], starts[0].shape)
         poses = [Pose(*start) for start in starts.reshape(3, -1).T.tolist()]
         worlds = [World(0.0, RobotState(pose), trial.world.objects) for pose in poses]
-        legs = [
-            with_headings(TopChain((calls[index],)), {0: yaw}) for yaw in headings.ravel().tolist()
-        ]
+        leg = TopChain((calls[index],))
+        legs = [with_headings(leg, {0: yaw}) for yaw in headings.ravel().tolist()]
         executed += len(legs)
-        return np.reshape([drive(*pair) for pair in zip(worlds, legs, strict=True)], headings.shape)
+        durations = [drive(*pair) for pair in zip(worlds, legs, strict=True)]
+        return np.reshape(durations, headings.shape)
 
     values = least_path(lambda steps: [duration(*pairs) for pairs in steps], promising).values
     opened = {i: float(yaw[0]) for i, yaw in enumerate(values) if "yaw" in calls[i].open}

@@ -11,14 +11,15 @@ from ator_ros.geometry import FloatArray
 from ator_ros.performance.accuracy import mean_ci95, resampled_means
 
 EQUAL = 0.02
-"""Runs whose durations differ by no more than this share count as equal."""
+"""Runs whose durations differ by no more than this share count as equal, as in Table 1."""
 _LEAST_SAVED = 0.0005  # share of the naive durations that an oracle must save for a captured share
 
 
 def summarize(records: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
-    """Return the figures of Table 1 of each policy, with 95 % bootstrap intervals over situations.
+    """Return the figures of Table 1 of each policy (paper, section 5).
 
-    `records` are those of `evaluate_trial`. A failed chain counts with the time limit as duration.
+    Intervals are 95 %, bootstrapped over situations. A failed chain counts with the time limit as
+    duration. `records` are those of `evaluate_trial`.
 
     Returns
     -------
@@ -34,30 +35,30 @@ def summarize(records: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, Any]]
     }
     oracles = [name for name in ("oracle", "oracle_speed") if name in records[0]]
     runs |= {name: [record[name] for record in records] for name in oracles}
-    durations = {
-        name: np.array(
-            [row["best" if name in oracles else "duration"] for row in rows], dtype=float
-        )
-        for name, rows in runs.items()
-    }
+    durations = {}
+    for name, rows in runs.items():
+        column = "best" if name in oracles else "duration"
+        durations[name] = np.array([row[column] for row in rows], dtype=float)
     means = resampled_means(np.stack(list(durations.values())))
     resampled = dict(zip(durations, means, strict=True))
-    return {
-        name: {
-            **_policy_summary(name, durations, resampled),
-            "failures": sum(not row["success"] for row in rows),
-        }
-        for name, rows in runs.items()
-    }
+    summaries = {}
+    for name, rows in runs.items():
+        summaries[name] = _policy_summary(name, durations, resampled)
+        summaries[name]["failures"] = sum(not row["success"] for row in rows)
+    return summaries
 
 
 def _policy_summary(
-    name: str, durations: Mapping[str, FloatArray], resampled: Mapping[str, FloatArray]
+    name: str,
+    durations: Mapping[str, FloatArray],
+    resampled: Mapping[str, FloatArray],
 ) -> dict[str, Any]:
-    duration, reference = durations[name], durations["naive"]
+    duration = durations[name]
+    reference = durations["naive"]
     gain = (reference - duration) / reference
     ratio = 100.0 * gain
-    higher, lower = ratio[gain > EQUAL], ratio[gain < -EQUAL]
+    higher = ratio[gain > EQUAL]
+    lower = ratio[gain < -EQUAL]
     summary: dict[str, Any] = {
         "mean_duration_s": _rounded(duration.mean()),
         "improvement_percent": _rounded(100.0 * (1.0 - duration.sum() / reference.sum())),
@@ -76,10 +77,10 @@ def _policy_summary(
     oracle = "oracle_speed" if joint else "oracle"
     possible = reference.sum() - durations.get(oracle, reference).sum()  # s; 0 without an oracle
     if possible > _LEAST_SAVED * reference.sum():
-        summary["oracle_captured_percent"] = _rounded(
-            100.0 * (reference.sum() - duration.sum()) / possible
-        )
-        saved, most = resampled["naive"] - resampled[name], resampled["naive"] - resampled[oracle]
+        captured = 100.0 * (reference.sum() - duration.sum()) / possible
+        summary["oracle_captured_percent"] = _rounded(captured)
+        saved = resampled["naive"] - resampled[name]
+        most = resampled["naive"] - resampled[oracle]
         shares = saved[most > 0.0] / most[most > 0.0]
         summary["oracle_captured_ci95"] = _interval(100.0 * shares)
     return summary
@@ -95,6 +96,8 @@ def _interval(values: FloatArray) -> list[float]:
 
 def prediction_errors(records: Sequence[Mapping[str, Any]], policy: str) -> dict[str, Any]:
     """Return the errors of a policy's predicted chain durations, over the chains that succeeded.
+
+    `records` are those of `evaluate_trial`, `policy` is a name of `POLICIES`.
 
     Returns
     -------

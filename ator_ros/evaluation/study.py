@@ -14,7 +14,10 @@ from ator_ros.evaluation.trials import Trial, open_speeds, reopened
 from ator_ros.refinement.refiner import Refinement
 
 NO_EFFECT = 0.02
-"""Predicted gain in s up to which a variable counts as having no effect: less than half a control period."""
+"""Predicted gain in s up to which a variable counts as having no effect.
+
+It is less than half a control period.
+"""
 
 
 def open_variables(tools: Toolset, trials: Iterable[Trial]) -> list[dict[str, Any]]:
@@ -41,19 +44,24 @@ def open_variables(tools: Toolset, trials: Iterable[Trial]) -> list[dict[str, An
     return [_summary(*key, results) for key, results in sorted(found.items())]
 
 
-def _summary(step: int, top: str, name: str, results: list[Refinement]) -> dict[str, Any]:
+def _summary(
+    step: int,
+    top: str,
+    name: str,
+    results: list[Refinement],
+) -> dict[str, Any]:
     """Return the gain of one variable in all situations, and its explanation."""
     closed = Counter(each.reason for result in results for each in result.not_free)
     refined = [result for result in results if result.free]
-    limits = Counter(
-        each for result in refined for variable in result.free for each in variable.limits
-    )
-    accepted, free = sum(result.refined for result in refined), len(refined)
-    gain = (
-        sum(max(0.0, each.before.cost - each.after.cost) for each in refined) / free
-        if free
-        else 0.0
-    )
+    limits: Counter[str] = Counter()
+    for result in refined:
+        for variable in result.free:
+            limits.update(variable.limits)
+    accepted = sum(result.refined for result in refined)
+    free = len(refined)
+    gain = 0.0
+    if free:
+        gain = sum(max(0.0, each.before.cost - each.after.cost) for each in refined) / free
     if closed.total() > free:
         explanation = closed.most_common(1)[0][0]
     elif gain <= NO_EFFECT:

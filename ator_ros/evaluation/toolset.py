@@ -24,7 +24,15 @@ from ator_ros.world.state import World
 
 @dataclass(frozen=True)
 class Toolset:
-    """The performance models of the policies, by action, with their robot and domain."""
+    """The performance models of the policies.
+
+    Attributes
+    ----------
+    domain : Domain
+    robot : Robot
+    models : mapping of str to PredictsPerformance
+        Models by the name of the action.
+    """
 
     domain: Domain
     robot: Robot
@@ -32,27 +40,39 @@ class Toolset:
 
     def refiner(self, *, gated: bool = False) -> Refiner:
         """Return a refiner with these models, with the gate if `gated`."""
-        gate, ranges, cost = (
-            Gate() if gated else NO_GATE,
-            self.domain.ranges,
-            self.domain.time_limit,
-        )
+        gate = Gate() if gated else NO_GATE
+        ranges = self.domain.ranges
+        cost = self.domain.time_limit
         return Refiner(self.robot, self.models, gate, ranges=ranges, failure_cost=cost)
 
     def predict(self, world: World, chain: TopChain) -> ChainPrediction:
-        """Return the prediction of a chain with its own values."""
+        """Return the prediction of a chain with its own values; durations are in s."""
         return predict_chain(world, chain, self.models, self.robot)
 
 
 @dataclass(frozen=True, kw_only=True)
 class ToolsetSource:
-    """Source of robot, actions and models."""
+    """Source of robot, actions and models.
 
-    domain: str = DEFAULT  # name or file
-    robot: str = ""  # file of the robot's description; empty: the shipped one
-    map: str = ""  # file of the building's map; empty: the domain's, if it has one
-    action_set: str = DEFAULT_SET  # name of one of the domain's action sets
-    models: str = ""  # folder with the layout of the shipped models/; empty: the shipped folder
+    Attributes
+    ----------
+    domain : str
+        Name or file of the domain.
+    robot : str
+        File of the robot's description; empty: the shipped one.
+    map : str
+        File of the building's map; empty: the domain's, if it has one.
+    action_set : str
+        Name of one of the domain's action sets.
+    models : str
+        Folder with the layout of the shipped models/; empty: the shipped folder.
+    """
+
+    domain: str = DEFAULT
+    robot: str = ""
+    map: str = ""
+    action_set: str = DEFAULT_SET
+    models: str = ""
 
     def in_domain(self) -> Domain:
         """Return the domain, on the map."""
@@ -80,13 +100,20 @@ class ToolsetSource:
     def require_executable(self, chain: str) -> None:
         """Check the actions of a chain and their models.
 
-        Raises EvaluationError if the simulator cannot execute an action, and FileError for an
-        unusable model.
+        Raises
+        ------
+        EvaluationError
+            The simulator cannot execute an action.
+        FileError
+            A model cannot be used.
         """
-        domain, robot = self.in_domain(), self.described()
-        trial = random_trial(domain, chain, domain.library(robot, self.action_set), seed=0, index=0)
+        domain = self.in_domain()
+        robot = self.described()
+        library = domain.library(robot, self.action_set)
+        trial = random_trial(domain, chain, library, seed=0, index=0)
+        specs = domain.actions(self.action_set)
         for action in dict.fromkeys(call.top.action for call in trial.chain.calls):
-            if why := domain.actions(self.action_set)[action].over_ros_only:
+            if why := specs[action].over_ros_only:
                 raise EvaluationError(f"chain {chain}: {why}")
             load_model(self.folder() / f"{action}.json", robot, domain.known_features)
 
@@ -94,14 +121,16 @@ class ToolsetSource:
 def tools_of(source: ToolsetSource) -> tuple[Toolset, TopLibrary]:
     """Return toolset and library, cached until a file changes.
 
-    Raise FileError for an unusable model.
+    Raises FileError for a model that cannot be used.
     """
     return _loaded(source, source.digest())
 
 
 @lru_cache(maxsize=4)
 def _loaded(source: ToolsetSource, _digest: str) -> tuple[Toolset, TopLibrary]:
-    domain, robot, action_set = source.in_domain(), source.described(), source.action_set
+    domain = source.in_domain()
+    robot = source.described()
+    action_set = source.action_set
     models = load_models(
         robot, domain.known_features, action_set=action_set, folder=source.models_root()
     )

@@ -33,9 +33,27 @@ class Trial:
 
 
 def random_trial(
-    domain: Domain, chain: str, library: TopLibrary, *, seed: int, index: int
+    domain: Domain,
+    chain: str,
+    library: TopLibrary,
+    *,
+    seed: int,
+    index: int,
 ) -> Trial:
-    """Draw situation `index` of the domain's chain of this name; the same seed gives the same situation.
+    """Draw situation `index` of a domain's chain.
+
+    The same seed gives the same situation.
+
+    Parameters
+    ----------
+    domain : Domain
+        The domain.
+    chain : str
+        Name of one of its chains.
+    library : TopLibrary
+        TOPs and actions of the chain.
+    seed, index : int
+        Seed of the evaluation, and number of the situation.
 
     Raises
     ------
@@ -61,7 +79,11 @@ def random_trial(
     return Trial(world, plan)
 
 
-def _places(world: World, chain: TopChain, robot: Robot) -> list[Pose]:
+def _places(
+    world: World,
+    chain: TopChain,
+    robot: Robot,
+) -> list[Pose]:
     arriving = (call.goal for call in chain.calls if call.top.arrives)
     return [world.robot.pose, *(goal.robot_pose(robot) for goal in arriving)]
 
@@ -75,7 +97,8 @@ def reopened(chain: TopChain, opened: Iterable[frozenset[str]]) -> TopChain:
 def open_speeds(chain: TopChain) -> TopChain:
     """Return the chain with the arrival speeds at its intermediate subgoals open too."""
     *intermediate, last = (call.open for call in chain.calls)
-    return reopened(chain, (*(names | {"speed"} for names in intermediate), last))
+    opened = [names | {"speed"} for names in intermediate]
+    return reopened(chain, (*opened, last))
 
 
 def open_places(chain: TopChain) -> TopChain:
@@ -92,15 +115,39 @@ def with_headings(chain: TopChain, headings: Mapping[int, float]) -> TopChain:
     calls = list(chain.calls)
     for index, yaw in headings.items():
         call = calls[index]
-        goal = dataclasses.replace(call.goal, pose=call.goal.pose._replace(yaw=float(yaw)))
-        calls[index] = dataclasses.replace(call, goal=goal, open=call.open - {"yaw"})
+        pose = call.goal.pose._replace(yaw=float(yaw))
+        goal = dataclasses.replace(call.goal, pose=pose)
+        calls[index] = dataclasses.replace(
+            call,
+            goal=goal,
+            open=call.open - {"yaw"},
+        )
     return TopChain(tuple(calls))
 
 
 def possible_actions(
     domain: Domain, action_set: str, robot: Robot, *, over_ros: bool = False
 ) -> tuple[list[str], dict[str, str]]:
-    """Return the actions that a robot can execute, directly or over ROS, and the others with the reason."""
+    """Return the actions of a set that a robot can execute.
+
+    Parameters
+    ----------
+    domain : Domain
+        The domain.
+    action_set : str
+        Name of one of its action sets.
+    robot : Robot
+        The robot.
+    over_ros : bool
+        Whether actions that are executed over ROS count too.
+
+    Returns
+    -------
+    possible : list of str
+        Names of the actions, in the order of the set.
+    left_out : dict of str to str
+        Why the robot cannot execute the others.
+    """
     library = domain.library(robot, action_set)
     reasons = library.left_out  # by TOP
     left_out = {top.action: reasons[top.name] for top in domain.tops if top.name in reasons}
@@ -121,11 +168,26 @@ def possible_actions(
 
 
 def possible_chain(
-    domain: Domain, library: TopLibrary, wanted: str | None, actions: Sequence[str]
+    domain: Domain,
+    library: TopLibrary,
+    wanted: str | None,
+    actions: Sequence[str],
 ) -> str | None:
-    """Return the name of a chain that consists of `actions`: the wanted one if possible, else the first.
+    """Return the name of a chain that consists of possible actions.
 
-    Return None if every chain needs another action.
+    It is the wanted chain if that is possible, else the first of the domain; None if every chain
+    needs another action.
+
+    Parameters
+    ----------
+    domain : Domain
+        The domain.
+    library : TopLibrary
+        TOPs and actions.
+    wanted : str or None
+        Name of the preferred chain.
+    actions : sequence of str
+        Names of the possible actions.
     """
     for name in sorted(domain.chains, key=lambda name: name != wanted):
         try:

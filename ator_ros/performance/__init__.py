@@ -1,1 +1,1 @@
-"""Performance models of actions: features, model trees, their rules and their files (paper, section 3)."""
+"""Performance models of actions: features, model trees, rules and files (paper, section 3)."""

@@ -15,11 +15,22 @@ from ator_ros.performance.training import direct_of
 from ator_ros.robot.description import Robot
 from ator_ros.world.state import AT_REST, CONTROL_PERIOD
 
-RESAMPLES = 5000
+RESAMPLES = 5000  # bootstrap samples
 
 
 def resampled_means(table: FloatArray) -> FloatArray:
-    """Return means, shape (k, RESAMPLES), over columns of a table (k, n) drawn with replacement."""
+    """Return bootstrap means of the rows of a table.
+
+    Columns are drawn with replacement, the same ones for all rows. The seed is fixed.
+
+    Parameters
+    ----------
+    table : array of float, shape (k, n)
+
+    Returns
+    -------
+    array of float, shape (k, RESAMPLES)
+    """
     count = table.shape[1]
     weights = np.random.default_rng(0).multinomial(
         count, np.full(count, 1.0 / count), size=RESAMPLES
@@ -28,26 +39,44 @@ def resampled_means(table: FloatArray) -> FloatArray:
 
 
 def mean_ci95(values: FloatArray) -> FloatArray:
-    """Return the 95 % bootstrap interval, shape (2,), of the mean of independent `values`, shape (n,)."""
+    """Return the 95 % bootstrap interval of a mean, shape (2,): lower and upper bound.
+
+    `values`, shape (n,), are independent.
+    """
     return np.quantile(resampled_means(values[None, :]), (0.025, 0.975))
 
 
-def accuracy(model: PerformanceModel, starts: pd.DataFrame, *, seed: int) -> dict[str, Any]:
-    """Compare predicted and actual durations, from the first rows of fresh episodes.
+def accuracy(
+    model: PerformanceModel,
+    starts: pd.DataFrame,
+    *,
+    seed: int,
+) -> dict[str, Any]:
+    """Compare predicted with actual durations of fresh episodes (paper, end of section 3).
+
+    Only episodes that succeeded count.
+
+    Parameters
+    ----------
+    model : PerformanceModel
+    starts : pandas.DataFrame
+        First rows of episodes that the model was not learned from.
+    seed : int
+        Seed of these episodes, for the record.
 
     Returns
     -------
     dict
         mae_s, rmse_s with their _ci95, bias_s, mean_duration_s, relative_error (MAE over mean
-        duration), median_relative_error; the number of episodes, which are those that succeeded,
-        and their seed.
+        duration), median_relative_error; the number of episodes and their seed.
     """
     starts = starts[starts["success"]]
     actual = starts["duration"].to_numpy(dtype=float)
     predicted = model.predict(direct_of(starts)).duration
     assert predicted is not None
     error = predicted - actual
-    square, size = error * error, np.abs(error)
+    square = error * error
+    size = np.abs(error)
     return {
         "mae_s": float(size.mean()),
         "mae_s_ci95": mean_ci95(size).tolist(),
@@ -62,8 +91,28 @@ def accuracy(model: PerformanceModel, starts: pd.DataFrame, *, seed: int) -> dic
     }
 
 
-def brier(model: PerformanceModel, starts: pd.DataFrame, *, seed: int) -> dict[str, Any]:
-    """Compare the Brier score of predicted success with that of the success rate, from fresh first rows."""
+def brier(
+    model: PerformanceModel,
+    starts: pd.DataFrame,
+    *,
+    seed: int,
+) -> dict[str, Any]:
+    """Compare the Brier scores of predicted success and of the success rate on fresh episodes.
+
+    Parameters
+    ----------
+    model : PerformanceModel
+    starts : pandas.DataFrame
+        First rows of episodes that the model was not learned from.
+    seed : int
+        Seed of these episodes, for the record.
+
+    Returns
+    -------
+    dict
+        brier, brier_base_rate, brier_gain_ci95 (their difference; positive if the model is better),
+        success_rate, and the number of episodes with their seed.
+    """
     happened = starts["success"].to_numpy(dtype=float)
     probability = model.predict(direct_of(starts), ("success",)).success
     assert probability is not None
@@ -80,7 +129,10 @@ def brier(model: PerformanceModel, starts: pd.DataFrame, *, seed: int) -> dict[s
 
 
 def kinds(starts: pd.DataFrame, robot: Robot) -> dict[str, pd.DataFrame]:
-    """Return the starts at rest and not near the goal, those near it, and those in motion."""
+    """Divide first rows of episodes into kinds, by the name of the kind.
+
+    Episodes start at rest and away from the goal, at rest and near it, or in motion.
+    """
     rest = (starts["v"].abs() <= AT_REST.v).to_numpy()
     near = Geometry(direct_of(starts), robot).dist < SHORT
     masks = {

@@ -21,9 +21,12 @@ DIRECT_VARIABLES: dict[str, str] = {
     "speedg": "m/s",
     "hold": "",
 }
-"""Name and unit. x, y, yaw, v, w: the axle at the start. xg, yg: the goal of the axle (hold 0) or of the
-object held in front (hold 1); yawg, speedg: heading and forward speed there. Poses are in the world frame.
-Goal variables that an action declares follow as NAMEg."""
+"""Names and units of the direct variables. Poses are in the world frame.
+
+x, y, yaw, v, w belong to the axle at the start. xg, yg are the goal of the axle (hold 0) or of the
+object held in front (hold 1); yawg and speedg are heading and forward speed there. Goal variables
+that an action declares follow as NAMEg.
+"""
 
 X, Y, YAW, V, W, XG, YG, YAWG, SPEEDG, HOLD = range(len(DIRECT_VARIABLES))
 """Rows of a table of direct variables."""
@@ -32,13 +35,19 @@ Direct = Mapping[str, Any]
 
 
 class DirectTable(Mapping[str, FloatArray]):
-    """Direct variables of n situations by name, each a row of `table`, shape (names, n).
+    """Direct variables of n situations by name, each an array of shape (n,).
 
-    `names` are all DIRECT_VARIABLES, then the declared goal variables, sorted.
+    Attributes
+    ----------
+    names : tuple of str
+        All DIRECT_VARIABLES, then the declared goal variables, sorted.
+    table : array of float, shape (len(names), n)
+        Each variable is a row.
     """
 
     def __init__(self, names: tuple[str, ...], table: FloatArray) -> None:
-        self.names, self.table = names, table
+        self.names = names
+        self.table = table
 
     def __getitem__(self, name: str) -> FloatArray:
         if name not in self.names:
@@ -53,16 +62,22 @@ class DirectTable(Mapping[str, FloatArray]):
 
 
 def direct_table(direct: Direct, further: Iterable[str] = ()) -> DirectTable:
-    """Return direct variables as a table; one that has these rows already is returned unchecked.
+    """Return direct variables as a table.
 
-    Scalars become arrays: only then does numpy compute one situation and a thousand identically.
+    A table that has these rows already is returned unchecked. Scalars become arrays: only then does
+    numpy compute one situation and a thousand identically.
 
     Parameters
     ----------
     direct : mapping
         All DIRECT_VARIABLES by name, each a number or an array of shape (n,); others are ignored.
     further : iterable of str
-        Names of required variables besides; a missing one raises ValueError.
+        Names of required variables besides.
+
+    Raises
+    ------
+    ValueError
+        A variable is missing.
     """
     names = (*DIRECT_VARIABLES, *further)
     if isinstance(direct, DirectTable) and direct.names == names:

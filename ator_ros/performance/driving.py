@@ -13,7 +13,14 @@ import numpy as np
 
 from ator_ros.geometry import FloatArray
 from ator_ros.motion.durations import rates_of
-from ator_ros.motion.shapes import Rules, Shape, ShapeSet, drawn_ends, needed_shapes, shape_set
+from ator_ros.motion.shapes import (
+    Rules,
+    Shape,
+    ShapeSet,
+    drawn_ends,
+    needed_shapes,
+    shape_set,
+)
 from ator_ros.robot.description import Limits, Robot
 from ator_ros.schema import Within, require
 
@@ -31,6 +38,11 @@ class DrivingStyle:
 
     Attributes
     ----------
+    limits : Limits
+        Greatest speeds and accelerations of the action, in SI units.
+    drives, approaches : tuple
+        Groups of shapes of paths, the fastest of which counts: to a pose, and to a pose at which
+        the robot holds an object. Without approaches, the drives hold for both.
     forward : bool
         Whether it never drives backward.
     free_heading : bool
@@ -43,9 +55,11 @@ class DrivingStyle:
     backward_above : float
         Angle in rad to the destination above which it drives backward; pi if it never does, if no
         angle separates such drives from the others, or if the distances driven are unknown.
-    drives, approaches : tuple
-        Groups of shapes of paths, the fastest of which counts: to a pose, and to a pose at which
-        the robot holds an object. Without approaches, the drives hold for both.
+
+    Raises
+    ------
+    SchemaError
+        There are no shapes, or one has another number of fields than `Shape`.
     """
 
     limits: Limits
@@ -59,26 +73,21 @@ class DrivingStyle:
 
     def __post_init__(self) -> None:
         """Check the shapes."""
-        require(
-            bool(self.drives) and all((*self.drives, *self.approaches)),
-            "drives",
-            "shapes of paths",
-            0,
-        )
+        complete = bool(self.drives) and all((*self.drives, *self.approaches))
+        require(complete, "drives", "shapes of paths", 0)
         for shape in itertools.chain(*self.drives, *self.approaches):
-            require(
-                len(shape) == _NUMBERS,
-                "drives, approaches",
-                f"shapes of {_NUMBERS} numbers",
-                len(shape),
-            )
+            expected = f"shapes of {_NUMBERS} numbers"
+            require(len(shape) == _NUMBERS, "drives, approaches", expected, len(shape))
 
     @cached_property
     def drive_paths(self) -> ShapeSet:
         """The paths to a pose."""
         run = math.nan if self.forward else 0.0
         rules = Rules(
-            rates_of(self.limits), run, forward=self.forward, free_heading=self.free_heading
+            rates_of(self.limits),
+            run,
+            forward=self.forward,
+            free_heading=self.free_heading,
         )
         return shape_set(_restored(self.drives), rules)
 
@@ -88,46 +97,62 @@ class DrivingStyle:
         if not self.approaches:
             return self.drive_paths
         run = math.nan if self.forward else self.run
-        return shape_set(
-            _restored(self.approaches),
-            Rules(rates_of(self.limits), run, self.passing, self.forward),
-        )
+        rules = Rules(rates_of(self.limits), run, self.passing, self.forward)
+        return shape_set(_restored(self.approaches), rules)
 
 
 def _restored(groups: StoredGroups) -> list[list[Shape]]:
-    return [
-        [
-            Shape(*(math.nan if number is None else number for number in numbers))
-            for numbers in group
-        ]
-        for group in groups
-    ]
+    return [[_restored_shape(numbers) for numbers in group] for group in groups]
 
 
-# What candidates are chosen from; all numbers are shares of the limits.
-_CHANGES = (-1.0, -0.6, -0.25, 0.0, 0.25, 0.6, 1.0)  # of speed in a turn
+def _restored_shape(numbers: StoredShape) -> Shape:
+    return Shape(*(math.nan if number is None else number for number in numbers))
+
+
+def _stored_shape(shape: Shape) -> StoredShape:
+    return tuple(None if math.isnan(number) else number for number in shape)
+
+
+# The grid of candidate shapes. All numbers are shares of the limits.
+_CHANGES = (-1.0, -0.6, -0.25, 0.0, 0.25, 0.6, 1.0)  # changes of speed in a turn
 # speeds at which a run of given length begins, from the least to the greatest
 RUNS = (0.0, 0.35, 0.8, 1.0)
-_GAINS = _LOSSES = (0.0, 0.25, 0.5, 0.75, 1.0)  # of speed, of actions that only drive forward
+# changes of speed in turns of actions that only drive forward
+_GAINS = _LOSSES = (0.0, 0.25, 0.5, 0.75, 1.0)
 # losses of speed in the first turn, and least speeds at which it may begin
 _SLOWING = ((-0.25, 0.1), (-0.6, 0.3), (-1.0, 0.5))
 _LEADS = (0.05, 0.1, 0.15, 0.2, 0.35, 0.55, 0.8, 1.0)  # speeds to reach before the first turn
-# after the last
+# speeds at which the last turn may begin
 _ARRIVALS = (0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.5, 0.6, 0.75, 0.95, 1.0)
 # speeds at start or goal that decide how fast the robot may turn there
 _LEAST = (0.0, 0.25, 0.5, 0.75)
 _SLOWEST = 0.1  # share of the turn rate below which no turn is tried
-_DRAWN, _SEED = 2000, 5
+_DRAWN = 2000  # pairs of ends on which shapes are compared
+_SEED = 5  # of these pairs
 _PLAIN = 50  # pairs of ends assumed for an action that was not observed
 
 TurnRates = Callable[[float, float], float]
-"""Returns the greatest turn rate (0: no turn) at a speed and a change of speed; all are shares of limits."""
+"""Returns the greatest turn rate at a speed and a change of speed.
+
+All are shares of the limits. 0 means no turn.
+"""
 
 
 def free_shapes(limits: Limits, runs: Iterable[float] = (0.0,)) -> list[Shape]:
-    """Return the shapes of paths of a base that turns at its limit at any speed, and drives backward too."""
+    """Return the candidate shapes of a base that turns at its limit at any speed.
+
+    The base drives forward and backward. `runs` are speeds at which a run begins, as shares of the
+    limit, see `RUNS`.
+    """
     return [
-        Shape(first * limits.a, limits.w, last * limits.a, limits.w, share, direction=direction)
+        Shape(
+            first * limits.a,
+            limits.w,
+            last * limits.a,
+            limits.w,
+            share,
+            direction=direction,
+        )
         for first, last, direction, share in itertools.product(
             _CHANGES, _CHANGES, (1.0, -1.0), runs
         )
@@ -135,7 +160,7 @@ def free_shapes(limits: Limits, runs: Iterable[float] = (0.0,)) -> list[Shape]:
 
 
 def plain_forward_shapes(limits: Limits) -> list[Shape]:
-    """Return the shapes of paths forward of a base that turns at its limit at any speed."""
+    """Return the candidate shapes of forward paths of a base that turns at its limit always."""
     begins = (*((gain, math.nan) for gain in _GAINS), *_SLOWING)
     return [
         Shape(
@@ -152,18 +177,48 @@ def plain_forward_shapes(limits: Limits) -> list[Shape]:
 
 
 def forward_shapes(
-    limits: Limits, first_rate: TurnRates, last_rate: TurnRates, *, free_heading: bool = False
+    limits: Limits,
+    first_rate: TurnRates,
+    last_rate: TurnRates,
+    *,
+    free_heading: bool = False,
 ) -> list[Shape]:
-    """Return the shapes of paths forward, whose turns are as fast as `first_rate` and `last_rate` allow."""
+    """Return the candidate shapes of forward paths.
+
+    Parameters
+    ----------
+    limits : Limits
+        Limits of the action.
+    first_rate, last_rate : callable
+        Greatest rates of the first and of the last turn.
+    free_heading : bool
+        Whether the action ends at any heading, so that there is no last turn.
+
+    Returns
+    -------
+    list of Shape
+        Empty if no turn is faster than a tenth of the limit.
+    """
     at_least = [(least, math.nan, least * limits.v if least else math.nan) for least in _LEAST]
     begins = [
-        (gain * limits.a, first_rate(speed, gain) * limits.w, entry * limits.v, start)
-        for speed, entry, start in (*at_least, *((lead, lead, math.nan) for lead in _LEADS))
+        (
+            gain * limits.a,
+            first_rate(speed, gain) * limits.w,
+            entry * limits.v,
+            start,
+        )
+        for speed, entry, start in (
+            *at_least,
+            *((lead, lead, math.nan) for lead in _LEADS),
+        )
         for gain in _GAINS
     ]
     ends = [
         (loss * limits.brake, last_rate(speed, -loss) * limits.w, share, arrival)
-        for speed, share, arrival in (*((speed, speed, math.nan) for speed in _ARRIVALS), *at_least)
+        for speed, share, arrival in (
+            *((speed, speed, math.nan) for speed in _ARRIVALS),
+            *at_least,
+        )
         for loss in _LOSSES
     ]
     ends = [(0.0, limits.w, math.nan, math.nan)] if free_heading else ends
@@ -179,32 +234,47 @@ def forward_shapes(
 def chosen_shapes(
     shapes: Sequence[Shape], rules: Rules, ends: FloatArray, *, hold: float
 ) -> StoredGroups:
-    """Return the groups of `shapes` whose paths are about as fast as those of all shapes.
+    """Return the groups of `shapes` that are needed: their paths are about as fast as those of all.
 
-    Times are compared between ends like `ends`, shape (5, n), see
-    `ator_ros.motion.shapes.drawn_ends`.
+    Parameters
+    ----------
+    shapes : sequence of Shape
+        Candidates.
+    rules : Rules
+        Rules of the paths.
+    ends : array of float, shape (5, n)
+        Times are compared between ends like these, see `ator_ros.motion.shapes.drawn_ends`.
+    hold : float
+        Distance in m from the axle to the object in front.
+
+    Returns
+    -------
+    tuple
+        Groups of shapes as a model file stores them.
     """
     drawn = drawn_ends(ends, _DRAWN, np.random.default_rng(_SEED))
     grid = shape_set([[shape] for shape in shapes], rules)
-    return tuple(
-        tuple(
-            tuple(None if math.isnan(value) else value for value in shapes[number])
-            for number in group
-        )
-        for group in needed_shapes(grid, drawn, hold=hold)
-    )
+    groups = needed_shapes(grid, drawn, hold=hold)
+    return tuple(tuple(_stored_shape(shapes[number]) for number in group) for group in groups)
 
 
 @lru_cache(maxsize=8)
 def plain_driving(robot: Robot) -> DrivingStyle:
-    """Return how an action that was not observed is assumed to drive: at all limits of the base."""
+    """Return how an action that was not observed is assumed to drive: at all limits of the base.
+
+    The result is cached by robot.
+    """
     limits = robot.limits
     speeds = np.linspace(0.0, limits.v, _PLAIN) * (np.arange(_PLAIN) % 2)
     unturned = np.zeros(_PLAIN)
-    ends = np.stack(
-        (np.linspace(0.1, 5.0, _PLAIN), unturned, unturned, speeds, np.roll(speeds, _PLAIN // 2))
-    )
+    distances = np.linspace(0.1, 5.0, _PLAIN)  # m
+    arrival_speeds = np.roll(speeds, _PLAIN // 2)
+    ends = np.stack((distances, unturned, unturned, speeds, arrival_speeds))
     forward = not limits.backward
     shapes = plain_forward_shapes(limits) if forward else free_shapes(limits)
     rules = Rules(rates_of(limits), math.nan if forward else 0.0, forward=forward)
-    return DrivingStyle(limits, chosen_shapes(shapes, rules, ends, hold=0.0), forward=forward)
+    return DrivingStyle(
+        limits,
+        chosen_shapes(shapes, rules, ends, hold=0.0),
+        forward=forward,
+    )

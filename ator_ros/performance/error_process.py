@@ -1,9 +1,9 @@
-"""The errors of a model as a Gaussian process over its features (Rasmussen and Williams 2006, chapter 2).
+"""The errors of a model as a Gaussian process over its features.
 
-It is fitted to errors on episodes that the model was not learned from. Where similar episodes have
-an error, the same error is expected; where there are none, its mean is 0 and its deviation
-`signal`. The spread of models of resampled episodes would not show such errors, because models of
-the same form share them.
+See Rasmussen and Williams 2006, chapter 2. The process is fitted to errors on episodes that the
+model was not learned from. Where similar episodes have an error, the same error is expected. Where
+there are none, the mean is 0 and the deviation `signal`. The spread of models of resampled episodes
+would not show such errors, because models of the same form share them.
 """
 
 from __future__ import annotations
@@ -23,15 +23,16 @@ from ator_ros.schema import Within, require
 
 # episodes kept, evenly spaced: more hardly change the result, and make a request slower
 _MOST_EPISODES = 300
-_CLIPPED_AT, _NEIGHBORS = 4.0, 7
-"""Standard deviations from the median of similar episodes at which an error is clipped, as an accident."""
+# An error this many standard deviations from the median of similar episodes is an accident. It is
+# clipped there.
+_CLIPPED_AT = 4.0
+_NEIGHBORS = 7  # similar episodes, the episode itself included
+# Least ratio of `ErrorProcess.signal` to the standard deviation of the errors. Without it, a few
+# episodes whose errors do not depend on the features by chance give almost no uncertainty.
 _LEAST_SIGNAL_RATIO = 0.5
-"""Least ratio of `ErrorProcess.signal` to the standard deviation of the errors that it is fitted to.
-
-Without it, a few episodes whose errors do not depend on the features by chance give almost no uncertainty."""
 # least and greatest length of the process in standard deviations of a single feature
 _LENGTHS = (0.2, 1.0)
-_DIGITS = 4
+_DIGITS = 4  # decimals kept of errors (s) and standardized features
 _Positive = Annotated[float, Within(1e-9)]
 
 
@@ -53,6 +54,11 @@ class ErrorProcess:
         Standard deviations in s of the process, and of what differs between similar episodes.
     length : float
         Distance between points over which errors are similar.
+
+    Raises
+    ------
+    SchemaError
+        The lengths of the fields differ, or the number of episodes is not 1 to 300.
     """
 
     features: tuple[str, ...]
@@ -67,15 +73,13 @@ class ErrorProcess:
     def __post_init__(self) -> None:
         """Check the shapes."""
         k = len(self.features)
-        alike = len(self.center) == len(self.scale) == k and all(
-            len(each) == k for each in self.points
-        )
+        same_points = all(len(each) == k for each in self.points)
+        alike = len(self.center) == len(self.scale) == k and same_points
         require(alike, "points", f"{k} numbers each, as center and scale have", "others")
         few = 1 <= len(self.points) <= _MOST_EPISODES
         require(few, "points", f"1 to {_MOST_EPISODES} episodes", len(self.points))
-        require(
-            len(self.errors) == len(self.points), "errors", "one for each point", len(self.errors)
-        )
+        paired = len(self.errors) == len(self.points)
+        require(paired, "errors", "one for each point", len(self.errors))
 
     def of_sum(self, features: FloatArray, signs: FloatArray) -> tuple[float, float]:
         """Return the expected error of a signed sum of durations in s, and its variance in s².
@@ -91,21 +95,22 @@ class ErrorProcess:
 
     @cached_property
     def _solved(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Points (n, k), inverse of their covariances (n, n), weights of their kernels.
-
-        Center and scale.
-        """
+        """Points (n, k), inverse of their covariances (n, n), their weights (n,), center, scale."""
         known = np.array(self.points)
-        covariances = _kernel(known, known, self.signal, self.length) + self.noise**2 * np.eye(
-            len(known)
-        )
+        noise = self.noise**2 * np.eye(len(known))
+        covariances = _kernel(known, known, self.signal, self.length) + noise
         inverse: FloatArray = np.asarray(np.linalg.inv(covariances), dtype=float)
         weights = inverse @ _clipped(np.array(self.errors), known)
         return known, inverse, weights, np.array(self.center), np.array(self.scale)
 
 
 @compiled
-def _kernel(one: FloatArray, other: FloatArray, signal: float, length: float) -> FloatArray:
+def _kernel(
+    one: FloatArray,
+    other: FloatArray,
+    signal: float,
+    length: float,
+) -> FloatArray:
     """Return the Matérn kernel (3/2) of points (n, k) and (m, k), shape (n, m)."""
     found = np.empty((len(one), len(other)))
     for row in range(len(one)):
@@ -121,22 +126,37 @@ def _kernel(one: FloatArray, other: FloatArray, signal: float, length: float) ->
 def fit_error_process(
     names: Sequence[str], features: FloatArray, errors: FloatArray
 ) -> ErrorProcess:
-    """Return the process of greatest likelihood for errors (n,) in s of episodes with features (n, k)."""
+    """Return the process of greatest likelihood.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Names of the k features.
+    features : array of float, shape (n, k)
+        Features of episodes.
+    errors : array of float, shape (n,)
+        Their actual less predicted durations in s.
+    """
     # Only learning needs scikit-learn; nodes start without it.
     from sklearn.exceptions import ConvergenceWarning
     from sklearn.gaussian_process import GaussianProcessRegressor
     from sklearn.gaussian_process.kernels import ConstantKernel, Matern, WhiteKernel
 
-    kept = np.linspace(0, len(errors) - 1, min(len(errors), _MOST_EPISODES)).astype(int)
-    features, errors = features[kept], errors[kept].round(_DIGITS)
-    center, scale = features.mean(axis=0), features.std(axis=0)
+    count = min(len(errors), _MOST_EPISODES)
+    kept = np.linspace(0, len(errors) - 1, count).astype(int)
+    features = features[kept]
+    errors = errors[kept].round(_DIGITS)
+    center = features.mean(axis=0)
+    scale = features.std(axis=0)
     scale[scale < 1e-9] = 1.0
     points = np.round((features - center) / scale, _DIGITS)
     spread = robust_spread(errors)
     shortest, longest = (length * np.sqrt(len(names)) for length in _LENGTHS)
-    signal = ConstantKernel(spread**2, ((_LEAST_SIGNAL_RATIO * spread) ** 2, (10.0 * spread) ** 2))
+    signal_bounds = ((_LEAST_SIGNAL_RATIO * spread) ** 2, (10.0 * spread) ** 2)
+    signal = ConstantKernel(spread**2, signal_bounds)
     kernel = signal * Matern(0.5 * longest, (shortest, longest), nu=1.5)
-    noise = WhiteKernel(spread**2, ((0.2 * spread) ** 2, (3.0 * spread) ** 2))
+    noise_bounds = ((0.2 * spread) ** 2, (3.0 * spread) ** 2)
+    noise = WhiteKernel(spread**2, noise_bounds)
     with warnings.catch_warnings():  # results at a bound are intended
         warnings.simplefilter("ignore", ConvergenceWarning)
         process = GaussianProcessRegressor(kernel + noise).fit(points, _clipped(errors, points))
@@ -154,12 +174,16 @@ def fit_error_process(
 
 
 def robust_spread(errors: FloatArray) -> float:
-    """Return the standard deviation in s, robust against outliers."""
-    return max(1.4826 * float(np.median(np.abs(errors - np.median(errors)))), 1e-3)
+    """Return the standard deviation of errors in s, robust against outliers; at least 1 ms.
+
+    It is the median absolute deviation, scaled as for a normal distribution.
+    """
+    deviations = np.abs(errors - np.median(errors))
+    return max(1.4826 * float(np.median(deviations)), 1e-3)
 
 
 def _clipped(errors: FloatArray, points: FloatArray) -> FloatArray:
-    """Return the errors (n,), each at most `_CLIPPED_AT` deviations off the median of similar episodes."""
+    """Return the errors (n,), clipped around the median of similar episodes."""
     count = min(_NEIGHBORS, len(errors))
     squares = np.square(points[:, None] - points).sum(axis=2)
     nearest = np.argpartition(squares, count - 1, axis=1)[:, :count]

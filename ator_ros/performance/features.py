@@ -1,6 +1,7 @@
-"""Features: derived variables that correlate better with performance than the direct ones (paper, section 3).
+"""Features: derived variables that correlate better with performance than the direct ones.
 
-Those here hold for any action of a robot that drives; a domain adds its own, see `Domain.features`.
+See section 3 of the paper. The features here hold for any action of a robot that drives. A domain
+adds its own, see `Domain.features`.
 """
 
 from __future__ import annotations
@@ -38,14 +39,16 @@ from ator_ros.robot.description import Robot
 
 @dataclass(frozen=True, eq=False)
 class Feature:
-    """One derived variable.
+    """One derived variable (paper, section 4.1).
 
     Attributes
     ----------
+    name, unit : str
+        Name, as in rules and model files, and SI unit; an empty unit for numbers without one.
     derives : frozenset of str
         The direct variables that it is computed from (paper, section 4.2).
     compute : callable
-        Returns its values, shape (n,), in SI units.
+        Returns its values for the geometry of n situations, shape (n,), in SI units.
     row : int or None
         Its number among `Geometry.rows`; None: it is none of them.
     """
@@ -65,14 +68,21 @@ def variables(words: str) -> frozenset[str]:
 def _basic(name: str, unit: str, derives: str) -> Feature:
     """Return the feature that is one of the rows of `BASICS`."""
     row = BASICS.index(name)
-    return Feature(name, unit, variables(derives), lambda g: g.rows[row], row)
+    return Feature(
+        name,
+        unit,
+        variables(derives),
+        lambda g: g.rows[row],
+        row,
+    )
 
 
 _PLACES = "x y xg yg yawg hold"
 _POSES = f"{_PLACES} yaw"
 
+_DIRECT = ("x", "y", "yaw", "xg", "yg", "yawg")
 PAPER_11 = (
-    *(_basic(name, DIRECT_VARIABLES[name], name) for name in ("x", "y", "yaw", "xg", "yg", "yawg")),
+    *(_basic(name, DIRECT_VARIABLES[name], name) for name in _DIRECT),
     _basic("dx", "m", "x xg yawg hold"),
     _basic("dy", "m", "y yg yawg hold"),
     _basic("dist", "m", _PLACES),
@@ -92,35 +102,53 @@ SIGNED = (
     _basic("speedg", "m/s", "speedg"),
     _basic("hold", "", "hold"),
 )
-"""Angles and turn rate relative to the side of the first turn, velocities, and the kind of goal."""
+"""Angles and turn rate relative to the side of the first turn, velocities, and the kind of goal.
+
+A positive angle continues the first turn, a negative one is opposite to it.
+"""
 
 _MOTION = variables(f"{_POSES} speedg v w")
 PATHS = (
     Feature("path_time", "s", _MOTION, lambda g: g.path[0], PATH_TIME),
     Feature("path_turn", "rad", _MOTION, lambda g: g.path[1], PATH_TURN),
 )
-"""Time of and angle turned on the fastest path that the action was observed to drive; see `Geometry.path`."""
+"""Time of, and angle turned on, the fastest path as the action was observed to drive.
+
+See `Geometry.path`.
+"""
 
 
 def _of_straight(geometry: Geometry) -> FloatArray:
     """Return the features of the straight between both turns, shape (4, n)."""
     dist, to, at = geometry.rows[[DIST, ANGLE_TO, ANGLE_AT]]
     backward = to > geometry.backward_above
-    return np.stack(
-        [np.where(backward, np.pi - angle, angle) for angle in (to, at)]
-        + [backward, backward * dist]
-    )
+    to_straight = np.where(backward, np.pi - to, to)
+    after_straight = np.where(backward, np.pi - at, at)
+    return np.stack([to_straight, after_straight, backward, backward * dist])
 
 
 OF_STRAIGHT = (
-    Feature("angle_to_straight", "rad", variables(_POSES), lambda g: g.once(_of_straight)[0]),
-    Feature("angle_after_straight", "rad", variables(_POSES), lambda g: g.once(_of_straight)[1]),
+    Feature(
+        "angle_to_straight",
+        "rad",
+        variables(_POSES),
+        lambda g: g.once(_of_straight)[0],
+    ),
+    Feature(
+        "angle_after_straight",
+        "rad",
+        variables(_POSES),
+        lambda g: g.once(_of_straight)[1],
+    ),
     Feature("backward", "", variables(_POSES), lambda g: g.once(_of_straight)[2]),
     Feature("dist_backward", "m", variables(_POSES), lambda g: g.once(_of_straight)[3]),
 )
-"""Turns before and after a straight that is driven backward above an angle, and the part driven backward.
+"""Features of a straight that is driven backward if the angle to the destination is large.
 
-See `DrivingStyle.backward_above`; candidates of `ator_ros.performance.training.duration_features`."""
+The turns before and after the straight, and the part that is driven backward. The angle is
+`DrivingStyle.backward_above`. These are candidates of
+`ator_ros.performance.training.duration_features`.
+"""
 
 GENERAL: dict[str, Feature] = {
     each.name: each for each in (*PAPER_11, *SIGNED, *PATHS, *OF_STRAIGHT)
@@ -132,27 +160,35 @@ CANDIDATES: tuple[Feature, ...] = (*PAPER_3, *SIGNED, *PATHS)
 
 
 def _on_route(geometry: Geometry) -> FloatArray:
-    """Return the features of routes but their times, shape (5, n).
+    """Return the features of routes except their times, shape (5, n).
 
-    Straight ones have those of `PAPER_3`.
+    Straight routes have the distance and angles of `PAPER_3`.
     """
-    rows, routes = geometry.rows, routes_of(geometry.robot)
+    rows = geometry.rows
+    routes = routes_of(geometry.robot)
     assert routes is not None
-    route = routes.between(rows[FROM_X], rows[FROM_Y], rows[TO_X], rows[TO_Y])
+    route = routes.between(
+        rows[FROM_X],
+        rows[FROM_Y],
+        rows[TO_X],
+        rows[TO_Y],
+    )
     to = np.abs(wrap_angles(route.departure - rows[FROM_YAW]))
     at = np.abs(wrap_angles(rows[GOAL_YAW] - route.arrival))
-    pairs = ((DIST, route.length), (ANGLE_TO, to), (ANGLE_AT, at))
-    length, to, at = (np.where(route.straight, rows[row], around) for row, around in pairs)
+    length = np.where(route.straight, rows[DIST], route.length)
+    to = np.where(route.straight, rows[ANGLE_TO], to)
+    at = np.where(route.straight, rows[ANGLE_AT], at)
     return np.stack([length, route.turn, route.clearance, to, at])
 
 
 def _route_time(geometry: Geometry) -> FloatArray:
     """Return the times of routes at the robot's limits, with turns on the spot at both ends."""
     length, turn, _, to, at = geometry.once(_on_route)
-    rows, limits = geometry.rows, geometry.robot.limits
-    turns = (
-        turn_time(to, limits.w, limits.aw) + turn_time(at, limits.w, limits.aw) + turn / limits.w
-    )
+    rows = geometry.rows
+    limits = geometry.robot.limits
+    first_turn = turn_time(to, limits.w, limits.aw)
+    last_turn = turn_time(at, limits.w, limits.aw)
+    turns = first_turn + last_turn + turn / limits.w
     return np.asarray(turns + drive_time(length, rows[SPEED], rows[ARRIVAL], limits))
 
 
@@ -172,7 +208,12 @@ ROUTE_FEATURES = (
 def goal_feature(variable: GoalVariable) -> Feature:
     """Return a goal variable that an action declares as a feature: NAMEg, as in experience."""
     name = direct_name(variable.name)
-    return Feature(name, variable.unit, frozenset({name}), lambda g: g.direct[name])
+    return Feature(
+        name,
+        variable.unit,
+        frozenset({name}),
+        lambda g: g.direct[name],
+    )
 
 
 def names_of(features: Iterable[Feature]) -> tuple[str, ...]:
@@ -181,16 +222,28 @@ def names_of(features: Iterable[Feature]) -> tuple[str, ...]:
 
 
 def feature_table(
-    direct: Direct, robot: Robot, features: Sequence[Feature], driving: DrivingStyle | None = None
+    direct: Direct,
+    robot: Robot,
+    features: Sequence[Feature],
+    driving: DrivingStyle | None = None,
 ) -> FloatArray:
-    """Return the features of n situations, shape (n, len(features)).
+    """Return the features of n situations, shape (n, len(features)), in SI units.
 
     Parameters
     ----------
     direct : mapping
         Direct variables, see `direct_table`.
+    robot : Robot
+        The robot that drives.
+    features : sequence of Feature
+        The columns.
     driving : DrivingStyle, optional
-        How the action was observed to drive, for `PATHS`.
+        How the action was observed to drive, for `PATHS`; by default at all limits of the base.
+
+    Raises
+    ------
+    ValueError
+        A direct variable that a feature derives from is missing.
     """
     geometry = Geometry(direct, robot, driving, declared_by(features))
     table = np.empty((len(geometry.direct["x"]), len(features)))

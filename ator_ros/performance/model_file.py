@@ -1,4 +1,7 @@
-"""Performance models as JSON files: plain data that runs no code and survives updates of libraries."""
+"""Performance models as JSON files.
+
+The files are plain data: they run no code and survive updates of libraries.
+"""
 
 from __future__ import annotations
 
@@ -26,10 +29,7 @@ KIND = "performance model"
 
 @dataclass(frozen=True)
 class _ModelFile:
-    """The fields of a model file: `features` are units by name.
-
-    `accuracy` is empty if not measured.
-    """
+    """The fields of a model file: `features` are units by name, `accuracy` may be empty."""
 
     action: str
     action_set: str
@@ -40,7 +40,8 @@ class _ModelFile:
     accuracy: dict[str, Any]
     at_goal: AtGoal | None
     trees: dict[
-        Annotated[str, Must(f"one of {', '.join(MEASURES)}", MEASURES.__contains__)], StoredTree
+        Annotated[str, Must(f"one of {', '.join(MEASURES)}", MEASURES.__contains__)],
+        StoredTree,
     ]
     errors: ErrorProcess | None
     driving: DrivingStyle | None = None
@@ -49,28 +50,17 @@ class _ModelFile:
     def __post_init__(self) -> None:
         """Check what depends on several fields, and numbers that are read later."""
         require("duration" in self.trees, "trees.duration", "a tree", None)
+        listed = "features that the file lists"
         for measure, tree in self.trees.items():
             unknown = sorted(set(tree.features) - self.features.keys())
-            require(
-                not unknown, f"trees.{measure}.features", "features that the file lists", unknown
-            )
-        others = (
-            sorted(set(self.errors.features) - self.features.keys())
-            if self.errors is not None
-            else []
-        )
-        require(not others, "errors.features", "features that the file lists", others)
+            require(not unknown, f"trees.{measure}.features", listed, unknown)
+        used = self.errors.features if self.errors is not None else ()
+        unknown = sorted(set(used) - self.features.keys())
+        require(not unknown, "errors.features", listed, unknown)
         starts = self.training.get("starts", {})
         require(isinstance(starts, dict), "training.starts", "ranges by name", starts)
         for name, bounds in starts.items():
-            numbers = (
-                isinstance(bounds, list | tuple)
-                and len(bounds) == 2
-                and all(map(_is_finite, bounds))
-            )
-            sound = (
-                numbers and bounds[0] <= bounds[1] and not (name == "braking" and bounds[0] < 0.0)
-            )
+            sound = _is_range(bounds) and not (name == "braking" and bounds[0] < 0.0)
             place = f"training.starts.{printable(name)}"
             require(sound, place, "a least and a greatest number", bounds)
         for name in ("mae_s", "rmse_s") if self.accuracy else ():
@@ -87,9 +77,14 @@ class RobotMismatchWarning(UserWarning):
 
 
 def model_path(action: str, action_set: str = DEFAULT_SET) -> Path:
-    """Return the place of a model below models/: goToPose.json, or bezier/goToPose.json for that set.
+    """Return the place of a model below models/.
 
-    Raises FileError for a name with other characters, which could lead elsewhere.
+    It is goToPose.json in the default action set, bezier/goToPose.json in the set "bezier".
+
+    Raises
+    ------
+    FileError
+        A name has characters other than letters, digits and _, which could lead elsewhere.
     """
     for field, name in (("action", action), ("action_set", action_set)):
         if not is_name(name):
@@ -98,14 +93,17 @@ def model_path(action: str, action_set: str = DEFAULT_SET) -> Path:
 
 
 def models_folder(top: Path, action_set: str = DEFAULT_SET) -> Path:
-    """Return the folder below `top` that holds the models of an action set; see `model_path`."""
+    """Return the folder below `top` with the models of an action set; see `model_path`.
+
+    Raises FileError for an invalid name.
+    """
     return (top / model_path("any", action_set)).parent
 
 
 def save_model(path: Path | str, model: PerformanceModel) -> None:
-    """Write `model`, with the action_set, training, versions and accuracy of its metadata.
+    """Write a model, with action_set, training, versions and accuracy of its metadata.
 
-    Atomic.
+    The file is replaced in one step, so that a reader never gets half of it.
     """
     names = dict.fromkeys(name for tree in model.trees.values() for name in tree.names)
     names.update(dict.fromkeys(model.errors.features if model.errors is not None else ()))
@@ -126,14 +124,21 @@ def save_model(path: Path | str, model: PerformanceModel) -> None:
     save(path, KIND, file, compact=("errors",))
 
 
-def load_model(path: Path | str, robot: Robot, features: Mapping[str, Feature]) -> PerformanceModel:
+def load_model(
+    path: Path | str,
+    robot: Robot,
+    features: Mapping[str, Feature],
+) -> PerformanceModel:
     """Read a model.
+
+    Warns with a RobotMismatchWarning if the model was learned with another robot.
 
     Parameters
     ----------
+    path : Path or str
+        The file.
     robot : Robot
-        The robot to predict for; a RobotMismatchWarning is raised if the model was learned with
-        another one.
+        The robot to predict for.
     features : mapping of str to Feature
         All features that the file may name; see `Domain.known_features`.
 
@@ -149,8 +154,8 @@ def load_model(path: Path | str, robot: Robot, features: Mapping[str, Feature]) 
     of_routes = set(names_of(ROUTE_FEATURES))
     if of_routes.isdisjoint(features) and not of_routes.isdisjoint(file.features):
         raise FileError(
-            f"{path}: features: expected a map, as this model was learned with one, got none: set the node's "
-            "parameter map, or --map, to the map_server file of the building"
+            f"{path}: features: expected a map, as this model was learned with one, got none: "
+            "set the node's parameter map, or --map, to the map_server file of the building"
         )
     for name, unit in file.features.items():
         if units.get(name) != unit:
@@ -161,8 +166,8 @@ def load_model(path: Path | str, robot: Robot, features: Mapping[str, Feature]) 
     if file.robot_digest != robot.digest():
         warnings.warn(
             f"{path}: robot_digest: this model of {file.action} was learned with ANOTHER ROBOT "
-            f"({file.robot_digest}) than {robot.name} ({robot.digest()}): its predictions may be wrong. "
-            "Run collect and train with this robot's config.",
+            f"({file.robot_digest}) than {robot.name} ({robot.digest()}): its predictions may be "
+            "wrong. Run collect and train with this robot's config.",
             RobotMismatchWarning,
             stacklevel=2,
         )
@@ -178,6 +183,12 @@ def _is_finite(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
+def _is_range(value: Any) -> bool:
+    if not isinstance(value, list | tuple) or len(value) != 2:
+        return False
+    return all(map(_is_finite, value)) and value[0] <= value[1]
+
+
 def load_models(
     robot: Robot,
     features: Mapping[str, Feature],
@@ -185,10 +196,25 @@ def load_models(
     action_set: str = DEFAULT_SET,
     folder: Path | None = None,
 ) -> dict[str, PerformanceModel]:
-    """Read all models of an action set, by action; `folder` is the shipped models/ by default.
+    """Read all models of an action set, by action.
 
-    Raises NoModelsError if there are none, and FileError if one of them, or the folder, cannot be
-    used.
+    Parameters
+    ----------
+    robot : Robot
+        The robot to predict for.
+    features : mapping of str to Feature
+        All features that the files may name.
+    action_set : str
+        Name of the action set.
+    folder : Path, optional
+        Folder of the models of all action sets; by default the shipped models/.
+
+    Raises
+    ------
+    NoModelsError
+        The action set has no models.
+    FileError
+        The folder or one of the models cannot be used.
     """
     top = folder if folder is not None else resource_path("models")
     if not top.is_dir():

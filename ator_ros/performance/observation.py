@@ -1,8 +1,9 @@
-"""How an action drives, estimated from odometry and durations: its limits, turns, and approach of objects.
+"""How an action drives, estimated from odometry and durations.
 
-A path turns, drives straight and turns again. The episodes of an action show at which speeds it
-turns, and how fast: a robot that pushes a ball turns more slowly while it brakes, and some servers
-turn on the spot. The shapes of paths, whose times are features, consist of these turns
+The result has the limits of the action, its turns, and its approach of objects. A path turns,
+drives straight and turns again. The episodes of an action show at which speeds it turns, and how
+fast: a robot that pushes a ball turns more slowly while it brakes, and some servers turn on the
+spot. The shapes of paths, whose times are features, consist of these turns
 (`ator_ros.performance.driving`).
 """
 
@@ -10,7 +11,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -31,13 +32,14 @@ from ator_ros.performance.driving import (
 )
 from ator_ros.robot.description import GREATEST, LEAST, Limits, Robot
 
-_SPEED_QUANTILE = 0.995  # of the speeds: taken as the greatest speed
-# of the accelerations, whose noise is larger: taken as the greatest acceleration
+_SPEED_QUANTILE = 0.995  # quantile of the speeds that counts as the greatest speed
+# quantile of the accelerations that counts as the greatest; lower, as their noise is larger
 _CHANGE_QUANTILE = 0.95
-_LEAST_SAMPLES = 10  # for a quantile
+_LEAST_SAMPLES = 10  # rows for a quantile
 _LEAST_SHARE = 0.05  # of the base's limit; smaller quantiles are noise, not limits
-# m/s, and the share of rows that are faster backward in an action that drives so
-_BACKWARD = (-0.1, 0.01)
+# An action drives backward if more than this share of its rows is below this speed.
+_BACKWARD_SPEED = -0.1  # m/s
+_BACKWARD_SHARE = 0.01
 # share of the drives on the wrong side of the angle above which they are backward
 _MOST_WRONG = 0.02
 _TURNING = 0.1  # share of the greatest turn rate above which the robot turns
@@ -45,9 +47,12 @@ _LEAST_DRIVEN = 0.1  # m, forward minus backward; below this the direction of a 
 _SPEEDS: FloatArray = np.array([0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.65, 0.8, 1.0])
 _CHANGES: FloatArray = np.array([-1.0, -0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75, 1.0])
 """Speeds, and changes of speed, for which turn rates are kept; shares of the limits."""
-# by how much alike turns may differ in speed and in its change
-_SLOWER, _FASTER, _OTHER = 0.04, 0.02, 0.1
-_FEWEST = 3  # alike turns, or drives
+# Turns are alike if their speeds are at most this much lower or higher, and their changes of speed
+# differ by at most `_OTHER`; shares of the limits.
+_SLOWER = 0.04
+_FASTER = 0.02
+_OTHER = 0.1
+_FEWEST = 3  # alike turns, or drives, that show anything
 _USUAL = 0.6  # quantile of the rates of alike turns
 _RUN_LENGTHS = (0.0, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5)  # m
 _PASSINGS = (0.0, 0.2, 0.3, 0.35, 0.4, 0.5)  # m
@@ -59,9 +64,16 @@ NEAR_GOAL = 0.5
 
 
 def observed_driving(rows: pd.DataFrame, robot: Robot) -> DrivingStyle:
-    """Return how an action drives, from its rows of an experience table.
+    """Return how an action drives.
 
     Where too little was observed, the limits of `robot` are assumed.
+
+    Parameters
+    ----------
+    rows : pandas.DataFrame
+        Rows of the action in an experience table.
+    robot : Robot
+        The robot of the experience.
     """
     starts = rows[(rows["t"] == 0.0) & rows["success"]]
     if starts.empty:
@@ -71,9 +83,10 @@ def observed_driving(rows: pd.DataFrame, robot: Robot) -> DrivingStyle:
         return dataclasses.replace(plain_driving(robot), backward_above=above)
     limits = _observed_limits(rows, robot)
     holding = starts["hold"] > 0.5
-    if np.mean(rows["v"] < _BACKWARD[0]) <= _BACKWARD[1]:
+    if np.mean(rows["v"] < _BACKWARD_SPEED) <= _BACKWARD_SHARE:
         turns = _turns(rows, limits)
-        first, last = _rates(turns.start, turns.gain, turns), _rates(turns.end, turns.loss, turns)
+        first = _rates(turns.start, turns.gain, turns)
+        last = _rates(turns.end, turns.loss, turns)
         known = np.isfinite(starts[["position_error", "heading_error"]]).any()
         # all goals are for the hold, or all for the axle
         same_point = holding.all() or not holding.any()
@@ -88,7 +101,12 @@ def observed_driving(rows: pd.DataFrame, robot: Robot) -> DrivingStyle:
         return DrivingStyle(limits, drives, forward=True, free_heading=free_heading)
     free = starts if holding.all() else starts[~holding]
     ends = _geometry(free, robot).ends
-    drives = chosen_shapes(free_shapes(limits), Rules(rates_of(limits)), ends, hold=0.0)
+    drives = chosen_shapes(
+        free_shapes(limits),
+        Rules(rates_of(limits)),
+        ends,
+        hold=0.0,
+    )
     driving = DrivingStyle(limits, drives, backward_above=above)
     return _best_approach(driving, starts[holding], robot) if holding.any() else driving
 
@@ -96,33 +114,53 @@ def observed_driving(rows: pd.DataFrame, robot: Robot) -> DrivingStyle:
 def backward_above(starts: pd.DataFrame, robot: Robot) -> float:
     """Return the `angle_to_dest` in rad above which drives are backward.
 
-    Pi if none separates them.
+    It is the border with the fewest drives on the wrong side, and pi if no angle separates forward
+    from backward drives.
+
+    Parameters
+    ----------
+    starts : pandas.DataFrame
+        First rows of episodes of an experience table.
+    robot : Robot
+        The robot of the experience.
     """
-    driven, geometry = starts["driven"].to_numpy(dtype=float), _geometry(starts, robot)
+    driven = starts["driven"].to_numpy(dtype=float)
+    geometry = _geometry(starts, robot)
     used = (np.abs(driven) > _LEAST_DRIVEN) & (geometry.dist > NEAR_GOAL)
-    angles, backward = geometry.rows[ANGLE_TO][used], driven[used] < 0.0
+    angles = geometry.rows[ANGLE_TO][used]
+    backward = driven[used] < 0.0
     order = np.argsort(angles)
-    angles, backward = angles[order], backward[order]
+    angles = angles[order]
+    backward = backward[order]
     # Drives on the wrong side of each border: one border before each angle, one after all.
-    wrong = np.append(0, np.cumsum(1 - 2 * ~backward)) + np.count_nonzero(~backward)
+    moved_across = np.append(0, np.cumsum(1 - 2 * ~backward))
+    wrong = moved_across + np.count_nonzero(~backward)
     border = int(np.argmin(wrong))
-    if not _FEWEST <= border <= len(angles) - _FEWEST or wrong[border] > _MOST_WRONG * len(angles):
+    enough_on_both_sides = _FEWEST <= border <= len(angles) - _FEWEST
+    if not enough_on_both_sides or wrong[border] > _MOST_WRONG * len(angles):
         return math.pi
     return float(angles[border - 1 : border + 1].mean())
 
 
 def part_times(starts: pd.DataFrame) -> FloatArray:
-    """Return the times in s of first turn, straight and last turn of drives, shape (n, 3); NaN if unknown.
+    """Return the times of the parts of drives, in s, shape (n, 3); NaN where unknown.
 
-    `starts` are the first rows of n episodes of an experience table.
+    The parts are the first turn, the straight and the last turn. `starts` are the first rows of n
+    episodes of an experience table.
     """
-    first, last = (starts[name].to_numpy(dtype=float) for name in ("first_turn", "last_turn"))
-    parts = np.stack([first, starts["duration"].to_numpy(dtype=float) - first - last, last], axis=1)
+    first = starts["first_turn"].to_numpy(dtype=float)
+    last = starts["last_turn"].to_numpy(dtype=float)
+    straight = starts["duration"].to_numpy(dtype=float) - first - last
+    parts = np.stack([first, straight, last], axis=1)
     parts[(parts < 0.0).any(axis=1)] = np.nan
     return parts
 
 
-def _geometry(starts: pd.DataFrame, robot: Robot, driving: DrivingStyle | None = None) -> Geometry:
+def _geometry(
+    starts: pd.DataFrame,
+    robot: Robot,
+    driving: DrivingStyle | None = None,
+) -> Geometry:
     direct = {name: starts[name].to_numpy(dtype=float) for name in DIRECT_VARIABLES}
     return Geometry(direct, robot, driving)
 
@@ -134,23 +172,28 @@ def _observed_limits(rows: pd.DataFrame, robot: Robot) -> Limits:
     """
     v, w, time, after = _series(rows)
     step = time[after] - time[after - 1]
-    change = (np.abs(v[after]) - np.abs(v[after - 1])) / step
+    speed = np.abs(v)
+    change = (speed[after] - speed[after - 1]) / step
+    turn_change = np.abs(w[after] - w[after - 1]) / step
     base = robot.limits
     observed = (
-        _quantile(np.abs(v), _SPEED_QUANTILE, base.v),
+        _quantile(speed, _SPEED_QUANTILE, base.v),
         _quantile(np.abs(w), _SPEED_QUANTILE, base.w),
         _quantile(change[change > 0.0], _CHANGE_QUANTILE, base.a),
         _quantile(-change[change < 0.0], _CHANGE_QUANTILE, base.brake),
-        _quantile(np.abs(w[after] - w[after - 1]) / step, _CHANGE_QUANTILE, base.aw),
+        _quantile(turn_change, _CHANGE_QUANTILE, base.aw),
     )
     return Limits(*np.clip(observed, LEAST, list(GREATEST.values())).tolist())
 
 
 def _series(rows: pd.DataFrame) -> tuple[FloatArray, FloatArray, FloatArray, np.ndarray]:
-    """Return speed, turn rate and time of all rows, and the rows that follow another of their episode."""
-    v, w, time = (rows[name].to_numpy(dtype=float) for name in ("v", "w", "t"))
+    """Return v, w, time of all rows, and the numbers of rows that follow one of their episode."""
+    v = rows["v"].to_numpy(dtype=float)
+    w = rows["w"].to_numpy(dtype=float)
+    time = rows["t"].to_numpy(dtype=float)
     episode = rows["episode"].to_numpy()
-    return v, w, time, np.flatnonzero((episode[1:] == episode[:-1]) & (time[1:] > time[:-1])) + 1
+    follows = (episode[1:] == episode[:-1]) & (time[1:] > time[:-1])
+    return v, w, time, np.flatnonzero(follows) + 1
 
 
 def _quantile(values: FloatArray, share: float, otherwise: float) -> float:
@@ -160,18 +203,14 @@ def _quantile(values: FloatArray, share: float, otherwise: float) -> float:
 
 
 class _Turns(NamedTuple):
-    """The turns of an action as shares of its limits, arrays of shape (n,).
+    """The turns of an action as shares of its limits, arrays of shape (n,)."""
 
-    start, end: speeds; gain, loss: changes of speed in the first and second half of the turn; rate:
-    greatest turn rate; full: whether the turn is long enough for the greatest rate of the base.
-    """
-
-    start: FloatArray
+    start: FloatArray  # speed at the start of the turn
     end: FloatArray
-    gain: FloatArray
-    loss: FloatArray
-    rate: FloatArray
-    full: BoolArray
+    gain: FloatArray  # change of speed in the first half of the turn
+    loss: FloatArray  # change of speed in the second half
+    rate: FloatArray  # greatest turn rate
+    full: BoolArray  # whether the turn is long enough for the greatest rate of the base
 
 
 def _turns(rows: pd.DataFrame, limits: Limits) -> _Turns:
@@ -186,13 +225,18 @@ def _turns(rows: pd.DataFrame, limits: Limits) -> _Turns:
     turning = np.abs(w) > _TURNING * limits.w
     # (rows,): the row continues the turn of the previous one
     continues = np.zeros(len(v), dtype=bool)
-    continues[1:] = follows[1:] & turning[1:] & turning[:-1] & (w[1:] * w[:-1] > 0.0)
+    same_sign = w[1:] * w[:-1] > 0.0
+    continues[1:] = follows[1:] & turning[1:] & turning[:-1] & same_sign
     # Index of the first and of the last row of each turn, shape (turns,).
     begins = np.flatnonzero(turning & ~continues)
     ends = np.flatnonzero(turning & ~np.append(continues[1:], False))
     # Include the neighboring rows of the same episode.
     begins = np.where(follows[begins], begins - 1, begins)
-    ends = np.where(np.append(follows[1:], False)[ends], ends + 1, ends)
+    ends = np.where(
+        np.append(follows[1:], False)[ends],
+        ends + 1,
+        ends,
+    )
     found = []
     for begin, end in zip(begins.tolist(), ends.tolist(), strict=True):
         if end - begin < 3:  # too short for a change of speed
@@ -200,17 +244,22 @@ def _turns(rows: pd.DataFrame, limits: Limits) -> _Turns:
         part = slice(begin, end + 1)
         changes = np.diff(v[part]) / np.diff(time[part])
         half = max(2, len(changes) // 2)
-        gain, loss = (
-            change / (limits.a if change > 0.0 else limits.brake)
-            for change in (np.median(changes[:half]), np.median(changes[-half:]))
-        )
-        speeds = abs(v[begin]) / limits.v, abs(v[end]) / limits.v
-        rate, angle = np.max(np.abs(w[part])) / limits.w, abs(np.trapezoid(w[part], time[part]))
-        found.append((*speeds, gain, loss, rate, angle))
-    start, end_speed, gains, losses, rates, angles = np.array(found, dtype=float).reshape(-1, 6).T
+        start = abs(v[begin]) / limits.v
+        end_speed = abs(v[end]) / limits.v
+        gain = _share_of_limit(np.median(changes[:half]), limits)
+        loss = _share_of_limit(np.median(changes[-half:]), limits)
+        rate = np.max(np.abs(w[part])) / limits.w
+        angle = abs(np.trapezoid(w[part], time[part]))
+        found.append((start, end_speed, gain, loss, rate, angle))
+    starts, end_speeds, gains, losses, rates, angles = np.array(found, dtype=float).reshape(-1, 6).T
     # rad in which the base reaches its turn rate and stops again
     full = angles > limits.w**2 / limits.aw
-    return _Turns(start, end_speed, gains, losses, rates, full)
+    return _Turns(starts, end_speeds, gains, losses, rates, full)
+
+
+def _share_of_limit(change: Any, limits: Limits) -> Any:
+    """Return a change of speed as a share of the greatest acceleration or deceleration."""
+    return change / (limits.a if change > 0.0 else limits.brake)
 
 
 def _rates(speeds: FloatArray, changes: FloatArray, turns: _Turns) -> TurnRates:
@@ -220,33 +269,36 @@ def _rates(speeds: FloatArray, changes: FloatArray, turns: _Turns) -> TurnRates:
     the speed falls also while it falls less.
     """
     full = turns.full if turns.full.any() else ~turns.full
-    speeds, changes, rates = speeds[full], changes[full], turns.rate[full]
+    speeds = speeds[full]
+    changes = changes[full]
+    rates = turns.rate[full]
     table = np.zeros((len(_CHANGES), len(_SPEEDS)))
     for at in np.ndindex(table.shape):
-        faster, other = speeds - _SPEEDS[at[1]], np.abs(changes - _CHANGES[at[0]])
+        faster = speeds - _SPEEDS[at[1]]
+        other = np.abs(changes - _CHANGES[at[0]])
         alike = (faster >= -_SLOWER) & (faster <= _FASTER) & (other <= _OTHER)
         if np.count_nonzero(alike) >= _FEWEST:
             table[at] = np.quantile(rates[alike], _USUAL)
     highest = np.max(np.flatnonzero(table.any(axis=0)), initial=0)
-    table = np.minimum(np.maximum.accumulate(np.maximum.accumulate(table, axis=0), axis=1), 1.0)
+    table = np.maximum.accumulate(table, axis=0)
+    table = np.minimum(np.maximum.accumulate(table, axis=1), 1.0)
     table[:, highest + 2 :] = 0.0
 
     def rate(speed: float, change: float) -> float:
-        return float(
-            np.interp(change, _CHANGES, [np.interp(speed, _SPEEDS, each) for each in table])
-        )
+        at_speed = [np.interp(speed, _SPEEDS, each) for each in table]
+        return float(np.interp(change, _CHANGES, at_speed))
 
     return rate
 
 
 def _best_approach(driving: DrivingStyle, starts: pd.DataFrame, robot: Robot) -> DrivingStyle:
     """Choose run and passing with which the times of paths predict durations best."""
-    shapes, ends = free_shapes(driving.limits, RUNS), _geometry(starts, robot).ends
+    shapes = free_shapes(driving.limits, RUNS)
+    ends = _geometry(starts, robot).ends
 
     def approaching(run: float) -> DrivingStyle:
-        approaches = chosen_shapes(
-            shapes, Rules(rates_of(driving.limits), run), ends, hold=robot.hold
-        )
+        rules = Rules(rates_of(driving.limits), run)
+        approaches = chosen_shapes(shapes, rules, ends, hold=robot.hold)
         return dataclasses.replace(driving, run=run, approaches=approaches)
 
     best = first = approaching(_RUN_LENGTHS[len(_RUN_LENGTHS) // 2])
@@ -258,7 +310,8 @@ def _best_approach(driving: DrivingStyle, starts: pd.DataFrame, robot: Robot) ->
         ):
             errors = [_error(other, starts, robot) for other in tried]
             if min(errors) < _BETTER * least:
-                best, least = tried[int(np.argmin(errors))], min(errors)
+                best = tried[int(np.argmin(errors))]
+                least = min(errors)
     if best.run == first.run:  # its shapes are chosen already
         return best
     return dataclasses.replace(approaching(best.run), passing=best.passing)

@@ -1,7 +1,8 @@
-"""Durations as a sum of rising functions of single features, whose bends are thresholds and dead zones.
+"""Durations as a sum of rising functions of single features.
 
 Each function is piecewise linear and never falls: a longer path, or a larger turn, takes no less
-time. In rules, a dead zone of 40° is a term such as ``0.0147*max(0, angle_to_dest - 40°)``.
+time. Its bends are thresholds and dead zones. In rules, a dead zone of 40° is a term such as
+``0.0147*max(0, angle_to_dest - 40°)``.
 """
 
 from __future__ import annotations
@@ -25,15 +26,20 @@ _ANGLES: FloatArray = np.radians(
 _TURN_ANGLES: FloatArray = np.radians(
     [*range(0, 60, 5), 60.0, 67.5, 75.0, 90.0, 105.0, 120.0, 135.0, 150.0]
 )
-"""Angles at which whole durations may bend, and finer ones for times of turns, which vary less."""
+"""Angles (rad) at which times of turns may bend.
+
+They are finer than `_ANGLES`, those of whole durations, as times of turns vary less.
+"""
 RISING: dict[str, FloatArray] = {
     "dist": np.zeros(1),
     "angle_to_dest": _ANGLES,
     "angle_at_dest": _ANGLES,
 }
-"""Features that durations rise with, and where each may bend, in m and rad. Thresholds are mostly small.
+"""Features that durations rise with, and where each may bend, in m and rad.
 
-The first is the distance, the last two are the turns before and after the straight; so in those below."""
+Thresholds are mostly small. The first feature is the distance, the last two are the turns before
+and after the straight; the tables below have the same order.
+"""
 _EITHER_DIRECTION: dict[str, FloatArray] = {
     "dist": np.zeros(1),
     "dist_backward": np.zeros(1),
@@ -49,23 +55,29 @@ _ON_MAP: dict[str, FloatArray] = {
     "route_angle_at": _ANGLES,
 }
 """Those of a domain with a map."""
-# of a segment in the corrected error; more makes shorter rules, which refine less well
+# weight of a segment in the corrected error; more makes shorter rules, which refine less well
 _TERM_COST = 0.75
-_CLIPPED_AT, _ROUNDS = 3.0, 3
-"""Standard deviations at which residuals are clipped, in rounds: now and then a drive takes much longer."""
+# Now and then a drive takes much longer: residuals are clipped at so many standard deviations, and
+# the fit is repeated.
+_CLIPPED_AT = 3.0
+_ROUNDS = 3
 _SAMPLING = 0.1  # s between the rows of drives; smaller residuals are never clipped
 _ROUNDING = 1e-9  # slopes that are rounded zeros
 
 
 def rising_in(names: Container[str]) -> dict[str, FloatArray]:
-    """Return what durations rise with: features of routes or straights, if `names` has them, or `RISING`."""
+    """Return the features that durations rise with, and where each may bend.
+
+    These are features of routes or of straights driven backward, if `names` has them, else
+    `RISING`.
+    """
     if "route_length" in names:
         return _ON_MAP
     return _EITHER_DIRECTION if "dist_backward" in names else RISING
 
 
 def sum_of(base: tuple[Hinge, ...], table: pd.DataFrame) -> FloatArray:
-    """Return the sum of the terms in s, shape (n,), for features (n, k)."""
+    """Return the sum of the terms in s, shape (n,), for features, shape (n, k)."""
     total = np.zeros(len(table))
     for hinge in base:
         total += hinge.of(table[hinge.feature].to_numpy())
@@ -75,16 +87,22 @@ def sum_of(base: tuple[Hinge, ...], table: pd.DataFrame) -> FloatArray:
 def rising_terms(table: pd.DataFrame, parts: FloatArray) -> tuple[Hinge, ...]:
     """Return the terms that fit the durations of drives best, without the constant.
 
-    `parts` are the times in s of the parts of each drive, shape (n, 3), see `part_times`, or its
-    whole duration, shape (n, 1). The terms of each part are found alone: fifty drives then show
-    beyond which angle an action turns on the spot, whatever else makes durations vary. `table` has
-    the features `rising_in`.
+    The terms of each part are found alone: fifty drives then show beyond which angle an action
+    turns on the spot, whatever else makes durations vary.
+
+    Parameters
+    ----------
+    table : pandas.DataFrame
+        The features `rising_in`.
+    parts : array of float
+        Times in s of the parts of each drive, shape (n, 3), see `part_times`, or its whole
+        duration, shape (n, 1).
     """
     rising = rising_in(table.columns)
     *_, first, last = rising
-    features_of_parts = (
-        ({first: _TURN_ANGLES}, rising, {last: _TURN_ANGLES}) if parts.shape[1] > 1 else (rising,)
-    )
+    features_of_parts: tuple[dict[str, FloatArray], ...] = (rising,)
+    if parts.shape[1] > 1:
+        features_of_parts = ({first: _TURN_ANGLES}, rising, {last: _TURN_ANGLES})
     slopes: Counter[_Bend] = Counter()
     for features, times in zip(features_of_parts, parts.T, strict=True):
         slopes.update(_fitted(table, features, times))  # Counter.update adds
@@ -104,9 +122,8 @@ def _fitted(
     It is a non-negative least-squares fit on the segments between bends. Bends are removed, those
     first that are worth least, while the corrected error of M5' does not grow.
     """
-    segments = np.hstack(
-        [_segments(table[name].to_numpy(), bends) for name, bends in rising.items()]
-    )
+    by_feature = [_segments(table[name].to_numpy(), bends) for name, bends in rising.items()]
+    segments = np.hstack(by_feature)
     centered = segments - segments.mean(axis=0)
     target = durations - durations.mean()
     for _ in range(_ROUNDS):
@@ -119,13 +136,18 @@ def _fitted(
     # target.
     factor: FloatArray = np.asarray(np.linalg.qr(np.column_stack([centered, target]), mode="r"))
     begins = [(name, float(bend)) for name, bends in rising.items() for bend in bends]
-    groups = [[[at] for at, (other, _) in enumerate(begins) if other == name] for name in rising]
+    groups: _Groups = []
+    for name in rising:
+        groups.append([[at] for at, (other, _) in enumerate(begins) if other == name])
     error, slopes = _fit(groups, factor, len(target))
-    while fewer := [(*_fit(merged, factor, len(target)), merged) for merged in _merged(groups)]:
-        least, other, merged = min(fewer, key=lambda each: each[0])
+    while candidates := _merged(groups):
+        fits = [(*_fit(merged, factor, len(target)), merged) for merged in candidates]
+        least, other, merged = min(fits, key=lambda each: each[0])
         if least[0] > error[0]:
             break
-        error, slopes, groups = least, other, merged
+        error = least
+        slopes = other
+        groups = merged
     return _changes(begins, groups, slopes)
 
 
@@ -140,29 +162,40 @@ def _segments(values: FloatArray, bends: FloatArray) -> FloatArray:
 
 def _merged(groups: _Groups) -> list[_Groups]:
     """Return all groups that have one bend less than these."""
-    return [
-        [
-            *groups[:number],
-            [*runs[:at], runs[at] + runs[at + 1], *runs[at + 2 :]],
-            *groups[number + 1 :],
-        ]
-        for number, runs in enumerate(groups)
-        for at in range(len(runs) - 1)
-    ]
+    found = []
+    for number, runs in enumerate(groups):
+        for at in range(len(runs) - 1):
+            joined = [*runs[:at], runs[at] + runs[at + 1], *runs[at + 2 :]]
+            found.append([*groups[:number], joined, *groups[number + 1 :]])
+    return found
 
 
-def _fit(groups: _Groups, factor: FloatArray, count: int) -> tuple[tuple[float, float], FloatArray]:
+def _fit(
+    groups: _Groups,
+    factor: FloatArray,
+    count: int,
+) -> tuple[tuple[float, float], FloatArray]:
     """Return corrected error (may be infinite) and plain error, to sort by, and the slopes."""
-    table = np.column_stack([factor[:, run].sum(axis=1) for runs in groups for run in runs])
+    all_runs = [run for runs in groups for run in runs]
+    table = np.column_stack([factor[:, run].sum(axis=1) for run in all_runs])
     slopes, residual = nnls(table, factor[:, -1])
     terms = np.array([1.0 + _TERM_COST * len(slopes)])
-    error = corrected_error(np.array([residual**2]), np.array([float(count)]), terms)
+    error = corrected_error(
+        np.array([residual**2]),
+        np.array([float(count)]),
+        terms,
+    )
     return (float(error[0]), float(residual)), slopes
 
 
-def _changes(begins: list[_Bend], groups: _Groups, slopes: FloatArray) -> dict[_Bend, float]:
+def _changes(
+    begins: list[_Bend],
+    groups: _Groups,
+    slopes: FloatArray,
+) -> dict[_Bend, float]:
     """Return the changes of slope; `begins` are feature and begin of each segment."""
-    remaining, changes = iter(slopes.tolist()), {}
+    remaining = iter(slopes.tolist())
+    changes = {}
     for runs in groups:
         before = 0.0
         for run in runs:

@@ -29,51 +29,78 @@ from ator_ros.performance.features import (
     feature_table,
     names_of,
 )
-from ator_ros.performance.model import UNOBSERVED, Arrival, AtGoal, PerformanceModel, narrowed
+from ator_ros.performance.model import (
+    UNOBSERVED,
+    Arrival,
+    AtGoal,
+    PerformanceModel,
+    narrowed,
+)
 from ator_ros.performance.observation import NEAR_GOAL, observed_driving, part_times
-from ator_ros.performance.rising_terms import RISING, rising_in, rising_terms, sum_of
+from ator_ros.performance.rising_terms import (
+    RISING,
+    rising_in,
+    rising_terms,
+    sum_of,
+)
 from ator_ros.performance.tree.model_tree import ModelTreeRegressor
 from ator_ros.performance.tree.nodes import Hinge, ModelTree
 from ator_ros.robot.description import Robot
 from ator_ros.world.state import AT_REST, CONTROL_PERIOD
 
+# Smoothing constants to choose from (M5': 15). With a few hundred starts the leaves are small, and
+# a search along a heading exploits the jumps between them: much smoothing is better, unless an
+# action changes its behavior at thresholds.
 _SMOOTHINGS = (5.0, 60.0)
-"""Smoothing constants to choose from (M5': 15). With a few hundred starts the leaves are small, and a search
-along a heading exploits the jumps between them: much smoothing is better, unless an action changes its
-behavior at thresholds."""
-_FOLDS, _FEW_FOLDS = 10, 3
-_LEAF, _SMALL_LEAF = 25, 8
-"""Least number of episodes in a leaf; the second if the robot stands at both ends, where a tree of the basic
-features finds the thresholds of an action server in fifty drives."""
-_PATH, _LENGTH = "path_time", "route_length"
+_FOLDS = 10  # of a cross-validation, where the learning is fast
+_FEW_FOLDS = 3
+_LEAF = 25  # least number of episodes in a leaf
+# The same if the robot stands at both ends. There a tree of the basic features finds the thresholds
+# of an action server in fifty drives.
+_SMALL_LEAF = 8
+_PATH = "path_time"
+_LENGTH = "route_length"
+# Median absolute deviations below the median at which duration less path time is clipped. A drive
+# that is much faster had a shape that was not chosen. Unclipped, it lowers predictions nearby, and
+# a search selects predictions that are too low.
 _CLIPPED_AT = 3.0
-"""Median absolute deviations below the median at which duration less path time is clipped. A drive that is
-much faster had a shape that was not chosen. Unclipped, it lowers predictions nearby, and a search selects
-predictions that are too low."""
-_FASTER_SHARE, _FASTER_BY = 0.05, 0.25
-"""An action does not follow its path if this share of its drives is faster than their paths by that share of
-the median duration."""
+# An action does not follow its path if this share of its drives is faster than their paths by that
+# share of the median duration.
+_FASTER_SHARE = 0.05
+_FASTER_BY = 0.25
+# Whole durations are learned if the mean error by parts is more than this multiple of theirs.
 _MOST_BY_PARTS = 4.0 / 3.0
-"""Mean error by parts, as a multiple of that by whole durations, above which the latter are learned."""
-OUTCOMES = {"success": "success", "accuracy": "position_error", "heading": "heading_error"}
+OUTCOMES = {
+    "success": "success",
+    "accuracy": "position_error",
+    "heading": "heading_error",
+}
 """The column of an experience table for each measure except the duration."""
-LEAST_EPISODES = 20  # that must have succeeded
-SMALL_LEAF = 50  # least number of episodes at a leaf of the trees of `OUTCOMES`
-_NEAREST = 0.01  # m, least distance
+LEAST_EPISODES = 20
+"""Least number of successful episodes that a model is learned from."""
+SMALL_LEAF = 50
+"""Least number of episodes at a leaf of the trees of `OUTCOMES`."""
+_NEAREST = 0.01  # m; shorter distances count as this in a deceleration
 _AT_GOAL = ((0.02, 0.05), (0.03, 0.08))  # m and rad to the goal that may count as being there
 _LEAST_AT_GOAL = 3  # episodes that show how long an action takes there
-# share of starts, m/s: a robot may still be stopping when an action starts
-_MOSTLY, _STOPPING = 0.95, 0.2
+# A robot may still be stopping when an action starts: this share of starts is slower than that.
+_MOSTLY = 0.95
+_STOPPING = 0.2  # m/s
 _TURNED = 0.5  # rad, least turn at the goal for which the angle that is left is measured
 _ALIKE = 0.15  # greatest difference in s of durations that count as the same there: three ticks
 # episodes, or at most a share, that make a deceleration known
-_BRAKING_EPISODES, _BRAKING_SHARE = 15, 0.05
+_BRAKING_EPISODES = 15
+_BRAKING_SHARE = 0.05
 
 
 def train(
-    action: str, rows: pd.DataFrame, robot: Robot, *, features: Sequence[Feature] = CANDIDATES
+    action: str,
+    rows: pd.DataFrame,
+    robot: Robot,
+    *,
+    features: Sequence[Feature] = CANDIDATES,
 ) -> PerformanceModel:
-    """Learn the performance model of `action`.
+    """Learn the performance model of an action (paper, section 3).
 
     The success is learned from all episodes: its rate if no tree is better. Durations are learned
     from those that succeeded, and so are the errors at the goal, if enough episodes have them; see
@@ -81,8 +108,10 @@ def train(
 
     Parameters
     ----------
+    action : str
+        Name of the action.
     rows : pandas.DataFrame
-        Its rows of an experience table.
+        Rows of the action in an experience table.
     robot : Robot
         The robot of the experience.
     features : sequence of Feature
@@ -104,9 +133,10 @@ def train(
     starts = starts[routed(starts, robot, features)]
     good_starts = starts[starts["success"]]
     if len(good_starts) < LEAST_EPISODES:
+        remarks = "".join(without_routes(rows, robot, features))
         raise ExperienceError(
             f"{action}: expected at least {LEAST_EPISODES} episodes that succeeded, "
-            f"got {len(good_starts)} of {len(starts)}{''.join(without_routes(rows, robot, features))}"
+            f"got {len(good_starts)} of {len(starts)}{remarks}"
         )
     driving = observed_driving(rows, robot) if set(features) & set(PATHS) else None
     table = partial(features_of, robot=robot, driving=driving)
@@ -115,9 +145,8 @@ def train(
     good = table(good_starts, features=of_durations)
     parts = part_times(good_starts) if robot.grid is None else None
     duration, errors = duration_tree(good, durations, parts)
-    success = _success_tree(
-        starts["success"].to_numpy(dtype=float), table(starts, features=features)
-    )
+    happened = starts["success"].to_numpy(dtype=float)
+    success = _success_tree(happened, table(starts, features=features))
     trees = {"duration": duration, "success": success}
     for measure in ("accuracy", "heading"):
         values = good_starts[OUTCOMES[measure]].to_numpy(dtype=float)
@@ -149,13 +178,25 @@ def without_errors(action: str, rows: pd.DataFrame) -> list[str]:
     ]
 
 
-def routed(rows: pd.DataFrame, robot: Robot, features: Sequence[Feature]) -> BoolArray:
-    """Return which rows of an experience table have a route on the map; all, without one."""
+def routed(
+    rows: pd.DataFrame,
+    robot: Robot,
+    features: Sequence[Feature],
+) -> BoolArray:
+    """Return which rows of an experience table have a route on the map, shape (n,).
+
+    Without a map all rows do.
+    """
     lengths = [feature for feature in features if feature.name == _LENGTH]
-    return np.asarray(np.isfinite(feature_table(direct_of(rows), robot, lengths)).all(axis=1))
+    table = feature_table(direct_of(rows), robot, lengths)
+    return np.asarray(np.isfinite(table).all(axis=1))
 
 
-def without_routes(rows: pd.DataFrame, robot: Robot, features: Sequence[Feature]) -> list[str]:
+def without_routes(
+    rows: pd.DataFrame,
+    robot: Robot,
+    features: Sequence[Feature],
+) -> list[str]:
     """Return a remark on episodes without a route on the map, if there are any."""
     found = routed(rows[rows["t"] == 0.0], robot, features)
     text = (
@@ -167,27 +208,44 @@ def without_routes(rows: pd.DataFrame, robot: Robot, features: Sequence[Feature]
 def duration_features(
     features: Sequence[Feature], starts: pd.DataFrame, driving: DrivingStyle | None
 ) -> tuple[Feature, ...]:
-    """Return the candidates for durations: `features`, and `OF_STRAIGHT` if straights may be backward.
+    """Return the candidate features of durations.
 
-    The latter only without a map, and if the action, whose episodes have these `starts`, drives
-    from rest to rest.
+    These are `features`, and `OF_STRAIGHT` if straights may be backward. The latter are candidates
+    only without a map, and if the action drives from rest to rest.
+
+    Parameters
+    ----------
+    features : sequence of Feature
+        Candidates of all measures.
+    starts : pandas.DataFrame
+        First rows of the episodes of the action.
+    driving : DrivingStyle or None
+        How the action was observed to drive.
     """
     may_reverse = driving is not None and driving.backward_above < math.pi
     names = {*names_of(features)}
-    if may_reverse and {*RISING} <= names and _LENGTH not in names and _is_at_rest(starts):
+    has_straights = {*RISING} <= names and _LENGTH not in names
+    if may_reverse and has_straights and _is_at_rest(starts):
         return tuple(dict.fromkeys((*features, *OF_STRAIGHT)))
     return tuple(features)
 
 
 def error_features(tree: ModelTree, known: Container[str]) -> list[str]:
-    """Return the features of an error process: those of the tree, and those that durations rise with."""
-    return list(dict.fromkeys((*tree.names, *filter(known.__contains__, rising_in(known)))))
+    """Return the names of the features of an error process.
+
+    These are the features of the tree, and those of `known` that durations rise with.
+    """
+    rising = filter(known.__contains__, rising_in(known))
+    return list(dict.fromkeys((*tree.names, *rising)))
 
 
 def features_of(
-    rows: pd.DataFrame, robot: Robot, features: Sequence[Feature], driving: DrivingStyle | None
+    rows: pd.DataFrame,
+    robot: Robot,
+    features: Sequence[Feature],
+    driving: DrivingStyle | None,
 ) -> pd.DataFrame:
-    """Return the features of rows of an experience table."""
+    """Return the features of n rows of an experience table, a column for each, in SI units."""
     table = feature_table(direct_of(rows), robot, features, driving)
     return pd.DataFrame(table, columns=list(names_of(features)))
 
@@ -195,7 +253,7 @@ def features_of(
 def duration_tree(
     table: pd.DataFrame, durations: FloatArray, parts: FloatArray | None = None
 ) -> tuple[ModelTree, FloatArray]:
-    """Return a tree of durations (n,) in s, and its errors in cross-validation: actual less predicted, in s.
+    """Learn a tree of durations.
 
     The tree predicts, in the first of these cases that holds:
 
@@ -207,7 +265,21 @@ def duration_tree(
     - the difference to the time of the path: linear models of whole durations would fall below it
       where the robot can hardly brake or turn in time, and a search selects such predictions.
 
-    `parts` are those of the drives, shape (n, 3), NaN where unknown; see `part_times`.
+    Parameters
+    ----------
+    table : pandas.DataFrame
+        Features of n episodes that succeeded.
+    durations : array of float, shape (n,)
+        Their durations in s.
+    parts : array of float, shape (n, 3), optional
+        Times of their parts in s, NaN where unknown; see `part_times`.
+
+    Returns
+    -------
+    tree : ModelTree
+        The tree, with the features that it needs.
+    errors : array of float, shape (n,)
+        Actual less predicted durations in s, in cross-validation.
     """
     if _PATH not in table:
         tree, errors = _best_learning(table, durations, _whole, extrapolation=1.0)
@@ -215,9 +287,8 @@ def duration_tree(
         tree, errors = _on_sum(table, durations, parts)
     else:
         late = durations - table[_PATH].to_numpy()
-        faster = np.quantile(late, _FASTER_SHARE, method="lower") < -_FASTER_BY * np.median(
-            durations
-        )
+        earliest = np.quantile(late, _FASTER_SHARE, method="lower")
+        faster = earliest < -_FASTER_BY * np.median(durations)
         tree, errors = _best_learning(table, durations, _whole if faster else _minus_path)
     return narrowed(tree), errors
 
@@ -236,26 +307,25 @@ def _on_sum(
     # By parts, the terms have the thresholds of the turns: the tree splits by distance only.
     terms_by_parts = partial(_minus_terms, parts=pd.DataFrame(parts, table.index))
     by_parts = learn(terms_by_parts, tree_features=basic.columns[:1])
-    by_whole = _on_sum(
-        table.drop(columns=list(names_of(OF_STRAIGHT)), errors="ignore"), durations, None
-    )
-    error, error_by_whole = (np.abs(errors[drives]).mean() for _, errors in (by_parts, by_whole))
+    without_straights = table.drop(columns=list(names_of(OF_STRAIGHT)), errors="ignore")
+    by_whole = _on_sum(without_straights, durations, None)
+    error_by_parts = np.abs(by_parts[1][drives]).mean()
+    error_by_whole = np.abs(by_whole[1][drives]).mean()
     mostly_known = 2 * (drives & known).sum() >= drives.sum()
-    return (
-        by_parts if error < (_MOST_BY_PARTS if mostly_known else 1.0) * error_by_whole else by_whole
-    )
+    most = _MOST_BY_PARTS if mostly_known else 1.0
+    return by_parts if error_by_parts < most * error_by_whole else by_whole
 
 
 def _stands(table: pd.DataFrame) -> bool:
     """Return whether the robot stands at both ends of episodes, and their features show that."""
-    return {*rising_in(table.columns), _PATH, "v", "speedg"} <= set(table.columns) and _is_at_rest(
-        table
-    )
+    needed = {*rising_in(table.columns), _PATH, "v", "speedg"}
+    return needed <= set(table.columns) and _is_at_rest(table)
 
 
 def _is_at_rest(rows: pd.DataFrame) -> bool:
     """Return whether the robot stands at the goals, and hardly moves at the starts of episodes."""
-    arriving, starting = rows["speedg"].abs(), rows["v"].abs()
+    arriving = rows["speedg"].abs()
+    starting = rows["v"].abs()
     return bool(arriving.max() <= AT_REST.v and starting.quantile(_MOSTLY) <= _STOPPING)
 
 
@@ -265,15 +335,19 @@ def _far_from_goal(table: pd.DataFrame) -> BoolArray:
     return far if far.sum() >= LEAST_EPISODES else np.full(len(far), True)
 
 
-_Base = Callable[[pd.DataFrame, FloatArray], tuple[tuple[Hinge, ...], FloatArray]]
-"""Returns the terms that fit durations, and the target (n,) of the tree: durations less these terms."""
+_Fitted = tuple[tuple[Hinge, ...], FloatArray]
+_Base = Callable[[pd.DataFrame, FloatArray], _Fitted]
+"""Returns the terms that fit durations, and the target (n,) of the tree.
+
+The target is the durations less these terms, in s.
+"""
 
 
-def _whole(_: pd.DataFrame, durations: FloatArray) -> tuple[tuple[Hinge, ...], FloatArray]:
+def _whole(_: pd.DataFrame, durations: FloatArray) -> _Fitted:
     return (), durations
 
 
-def _minus_path(table: pd.DataFrame, durations: FloatArray) -> tuple[tuple[Hinge, ...], FloatArray]:
+def _minus_path(table: pd.DataFrame, durations: FloatArray) -> _Fitted:
     late = durations - table[_PATH].to_numpy()
     usual = float(np.median(late))
     spread = float(np.median(np.abs(late - usual)))
@@ -282,7 +356,7 @@ def _minus_path(table: pd.DataFrame, durations: FloatArray) -> tuple[tuple[Hinge
 
 def _minus_terms(
     table: pd.DataFrame, durations: FloatArray, *, parts: pd.DataFrame | None
-) -> tuple[tuple[Hinge, ...], FloatArray]:
+) -> _Fitted:
     times = durations[:, None] if parts is None else parts.loc[table.index].to_numpy()
     used = _far_from_goal(table) & np.isfinite(times).all(axis=1)
     base = rising_terms(table[used], times[used])
@@ -299,9 +373,9 @@ def _best_learning(
     folds: int = _FEW_FOLDS,
     tree_features: Sequence[str] | None = None,
 ) -> tuple[ModelTree, FloatArray]:
-    """Return the tree of the best of `_SMOOTHINGS`, and its errors in s on other episodes, shape (n,).
+    """Return the tree of the best of `_SMOOTHINGS`, and its errors in cross-validation, shape (n,).
 
-    The tree itself uses `tree_features`, by default all of `table`.
+    The tree itself uses `tree_features`, by default all of `table`. Errors are in s.
     """
     used = table if tree_features is None else table[list(tree_features)]
     fold = np.arange(len(durations)) % folds
@@ -315,36 +389,57 @@ def _best_learning(
         base, target = base_of(table[~held], durations[~held])
         values = durations[held] - sum_of(base, table[held])
         for at, learner in enumerate(learners):
-            errors[at, held] = values - learner.fit(used[~held], target).predict(used[held])
+            learner.fit(used[~held], target)
+            errors[at, held] = values - learner.predict(used[held])
     base, target = base_of(table, durations)
     best = int(np.argmin(np.abs(errors).sum(axis=1)))
     tree: ModelTree = learners[best].fit(used, target).tree_
     columns = table.columns.get_indexer(list(tree.names))
     coefficients = np.zeros((len(tree.feature), table.shape[1]))
     coefficients[:, columns] = tree.coefficients
-    tree = dataclasses.replace(tree, names=tuple(table), feature=columns[tree.feature])
+    tree = dataclasses.replace(
+        tree,
+        names=tuple(table),
+        feature=columns[tree.feature],
+    )
     return dataclasses.replace(tree, coefficients=coefficients, base=base), errors[best]
 
 
-def small_tree(table: pd.DataFrame, values: FloatArray, *, leaf: int = SMALL_LEAF) -> ModelTree:
-    """Learn a tree of at most eight leaves, for a measure that depends little on the situation."""
+def small_tree(
+    table: pd.DataFrame,
+    values: FloatArray,
+    *,
+    leaf: int = SMALL_LEAF,
+) -> ModelTree:
+    """Learn a tree of at most eight leaves, for a measure that depends little on the situation.
+
+    Parameters
+    ----------
+    table : pandas.DataFrame
+        Features of n episodes.
+    values : array of float, shape (n,)
+        The measure, in its unit.
+    leaf : int
+        Least number of episodes at a leaf.
+    """
     tree = ModelTreeRegressor(max_leaves=8, min_samples_leaf=leaf, extrapolation=0.0)
     return narrowed(tree.fit(table, values).tree_)
 
 
 def _success_tree(happened: FloatArray, table: pd.DataFrame) -> ModelTree:
-    """Learn the probability of success: the rate of all episodes, unless a tree predicts it better."""
+    """Learn the probability of success: a constant rate, unless a tree predicts it better."""
     # A few failures make leaves of any shape, and refinement would avoid each, as failures cost
     # much. So the tree must have a smaller squared error (Brier score) in cross-validation, by two
     # standard errors.
-    fold, gains = np.arange(len(happened)) % _FOLDS, np.zeros(len(happened))
+    fold = np.arange(len(happened)) % _FOLDS
+    gains = np.zeros(len(happened))
     for number in range(_FOLDS if happened.min() < happened.max() else 0):
-        held, seen = fold == number, fold != number
+        held = fold == number
+        seen = fold != number
         tree = small_tree(table[seen], happened[seen])
         predicted = tree.predict(table.loc[held, list(tree.names)].to_numpy()).clip(0.0, 1.0)
-        gains[held] = (happened[seen].mean() - happened[held]) ** 2 - (
-            predicted - happened[held]
-        ) ** 2
+        error_of_rate = (happened[seen].mean() - happened[held]) ** 2
+        gains[held] = error_of_rate - (predicted - happened[held]) ** 2
     if gains.mean() > 2.0 * gains.std() / math.sqrt(len(gains)):
         return small_tree(table, happened)
     return small_tree(table, np.full(len(happened), happened.mean()))
@@ -356,7 +451,8 @@ def _observed_at_goal(starts: pd.DataFrame, robot: Robot) -> AtGoal | None:
     # goal, None.
     geometry = Geometry(direct_of(starts), robot)
     durations = starts["duration"].to_numpy(dtype=float)
-    angle, at_rest = geometry.rows[ANGLE_BETWEEN], geometry.rows[RESTS] > 0.5
+    angle = geometry.rows[ANGLE_BETWEEN]
+    at_rest = geometry.rows[RESTS] > 0.5
     found = UNOBSERVED
     for dist, most in ((found.dist, found.angle), *_AT_GOAL):
         within = durations[at_rest & (geometry.dist <= dist) & (angle <= most)]
@@ -364,39 +460,58 @@ def _observed_at_goal(starts: pd.DataFrame, robot: Robot) -> AtGoal | None:
             continue
         if np.ptp(within) > _ALIKE:
             return None if dist == UNOBSERVED.dist else found
-        mean, spread = (
-            max(float(value), CONTROL_PERIOD) for value in (within.mean(), within.std())
-        )
+        mean = max(float(within.mean()), CONTROL_PERIOD)
+        spread = max(float(within.std()), CONTROL_PERIOD)
         found = AtGoal(dist, most, mean, spread)
     return found
 
 
 def observed_arrival(starts: pd.DataFrame, robot: Robot) -> Arrival | None:
-    """Return how far short of its goals an action stops if its robot stands at both ends; else None.
+    """Return how far short of its goals an action stops, in m and rad.
 
-    It is the median error at the end, from the first rows of episodes that succeeded.
+    These are the median errors at the end. None if the robot does not stand at both ends.
+
+    Parameters
+    ----------
+    starts : pandas.DataFrame
+        First rows of episodes that succeeded.
+    robot : Robot
+        The robot of the experience.
     """
     if not _is_at_rest(starts):
         return None
     angle = GENERAL["angle_at_dest"] if robot.grid is None else ROUTE_ANGLE_AT
     turned = feature_table(direct_of(starts), robot, [angle])[:, 0] > _TURNED
-    errors = starts["position_error"].median(), starts.loc[turned, "heading_error"].median()
+    errors = (
+        starts["position_error"].median(),
+        starts.loc[turned, "heading_error"].median(),
+    )
     return Arrival(*(0.0 if math.isnan(error) else float(error) for error in errors))
 
 
 def direct_of(rows: pd.DataFrame) -> dict[str, np.ndarray]:
-    """Return the direct variables of rows of an experience table, and the goal variables with values."""
+    """Return the direct variables of n rows of an experience table, arrays of shape (n,) by name.
+
+    Declared goal variables are among them if any row has a value.
+    """
     declared = map(direct_name, goal_variables_of_columns(rows.columns))
-    names = (*DIRECT_VARIABLES, *(name for name in declared if rows[name].notna().any()))
+    names = (
+        *DIRECT_VARIABLES,
+        *(name for name in declared if rows[name].notna().any()),
+    )
     return {name: rows[name].to_numpy(dtype=float) for name in names}
 
 
 def start_ranges(rows: pd.DataFrame, robot: Robot) -> dict[str, list[float]]:
     """Return the least and the greatest value of the direct variables at the starts of episodes.
 
-    Places are relative to the center of the robot's area. `way` is the distance in m to the goal's
-    place from the axle or the hold, whichever the goal is for; `turn` is the angle in rad between
-    both headings; `braking` are decelerations in m/s^2 that enough episodes needed, see `_braking`.
+    Returns
+    -------
+    dict
+        Least and greatest value by name. Places are relative to the center of the robot's area.
+        Besides: "way", the distance in m to the goal's place from the axle or the hold, whichever
+        the goal is for; "turn", the angle in rad between both headings; "braking", decelerations
+        in m/s^2 that enough episodes needed.
     """
     starts = rows[rows["t"] == 0.0]
     names = (name for name in DIRECT_VARIABLES if name not in ("yaw", "yawg", "hold"))
@@ -405,24 +520,28 @@ def start_ranges(rows: pd.DataFrame, robot: Robot) -> dict[str, list[float]]:
     relative = {name: starts[name] - moved.get(name, 0.0) for name in names}
     turns = np.abs(wrap_angles((starts["yawg"] - starts["yaw"]).to_numpy(dtype=float)))
     columns = {**relative, "way": _distances(starts, robot), "turn": turns}
-    ranges = {name: [float(values.min()), float(values.max())] for name, values in columns.items()}
-    return {**ranges, "braking": [0.0, _braking(starts[starts["success"]], robot)]}
+    ranges = {}
+    for name, values in columns.items():
+        ranges[name] = [float(values.min()), float(values.max())]
+    ranges["braking"] = [0.0, _braking(starts[starts["success"]], robot)]
+    return ranges
 
 
 def _braking(starts: pd.DataFrame, robot: Robot) -> float:
-    """Return the deceleration in m/s^2 that enough episodes needed for a straight drive to the goal."""
+    """Return the deceleration in m/s^2 that enough episodes needed for a straight drive."""
     # If there is hardly room to brake, the robot makes a detour, and models err by seconds. Such
     # starts are too rare to influence trees or spreads.
-    squares = starts["v"].to_numpy(dtype=float) ** 2 - starts["speedg"].to_numpy(dtype=float) ** 2
-    needed = np.sort(
-        np.maximum(squares, 0.0) / (2.0 * np.maximum(_distances(starts, robot), _NEAREST))
-    )
+    v = starts["v"].to_numpy(dtype=float)
+    arrival = starts["speedg"].to_numpy(dtype=float)
+    squares = v**2 - arrival**2
+    distances = np.maximum(_distances(starts, robot), _NEAREST)
+    needed = np.sort(np.maximum(squares, 0.0) / (2.0 * distances))
     beyond = min(_BRAKING_EPISODES, math.ceil(_BRAKING_SHARE * len(needed)))
     return float(needed[-beyond]) if beyond else 0.0
 
 
 def _distances(starts: pd.DataFrame, robot: Robot) -> FloatArray:
-    """Return the distances in m to the goal's place from the axle or the hold, whichever it is for."""
+    """Return the distances in m to the goal's place, from the axle or hold that the goal is for."""
     back = robot.hold * starts["hold"] if robot.holder is not None else 0.0
     distances: FloatArray = np.hypot(
         starts["xg"] - starts["x"] - back * np.cos(starts["yaw"]),
@@ -432,6 +551,6 @@ def _distances(starts: pd.DataFrame, robot: Robot) -> FloatArray:
 
 
 def digest(rows: pd.DataFrame) -> str:
-    """Return a short digest of the rows that a model was learned from."""
+    """Return a digest of the rows that a model was learned from: 16 hexadecimal digits."""
     numbers = rows[[*direct_of(rows), "t", "time_to_go", "success"]].to_numpy(dtype=float)
     return hashlib.sha256(np.ascontiguousarray(numbers).tobytes()).hexdigest()[:16]

@@ -17,15 +17,16 @@ from ator_ros.tops.chain import Top
 from ator_ros.tops.conditions import Condition, Relation, State, Statement
 
 Symbol = float | str
+"""A number in SI units, or the name of a value that is known later."""
 Binding = Mapping[str, Symbol]
 """Symbols of the goal variables of a TOP, by name. A missing one is chosen later."""
 AXES = ("x", "y", "yaw")
-_SLACK = 1e-9
+_SLACK = 1e-9  # m or rad by which rounding may violate a condition
 
 
 @dataclass(frozen=True, slots=True)
 class Value:
-    """The value of a variable: `low` to `high` above a symbol."""
+    """The value of a variable: `low` to `high` (SI units) above a symbol."""
 
     symbol: Symbol
     low: float = 0.0
@@ -44,7 +45,9 @@ def after(top: Top, binding: Binding) -> dict[str, Value]:
     goal["speed"] = binding.get("speed", 0.0)
     for name, by in top.arrival().items() if top.arrives else ():
         known = [goal[each] for each in by] or [0.0]
-        symbol = known[0] if len(known) == 1 else f"{known[0]} beside, heading {known[1]}"
+        symbol = known[0]
+        if len(known) > 1:
+            symbol = f"{known[0]} beside, heading {known[1]}"
         values[name] = Value(symbol, -math.inf, math.inf)  # unless a condition bounds the error
     arrived = frozenset(values)
     for term in sorted(top.post.terms, key=lambda term: term.variable not in arrived):
@@ -58,7 +61,8 @@ def after(top: Top, binding: Binding) -> dict[str, Value]:
 
 def _near(term: Statement, target: Value) -> Value:
     """Return the values at which a statement about a target holds."""
-    low, high = term.reach(math.inf if isinstance(target.symbol, str) else target.symbol)
+    about = math.inf if isinstance(target.symbol, str) else target.symbol
+    low, high = term.reach(about)
     return Value(target.symbol, target.low + low, target.high + high)
 
 
@@ -71,8 +75,17 @@ def is_chosen(symbol: Symbol) -> bool:
     return isinstance(symbol, str) and symbol.startswith("chosen ")
 
 
-def target_of(term: Statement, values: Mapping[str, Value], binding: Binding, top: str) -> Value:
-    """Return the target of a statement after `values` have changed."""
+def target_of(
+    term: Statement,
+    values: Mapping[str, Value],
+    binding: Binding,
+    top: str,
+) -> Value:
+    """Return the target of a statement after `values` have changed.
+
+    A statement may be about the goal variables of the TOP with the name `top`, whose symbols are
+    in `binding`.
+    """
     if not isinstance(term.target, str):
         return Value(float(term.target))
     if term.target.startswith("goal."):
@@ -81,8 +94,12 @@ def target_of(term: Statement, values: Mapping[str, Value], binding: Binding, to
     return values.get(term.target, Value(term.target))
 
 
-def difference(variable: str, value: Value, target: Value) -> float | None:
-    """Return the difference of two symbols; None if it is unknown."""
+def difference(
+    variable: str,
+    value: Value,
+    target: Value,
+) -> float | None:
+    """Return the difference of two symbols in SI units; None if it is unknown."""
     if value.symbol == target.symbol:
         return 0.0
     if isinstance(value.symbol, str) or isinstance(target.symbol, str):
@@ -92,18 +109,21 @@ def difference(variable: str, value: Value, target: Value) -> float | None:
 
 
 def _satisfied(
-    term: Statement, values: Mapping[str, Value], binding: Binding, *, surely: bool
+    term: Statement,
+    values: Mapping[str, Value],
+    binding: Binding,
+    *,
+    surely: bool,
 ) -> bool:
-    value, target = (
-        values.get(term.variable, Value(term.variable)),
-        target_of(term, values, binding, ""),
-    )
+    value = values.get(term.variable, Value(term.variable))
+    target = target_of(term, values, binding, "")
     apart = difference(term.variable, value, target)
     if apart is None:
         return False
     allowed = _near(term, Value(target.symbol))
     if surely:
-        least, most = apart + value.low - target.high, apart + value.high - target.low
+        least = apart + value.low - target.high
+        most = apart + value.high - target.low
     else:
         least = most = apart + value.nominal - target.nominal
     return allowed.low - _SLACK <= least and most <= allowed.high + _SLACK
@@ -113,14 +133,20 @@ def _satisfied(
 class Fact:
     """A clause of a condition for a goal.
 
-    It must hold for projected values or, if `surely`, within all tolerances of a TOP, as the goal
-    of a plan.
+    Attributes
+    ----------
+    clause : Statement or Relation
+    binding : tuple of pairs
+        Names and symbols of the goal variables in the clause.
+    region : str
+        Name of the region of places at which it holds; empty if no place is chosen for it.
+    surely : bool
+        Whether it must hold within all tolerances of a TOP, as the goal of a plan must, or only for
+        projected values.
     """
 
     clause: Statement | Relation
-    # names and symbols of the goal variables in the clause
     binding: tuple[tuple[str, Symbol], ...] = ()
-    # name of the region of places at which it holds; empty if no place is chosen for it
     region: str = ""
     surely: bool = False
 
@@ -130,9 +156,8 @@ class Fact:
             places = [place for place in self.clause.places if place != "goal"]
             return frozenset(f"{name}.{axis}" for name in places for axis in "xy")
         sides = (self.clause.variable, self.clause.target)
-        return frozenset(
-            side for side in sides if isinstance(side, str) and not side.startswith("goal.")
-        )
+        names = [side for side in sides if isinstance(side, str)]
+        return frozenset(name for name in names if not name.startswith("goal."))
 
     @property
     def depends(self) -> frozenset[str]:
@@ -141,18 +166,29 @@ class Fact:
 
     def holds_after(self, values: Mapping[str, Value]) -> bool:
         """Return whether the symbols determine that it holds after `values` have changed."""
-        moved = self._variables & values.keys()
-        if self.region and any(
-            values[name].symbol == f"{self.region}.{name.partition('.')[2]}" for name in moved
-        ):
+        if self.region and self._moves_into_region(values):
             return True
         if isinstance(self.clause, Statement):
-            return _satisfied(self.clause, values, dict(self.binding), surely=self.surely)
-        known = ((name, value.symbol, value.nominal) for name, value in values.items())
-        numbers = {name: symbol + more for name, symbol, more in known if isinstance(symbol, float)}
+            return _satisfied(
+                self.clause,
+                values,
+                dict(self.binding),
+                surely=self.surely,
+            )
+        numbers = {}
+        for name, value in values.items():
+            if isinstance(value.symbol, float):
+                numbers[name] = value.symbol + value.nominal
         goal = {name: symbol for name, symbol in self.binding if isinstance(symbol, float)}
         clearance = self.clause.clearance(numbers, goal)
         return clearance is not None and bool(clearance >= -_SLACK)
+
+    def _moves_into_region(self, values: Mapping[str, Value]) -> bool:
+        for name in self._variables & values.keys():
+            axis = name.partition(".")[2]
+            if values[name].symbol == f"{self.region}.{axis}":
+                return True
+        return False
 
     def violation(self, state: State) -> str | None:
         """Return why it does not hold in a state; None if it holds."""
@@ -171,18 +207,19 @@ class Fact:
 
 
 def resolved(binding: Binding, state: State) -> dict[str, float]:
-    """Return the goal variables whose values are known in `state`."""
-    values = {
-        name: state.get(each) if isinstance(each, str) else each for name, each in binding.items()
-    }
-    return {name: value for name, value in values.items() if value is not None}
+    """Return the goal variables whose values are known in `state`, in SI units."""
+    values = {}
+    for name, symbol in binding.items():
+        value = state.get(symbol) if isinstance(symbol, str) else symbol
+        if value is not None:
+            values[name] = value
+    return values
 
 
 def region_name(top: Top, binding: Binding, thing: str) -> str:
     """Return a name for the places of `thing` from which a TOP with this goal may start."""
-    there = ", ".join(
-        f"{name} {symbol}" for name, symbol in sorted(binding.items()) if name in "xy"
-    )
+    coordinates = [(name, symbol) for name, symbol in sorted(binding.items()) if name in "xy"]
+    there = ", ".join(f"{name} {symbol}" for name, symbol in coordinates)
     return f"place of {thing} for {top.name} ({there})"
 
 
@@ -200,16 +237,19 @@ def preconditions(top: Top, binding: Binding) -> list[Fact]:
             names = frozenset("xy") if "goal" in clause.places else frozenset()
         used = {name: binding[name] for name in sorted(names) if name in binding}
         unbound = len(used) < len(names)
-        always = (
-            isinstance(clause, Statement)
-            and target_of(clause, {}, used, "").symbol == clause.variable
-            and _satisfied(clause, {}, used, surely=False)
-        )
-        if not (unbound or always):
+        if not (unbound or _always_holds(clause, used)):
             thing = placed_thing(clause)
             region = region_name(top, binding, thing) if thing else ""
             facts.append(Fact(clause, tuple(used.items()), region))
     return facts
+
+
+def _always_holds(clause: Statement | Relation, binding: Binding) -> bool:
+    """Return whether a clause is about one variable only and holds whatever its value."""
+    if not isinstance(clause, Statement):
+        return False
+    about_itself = target_of(clause, {}, binding, "").symbol == clause.variable
+    return about_itself and _satisfied(clause, {}, binding, surely=False)
 
 
 def placed_thing(clause: Statement | Relation) -> str | None:

@@ -11,6 +11,7 @@ from ator_ros.printable import ReadableError, quoted
 from ator_ros.tops.conditions import Region, Statement
 
 MOST_STATEMENTS = 8
+"""Greatest number of statements of a goal."""
 
 
 class PlanningError(ReadableError, ValueError):
@@ -19,7 +20,7 @@ class PlanningError(ReadableError, ValueError):
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Unspecified:
-    """A statement without a tolerance: the smallest one that a TOP achieves applies."""
+    """A statement without a tolerance: the smallest tolerance that a TOP achieves applies."""
 
     variable: str
     target: str | float
@@ -29,7 +30,10 @@ GoalStatement = Statement | Unspecified
 
 
 def check_goal(goal: Sequence[GoalStatement], known: Sequence[str]) -> None:
-    """Raise PlanningError unless a goal has 1 to 8 statements about known variables, each once."""
+    """Check that a goal has 1 to 8 statements about known variables, each once.
+
+    `known` are the names of the state variables. Raises PlanningError otherwise.
+    """
     if not 1 <= len(goal) <= MOST_STATEMENTS:
         raise PlanningError(f"goal: expected 1 to {MOST_STATEMENTS} statements, got {len(goal)}")
     for statement in goal:
@@ -42,9 +46,10 @@ def check_goal(goal: Sequence[GoalStatement], known: Sequence[str]) -> None:
 
 
 def statement_from(text: str) -> GoalStatement:
-    """Read VARIABLE=VALUE or VARIABLE=VALUE:LOW:HIGH.
+    """Read a statement from VARIABLE=VALUE or VARIABLE=VALUE:LOW:HIGH.
 
-    Raise PlanningError if the text is none of these.
+    VALUE is a number in SI units or a variable; LOW and HIGH are offsets from it. Raises
+    PlanningError for other texts.
     """
     variable, _, rest = text.partition("=")
     target, *bounds = rest.split(":")
@@ -52,12 +57,8 @@ def statement_from(text: str) -> GoalStatement:
         numbers = [float(bound) for bound in bounds]
     except ValueError:
         numbers = [math.nan]
-    if (
-        not variable
-        or not target
-        or len(numbers) not in (0, 2)
-        or not all(map(math.isfinite, numbers))
-    ):
+    sound_bounds = len(numbers) in (0, 2) and all(map(math.isfinite, numbers))
+    if not variable or not target or not sound_bounds:
         raise PlanningError(
             f"goal: expected VARIABLE=VALUE or VARIABLE=VALUE:LOW:HIGH, got {quoted(text)}"
         )

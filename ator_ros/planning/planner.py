@@ -33,8 +33,8 @@ from ator_ros.tops.ranges import USUAL_RANGES
 from ator_ros.world.state import World
 
 _MOST_PLANS = 16  # symbolic plans that are searched; for some of them there is no place for a step
-# of the grid of candidate places: m, and along a side of the area
-_SPACING, _MOST_INTERVALS = 0.1, 400
+_SPACING = 0.1  # m between candidate places
+_MOST_INTERVALS = 400  # between candidate places along a side of the area, with a larger spacing
 _LEAST_DISTANCE = 0.5  # m: preferred least distance of a place from the present one
 
 
@@ -45,12 +45,19 @@ def chains_for(
     objects: Sequence[str],
     fence: Fence | None = None,
 ) -> list[TopChain]:
-    """Return as many chains as a request to refinement may have, the shortest first; none if the goal holds.
+    """Return the chains that achieve a goal, the shortest first.
+
+    There are at most as many as a request to refinement may have, and none if the goal holds
+    already.
 
     Parameters
     ----------
     goal : sequence
         Statements that must hold at the end.
+    world : World
+        State at the start.
+    library : TopLibrary
+        TOPs of the chains.
     objects : sequence of str
         Names of the objects of the domain.
     fence : Fence, optional
@@ -64,13 +71,10 @@ def chains_for(
     """
     robot = library.robot
     check_goal(goal, state_variables(objects, holder=robot.holder is not None))
-    unfit = {top.name: why for top in library.values() if (why := top.lacks(robot))}
-    for top in library.values():
-        if top.name not in unfit and (missing := missing_object(top, world)):
-            unfit[top.name] = f"{top.name} needs the {missing}, which is unknown"
-    unfit |= library.left_out
+    unfit = _unfit_tops(library, world)
     tops = [top for top in library.values() if top.name not in unfit]
-    facts, state = facts_of(goal, tops), state_of(world, robot)
+    facts = facts_of(goal, tops)
+    state = state_of(world, robot)
     if all(fact.violation(state) is None for fact in facts):
         return []
     problem = planning_problem(facts, steps_for(facts, tops), state)
@@ -82,12 +86,34 @@ def chains_for(
     for plan in plans:
         steps = [step for number in plan if (step := problem.steps[number])]
         try:
-            found.append(_valid_chain(steps, facts, world, library, fence or Fence.around(robot)))
+            chain = _valid_chain(
+                steps,
+                facts,
+                world,
+                library,
+                fence or Fence.around(robot),
+            )
+            found.append(chain)
         except PlanningError as error:
             reasons.append(str(error))
     if not found:
         raise PlanningError("; ".join(dict.fromkeys(reasons)))
     return sorted(found, key=len)[: 1 + MOST_ALTERNATIVES]
+
+
+def _unfit_tops(library: TopLibrary, world: World) -> dict[str, str]:
+    """Return why TOPs cannot be used, by name."""
+    unfit: dict[str, str] = {}
+    for top in library.values():
+        if why := top.lacks(library.robot):
+            unfit[top.name] = why
+    for top in library.values():
+        if top.name in unfit:
+            continue
+        if missing := missing_object(top, world):
+            unfit[top.name] = f"{top.name} needs the {missing}, which is unknown"
+    unfit |= library.left_out
+    return unfit
 
 
 def _valid_chain(
@@ -118,32 +144,39 @@ def _valid_chain(
 
 
 def _why_unreachable(problem: PlanningProblem) -> str:
-    """Return the conditions that no TOP achieves, or that no sequence of TOPs achieves all at once."""
+    """Return the conditions that no TOP achieves, or that no sequence of TOPs achieves at once."""
     met = problem.within_reach().union(*(operator.adds for operator in problem.operators))
     needed = dict.fromkeys(sorted(problem.goal), "")
     for number in problem.useful():
         if step := problem.steps[number]:
             for need in sorted(problem.operators[number].needs):
                 needed.setdefault(need, f", which {step.top.name} needs")
-    unmet = {
-        need: why for need, why in needed.items() if need not in met and need < len(problem.facts)
-    }
+    unmet = []
+    for need, why in needed.items():
+        if need not in met and need < len(problem.facts):
+            unmet.append(f"no TOP achieves {problem.facts[need]}{why}")
     if unmet:
-        return "; ".join(
-            f"no TOP achieves {problem.facts[need]}{why}" for need, why in unmet.items()
-        )
+        return "; ".join(unmet)
     goal = " and ".join(str(problem.facts[number]) for number in sorted(problem.goal))
     return f"each condition can be achieved, but no sequence of TOPs ends with {goal}"
 
 
 def _call(
-    step: PlannedStep, world: World, library: TopLibrary, fence: Fence, *, last: bool
+    step: PlannedStep,
+    world: World,
+    library: TopLibrary,
+    fence: Fence,
+    *,
+    last: bool,
 ) -> TopCall:
-    robot, state = library.robot, state_of(world, library.robot)
+    robot = library.robot
+    state = state_of(world, library.robot)
     known = resolved(dict(step.binding), state)
     goal = library.goal(step.top, world.robot.pose)
-    at = robot.hold_point(world.robot.pose) if step.top.point is Point.HOLD else world.robot.pose
-    place = {"x": at.x, "y": at.y, **{name: known[name] for name in "xy" if name in known}}
+    at = world.robot.pose
+    if step.top.point is Point.HOLD:
+        at = robot.hold_point(at)
+    place = {"x": known.get("x", at.x), "y": known.get("y", at.y)}
     if step.region:
         places = fence.narrowed({axis: USUAL_RANGES[axis] for axis in "xy"}, robot)
         along, across = (places[axis](robot, goal) for axis in "xy")
@@ -153,23 +186,35 @@ def _call(
             raise PlanningError(f"{step.top.name}: expected a place for it in the area, found none")
         place = {"x": found[0], "y": found[1]}
     # The heading is toward the target of the next action, else along the approach.
-    (x, y), (start_x, start_y, yaw) = (place["x"], place["y"]), world.robot.pose
+    x, y = (place["x"], place["y"])
+    start_x, start_y, yaw = world.robot.pose
     target = dict(step.region[0].binding) if step.region else {}
-    to_x, to_y = target.get("x"), target.get("y")
+    to_x = target.get("x")
+    to_y = target.get("y")
     if isinstance(to_x, float) and isinstance(to_y, float) and (to_x, to_y) != (x, y):
         yaw = math.atan2(to_y - y, to_x - x)
     elif math.hypot(x - start_x, y - start_y) > 0.0:
         yaw = math.atan2(y - start_y, x - start_x)
     bound = frozenset() if step.region else frozenset(dict(step.binding))
-    moving = {"x", "y", "yaw", *(() if last else ("speed",))} if step.top.arrives else set[str]()
-    opened = frozenset(moving | goal.values.keys()) - bound
-    return TopCall(step.top, with_values(goal, {"yaw": yaw, **known, **place}), opened)
+    opened = set(goal.values)
+    if step.top.arrives:
+        opened |= {"x", "y", "yaw"}
+        opened |= set() if last else {"speed"}
+    values = {"yaw": yaw, **known, **place}
+    return TopCall(
+        step.top,
+        with_values(goal, values),
+        frozenset(opened) - bound,
+    )
 
 
 def _place_in(
-    region: Sequence[Fact], top: Top, state: State, edges: tuple[float, float, float, float]
+    region: Sequence[Fact],
+    top: Top,
+    state: State,
+    edges: tuple[float, float, float, float],
 ) -> tuple[float, float] | None:
-    """Return the place (m) in a region, and in `edges`, that is nearest to the present one of its thing.
+    """Return the place (m) in a region and in `edges` that is nearest to the thing's present place.
 
     If possible it keeps the tolerance of the TOP that brings the thing there from the edge of the
     region.
@@ -177,23 +222,38 @@ def _place_in(
     thing = placed_thing(region[0].clause)
     places = _candidates(edges, resolved(dict(region[0].binding), state))
     there = {**state, f"{thing}.x": places[:, 0], f"{thing}.y": places[:, 1]}
-    margins = [fact.clause.clearance(there, resolved(dict(fact.binding), state)) for fact in region]
-    least = np.min([-np.inf if margin is None else margin for margin in margins], axis=0)
+    margins = []
+    for fact in region:
+        margin = fact.clause.clearance(there, resolved(dict(fact.binding), state))
+        margins.append(-np.inf if margin is None else margin)
+    least = np.min(margins, axis=0)
     for margin in (top.place_tolerance, 0.0):
         good = places[np.broadcast_to(least >= margin - 1e-9, len(places))]
         if len(good):
-            away = np.hypot(*(good - [state.get(f"{thing}.{axis}", 0.0) for axis in "xy"]).T)
+            present = [state.get(f"{thing}.{axis}", 0.0) for axis in "xy"]
+            away = np.hypot(*(good - present).T)
             far = away >= _LEAST_DISTANCE
-            index = int(np.argmin(np.where(far, away, np.inf)) if far.any() else np.argmax(away))
+            if far.any():
+                index = int(np.argmin(np.where(far, away, np.inf)))
+            else:
+                index = int(np.argmax(away))
             return float(good[index, 0]), float(good[index, 1])
     return None
 
 
 def _candidates(edges: tuple[float, float, float, float], goal: Mapping[str, float]) -> FloatArray:
-    """Return a grid of places inside the edges x_min, y_min, x_max, y_max (m), and the goal, shape (n, 2)."""
+    """Return a grid of places inside the edges x_min, y_min, x_max, y_max, and the goal.
+
+    Places are in m, shape (n, 2).
+    """
     x_min, y_min, x_max, y_max = edges
-    spacing = max(_SPACING, (x_max - x_min) / _MOST_INTERVALS, (y_max - y_min) / _MOST_INTERVALS)
+    spacing = max(
+        _SPACING,
+        (x_max - x_min) / _MOST_INTERVALS,
+        (y_max - y_min) / _MOST_INTERVALS,
+    )
     xs = np.arange(x_min, x_max + spacing / 2, spacing)
     ys = np.arange(y_min, y_max + spacing / 2, spacing)
     grid = np.stack(np.meshgrid(xs, ys), axis=-1).reshape(-1, 2)
-    return np.vstack([grid, [goal.get("x", 0.0), goal.get("y", 0.0)]])
+    place_of_goal = [goal.get("x", 0.0), goal.get("y", 0.0)]
+    return np.vstack([grid, place_of_goal])

@@ -1,4 +1,4 @@
-"""The symbolic planning problem of a goal: candidate steps, their effects on facts, and the search."""
+"""The symbolic planning problem of a goal: candidate steps, their effects, and the search."""
 
 from __future__ import annotations
 
@@ -28,18 +28,26 @@ from ator_ros.tops.objects import followed
 Plan = tuple[int, ...]
 """Indices of operators."""
 # Bounds for one goal; the shipped domains need about ten searches of less than a hundred states.
-_MOST_SEARCHES, _MOST_STATES = 60, 20_000
+_MOST_SEARCHES = 60
+_MOST_STATES = 20_000  # in each search
 _MOVING = ("robot.", "hold.")  # variables that are no destination, as they change during a step
 
 
 @dataclass(frozen=True, slots=True)
 class PlannedStep:
-    """A TOP with a goal."""
+    """A TOP with a goal.
+
+    Attributes
+    ----------
+    top : Top
+    binding : tuple of pairs
+        Names and symbols of the goal variables; missing ones are chosen later.
+    region : tuple of Fact
+        Facts that a later TOP needs at the chosen place; empty if no place is chosen.
+    """
 
     top: Top
-    # names and symbols; missing variables are chosen later
     binding: tuple[tuple[str, Symbol], ...] = ()
-    # that a later TOP needs at the chosen place; empty if none is chosen
     region: tuple[Fact, ...] = ()
 
     def needs(self) -> list[Fact]:
@@ -59,27 +67,39 @@ def facts_of(goal: Sequence[GoalStatement], tops: Sequence[Top]) -> list[Fact]:
     facts = []
     for statement in goal:
         if isinstance(statement, Unspecified):
-            values = [value for top in tops if (value := _achieved(statement, top)) is not None]
-            ranges = [
-                (each.low, each.high) for each in values if math.isfinite(each.high - each.low)
-            ]
-            low, high = min(ranges, key=lambda ends: ends[1] - ends[0], default=(0.0, 0.0))
+            low, high = _smallest_range(statement, tops)
             statement = Region(statement.variable, statement.target, low, high)
         facts.append(Fact(statement, surely=True))
     return facts
 
 
-def _achieved(statement: Unspecified, top: Top) -> Value | None:
-    """Return the variable after a TOP relative to the target.
+def _smallest_range(statement: Unspecified, tops: Sequence[Top]) -> tuple[float, float]:
+    """Return the smallest range around the target that a TOP achieves; 0, 0 if none does."""
+    ranges = []
+    for top in tops:
+        value = _achieved(statement, top)
+        if value is not None and math.isfinite(value.high - value.low):
+            ranges.append((value.low, value.high))
+    return min(
+        ranges,
+        key=lambda ends: ends[1] - ends[0],
+        default=(0.0, 0.0),
+    )
 
-    None if the TOP does not bring it there.
-    """
+
+def _achieved(statement: Unspecified, top: Top) -> Value | None:
+    """Return the variable after a TOP, relative to the target; None if that is unknown."""
     for binding in ({}, _reaching([statement], top)):
         values = after(top, binding)
-        value, target = values.get(statement.variable), values.get(str(statement.target))
+        value = values.get(statement.variable)
+        target = values.get(str(statement.target))
         target = target or Value(statement.target)
         if value is not None and difference(statement.variable, value, target) is not None:
-            return Value(value.symbol, value.low - target.high, value.high - target.low)
+            return Value(
+                value.symbol,
+                value.low - target.high,
+                value.high - target.low,
+            )
     return None
 
 
@@ -91,12 +111,9 @@ def _reaching(goal: Sequence[GoalStatement], top: Top) -> dict[str, Symbol]:
     for statement in goal:
         symbol = values[statement.variable].symbol if statement.variable in values else ""
         name = str(symbol).removeprefix("goal.")
-        if (
-            symbol == f"goal.{name}"
-            and name in names
-            and not str(statement.target).startswith(_MOVING)
-        ):
-            target = statement.target
+        is_goal_variable = symbol == f"goal.{name}" and name in names
+        target = statement.target
+        if is_goal_variable and not str(target).startswith(_MOVING):
             found.setdefault(name, target if isinstance(target, str) else float(target))
     return found
 
@@ -110,20 +127,23 @@ def steps_for(goal: Sequence[Fact], tops: Sequence[Top]) -> list[PlannedStep]:
     groups: dict[str, list[Statement]] = {}  # by robot, hold or object
     for fact in goal:
         if isinstance(fact.clause, Statement):
-            groups.setdefault(fact.clause.variable.partition(".")[0], []).append(fact.clause)
-    direct = [
-        PlannedStep(top, binding)
-        for top in tops
-        for binding in _bindings(top, list(groups.values()))
-    ]
-    near = [step for top in tops for target in direct for step in _toward(top, target)]
+            owner = fact.clause.variable.partition(".")[0]
+            groups.setdefault(owner, []).append(fact.clause)
+    direct: list[PlannedStep] = []
+    statements = list(groups.values())
+    for top in tops:
+        direct += [PlannedStep(top, binding) for binding in _bindings(top, statements)]
+    near: list[PlannedStep] = []
+    for top in tops:
+        for target in direct:
+            near += _toward(top, target)
     return list(dict.fromkeys((*direct, *near)))
 
 
 def _bindings(
     top: Top, groups: Sequence[Sequence[Statement]]
 ) -> Iterator[tuple[tuple[str, Symbol], ...]]:
-    """Yield goals of `top`: at the object that it follows, if any, and one for each group that it reaches."""
+    """Yield goals of `top`: at the object that it follows, and for each group that it reaches."""
     name = followed(top)
     own: dict[str, Symbol] = {} if name is None else {"x": f"{name}.x", "y": f"{name}.y"}
     places_something = top.arrives or bool(top.post.goal_names() & {"x", "y"})
@@ -135,14 +155,19 @@ def _bindings(
 
 
 def _toward(top: Top, target: PlannedStep) -> Iterator[PlannedStep]:
-    """Yield `top` with goals from which `target` may start, one for each thing that this needs at a place."""
+    """Yield `top` with goals from which `target` may start, one for each thing that it needs."""
     if followed(top) is not None:
         return
     facts = target.needs()
-    for thing in dict.fromkeys(filter(None, (placed_thing(fact.clause) for fact in facts))):
+    things = [placed_thing(fact.clause) for fact in facts]
+    for thing in dict.fromkeys(filter(None, things)):
         region = region_name(target.top, dict(target.binding), thing)
         binding = tuple((axis, f"{region}.{axis}") for axis in "xy")
-        step = PlannedStep(top, binding, tuple(fact for fact in facts if fact.region == region))
+        step = PlannedStep(
+            top,
+            binding,
+            tuple(fact for fact in facts if fact.region == region),
+        )
         placed = {name: value.symbol for name, value in step.values().items()}
         if all(placed.get(f"{thing}.{axis}") == symbol for axis, symbol in binding):
             yield step
@@ -150,7 +175,7 @@ def _toward(top: Top, target: PlannedStep) -> Iterator[PlannedStep]:
 
 @dataclass(frozen=True, slots=True)
 class Operator:
-    """An operator of STRIPS: numbers of the facts that it needs, adds and deletes."""
+    """An operator of STRIPS: the numbers of the facts that it needs, adds and deletes."""
 
     needs: frozenset[int]
     adds: frozenset[int]
@@ -159,10 +184,21 @@ class Operator:
 
 @dataclass(frozen=True, slots=True)
 class PlanningProblem:
-    """A STRIPS problem: operators, and the numbers of the facts that hold initially and of the goal."""
+    """A STRIPS problem.
 
-    facts: tuple[Fact, ...]  # by number; higher numbers: a region contains an object from the start
-    # of each operator; None if it leaves an object in its region
+    Attributes
+    ----------
+    facts : tuple of Fact
+        Facts by number. Higher numbers mean that a region contains an object from the start.
+    steps : tuple of PlannedStep or None
+        The step of each operator; None if the operator leaves an object in its region.
+    operators : tuple of Operator
+        What may be done.
+    initial, goal : frozenset of int
+        Numbers of the facts that hold at the start, and must hold at the end.
+    """
+
+    facts: tuple[Fact, ...]
     steps: tuple[PlannedStep | None, ...]
     operators: tuple[Operator, ...]
     initial: frozenset[int]
@@ -170,7 +206,8 @@ class PlanningProblem:
 
     def within_reach(self) -> frozenset[int]:
         """Return the facts that would be reachable if operators deleted nothing."""
-        reached, before = self.initial, None
+        reached = self.initial
+        before = None
         while reached != before:
             before = reached
             reached = reached.union(*(each.adds for each in self.operators if each.needs <= before))
@@ -178,7 +215,8 @@ class PlanningProblem:
 
     def useful(self) -> list[int]:
         """Return the indices of operators on which the goal depends, directly or indirectly."""
-        needed, before = self.goal, None
+        needed = self.goal
+        before = None
         while needed != before:
             before = needed
             needed = needed.union(*(each.needs for each in self.operators if each.adds & before))
@@ -200,8 +238,10 @@ class PlanningProblem:
             return []
         found: list[Plan] = []
         unsolvable: list[frozenset[int]] = []
-        waiting, seen = deque([frozenset[int]()]), {frozenset[int]()}
-        useful, searches = self.useful(), 0
+        waiting = deque([frozenset[int]()])
+        seen = {frozenset[int]()}
+        useful = self.useful()
+        searches = 0
         while waiting and len(found) < most and searches < _MOST_SEARCHES:
             banned = waiting.popleft()
             if any(known <= banned for known in unsolvable):
@@ -221,10 +261,7 @@ class PlanningProblem:
         return sorted(found, key=len)
 
     def _best(self, usable: Sequence[int]) -> Plan | None:
-        """Return a plan with the fewest operators.
-
-        Of several, one that deletes fewest facts of the goal.
-        """
+        """Return a plan with the fewest operators; of several, one that undoes least."""
         ages = itertools.count()
         waiting: list[tuple[int, int, int, frozenset[int], Plan]] = [
             (0, 0, next(ages), self.initial, ())
@@ -254,10 +291,19 @@ class PlanningProblem:
 def planning_problem(
     goal: Sequence[Fact], steps: Sequence[PlannedStep], state: State
 ) -> PlanningProblem:
-    """Return the symbolic problem of a goal from the state variables at the start, see `state_of`.
+    """Return the symbolic problem of a goal.
 
     Leaving an object in its region is an operator of its own, so that plans that move it are
     alternatives.
+
+    Parameters
+    ----------
+    goal : sequence of Fact
+        Facts that must hold at the end.
+    steps : sequence of PlannedStep
+        Candidate steps.
+    state : State
+        State variables at the start, see `state_of`.
     """
     needs = [fact for step in steps for fact in step.needs()]
     facts = list(dict.fromkeys((*goal, *needs)))
@@ -270,21 +316,28 @@ def planning_problem(
     ]
     # Numbers of the facts that a region contains an object from the start, with the facts of the
     # region.
-    contained = dict(enumerate((region for region in regions if region <= true), start=len(facts)))
+    filled = [region for region in regions if region <= true]
+    contained = dict(enumerate(filled, start=len(facts)))
     operators: dict[Operator, PlannedStep | None] = {}
     for step in steps:
         values = step.values()
-        adds, deletes = set[int](), set[int]()
+        adds = set[int]()
+        deletes = set[int]()
         for fact, number in numbers.items():
             if fact.depends & values.keys():
                 (adds if fact.holds_after(values) else deletes).add(number)
         moved = {number for number, group in contained.items() if group & (deletes | adds)}
         needed = frozenset(numbers[fact] for fact in step.needs())
-        operators.setdefault(Operator(needed, frozenset(adds), frozenset(deletes | moved)), step)
+        operator = Operator(needed, frozenset(adds), frozenset(deletes | moved))
+        operators.setdefault(operator, step)
     for number, group in contained.items():
         operators.setdefault(Operator(frozenset({number}), group, frozenset()), None)
     initial = frozenset(true).difference(*contained.values()) | frozenset(contained)
     wanted = frozenset(numbers[fact] for fact in goal)
     return PlanningProblem(
-        tuple(facts), tuple(operators.values()), tuple(operators), initial, wanted
+        tuple(facts),
+        tuple(operators.values()),
+        tuple(operators),
+        initial,
+        wanted,
     )

@@ -1,6 +1,7 @@
-"""The bodies of the simulated world: floor, bays, walls, objects and robot, made in one pybullet client.
+"""The bodies of the simulated world: floor, bays, walls, objects and robot.
 
-pybullet is imported when the first world is made: ``--help`` and most nodes need none.
+All are made in one pybullet client. pybullet is imported when the first world is made: ``--help``
+and most nodes do not need it.
 """
 
 from __future__ import annotations
@@ -20,12 +21,15 @@ from ator_ros.simulation.urdf import WHEEL_NAMES, robot_urdf
 from ator_ros.world.grid_map import GridMap
 from ator_ros.world.scene import WALL_THICKNESS, Area, Bay, RoundObject
 
-GRAVITY = 9.81
-WALL_HEIGHT = 0.4
+GRAVITY = 9.81  # m/s^2
+WALL_HEIGHT = 0.4  # m
 
 
 class BulletClient:
-    """A new world, with the functions and constants of pybullet."""
+    """A new world, with the functions and constants of pybullet.
+
+    Each instance is a world of its own. Functions are called without a client id.
+    """
 
     def __init__(self) -> None:
         self._pybullet = _imported_without_banner("pybullet")
@@ -65,16 +69,22 @@ def make_floor(client: BulletClient) -> int:
 
 
 def make_bay(client: BulletClient, bay: Bay) -> list[int]:
-    """Make the three walls of a bay and return their body ids."""
-    half_depth, half_width = bay.depth / 2, bay.width / 2
+    """Make the three walls of a bay and return their body ids.
+
+    The pose of the bay is relative to the origin of the world.
+    """
+    half_depth = bay.depth / 2
+    half_width = bay.width / 2
     side = _box(client, half_depth, WALL_THICKNESS / 2)
     back = _box(client, WALL_THICKNESS / 2, half_width)
     # Rounded, so that a bay that faces along an axis lies exactly along it.
-    c, s = round(math.cos(bay.yaw), 12), round(math.sin(bay.yaw), 12)
+    c = round(math.cos(bay.yaw), 12)
+    s = round(math.sin(bay.yaw), 12)
     turned = math.atan2(s, c) % math.pi  # a box that is turned by half a turn is the same box
     beside = half_width + WALL_THICKNESS / 2
     left, right = (beside, -beside) if c >= 0.0 else (-beside, beside)
-    behind, walls = bay.depth + WALL_THICKNESS / 2, []
+    behind = bay.depth + WALL_THICKNESS / 2
+    walls = []
     for shape, ahead, aside in (
         (side, half_depth, left),
         (side, half_depth, right),
@@ -86,7 +96,10 @@ def make_bay(client: BulletClient, bay: Bay) -> list[int]:
 
 
 def make_walls(client: BulletClient, grid: GridMap, area: Area) -> list[int]:
-    """Make the walls of a map, with the center of the area as their origin, and return their body ids."""
+    """Make the walls of a map and return their body ids.
+
+    The center of the area is the origin of the world.
+    """
     bodies = []
     for (x, y, yaw), length, width in grid.walls:
         place = [x - area.x, y - area.y, WALL_HEIGHT / 2]
@@ -101,7 +114,7 @@ def _box(client: BulletClient, half_length: float, half_width: float) -> int:
 
 
 def make_object(client: BulletClient, item: RoundObject) -> int:
-    """Make an object's body and return its id."""
+    """Make a sphere with the radius and mass of an object, and return its body id."""
     shape = client.createCollisionShape(client.GEOM_SPHERE, radius=item.radius)
     return int(client.createMultiBody(item.mass, shape))
 
@@ -126,7 +139,15 @@ def set_object_dynamics(client: BulletClient, body: int, item: RoundObject) -> N
 
 
 def load_base(client: BulletClient, robot: Robot) -> tuple[int, list[int]]:
-    """Load the robot and return its body id and the joint indices of its left and right wheel."""
+    """Load the robot.
+
+    Returns
+    -------
+    body : int
+        Body id.
+    wheels : list of int
+        Joint indices of the left and the right wheel.
+    """
     with tempfile.TemporaryDirectory(prefix="ator_ros_") as folder:
         file = Path(folder) / "robot.urdf"
         file.write_text(robot_urdf(robot), encoding="utf-8")
@@ -137,8 +158,14 @@ def load_base(client: BulletClient, robot: Robot) -> tuple[int, list[int]]:
     client.changeDynamics(body, -1, lateralFriction=robot.build.front_friction, restitution=1.0)
     for wheel in wheels:
         client.changeDynamics(
-            body, wheel, lateralFriction=1.0, rollingFriction=0.0, restitution=0.0,
-            linearDamping=0.0, angularDamping=0.0, jointDamping=0.0
-        )  # fmt: skip
+            body,
+            wheel,
+            lateralFriction=1.0,
+            rollingFriction=0.0,
+            restitution=0.0,
+            linearDamping=0.0,
+            angularDamping=0.0,
+            jointDamping=0.0,
+        )
     client.changeDynamics(body, names["caster_joint"], lateralFriction=0.0, restitution=0.0)
     return int(body), wheels

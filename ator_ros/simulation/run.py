@@ -17,17 +17,38 @@ from ator_ros.world.state import STOP, World
 
 def place(simulation: Simulation, world: World) -> None:
     """Put the robot and the objects of `world` that have a size into the simulation."""
-    simulation.place_robot(world.robot.pose, v=world.robot.v, w=world.robot.w)
+    simulation.place_robot(
+        world.robot.pose,
+        v=world.robot.v,
+        w=world.robot.w,
+    )
     known = simulation.robot.scene.objects
     simulation.place_objects(
         {name: there for name, there in world.objects.items() if name in known}
     )
 
 
-def run(simulation: Simulation, step: Callable[[World], Step], *, ticks: int) -> Step | None:
+def run(
+    simulation: Simulation,
+    step: Callable[[World], Step],
+    *,
+    ticks: int,
+) -> Step | None:
     """Execute the steps that `step` returns until one is not RUNNING.
 
-    Return it, or None after `ticks`.
+    Parameters
+    ----------
+    simulation : Simulation
+        The world.
+    step : callable
+        Returns the next step in a state of the world.
+    ticks : int
+        Greatest number of control ticks.
+
+    Returns
+    -------
+    Step or None
+        The last step; None after `ticks`.
     """
     for _ in range(ticks):
         done = step(simulation.world())
@@ -40,10 +61,7 @@ def run(simulation: Simulation, step: Callable[[World], Step], *, ticks: int) ->
 
 
 def _settle(simulation: Simulation, top: Top, goal: Goal) -> World:
-    """Stop until the post-condition holds, its objects rest or `top.settles` is over.
-
-    Return the state.
-    """
+    """Stop until the post-condition holds, its objects rest or `top.settles` is over."""
     world = simulation.world()
     for _ in range(round(top.settles * CONTROL_RATE)):
         if not top.may_settle(world) or not top.unmet(world, goal, simulation.robot):
@@ -58,26 +76,52 @@ def _settle(simulation: Simulation, top: Top, goal: Goal) -> World:
 class Judgment:
     """How a TOP ended, by the true state.
 
-    `error` is the distance in m of the robot's point from the goal if the TOP places it there; else
-    the greatest violation of the post-condition, in the unit of the variable.
+    Attributes
+    ----------
+    success : bool
+        Whether the action succeeded and the post-condition holds.
+    reason : str
+        How it ended, in a sentence.
+    error : float
+        Distance in m of the robot's point from the goal if the TOP places it there; else the
+        greatest violation of the post-condition, in the unit of the variable.
+    heading_error : float
+        Error of the heading in rad; NaN if the TOP does not place the robot.
     """
 
-    success: bool  # the action succeeded, and the post-condition holds
+    success: bool
     reason: str
     error: float
-    heading_error: float  # rad; NaN if the TOP does not place the robot
+    heading_error: float
 
 
-def judge(simulation: Simulation, top: Top, goal: Goal, status: Status, message: str) -> Judgment:
+def judge(
+    simulation: Simulation,
+    top: Top,
+    goal: Goal,
+    status: Status,
+    message: str,
+) -> Judgment:
     """Judge a TOP by its post-condition, after objects have settled.
 
-    `status` and `message` are those of the last step of the action; after RUNNING, nothing settles.
+    Parameters
+    ----------
+    simulation : Simulation
+        The world after the action.
+    top : Top
+        The TOP.
+    goal : Goal
+        Its goal.
+    status, message : Status and str
+        Those of the last step of the action. After RUNNING, nothing settles.
     """
-    robot, ended_well = simulation.robot, status is Status.SUCCEEDED
+    robot = simulation.robot
+    ended_well = status is Status.SUCCEEDED
     world = simulation.world() if status is Status.RUNNING else _settle(simulation, top, goal)
     lacks = top.unmet(world, goal, robot)
     reason = f"{message}; but {top.failure(lacks)}" if lacks and ended_well else message
-    error, heading_error = top.shortfall(world, goal, robot), math.nan
+    error = top.shortfall(world, goal, robot)
+    heading_error = math.nan
     if top.arrives:
         pose = world.robot.pose
         point = robot.hold_point(pose) if goal.point is Point.HOLD else pose
@@ -94,9 +138,25 @@ def run_action(
     time_limit: float = TIME_LIMIT,
     step: Callable[[Action, World], Step] | None = None,
 ) -> Step:
-    """Set up, start, step and end an action; return its last step, RUNNING after `time_limit` (s).
+    """Set up, start, step and end an action.
 
-    `step` is called in each tick instead of `Action.step`, to observe it.
+    Parameters
+    ----------
+    simulation : Simulation
+        The world.
+    action : Action
+        The action.
+    goal : Goal
+        Its goal.
+    time_limit : float
+        Greatest duration in s.
+    step : callable, optional
+        Called in each tick instead of `Action.step`, to observe it.
+
+    Returns
+    -------
+    Step
+        The last step; it is RUNNING if the time limit was reached.
 
     Raises
     ------

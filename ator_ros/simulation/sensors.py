@@ -18,28 +18,46 @@ _TELEPORT = 0.3  # m; a robot that moves farther in a tick was placed
 
 @dataclass(frozen=True, slots=True)
 class ObjectErrors:
-    """Errors in the observations of an object; by default none."""
+    """Errors in the observations of an object; by default none.
 
-    noise: float = 0.0  # m, standard deviation of each coordinate
-    velocity_noise: float = 0.0  # m/s, standard deviation of each component
-    delay: float = 0.0  # s from an observation until it is known, rounded up to a tick
-    dropouts: float = 0.0  # probability in [0, 1) that the object is not observed in a tick
+    Attributes
+    ----------
+    noise : float
+        Standard deviation of each coordinate, in m.
+    velocity_noise : float
+        Standard deviation of each component of the velocity, in m/s.
+    delay : float
+        Time in s from an observation until it is known, rounded up to a tick.
+    dropouts : float
+        Probability in [0, 1) that the object is not observed in a tick.
+    """
+
+    noise: float = 0.0
+    velocity_noise: float = 0.0
+    delay: float = 0.0
+    dropouts: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class SensorConfig:
     """Errors of all sensors; by default none.
 
-    Drifts are standard deviations of the odometry after 1 m of driving, and grow with the square
-    root of the distance. `latency` is the time from a state to its messages, which have the time of
-    the state, rounded up to a tick; `ObjectErrors.delay` is added to it. The first state, also
-    after a reset, arrives at once.
+    Attributes
+    ----------
+    drift, heading_drift : float
+        Standard deviations of the odometry after 1 m of driving: of the position in m, of the
+        heading in rad. They grow with the square root of the distance.
+    latency : float
+        Time in s from a state to its messages, rounded up to a tick. The messages have the time of
+        the state. `ObjectErrors.delay` is added. The first state, also after a reset, arrives at
+        once.
+    objects : mapping of str to ObjectErrors
+        Errors by the name of the object; others have none.
     """
 
-    drift: float = 0.0  # m, of the position
-    heading_drift: float = 0.0  # rad
-    latency: float = 0.0  # s
-    # others have no errors
+    drift: float = 0.0
+    heading_drift: float = 0.0
+    latency: float = 0.0
     objects: Mapping[str, ObjectErrors] = field(default_factory=dict, hash=False)
 
     @property
@@ -53,7 +71,8 @@ class _ObservedObject:
     """The observations of one object; the last known one is extrapolated at constant velocity."""
 
     def __init__(self, errors: ObjectErrors, rng: np.random.Generator) -> None:
-        self._errors, self._rng = errors, rng
+        self._errors = errors
+        self._rng = rng
         # the known one first, then delayed ones
         self._observed: deque[tuple[float, ObjectState]] = deque()
 
@@ -77,8 +96,13 @@ class _ObservedObject:
         self, there: ObjectState, numbers: list[float], robot: Pose, odometry: Pose
     ) -> ObjectState:
         """Return the object in the frame of odometry, with noise; `robot` is the true pose."""
-        errors, (x, y, vx, vy) = self._errors, numbers
-        moving = Pose(robot.x + there.vx, robot.y + there.vy, robot.yaw)
+        errors = self._errors
+        x, y, vx, vy = numbers
+        moving = Pose(
+            robot.x + there.vx,
+            robot.y + there.vy,
+            robot.yaw,
+        )
         place = odometry.compose(robot.relative(Pose(there.x, there.y, 0.0)))
         velocity = odometry.compose(robot.relative(moving))
         return ObjectState(
@@ -112,30 +136,34 @@ class Sensors:
         self._observed.pop(name, None)
 
     def observe(self, world: World) -> World:
-        """Return the estimate of `world`, with the same time; with a latency, that of an earlier world.
+        """Return the estimate of a world; with a latency, that of an earlier world.
 
-        Odometry of a robot that has jumped, as when it was placed, is reset to its true pose.
+        The estimate has the time of its world. Odometry of a robot that has jumped, as when it was
+        placed, is reset to its true pose.
         """
         if self.config.exact:
             return world
         pose = world.robot.pose
-        self._odometry, self._true = self._dead_reckoning(pose), pose
+        self._odometry = self._dead_reckoning(pose)
+        self._true = pose
         for name in (*self.config.objects, *world.objects):
             if name not in self._observed:
                 errors = self.config.objects.get(name, ObjectErrors())
                 self._observed[name] = _ObservedObject(errors, self._rng)
         known = {}
         for name, item in self._observed.items():
-            state = item.observe(world.time, world.objects.get(name), pose, self._odometry)
+            state = item.observe(
+                world.time,
+                world.objects.get(name),
+                pose,
+                self._odometry,
+            )
             if state is not None:
                 known[name] = state
-        self._delayed.append(
-            World(world.time, dataclasses.replace(world.robot, pose=self._odometry), known)
-        )
-        while (
-            len(self._delayed) > 1
-            and world.time - self._delayed[1].time >= self.config.latency - 1e-9
-        ):
+        robot = dataclasses.replace(world.robot, pose=self._odometry)
+        self._delayed.append(World(world.time, robot, known))
+        least_age = self.config.latency - 1e-9
+        while len(self._delayed) > 1 and world.time - self._delayed[1].time >= least_age:
             self._delayed.popleft()
         return self._delayed[0]
 
@@ -145,6 +173,11 @@ class Sensors:
         moved = self._true.relative(pose)
         root = math.sqrt(math.hypot(moved.x, moved.y))
         x, y, yaw = self._rng.normal(size=3) * root
-        drift, heading_drift = self.config.drift, self.config.heading_drift
-        error = Pose(moved.x + drift * x, moved.y + drift * y, moved.yaw + heading_drift * yaw)
+        drift = self.config.drift
+        heading_drift = self.config.heading_drift
+        error = Pose(
+            moved.x + drift * x,
+            moved.y + drift * y,
+            moved.yaw + heading_drift * yaw,
+        )
         return self._odometry.compose(error)

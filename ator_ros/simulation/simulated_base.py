@@ -13,31 +13,57 @@ from ator_ros.world.state import STOP, Command, RobotState
 
 COMMAND_TIMEOUT = 0.15
 """Time in s that a command holds: three ticks."""
-_ROUNDING = 1e-6
+_ROUNDING = 1e-6  # s
 # rad/s; the firmware holds the position of a wheel below this whose setpoint is 0
 _BLOCKED_BELOW = 0.05
-_HOLDING_GAIN = 0.1
+_HOLDING_GAIN = 0.1  # positionGains of Bullet's joint motors
 
 
 class SimulatedBase:
-    """A base with two driven wheels, and the firmware that converts velocity commands to wheel speeds.
+    """A base with two driven wheels, and its firmware.
 
-    It brakes as hard as it can without tipping for the command 0, and without a command for 0.15 s.
-    So it stands 0.5 s after the last command. `period` is the time of a physics step in s, `body`
-    the body id.
+    The firmware converts velocity commands to wheel speeds. For the command 0, and without a
+    command for 0.15 s, it brakes as hard as it can without tipping. So the base stands 0.5 s after
+    the last command.
+
+    Parameters
+    ----------
+    client : BulletClient
+        The world.
+    robot : Robot
+        The description.
+    period : float
+        Time of a physics step in s.
+
+    Attributes
+    ----------
+    body : int
+        Body id.
     """
 
-    def __init__(self, client: BulletClient, robot: Robot, *, period: float) -> None:
-        self._bullet, self.robot = client, robot
+    def __init__(
+        self,
+        client: BulletClient,
+        robot: Robot,
+        *,
+        period: float,
+    ) -> None:
+        self._bullet = client
+        self.robot = robot
         self.body, self._wheels = load_base(client, robot)
         self._com = self._bullet.getDynamicsInfo(self.body, -1)[3]
-        self._command, self._expires, self._setpoint = STOP, -math.inf, STOP
+        self._command = STOP
+        self._expires = -math.inf
+        self._setpoint = STOP
         self._torques = [robot.wheel_torque] * 2
         self._gains = [period / robot.motor_time_constant] * 2
         self._held: list[float] | None = None
 
     def ignore(self, floor: int, others: Iterable[int]) -> None:
-        """Leave out pairs that never touch: the body with the floor, the wheels with all other bodies."""
+        """Leave out pairs that never touch.
+
+        These are the robot's body with the floor, and its wheels with all other bodies.
+        """
         self._bullet.setCollisionFilterPair(self.body, floor, -1, -1, 0)
         links = {other: self._bullet.getNumJoints(other) for other in others}
         for wheel in self._wheels:
@@ -48,21 +74,25 @@ class SimulatedBase:
     def place(self, pose: Pose, v: float, w: float) -> None:
         """Put the axle at `pose`, moving at v (m/s) and w (rad/s).
 
-        It slows down unless commanded.
+        The base slows down unless it gets a command.
         """
-        c, s = math.cos(pose.yaw), math.sin(pose.yaw)
+        c = math.cos(pose.yaw)
+        s = math.sin(pose.yaw)
         velocity = (c * v - s * w * self._com[0], s * v + c * w * self._com[0], 0.0)
         self.move(pose)
         self._bullet.resetBaseVelocity(self.body, velocity, (0.0, 0.0, w))
         turn = w * self.robot.track / 2.0
         for wheel, speed in zip(self._wheels, (v - turn, v + turn), strict=True):
             self._bullet.resetJointState(self.body, wheel, 0.0, speed / self.robot.wheel_radius)
-        self._command, self._expires, self._setpoint = STOP, -math.inf, Command(v, w)
+        self._command = STOP
+        self._expires = -math.inf
+        self._setpoint = Command(v, w)
         self._held = None
 
     def move(self, pose: Pose) -> None:
         """Put the axle at `pose`; wheels, motors and firmware stay as they are."""
-        c, s = math.cos(pose.yaw), math.sin(pose.yaw)
+        c = math.cos(pose.yaw)
+        s = math.sin(pose.yaw)
         # Bullet's base position is the center of mass, not the axle.
         position = (pose.x + c * self._com[0], pose.y + s * self._com[0], self._com[2])
         self._bullet.resetBasePositionAndOrientation(
@@ -83,8 +113,15 @@ class SimulatedBase:
     def ramp(self, time: float, dt: float) -> None:
         """Move the setpoint toward the command for `dt` s, and set the motors."""
         target = self.commanded(time) or STOP
-        self._setpoint = ramped(self._setpoint, target, dt, self.robot.limits, self.robot.stop)
-        turn, radius = self._setpoint.w * self.robot.track / 2.0, self.robot.wheel_radius
+        self._setpoint = ramped(
+            self._setpoint,
+            target,
+            dt,
+            self.robot.limits,
+            self.robot.stop,
+        )
+        turn = self._setpoint.w * self.robot.track / 2.0
+        radius = self.robot.wheel_radius
         speeds = (self._setpoint.v - turn) / radius, (self._setpoint.v + turn) / radius
         if speeds != (0.0, 0.0):
             self._held = None
@@ -92,24 +129,39 @@ class SimulatedBase:
             states = self._bullet.getJointStates(self.body, self._wheels)
             if all(abs(state[1]) < _BLOCKED_BELOW for state in states):
                 self._held = [state[0] for state in states]
-        mode, held = self._bullet.VELOCITY_CONTROL, {}
+        mode = self._bullet.VELOCITY_CONTROL
+        held = {}
         if self._held is not None:
             mode = self._bullet.POSITION_CONTROL
             held = {"targetPositions": self._held, "positionGains": [_HOLDING_GAIN] * 2}
         self._bullet.setJointMotorControlArray(
-            self.body, self._wheels, mode, targetVelocities=speeds, forces=self._torques,
-            velocityGains=self._gains, **held,
-        )  # fmt: skip
+            self.body,
+            self._wheels,
+            mode,
+            targetVelocities=speeds,
+            forces=self._torques,
+            velocityGains=self._gains,
+            **held,
+        )
 
     def wheel_angles(self) -> list[float]:
         """Return the angles of the left and the right wheel in rad."""
         return [state[0] for state in self._bullet.getJointStates(self.body, self._wheels)]
 
     def state(self) -> RobotState:
-        """Return the true state."""
+        """Return the true state of the axle, in the frame of the physics."""
         position, quaternion = self._bullet.getBasePositionAndOrientation(self.body)
         linear, angular = self._bullet.getBaseVelocity(self.body)
         yaw = yaw_from_quaternion(*quaternion)
-        c, s = math.cos(yaw), math.sin(yaw)
-        pose = Pose(position[0] - c * self._com[0], position[1] - s * self._com[0], yaw)
-        return RobotState(pose, c * linear[0] + s * linear[1], angular[2])
+        c = math.cos(yaw)
+        s = math.sin(yaw)
+        pose = Pose(
+            position[0] - c * self._com[0],
+            position[1] - s * self._com[0],
+            yaw,
+        )
+        return RobotState(
+            pose,
+            c * linear[0] + s * linear[1],
+            angular[2],
+        )

@@ -23,7 +23,7 @@ from ator_ros.world.state import CONTROL_PERIOD, Command, ObjectState, World
 PHYSICS_RATE = 240  # Hz
 TICK = CONTROL_PERIOD  # s
 CONTROL_RATE = round(1.0 / TICK)  # Hz
-RAMPS_PER_TICK = 4
+RAMPS_PER_TICK = 4  # changes of the wheels' set speeds
 # Converged: with the rotors' inertia in the wheels, 50 iterations give the same speeds to 0.2 %.
 SOLVER_ITERATIONS = 20
 _AWAY = 50.0  # m: least distance of removed bodies from the center of the area
@@ -32,10 +32,10 @@ _DISTANCE = 8  # index in what getClosestPoints returns
 
 
 class Simulation:
-    """One world: a robot or several, the objects and bays of a scene, the walls of a map, and a floor.
+    """One world: robots, the objects and bays of a scene, the walls of a map, and a floor.
 
     Deterministic: the same placements and commands give bit-identical trajectories. Robots have
-    numbers from 0 on.
+    numbers from 0 on. Poses are in the frame of the scene.
 
     Parameters
     ----------
@@ -73,7 +73,8 @@ class Simulation:
             deterministicOverlappingPairs=1,
         )
         floor = make_floor(bullet)
-        scene, area = self.robot.scene, self._area
+        scene = self.robot.scene
+        area = self._area
         bays = (dataclasses.replace(bay, x=bay.x - area.x, y=bay.y - area.y) for bay in scene.bays)
         self._walls = [wall for bay in bays for wall in make_bay(bullet, bay)]
         if self.robot.grid is not None:
@@ -93,26 +94,62 @@ class Simulation:
         """Simulated time in s since the world was made."""
         return self._ticks * TICK
 
-    def place_robot(self, pose: Pose, *, v: float = 0.0, w: float = 0.0, number: int = 0) -> None:
+    def place_robot(
+        self,
+        pose: Pose,
+        *,
+        v: float = 0.0,
+        w: float = 0.0,
+        number: int = 0,
+    ) -> None:
         """Put a robot's axle at `pose`, moving at v (m/s) and w (rad/s)."""
         self._bases[number].place(self._local(pose), v, w)
 
     def _local(self, pose: Pose) -> Pose:
         """Return a pose relative to the center of the area."""
-        return Pose(pose.x - self._area.x, pose.y - self._area.y, pose.yaw)
+        return Pose(
+            pose.x - self._area.x,
+            pose.y - self._area.y,
+            pose.yaw,
+        )
 
     def place_object(
-        self, name: str, x: float, y: float, *, vx: float = 0.0, vy: float = 0.0
+        self,
+        name: str,
+        x: float,
+        y: float,
+        *,
+        vx: float = 0.0,
+        vy: float = 0.0,
     ) -> None:
-        """Put an object on the floor at (x, y) m, rolling at (vx, vy) m/s."""
-        set_object_dynamics(self._bullet, self._bodies[name], self.robot.scene.objects[name])
-        self._move_object(name, x - self._area.x, y - self._area.y, vx, vy)
+        """Put an object on the floor at (x, y) m, rolling at (vx, vy) m/s.
+
+        Raises KeyError for a name that the scene lacks.
+        """
+        set_object_dynamics(
+            self._bullet,
+            self._bodies[name],
+            self.robot.scene.objects[name],
+        )
+        self._move_object(
+            name,
+            x - self._area.x,
+            y - self._area.y,
+            vx,
+            vy,
+        )
         self._present[name] = True
 
     def remove_object(self, name: str) -> None:
         """Take an object off the floor."""
         self._bullet.changeDynamics(self._bodies[name], -1, mass=0.0)
-        self._move_object(name, 0.0, self._away + list(self._bodies).index(name), 0.0, 0.0)
+        self._move_object(
+            name,
+            0.0,
+            self._away + list(self._bodies).index(name),
+            0.0,
+            0.0,
+        )
         self._present[name] = False
 
     def robot_overlap(self, pose: Pose, *, number: int = 0) -> str:
@@ -123,13 +160,19 @@ class Simulation:
             return self._overlap(body)
 
     def object_overlap(self, name: str, x: float, y: float) -> str:
-        """Return which body an object at (x, y) m would overlap.
+        """Return which body an object at (x, y) m would overlap; empty if none.
 
-        Empty if none. Nothing is moved.
+        Nothing is moved.
         """
         body = self._bodies[name]
         with self._restored(body):
-            self._move_object(name, x - self._area.x, y - self._area.y, 0.0, 0.0)
+            self._move_object(
+                name,
+                x - self._area.x,
+                y - self._area.y,
+                0.0,
+                0.0,
+            )
             return self._overlap(body)
 
     @contextmanager
@@ -145,11 +188,13 @@ class Simulation:
 
     def _overlap(self, body: int) -> str:
         """Return the name of a body that `body` overlaps; wheels touch nothing but the floor."""
-        others = {
-            **{item: f"the {name}" for name, item in self._bodies.items() if self._present[name]},
-            **{base.body: f"robot {base.robot.name}" for base in self._bases},
-            **dict.fromkeys(self._walls, "a wall"),
-        }
+        others: dict[int, str] = {}
+        for name, item in self._bodies.items():
+            if self._present[name]:
+                others[item] = f"the {name}"
+        for base in self._bases:
+            others[base.body] = f"robot {base.robot.name}"
+        others.update(dict.fromkeys(self._walls, "a wall"))
         others.pop(body, None)
         for other, name in others.items():
             contacts = self._bullet.getClosestPoints(body, other, 0.0, -1, -1)
@@ -160,15 +205,37 @@ class Simulation:
     def place_objects(self, objects: Mapping[str, ObjectState]) -> None:
         """Place these objects and take all others off the floor."""
         for name, state in objects.items():
-            self.place_object(name, state.x, state.y, vx=state.vx, vy=state.vy)
+            self.place_object(
+                name,
+                state.x,
+                state.y,
+                vx=state.vx,
+                vy=state.vy,
+            )
         for name in self._bodies:
             if name not in objects:
                 self.remove_object(name)
 
-    def _move_object(self, name: str, x: float, y: float, vx: float, vy: float) -> None:
-        body, radius = self._bodies[name], self.robot.scene.objects[name].radius
-        self._bullet.resetBasePositionAndOrientation(body, (x, y, radius), (0.0, 0.0, 0.0, 1.0))
-        self._bullet.resetBaseVelocity(body, (vx, vy, 0.0), (-vy / radius, vx / radius, 0.0))
+    def _move_object(
+        self,
+        name: str,
+        x: float,
+        y: float,
+        vx: float,
+        vy: float,
+    ) -> None:
+        body = self._bodies[name]
+        radius = self.robot.scene.objects[name].radius
+        self._bullet.resetBasePositionAndOrientation(
+            body,
+            (x, y, radius),
+            (0.0, 0.0, 0.0, 1.0),
+        )
+        self._bullet.resetBaseVelocity(
+            body,
+            (vx, vy, 0.0),
+            (-vy / radius, vx / radius, 0.0),
+        )
 
     def command(self, command: Command, *, number: int = 0) -> None:
         """Send a robot a velocity command, which holds for 0.15 s and is clipped to the limits."""
@@ -193,11 +260,14 @@ class Simulation:
             if self._present[name]:
                 (x, y, _), _ = self._bullet.getBasePositionAndOrientation(body)
                 (vx, vy, _), _ = self._bullet.getBaseVelocity(body)
-                objects[name] = ObjectState(*self._area.at(x, y)[:2], vx, vy)
+                objects[name] = ObjectState(
+                    *self._area.at(x, y)[:2],
+                    vx,
+                    vy,
+                )
         state = self._bases[number].state()
-        return World(
-            self.time, dataclasses.replace(state, pose=self._area.at(*state.pose)), objects
-        )
+        in_scene = dataclasses.replace(state, pose=self._area.at(*state.pose))
+        return World(self.time, in_scene, objects)
 
     def wheel_angles(self, number: int = 0) -> list[float]:
         """Return the angles of a robot's left and right wheel in rad."""

@@ -16,9 +16,11 @@ WHEEL_INERTIA = 0.008
 _HEIGHT = 0.12  # m of the center of mass
 # ratio of mass times squared radius to the usual one, below which the motors are smaller
 _LIGHT = 0.1
-_USUAL_MASS, _USUAL_RADIUS = 9.0, 0.0975  # kg, and m of a wheel
-# m: center of mass behind the axle, caster from the body's end
-_CENTER_OF_MASS, _CASTER = 0.06, 0.04
+# those of the Pioneer 3-DX
+_USUAL_MASS = 9.0  # kg
+_USUAL_RADIUS = 0.0975  # m, of a wheel
+_CENTER_OF_MASS = 0.06  # m behind the axle
+_CASTER = 0.04  # m from the body's end
 # greatest share of the weight on the caster; `Robot.grip` assumes the rest on the wheels
 _BEHIND_SHARE = 0.3
 _FINGER = (
@@ -28,11 +30,15 @@ _FINGER = (
 
 
 def robot_urdf(robot: Robot) -> str:
-    """Return the robot's description as URDF: `urdf/robot.urdf.template` with its sizes and masses."""
+    """Return the robot's description as URDF.
+
+    It is `urdf/robot.urdf.template` with the robot's sizes in m and masses in kg.
+    """
     behind, height, caster, wheel_mass, wheel_inertia = _built(robot)
     body_mass = robot.mass - 2 * wheel_mass
     # The body lies between the wheels; that of a robot narrower than 16 cm overlaps them.
-    length, width = robot.front + robot.rear, max(2 * robot.half_width - 0.08, robot.half_width)
+    length = robot.front + robot.rear
+    width = max(2 * robot.half_width - 0.08, robot.half_width)
     numbers = {
         "com_x": -behind,
         "com_z": height,
@@ -60,18 +66,20 @@ def robot_urdf(robot: Robot) -> str:
 def _built(robot: Robot) -> tuple[float, float, float, float, float]:
     """Return the parts of `Build` in their order, those that the description leaves out derived."""
     given = robot.build
-    wheel_mass = min(WHEEL_MASS * max(1.0, robot.mass / _USUAL_MASS), WHEEL_SHARE * robot.mass)
+    usual = WHEEL_MASS * max(1.0, robot.mass / _USUAL_MASS)
+    wheel_mass = min(usual, WHEEL_SHARE * robot.mass)
     # The wheels carry most of the weight also of a short body, so low that neither stop nor turn
     # tips it.
     caster = _or(given.caster_behind, max(robot.rear - _CASTER, 0.5 * robot.rear))
     behind = min(_CENTER_OF_MASS, _BEHIND_SHARE * caster)
+    height = _HEIGHT * (behind / _CENTER_OF_MASS)
     # With the inertia of usual motors a heavy base would lag more than described, and a light one
     # tip over.
     load = robot.mass * robot.wheel_radius**2 / (_USUAL_MASS * _USUAL_RADIUS**2)
     motor_size = max(1.0, load) if load >= _LIGHT else max(load, (load / _LIGHT) ** 2)
     return (
         _or(given.mass_behind, behind),
-        _or(given.mass_height, _HEIGHT * (behind / _CENTER_OF_MASS)),
+        _or(given.mass_height, height),
         caster,
         _or(given.wheel_mass, wheel_mass),
         _or(given.wheel_inertia, WHEEL_INERTIA * motor_size),
@@ -82,17 +90,24 @@ def _or(given: float | None, derived: float) -> float:
     return derived if given is None else given
 
 
-def _fingers(tag: str, holder: Holder | None, front: float, material: str = "") -> str:
+def _fingers(
+    tag: str,
+    holder: Holder | None,
+    front: float,
+    material: str = "",
+) -> str:
     """Return the elements of both fingers of a holder; nothing without one."""
     if holder is None:
         return ""
-    sizes = {"length": holder.length, "thickness": holder.thickness}
-    place = {"x": front + holder.length / 2, "y": (holder.gap + holder.thickness) / 2}
-    both = (
-        _FINGER.format(tag=tag, side=side, material=material, **place, **sizes)
-        for side in ("", "-")
-    )
-    return "\n    ".join(both)
+    numbers = {
+        "length": holder.length,
+        "thickness": holder.thickness,
+        "x": front + holder.length / 2,
+        "y": (holder.gap + holder.thickness) / 2,
+    }
+    left = _FINGER.format(tag=tag, side="", material=material, **numbers)
+    right = _FINGER.format(tag=tag, side="-", material=material, **numbers)
+    return f"{left}\n    {right}"
 
 
 WHEEL_NAMES = ("left_wheel_joint", "right_wheel_joint")

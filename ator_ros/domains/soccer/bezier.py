@@ -1,4 +1,4 @@
-"""The paper's actions: each follows a Bezier curve that is recomputed at every tick (paper, section 3)."""
+"""The paper's actions, each along a Bezier curve that is recomputed at every tick (section 3)."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from ator_ros.world.state import (
 
 # rad: greatest bearing of the middle control point that a curve is computed with
 _STRAIGHT_BEHIND = 3.1
-_SAMPLES = 40
+_SAMPLES = 40  # places on a curve that is shown
 _STEP = 0.05  # m between places on the shortest path
 # m along the axis from the run-in to behind the goal, and to either side
 _CORRIDOR = (-0.02, 0.06, 0.05)
@@ -42,21 +42,38 @@ _CORRIDOR = (-0.02, 0.06, 0.05)
 
 @dataclass(frozen=True, slots=True)
 class Style:
-    """How an action drives along its curve."""
+    """How an action drives along its curve.
 
-    radius: float  # m, of the circle beside the goal on which the curve arrives
-    run_in: float  # m, length of the straight line before the goal
-    ahead: float  # m, length of the path from a standing robot to the middle control point
-    # s, growth of that length with the robot's speed, as commands take effect late
+    Attributes
+    ----------
+    radius : float
+        Radius in m of the circle beside the goal on which the curve arrives.
+    run_in : float
+        Length in m of the straight line before the goal.
+    ahead : float
+        Length in m of the path from a standing robot to the middle control point.
+    per_speed : float
+        Growth of that length with the robot's speed, in s, as commands take effect late.
+    sharpest : float
+        Greatest curvature in 1/m; far above 1/wheel track is turning on the spot.
+    rotation : float
+        Greatest rotational velocity in rad/s within the limits, which bounds the speed.
+    braking : float
+        Deceleration in m/s^2 before the goal and before sharper curves.
+    """
+
+    radius: float
+    run_in: float
+    ahead: float
     per_speed: float
-    sharpest: float  # 1/m, greatest curvature; far above 1/wheel track is turning on the spot
-    rotation: float  # rad/s, greatest rotational velocity within the limits, which bounds the speed
-    braking: float  # m/s^2, deceleration before the goal and before sharper curves
+    sharpest: float
+    rotation: float
+    braking: float
 
 
 @dataclass(frozen=True, slots=True)
 class _Curve:
-    """A Bezier curve of degree four that leaves in the robot's heading and arrives in the goal's."""
+    """A Bezier curve of degree four, from the robot's heading into the goal's."""
 
     # In m, in the frame of the goal: robot, its handle, a point round the goal, the goal's handle,
     # run-in.
@@ -70,7 +87,12 @@ class _Curve:
     side: float  # -1 if the circle is on the right, and all is mirrored
 
 
-def _curve_to(rel: Pose, v: float, style: Style, side: float) -> _Curve:
+def _curve_to(
+    rel: Pose,
+    v: float,
+    style: Style,
+    side: float,
+) -> _Curve:
     """Return the curve for a robot at `rel`, in the frame of the goal, that drives at `v` (m/s).
 
     Its middle control point lies ahead on the shortest path: the tangent from the robot to a circle
@@ -79,17 +101,21 @@ def _curve_to(rel: Pose, v: float, style: Style, side: float) -> _Curve:
     """
     ahead = style.ahead + style.per_speed * max(v, 0.0)
     behind, beyond, beside = _CORRIDOR
-    x, y = rel.x + style.run_in, side * rel.y
-    if x > behind and rel.x < beyond and abs(y) < beside:
+    x = rel.x + style.run_in
+    y = side * rel.y
+    in_corridor = x > behind and rel.x < beyond and abs(y) < beside
+    if in_corridor:
         straight = left = max(-rel.x, 0.0)
         heading = turn = end = 0.0
         middle = rel.x + ahead, 0.0
     else:
         straight, heading, turn = _onto_circle(x, y, style.radius)
-        left, end = straight + style.radius * turn + style.run_in, -style.run_in
+        left = straight + style.radius * turn + style.run_in
+        end = -style.run_in
         dx, dy = _ahead(straight, heading, turn, style.radius, ahead)
         middle = rel.x + dx, rel.y + side * dy
-    dx, dy = middle[0] - rel.x, middle[1] - rel.y
+    dx = middle[0] - rel.x
+    dy = middle[1] - rel.y
     distance = math.hypot(dx, dy)
     bearing = wrap_angle(math.atan2(dy, dx) - rel.yaw)
     angle = math.copysign(min(abs(bearing), _STRAIGHT_BEHIND), bearing)
@@ -107,17 +133,24 @@ def _curve_to(rel: Pose, v: float, style: Style, side: float) -> _Curve:
     return _Curve(points, bearing, bend, straight, turn, left, heading, side)
 
 
-def _onto_circle(x: float, y: float, radius: float) -> tuple[float, float, float]:
-    """Return length (m) and heading (rad) of the tangent from (x, y) to a circle, and the angle on it (rad).
+def _onto_circle(
+    x: float,
+    y: float,
+    radius: float,
+) -> tuple[float, float, float]:
+    """Return the tangent from (x, y) to a circle: its length (m) and heading (rad), then the angle.
 
-    The circle touches the axis at the origin from the left and is driven counter-clockwise.
+    The angle (rad) is driven on the circle. The circle touches the axis at the origin from the left
+    and is driven counter-clockwise.
     """
-    distance, direction = math.hypot(x, radius - y), math.atan2(radius - y, -x)
+    distance = math.hypot(x, radius - y)
+    direction = math.atan2(radius - y, -x)
     if distance >= radius:
         straight = math.sqrt(distance**2 - radius**2)
         heading = direction - math.asin(radius / distance)
     else:  # from inside the circle the path leads out
-        straight, heading = 0.0, direction - math.pi / 2 - 2.0 * (1.0 - distance / radius)
+        straight = 0.0
+        heading = direction - math.pi / 2 - 2.0 * (1.0 - distance / radius)
     turn = -heading % (2.0 * math.pi)
     return straight, heading, turn if turn < 2.0 * math.pi - 0.02 else 0.0
 
@@ -125,37 +158,36 @@ def _onto_circle(x: float, y: float, radius: float) -> tuple[float, float, float
 def _ahead(
     straight: float, heading: float, turn: float, radius: float, distance: float
 ) -> tuple[float, float]:
-    """Return the displacement (m) after a distance (m) on tangent, circle and run-in, in the goal's frame."""
+    """Return the displacement (m) in the goal's frame after a distance (m) on the shortest path."""
     first = min(straight, distance)
     angle = min((distance - first) / radius, turn)
-    last, end = distance - first - angle * radius, heading + angle
-    dx = (
-        first * math.cos(heading)
-        + radius * (math.sin(end) - math.sin(heading))
-        + last * math.cos(end)
-    )
-    dy = (
-        first * math.sin(heading)
-        - radius * (math.cos(end) - math.cos(heading))
-        + last * math.sin(end)
-    )
+    last = distance - first - angle * radius
+    end = heading + angle
+    arc_x = radius * (math.sin(end) - math.sin(heading))
+    arc_y = radius * (math.cos(end) - math.cos(heading))
+    dx = first * math.cos(heading) + arc_x + last * math.cos(end)
+    dy = first * math.sin(heading) - arc_y + last * math.sin(end)
     return dx, dy
 
 
 def _passing_distance(curve: _Curve, x: float, y: float) -> float:
     """Return the least distance in m of the straight part of the shortest path from (x, y) m."""
     start_x, start_y = curve.points[0]
-    c, s = math.cos(curve.heading), curve.side * math.sin(curve.heading)
-    along = max(0.0, min(curve.straight, (x - start_x) * c + (y - start_y) * s))
+    c = math.cos(curve.heading)
+    s = curve.side * math.sin(curve.heading)
+    projected = (x - start_x) * c + (y - start_y) * s
+    along = max(0.0, min(curve.straight, projected))
     return math.hypot(x - start_x - along * c, y - start_y - along * s)
 
 
 def _shortest_path(curve: _Curve, radius: float, goal: Pose) -> FloatArray:
-    """Return places on the shortest path that a curve to `goal` approximates, shape (n, 2), in m."""
+    """Return places on the shortest path that a curve approximates, shape (n, 2), in m."""
     x, y = curve.points[0]
     parts = curve.straight, curve.heading, curve.turn, radius
-    places = [_ahead(*parts, _STEP * step) for step in range(math.ceil(curve.left / _STEP))]
-    return _placed(np.reshape(places, (-1, 2)) * (1.0, curve.side) + (x, y), goal)
+    steps = range(math.ceil(curve.left / _STEP))
+    places = [_ahead(*parts, _STEP * step) for step in steps]
+    local = np.reshape(places, (-1, 2)) * (1.0, curve.side) + (x, y)
+    return _placed(local, goal)
 
 
 def _sampled(curve: _Curve, goal: Pose) -> FloatArray:
@@ -170,14 +202,17 @@ def _sampled(curve: _Curve, goal: Pose) -> FloatArray:
 
 
 def _placed(local: FloatArray, goal: Pose) -> FloatArray:
-    """Transform places in m, shape (n, 2), from the frame of `goal` to that in which `goal` is given."""
-    c, s = math.cos(goal.yaw), math.sin(goal.yaw)
-    return np.asarray(local @ np.array([[c, s], [-s, c]]) + (goal.x, goal.y))
+    """Transform places in m, shape (n, 2), from the frame of a goal to the frame of its pose."""
+    c = math.cos(goal.yaw)
+    s = math.sin(goal.yaw)
+    rotation = np.array([[c, s], [-s, c]])
+    return np.asarray(local @ rotation + (goal.x, goal.y))
 
 
-# m from the goal's axis and rad from its heading at which a goal is reached
-_LATERAL, _HEADING = 0.04, 0.1
-_SHORT, _PAST = 0.015, 0.06  # m before and behind a goal at which a robot may stand
+_LATERAL = 0.04  # m from the goal's axis at which a goal is reached
+_HEADING = 0.1  # rad from its heading
+_SHORT = 0.015  # m before a goal at which a robot may stand
+_PAST = 0.06  # m behind it
 _PARKED = Standstill(0.03)  # at its goal a robot may creep: on curves it does not stop at once
 _CREEP = 0.04  # m/s
 _SIDE_HYSTERESIS = 0.3  # s by which the path on the other side must be faster to be preferred
@@ -191,9 +226,20 @@ _SLIGHT = 0.3
 
 
 class Driver:
-    """Drives a robot in the state `start` to a pose along a Bezier curve that is recomputed at every tick.
+    """Drives a robot to a pose along a Bezier curve that is recomputed at every tick.
 
-    It keeps clear of the walls in the scene of a `robot`, and until the run-in of a `ball`.
+    Parameters
+    ----------
+    limits : Limits
+        Limits of the base, or those with the ball.
+    style : Style
+        How the curve is driven.
+    start : RobotState
+        State at the start.
+    robot : Robot, optional
+        The driver keeps clear of the walls in the scene of this robot; by default of none.
+    ball : ObjectState, optional
+        The driver keeps clear of this ball until the run-in.
     """
 
     def __init__(
@@ -204,10 +250,14 @@ class Driver:
         robot: Robot | None = None,
         ball: ObjectState | None = None,
     ) -> None:
-        self._limits, self._style, self._robot, self._ball = limits, style, robot, ball
+        self._limits = limits
+        self._style = style
+        self._robot = robot
+        self._ball = ball
         self._rotation = min(style.rotation, limits.w, _TO_ROTATE * limits.aw)  # rad/s
         self._braking = min(style.braking, limits.brake / _RESERVE)  # m/s^2
-        self._last, self._side = Command(start.v, start.w), 0.0
+        self._last = Command(start.v, start.w)
+        self._side = 0.0
         self._laid: tuple[_Curve, Pose] | None = None
 
     def path(self) -> FloatArray | None:
@@ -217,21 +267,27 @@ class Driver:
     def _curve(self, pose: Pose, target: Pose, v: float) -> _Curve:
         """Return the faster of the two curves to `target`.
 
-        A path through a wall or the ball takes longer.
+        The time of a path through a wall or the ball is longer by its depth.
         """
         if self._side == 0.0:
             self._style = self._fitting(pose, target, v)
         curves = self._curves(pose, target, v, self._style)
-        times = {
-            side: self._time(curve) + _PER_DEPTH * self._depth(curve, self._style, pose, target)
-            for side, curve in curves.items()
-        }
+        times = {}
+        for side, curve in curves.items():
+            depth = self._depth(curve, self._style, pose, target)
+            times[side] = self._time(curve) + _PER_DEPTH * depth
         if self._side == 0.0 or times[-self._side] < times[self._side] - _SIDE_HYSTERESIS:
             self._side = min(times, key=times.__getitem__)
         return curves[self._side]
 
-    def _curves(self, pose: Pose, target: Pose, v: float, style: Style) -> dict[float, _Curve]:
-        """Return both curves to `target`, by the side of the goal's axis on which their circle lies."""
+    def _curves(
+        self,
+        pose: Pose,
+        target: Pose,
+        v: float,
+        style: Style,
+    ) -> dict[float, _Curve]:
+        """Return both curves to `target`, by the side of the goal's axis with their circle."""
         rel = target.relative(pose)
         return {side: _curve_to(rel, v, style, side) for side in (1.0, -1.0)}
 
@@ -247,9 +303,16 @@ class Driver:
 
     def _time(self, curve: _Curve) -> float:
         """Return an estimate of a curve's duration in s: its straight part and its two turns."""
-        return curve.straight / self._limits.v + (abs(curve.bearing) + curve.turn) / self._rotation
+        turned = abs(curve.bearing) + curve.turn
+        return curve.straight / self._limits.v + turned / self._rotation
 
-    def _depth(self, curve: _Curve, style: Style, pose: Pose, target: Pose) -> float:
+    def _depth(
+        self,
+        curve: _Curve,
+        style: Style,
+        pose: Pose,
+        target: Pose,
+    ) -> float:
         """Return by how much in m the robot may reach into a wall or the ball on a curve."""
         if self._robot is None:
             return 0.0
@@ -260,14 +323,12 @@ class Driver:
             now = math.hypot(self._ball.x - pose.x, self._ball.y - pose.y)
             into_ball = max(0.0, min(room, now) - _passing_distance(curve, ball.x, ball.y))
         middle = self._robot.scene.area.x
-        farthest = max(
-            abs(pose.x - middle), abs(target.x - middle) + style.run_in + 2.0 * style.radius
-        )
+        around_target = abs(target.x - middle) + style.run_in + 2.0 * style.radius
+        farthest = max(abs(pose.x - middle), around_target)
         if farthest <= nearest_to_goals(self._robot):
             return into_ball
-        return max(
-            into_ball, depth_in_goals(_shortest_path(curve, style.radius, target), self._robot)
-        )
+        path = _shortest_path(curve, style.radius, target)
+        return max(into_ball, depth_in_goals(path, self._robot))
 
     def follow(self, state: RobotState, target: Pose, end_speed: float) -> Command:
         """Return the command for the next tick to `target`, to be passed at `end_speed` (m/s)."""
@@ -279,40 +340,56 @@ class Driver:
             v = max(v, _CREEP)
         return self.command(v, bend)
 
-    def _speed(self, curve: _Curve, bend: float, v: float, end_speed: float) -> float:
+    def _speed(
+        self,
+        curve: _Curve,
+        bend: float,
+        v: float,
+        end_speed: float,
+    ) -> float:
         """Return the greatest speed in m/s here from which the rest of the curve can be driven."""
         left = max(curve.left - v * CONTROL_PERIOD, 0.0)
         here = self._rotation / max(abs(bend), 1e-6)
-        circle = self._rotation * self._style.radius / max(min(curve.turn / _SLIGHT, 1.0), 0.05)
+        share = max(min(curve.turn / _SLIGHT, 1.0), 0.05)
+        circle = self._rotation * self._style.radius / share
         before_end = math.sqrt(end_speed**2 + 2.0 * self._braking * left)
         before_circle = math.sqrt(circle**2 + 2.0 * self._braking * curve.straight)
         return min(self._limits.v, here, before_end, before_circle)
 
     def command(self, v: float, bend: float) -> Command:
         """Return the command nearest to v (m/s) on a curve (1/m) that the base can follow."""
-        last, most = self._last, self._rotation
+        last = self._last
+        most = self._rotation
         braking = _RESERVE * self._braking
-        v = max(last.v - braking * CONTROL_PERIOD, min(last.v + self._limits.a * CONTROL_PERIOD, v))
+        slowest = last.v - braking * CONTROL_PERIOD
+        fastest = last.v + self._limits.a * CONTROL_PERIOD
+        v = max(slowest, min(fastest, v))
         return self.send(v, max(-most, min(most, max(v, 0.0) * bend)))
 
     def turn(self, angle: float) -> Command:
         """Return the command that stops, and turns by an angle (rad)."""
-        last, limits, most = self._last, self._limits, self._rotation
-        v = max(
-            last.v - limits.brake * CONTROL_PERIOD, min(last.v + limits.a * CONTROL_PERIOD, 0.0)
-        )
+        last = self._last
+        limits = self._limits
+        most = self._rotation
+        slowest = last.v - limits.brake * CONTROL_PERIOD
+        fastest = last.v + limits.a * CONTROL_PERIOD
+        v = max(slowest, min(fastest, 0.0))
         w = max(-most, min(most, 3.0 * angle))
         return self.send(v, w if abs(v) < 0.2 else last.w)
 
     def send(self, v: float, w: float) -> Command:
-        """Return v (m/s) with the rotational velocity (rad/s) that is nearest to w one tick later."""
+        """Return the command of v (m/s) and of the turn rate (rad/s) that is nearest to w."""
         step = self._limits.aw * CONTROL_PERIOD
-        self._last = Command(v, max(self._last.w - step, min(self._last.w + step, w)))
+        last = self._last.w
+        self._last = Command(v, max(last - step, min(last + step, w)))
         return self._last
 
 
 def reached(rel: Pose, v: float, end_speed: float) -> bool:
-    """Return whether a robot at `rel`, in the goal's frame, at v (m/s) stands at the goal or passes it."""
+    """Return whether a robot stands at its goal, or passes it if `end_speed` (m/s) is positive.
+
+    `rel` is its pose in the goal's frame, v its speed in m/s.
+    """
     if end_speed > 0.0:
         at_goal = abs(rel.y) <= _LATERAL and abs(rel.yaw) <= _HEADING
         return at_goal and -v * CONTROL_PERIOD / 2 <= rel.x < 0.1
@@ -329,11 +406,42 @@ def _standing_place(rel: Pose) -> bool:
     return abs(rel.y) < _LATERAL and -_SHORT < rel.x < _PAST
 
 
-_TO_POSE = Style(0.3, 0.05, 0.12, 0.25, 60.0, 2.2, 0.6)
-_TO_BALL = Style(0.25, 0.3, 0.12, 0.25, 60.0, 2.0, 0.6)
-_DRIBBLING = Style(0.1, 0.05, 0.05, 0.15, 1.2 / 0.1, 0.5, 0.36)
-"""Handles of 0.1 m: the least radius on which the ball is led."""
-_TO_SHOT = Style(0.12, 0.05, 0.05, 0.15, 1.2 / 0.12, 0.6, 0.36)
+_TO_POSE = Style(
+    radius=0.3,
+    run_in=0.05,
+    ahead=0.12,
+    per_speed=0.25,
+    sharpest=60.0,
+    rotation=2.2,
+    braking=0.6,
+)
+_TO_BALL = Style(
+    radius=0.25,
+    run_in=0.3,
+    ahead=0.12,
+    per_speed=0.25,
+    sharpest=60.0,
+    rotation=2.0,
+    braking=0.6,
+)
+_DRIBBLING = Style(
+    radius=0.1,  # the least on which the ball is led
+    run_in=0.05,
+    ahead=0.05,
+    per_speed=0.15,
+    sharpest=1.2 / 0.1,
+    rotation=0.5,
+    braking=0.36,
+)
+_TO_SHOT = Style(
+    radius=0.12,
+    run_in=0.05,
+    ahead=0.05,
+    per_speed=0.15,
+    sharpest=1.2 / 0.12,
+    rotation=0.6,
+    braking=0.36,
+)
 
 # m between the ball and the hold of a robot at the goal, up to which the goal is the ball
 _AT_BALL = 0.2
@@ -354,12 +462,13 @@ class _BezierAction(Action):
 
     def _approach(self, state: RobotState, message: str, most: float) -> Step:
         """Follow the curve; at the goal's position, turn if it is by at most `most` rad."""
-        rel, speed = self._target.relative(state.pose), self._goal.speed
+        rel = self._target.relative(state.pose)
+        speed = self._goal.speed
         if speed == 0.0 and _standing_place(rel) and abs(rel.yaw) <= most:
-            return Step(
-                self._driver.turn(-rel.yaw), Status.RUNNING, "turning into the goal's heading"
-            )
-        return Step(self._driver.follow(state, self._target, speed), Status.RUNNING, message)
+            turning = self._driver.turn(-rel.yaw)
+            return Step(turning, Status.RUNNING, "turning into the goal's heading")
+        command = self._driver.follow(state, self._target, speed)
+        return Step(command, Status.RUNNING, message)
 
 
 class BezierGoToPose(_BezierAction):
@@ -378,36 +487,44 @@ class BezierGoToPose(_BezierAction):
         self._target = goal.robot_pose(self.robot)
         ball = ball_of(world)
         front = self.robot.hold_point(self._target)
-        self._to_ball = (
-            ball is not None and math.hypot(ball.x - front.x, ball.y - front.y) < _AT_BALL
-        )
+        self._to_ball = False
+        if ball is not None:
+            self._to_ball = math.hypot(ball.x - front.x, ball.y - front.y) < _AT_BALL
         self._is_backing_off = not self._to_ball and is_at_front(world, self.robot, BALL)
         style = _TO_BALL if self._to_ball else _TO_POSE
         beside = ball if self._to_ball or self._is_backing_off else None
-        self._driver = Driver(self.robot.limits, style, world.robot, self.robot, beside)
+        self._driver = Driver(
+            self.robot.limits,
+            style,
+            world.robot,
+            self.robot,
+            beside,
+        )
 
     def step(self, world: World) -> Step:
         """Return the next command; see `Action.step`."""
-        state, speed = world.robot, self._goal.speed
+        state = world.robot
+        speed = self._goal.speed
         rel = self._target.relative(state.pose)
         if reached(rel, state.v, speed):
             command = self._driver.send(speed, 0.0) if speed > 0.0 else STOP
             return finished(Status.SUCCEEDED, "arrived at the goal", command)
         if self._is_backing_off:  # until it cannot touch the ball when it turns
-            ball, (x, y, _) = ball_of(world), state.pose
+            ball = ball_of(world)
+            x, y, _ = state.pose
             clear = ball_clearance(self.robot)
             self._is_backing_off = ball is not None and math.hypot(ball.x - x, ball.y - y) < clear
         if self._is_backing_off:
-            return Step(
-                self._driver.command(-_BACKING, 0.0), Status.RUNNING, "backing off from the ball"
-            )
+            backing = self._driver.command(-_BACKING, 0.0)
+            return Step(backing, Status.RUNNING, "backing off from the ball")
         most = _STRAIGHTENING if self._to_ball else math.pi
         return self._approach(state, "following the curve to the goal", most)
 
 
-_LOOSE, _TAKEN = 0.025, 0.01
-"""Distances in m of the ball before the hold. A ball beyond the first would slip out in a turn; so the robot
-first drives straight ahead, until the ball is within the second."""
+# Distances in m of the ball before the hold. A ball beyond the first would slip out in a turn; so
+# the robot first drives straight ahead, until the ball is within the second.
+_LOOSE = 0.025
+_TAKEN = 0.01
 _TAKING = 0.3  # m/s of that drive
 _TURNING = 0.3  # rad that the robot may turn on the spot with the ball, once it is at the goal
 
@@ -441,7 +558,8 @@ class BezierDribbleBall(_BezierHolding):
         """Return the next command; see `Action.step`."""
         if lost := lost_ball(world, self.robot):
             return finished(Status.FAILED, lost)
-        state, speed = world.robot, self._goal.speed
+        state = world.robot
+        speed = self._goal.speed
         rel = self._target.relative(state.pose)
         if reached(rel, state.v, speed):
             command = self._driver.command(speed, 0.0)
@@ -453,7 +571,8 @@ class BezierDribbleBall(_BezierHolding):
 
     def _gap(self, world: World) -> float:
         """Return the distance in m of the ball before the hold, along the robot's heading."""
-        ball, pose = world.objects[BALL], world.robot.pose
+        ball = world.objects[BALL]
+        pose = world.robot.pose
         return self.robot.hold_point(pose).relative(Pose(ball.x, ball.y, 0.0)).x
 
 
@@ -476,11 +595,15 @@ class BezierShoot(_BezierHolding):
     name: ClassVar[str] = "shoot"
 
     def start(self, world: World, goal: Goal) -> None:
-        """Commit to the goal mouth that `goal` lies in; see `Action.start`."""
+        """Commit to the goal mouth that `goal` lies in; see `Action.start`.
+
+        Raises ActionError if the field has no goals, or `goal` lies in none.
+        """
         check_arrival(goal, self.robot.limits.v, self.name)
         check_held(world, self.robot, self.name)
         field = field_of(self.robot)
-        x, y = goal.pose.x, goal.pose.y
+        x = goal.pose.x
+        y = goal.pose.y
         if field.goal_width <= 0.0:
             raise ActionError("shoot: expected a scene with goals, it has no bays")
         side = field.side_of(x)
@@ -490,9 +613,8 @@ class BezierShoot(_BezierHolding):
                 f"shoot: expected a position in a goal's mouth, got ({x:.2f}, {y:.2f}) m"
             )
         self._side = side
-        self._middle = (
-            max(-1.0, min(1.0, (y - middle) / (field.goal_width / 2))) * self._half_mouth()
-        )
+        share = max(-1.0, min(1.0, (y - middle) / (field.goal_width / 2)))
+        self._middle = share * self._half_mouth()
         self._driver = Driver(self._limits, _TO_SHOT, world.robot)
         self._released = False
 
@@ -518,13 +640,14 @@ class BezierShoot(_BezierHolding):
             target = self._before_mouth(world.robot.pose)
             command = self._driver.follow(world.robot, target, self._limits.v)
             return Step(command, Status.RUNNING, "dribbling along a curve to the goal's mouth")
-        return self._run_up(world, -behind_line(ball, mouth, field), crossing - mouth.y)
+        return self._run_up(
+            world,
+            -behind_line(ball, mouth, field),
+            crossing - mouth.y,
+        )
 
     def _crossing(self, pose: Pose) -> float | None:
-        """Return y (m) at which the robot straight ahead crosses the goal line.
-
-        None if it does not.
-        """
+        """Return y (m) at which the robot crosses the goal line straight ahead; None if never."""
         hold = self.robot.hold_point(pose)
         forward = self._side * math.cos(pose.yaw)
         short = self._side * (field_of(self.robot).goal_center(self._side)[0] - hold.x)
@@ -538,16 +661,21 @@ class BezierShoot(_BezierHolding):
         line, y = field_of(self.robot).goal_center(self._side)
         hold = self.robot.hold_point(pose)
         slant = wrap_angle(math.atan2(y + self._middle - hold.y, line - hold.x) - straight)
-        mouth = Pose(line, y + self._middle, straight + max(-_SLANT, min(_SLANT, slant)))
+        mouth = Pose(
+            line,
+            y + self._middle,
+            straight + max(-_SLANT, min(_SLANT, slant)),
+        )
         return mouth.ahead(-self.robot.hold - _BEFORE_LINE)
 
     def _run_up(self, world: World, short: float, crossing: float) -> Step:
-        """Drive straight on, and brake as soon as the ball, `short` m before the line, will roll in.
+        """Drive straight on, and brake as soon as the ball will roll into the goal.
 
-        `crossing` is the y at which it will cross the line, in m from the middle.
+        The ball is `short` m before the line and will cross it `crossing` m beside the middle.
         """
         state = world.robot
-        needed = max(short, 0.0) / max(abs(math.cos(state.pose.yaw)), 0.3) + _ROLL_RESERVE
+        forward = max(abs(math.cos(state.pose.yaw)), 0.3)
+        needed = max(short, 0.0) / forward + _ROLL_RESERVE
         roll = state.v**2 / (2.0 * self.robot.scene.objects[BALL].rolling_deceleration)
         if roll > needed and abs(state.w) < 0.3:
             self._released = True

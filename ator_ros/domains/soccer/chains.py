@@ -36,8 +36,16 @@ _ROLLING_SPEED = (0.5, 2.5)  # m/s of a ball that rolls at the start
 _OPEN_HEADING = frozenset({"yaw"})
 
 
-def dribble(robot: Robot, library: TopLibrary, rng: np.random.Generator) -> tuple[World, TopChain]:
-    """Draw the chain of the paper's Table 1: go to the ball, dribble it to a pose."""
+def dribble(
+    robot: Robot,
+    library: TopLibrary,
+    rng: np.random.Generator,
+) -> tuple[World, TopChain]:
+    """Draw the chain of the paper's Table 1: go to the ball, dribble it to a pose.
+
+    Returns the state at the start, and the chain with its open variables. Raises NoPlaceError
+    without room.
+    """
     ball, world = _start(robot, rng)
     most = farthest(robot, _OF_TWO, SHORTEST, with_ball=True)
     goal = pose_within(robot, rng, ball, SHORTEST, most, held=True)
@@ -45,43 +53,72 @@ def dribble(robot: Robot, library: TopLibrary, rng: np.random.Generator) -> tupl
     return world, TopChain(calls)
 
 
-def rolling(robot: Robot, library: TopLibrary, rng: np.random.Generator) -> tuple[World, TopChain]:
-    """Draw the chain `dribble` with a ball that rolls, and that comes to rest before the robot can arrive.
+def rolling(
+    robot: Robot,
+    library: TopLibrary,
+    rng: np.random.Generator,
+) -> tuple[World, TopChain]:
+    """Draw the chain `dribble` with a ball that rolls.
 
-    The goal of the first step is the present place of the ball.
+    The ball comes to rest before the robot can arrive. The goal of the first step is the present
+    place of the ball.
     """
 
     def drawn() -> tuple[World, TopChain, ObjectState]:
         world, chain = dribble(robot, library, rng)
         rest = chain.calls[0].goal.pose
-        heading, speed = rng.uniform(-math.pi, math.pi), rng.uniform(*_ROLLING_SPEED)
-        moving = ObjectState(rest.x, rest.y, speed * math.cos(heading), speed * math.sin(heading))
+        heading = rng.uniform(-math.pi, math.pi)
+        speed = rng.uniform(*_ROLLING_SPEED)
+        moving = ObjectState(
+            rest.x,
+            rest.y,
+            speed * math.cos(heading),
+            speed * math.sin(heading),
+        )
         there = robot.scene.at_rest(BALL, moving)
-        x, y = 2.0 * rest.x - there.x, 2.0 * rest.y - there.y
+        x = 2.0 * rest.x - there.x
+        y = 2.0 * rest.y - there.y
         return world, chain, ObjectState(x, y, moving.vx, moving.vy)
 
     def rests_in_time(found: tuple[World, TopChain, ObjectState]) -> bool:
         world, chain, ball = found
-        rest, start = chain.calls[0].goal.pose, world.robot.pose
-        now, speed = Pose(ball.x, ball.y, rest.yaw), math.hypot(ball.vx, ball.vy)
+        rest = chain.calls[0].goal.pose
+        start = world.robot.pose
+        now = Pose(ball.x, ball.y, rest.yaw)
+        speed = math.hypot(ball.vx, ball.vy)
         soonest = start.distance(rest) / robot.limits.v
         apart = start.distance(now) >= ball_clearance(robot)
-        return apart and is_inside(now, robot) and 2.0 * rest.distance(now) / speed <= soonest
+        rolls_for = 2.0 * rest.distance(now) / speed
+        return apart and is_inside(now, robot) and rolls_for <= soonest
 
     world, chain, ball = drawn_until(
-        drawn, rests_in_time, lambda: _expected(robot, "a ball that rolls there")
+        drawn,
+        rests_in_time,
+        lambda: _expected(robot, "a ball that rolls there"),
     )
     now = chain.calls[0].goal.pose._replace(x=ball.x, y=ball.y)
     goal = dataclasses.replace(chain.calls[0].goal, pose=now)
     return World(0.0, world.robot, {BALL: ball}), chain.with_goal(0, goal)
 
 
-def shoot(robot: Robot, library: TopLibrary, rng: np.random.Generator) -> tuple[World, TopChain]:
-    """Draw the chain of the paper's Figure 1: go to the ball, dribble it before the goal, shoot."""
+def shoot(
+    robot: Robot,
+    library: TopLibrary,
+    rng: np.random.Generator,
+) -> tuple[World, TopChain]:
+    """Draw the chain of the paper's Figure 1: go to the ball, dribble it before the goal, shoot.
+
+    Returns the state at the start, and the chain with its open variables. Raises NoPlaceError
+    without room.
+    """
     most = farthest(robot, _OF_TWO, SHORTEST, with_ball=True)
 
     def dribbled(chain: TopChain) -> float:
-        return distance_with_ball(robot, chain.calls[0].goal.pose, chain.calls[1].goal.pose)
+        return distance_with_ball(
+            robot,
+            chain.calls[0].goal.pose,
+            chain.calls[1].goal.pose,
+        )
 
     def in_reach() -> tuple[World, TopChain]:
         return drawn_until(
@@ -95,20 +132,30 @@ def shoot(robot: Robot, library: TopLibrary, rng: np.random.Generator) -> tuple[
     return with_room(robot, in_reach, lambda drawn: _last_shot(robot, drawn[1]))
 
 
-def _shot(robot: Robot, library: TopLibrary, rng: np.random.Generator) -> tuple[World, TopChain]:
+def _shot(
+    robot: Robot,
+    library: TopLibrary,
+    rng: np.random.Generator,
+) -> tuple[World, TopChain]:
     ball, world = _start(robot, rng)
     x, y = field_of(robot).goal_center()
 
     def position() -> Pose:
         distance = rng.uniform(*_SHOOTING_DISTANCE)
         bearing = rng.uniform(-_SHOOTING_BEARING, _SHOOTING_BEARING)
-        return Pose(x - distance * math.cos(bearing), y + distance * math.sin(bearing), -bearing)
+        return Pose(
+            x - distance * math.cos(bearing),
+            y + distance * math.sin(bearing),
+            -bearing,
+        )
+
+    def is_usable(place: Pose) -> bool:
+        far = place.distance(ball) >= SHORTEST
+        return far and robot.scene.area.has_floor(place.x, place.y)
 
     there = drawn_until(
         position,
-        lambda place: (
-            place.distance(ball) >= SHORTEST and robot.scene.area.has_floor(place.x, place.y)
-        ),
+        is_usable,
         lambda: _expected(robot, "a place for a shot before the goal"),
     )
     calls = (
@@ -124,23 +171,37 @@ def _last_shot(robot: Robot, chain: TopChain) -> Situation:
     _, dribbling, shot = chain.calls
     held = dribbling.goal.pose
     ball = {BALL: ObjectState(held.x, held.y)}
-    return Situation(shot.top.action, RobotState(robot.pose_holding(held)), ball, shot.goal)
+    return Situation(
+        shot.top.action,
+        RobotState(robot.pose_holding(held)),
+        ball,
+        shot.goal,
+    )
 
 
 def drive(
-    robot: Robot, library: TopLibrary, rng: np.random.Generator, *, time_limit: float = TIME_LIMIT
+    robot: Robot,
+    library: TopLibrary,
+    rng: np.random.Generator,
+    *,
+    time_limit: float = TIME_LIMIT,
 ) -> tuple[World, TopChain]:
-    """Draw a chain of two drives to poses, for every robot."""
+    """Draw a chain of two drives to poses, for every robot.
+
+    Straight paths take at most 0.3 of `time_limit` (s) each. Raises NoPlaceError without room.
+    """
     stop = random_pose(robot, rng)
     most = farthest(robot, _OF_TWO, SHORTEST, time_limit=time_limit)
-    goal, start = (pose_within(robot, rng, stop, SHORTEST, most) for _ in range(2))
+    goal = pose_within(robot, rng, stop, SHORTEST, most)
+    start = pose_within(robot, rng, stop, SHORTEST, most)
     calls = (_call(library, "goToPose", stop, _OPEN_HEADING), _call(library, "goToPose", goal))
     return World(0.0, RobotState(start)), TopChain(calls)
 
 
 def _start(robot: Robot, rng: np.random.Generator) -> tuple[Pose, World]:
     """Draw a ball, and a robot at rest that does not touch it."""
-    ball, nearest = random_pose(robot, rng), ball_clearance(robot)
+    ball = random_pose(robot, rng)
+    nearest = ball_clearance(robot)
     start = pose_within(robot, rng, ball, nearest, farthest(robot, _OF_TWO, nearest))
     return ball, World(0.0, RobotState(start), {BALL: ObjectState(ball.x, ball.y)})
 
@@ -154,11 +215,24 @@ def _expected(robot: Robot, what: str) -> str:
 
 
 def _call(
-    library: TopLibrary, top: str, pose: Pose, opened: frozenset[str] = frozenset()
+    library: TopLibrary,
+    top: str,
+    pose: Pose,
+    opened: frozenset[str] = frozenset(),
 ) -> TopCall:
-    return TopCall(library[top], Goal(pose, 0.0, library[top].point), opened)
+    return TopCall(
+        library[top],
+        Goal(pose, 0.0, library[top].point),
+        opened,
+    )
 
 
 CHAINS: Mapping[str, ChainSampler] = MappingProxyType(
-    {"dribble": dribble, "drive": drive, "rolling": rolling, "shoot": shoot}
+    {
+        "dribble": dribble,
+        "drive": drive,
+        "rolling": rolling,
+        "shoot": shoot,
+    }
 )
+"""The chains of the domain by name."""

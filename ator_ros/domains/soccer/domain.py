@@ -20,28 +20,42 @@ from ator_ros.domains.soccer.planned.holding import DribbleBall
 from ator_ros.domains.soccer.planned.shoot import Shoot
 from ator_ros.domains.soccer.thresholds import RANGES
 from ator_ros.domains.soccer.tops import TOPS, tops_for
-from ator_ros.geometry import wrap_angles
-from ator_ros.performance.derived import from_hold
+from ator_ros.geometry import FloatArray, wrap_angles
+from ator_ros.performance.derived import Geometry, from_hold
 from ator_ros.performance.features import PAPER_11, PATHS, Feature, names_of, variables
 from ator_ros.robot.description import Robot
 from ator_ros.tops.conditions import Condition
 
 _TO_MOUTH = variables("x y yaw xg yg")
 
+
+def _hold_dist(geometry: Geometry) -> FloatArray:
+    return geometry.once(from_hold)[0]
+
+
+def _hold_angle(geometry: Geometry) -> FloatArray:
+    bearing = geometry.once(from_hold)[1]
+    return np.abs(wrap_angles(bearing - geometry.direct["yaw"]))
+
+
+def _hold_off_axis(geometry: Geometry) -> FloatArray:
+    return np.abs(geometry.once(from_hold)[1])
+
+
+def _heading_off_axis(geometry: Geometry) -> FloatArray:
+    return np.abs(wrap_angles(geometry.direct["yaw"]))
+
+
 SHOT = (
-    Feature("hold_dist", "m", _TO_MOUTH, lambda g: g.once(from_hold)[0]),
-    Feature(
-        "hold_angle",
-        "rad",
-        _TO_MOUTH,
-        lambda g: np.abs(wrap_angles(g.once(from_hold)[1] - g.direct["yaw"])),
-    ),
-    Feature("hold_off_axis", "rad", _TO_MOUTH, lambda g: np.abs(g.once(from_hold)[1])),
-    Feature(
-        "heading_off_axis", "rad", variables("yaw"), lambda g: np.abs(wrap_angles(g.direct["yaw"]))
-    ),
+    Feature("hold_dist", "m", _TO_MOUTH, _hold_dist),
+    Feature("hold_angle", "rad", _TO_MOUTH, _hold_angle),
+    Feature("hold_off_axis", "rad", _TO_MOUTH, _hold_off_axis),
+    Feature("heading_off_axis", "rad", variables("yaw"), _heading_off_axis),
 )
-"""Features of a shot: the ball is held, and the goal, whose yaw is not used, lies on the field's x axis."""
+"""Features of a shot.
+
+The ball is held. The goal lies on the field's x axis; its yaw is not used.
+"""
 
 _SHOOTING = (*names_of(SHOT), "v", *names_of(PATHS))
 _PAPER = names_of(PAPER_11)
@@ -63,16 +77,19 @@ ACTION_SETS: Mapping[str, tuple[ActionSpec, ...]] = MappingProxyType(
 
 
 def goals(robot: Robot) -> Mapping[str, Condition]:
-    """Return the goals: the ball held, and on a field with goals the ball in the one at x > 0."""
+    """Return the goals of plans by name.
+
+    "ball_held" is a held ball. On a field with goals, "ball_in_goal" is the ball in the goal at
+    greater x.
+    """
     field = field_of(robot)
     posts = {top.name: top.post for top in tops_for(robot)}
     found = {"ball_held": posts["goToBall"]}
     if field.goal_depth:
-        center = dict(zip(("goal.x", "goal.y"), field.goal_center(), strict=True))
-        inside = (
-            dataclasses.replace(term, target=center[str(term.target)])
-            for term in posts["shoot"].terms
-        )
+        x, y = field.goal_center()
+        center = {"goal.x": x, "goal.y": y}
+        terms = posts["shoot"].terms
+        inside = [dataclasses.replace(term, target=center[str(term.target)]) for term in terms]
         found["ball_in_goal"] = Condition(tuple(inside))
     return found
 

@@ -1,4 +1,7 @@
-"""The soccer field and its ball: the area of the scene with two goals, and distances to their walls."""
+"""The soccer field and its ball.
+
+The field is the area of the scene, with two goals. Distances to the goals' walls are here too.
+"""
 
 from __future__ import annotations
 
@@ -37,13 +40,23 @@ _CENTER_CIRCLE = 1.0  # m, radius
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """The field in m; its goals are on the two lines at right angles to the x axis."""
+    """The field in m; its goals are on the two lines at right angles to the x axis.
 
-    length: float  # between the lines
+    Attributes
+    ----------
+    length, width : float
+        Distances between the lines, along x and y.
+    goal_width, goal_depth : float
+        Inner sizes of both goals; 0 without goals.
+    x, y : float
+        Center of the field.
+    """
+
+    length: float
     width: float
-    goal_width: float  # inner sizes of both goals; 0 without goals
+    goal_width: float
     goal_depth: float
-    x: float = 0.0  # of the center
+    x: float = 0.0
     y: float = 0.0
 
     @property
@@ -55,7 +68,10 @@ class Field:
         return self.length / 2 if self.goal_depth else math.inf
 
     def goal_center(self, side: int = 1) -> tuple[float, float]:
-        """Return the middle of the goal line of the goal at greater x (side 1) or smaller x (-1), in m."""
+        """Return the middle of a goal line: x and y in m.
+
+        Side 1 is the goal at greater x, side -1 the other one.
+        """
         return self.x + side * self.length / 2.0, self.y
 
     def side_of(self, x: float) -> int:
@@ -65,22 +81,39 @@ class Field:
 
 def field_of(robot: Robot) -> Field:
     """Return the field of a robot's scene, which `field_in` has checked."""
-    area, bays = robot.scene.area, robot.scene.bays
+    area = robot.scene.area
+    bays = robot.scene.bays
     width, depth = (bays[0].width, bays[0].depth) if bays else (0.0, 0.0)
-    return Field(area.length, area.width, width, depth, area.x, area.y)
+    return Field(
+        area.length,
+        area.width,
+        width,
+        depth,
+        area.x,
+        area.y,
+    )
 
 
 def behind_line(ball: ObjectState, mouth: Pose, field: Field) -> float:
-    """Return the distance in m of a ball's center behind the goal line of `mouth`.
+    """Return the distance in m of a ball's center behind the goal line; negative before it.
 
-    Negative before it.
+    `mouth` is the middle of the goal line.
     """
     return (ball.x - mouth.x) * field.side_of(mouth.x)
 
 
-def is_in_goal(ball: ObjectState, mouth: Pose, field: Field, beyond: float) -> bool:
-    """Return whether the ball lies in the goal, more than `beyond` m behind the goal line of `mouth`."""
-    return behind_line(ball, mouth, field) > beyond and abs(ball.y - mouth.y) < field.goal_width / 2
+def is_in_goal(
+    ball: ObjectState,
+    mouth: Pose,
+    field: Field,
+    beyond: float,
+) -> bool:
+    """Return whether the ball lies in the goal, more than `beyond` m behind the goal line.
+
+    `mouth` is the middle of the goal line.
+    """
+    between_posts = abs(ball.y - mouth.y) < field.goal_width / 2
+    return behind_line(ball, mouth, field) > beyond and between_posts
 
 
 def field_in(scene: Scene) -> tuple[Bay, ...]:
@@ -96,31 +129,41 @@ def field_in(scene: Scene) -> tuple[Bay, ...]:
         raise ConfigError(
             f"scene.objects: expected {BALL!r} among them, got {sorted(scene.objects)}"
         )
-    (left, _, right, _), middle = scene.area.lines, scene.area.y
-    goals = (left, middle, math.pi), (right, middle, 0.0)
+    left, _, right, _ = scene.area.lines
+    middle = scene.area.y
+    goals = [(left, middle, math.pi), (right, middle, 0.0)]
     sizes = {(bay.width, bay.depth) for bay in scene.bays}
     poses = sorted((bay.x, bay.y, abs(bay.yaw)) for bay in scene.bays)
-    placed = len(poses) == 2 and all(
-        math.dist(*pair) < _MISPLACED for pair in zip(poses, goals, strict=True)
-    )
+    placed = len(poses) == 2
+    if placed:
+        errors = [math.dist(pose, goal) for pose, goal in zip(poses, goals, strict=True)]
+        placed = all(error < _MISPLACED for error in errors)
     if scene.bays and (len(sizes) > 1 or not placed):
         raise ConfigError(
-            f"scene.bays: expected two equal goals on the lines x = {left:.10g} and x = {right:.10g} at "
-            f"y = {middle:.10g}, opening to the middle, or none, got {list(scene.bays)}"
+            f"scene.bays: expected two equal goals on the lines x = {left:.10g} and "
+            f"x = {right:.10g} at y = {middle:.10g}, opening to the middle, or none, "
+            f"got {list(scene.bays)}"
         )
     return scene.bays
 
 
 def field_lines(robot: Robot) -> Sequence[Line]:
-    """Return the halfway line and the center circle."""
-    area, corners = robot.scene.area, np.linspace(0.0, 2.0 * np.pi, 49)
+    """Return the halfway line and the center circle, as places (x, y) in m."""
+    area = robot.scene.area
+    corners = np.linspace(0.0, 2.0 * np.pi, 49)
     _, y_min, _, y_max = area.lines
-    x, y = area.x + _CENTER_CIRCLE * np.cos(corners), area.y + _CENTER_CIRCLE * np.sin(corners)
-    return [(area.x, y_min), (area.x, y_max)], list(zip(x.tolist(), y.tolist(), strict=True))
+    x = area.x + _CENTER_CIRCLE * np.cos(corners)
+    y = area.y + _CENTER_CIRCLE * np.sin(corners)
+    halfway = [(area.x, y_min), (area.x, y_max)]
+    circle = list(zip(x.tolist(), y.tolist(), strict=True))
+    return halfway, circle
 
 
 def touches_goals(poses: FloatArray, robot: Robot) -> bool:
-    """Return whether the robot may touch the wall of a goal at any of the poses, shape (n, 3)."""
+    """Return whether the robot may touch the wall of a goal at any of the poses.
+
+    Poses have the shape (n, 3): x, y in m, yaw in rad.
+    """
     return depth_in_goals(poses, robot) > 0.0
 
 
@@ -133,7 +176,11 @@ def depth_in_goals(places: FloatArray, robot: Robot) -> float:
     x, y = np.abs(places[:, :2] - (field.x, field.y)).T
     near = x > nearest_to_goals(robot)
     walls = wall_distance(
-        x[near], y[near], field.length / 2, field.goal_width / 2, field.goal_depth
+        x[near],
+        y[near],
+        field.length / 2,
+        field.goal_width / 2,
+        field.goal_depth,
     )
     return float(np.max(robot.reach - walls, initial=0.0))
 
@@ -144,7 +191,13 @@ def nearest_to_goals(robot: Robot) -> float:
 
 
 @elementwise
-def wall_distance(x: Any, y: Any, line: float, half: float, depth: float) -> Any:
+def wall_distance(
+    x: Any,
+    y: Any,
+    line: float,
+    half: float,
+    depth: float,
+) -> Any:
     """Return the distance in m to the walls of a goal whose line is `line` m from the center.
 
     Places are relative to the center, mirrored to x, y >= 0; `half` is half the goal's width in m.
@@ -155,7 +208,18 @@ def wall_distance(x: Any, y: Any, line: float, half: float, depth: float) -> Any
 
 
 @elementwise
-def box_distance(x: Any, y: Any, x_low: float, x_high: float, y_low: float, y_high: float) -> Any:
-    """Return the distance in m from places to a box; 0 inside."""
+def box_distance(
+    x: Any,
+    y: Any,
+    x_low: float,
+    x_high: float,
+    y_low: float,
+    y_high: float,
+) -> Any:
+    """Return the distance in m from places to a box along the axes; 0 inside.
+
+    Places are numbers or arrays of one shape, which is that of the result.
+    """
     along = np.maximum(np.maximum(x_low - x, x - x_high), 0.0)
-    return np.hypot(along, np.maximum(np.maximum(y_low - y, y - y_high), 0.0))
+    across = np.maximum(np.maximum(y_low - y, y - y_high), 0.0)
+    return np.hypot(along, across)

@@ -34,22 +34,53 @@ T = TypeVar("T")
 
 
 def random_pose(robot: Robot, rng: np.random.Generator) -> Pose:
-    """Draw a pose inside the margins; raise NoPlaceError if there is none."""
+    """Draw a pose inside the margins, see `line_margins`.
+
+    Raises NoPlaceError if there is none.
+    """
     half_length, half_width = _half_sizes(robot)
     if min(half_length, half_width) < 0.0:
         raise NoPlaceError(
-            f"{_area_text(robot)}, expected more room between the lines than starts and goals keep from them"
+            f"{_area_text(robot)}, expected more room between the lines than starts and goals keep "
+            "from them"
         )
-    x, y = rng.uniform(-half_length, half_length), rng.uniform(-half_width, half_width)
-    return robot.scene.area.at(float(x), float(y), float(rng.uniform(-math.pi, math.pi)))
+    x = rng.uniform(-half_length, half_length)
+    y = rng.uniform(-half_width, half_width)
+    return robot.scene.area.at(
+        float(x),
+        float(y),
+        float(rng.uniform(-math.pi, math.pi)),
+    )
 
 
 def pose_within(
-    robot: Robot, rng: np.random.Generator, of: Pose, low: float, high: float, *, held: bool = False
+    robot: Robot,
+    rng: np.random.Generator,
+    of: Pose,
+    low: float,
+    high: float,
+    *,
+    held: bool = False,
 ) -> Pose:
-    """Draw a pose `low` to `high` m from another; raise NoPlaceError if there is none.
+    """Draw a pose `low` to `high` m from another.
 
-    If both are poses of a ball that is `held`, the robot's axle drives at most `high` m.
+    Parameters
+    ----------
+    robot : Robot
+        The robot, with its scene.
+    rng : numpy.random.Generator
+        Source of random numbers.
+    of : Pose
+        The other pose.
+    low, high : float
+        Least and greatest distance in m.
+    held : bool
+        Whether both are poses of a held ball. Then the axle, too, drives at most `high` m.
+
+    Raises
+    ------
+    NoPlaceError
+        There is no such pose.
     """
 
     def distance(pose: Pose) -> float:
@@ -59,14 +90,20 @@ def pose_within(
         lambda: random_pose(robot, rng),
         lambda pose: low <= pose.distance(of) and distance(pose) <= high,
         lambda: (
-            f"{_area_text(robot)}, expected room for starts and goals {low:.2f} to {high:.2f} m apart"
+            f"{_area_text(robot)}, "
+            f"expected room for starts and goals {low:.2f} to {high:.2f} m apart"
         ),
     )
 
 
 def distance_with_ball(robot: Robot, start: Pose, end: Pose) -> float:
-    """Return the distance in m between two poses of a held ball, or of the axle if that is greater."""
-    return max(start.distance(end), robot.pose_holding(start).distance(robot.pose_holding(end)))
+    """Return the distance in m between two poses of a held ball.
+
+    It is that of the axle if that is greater.
+    """
+    axle_start = robot.pose_holding(start)
+    axle_end = robot.pose_holding(end)
+    return max(start.distance(end), axle_start.distance(axle_end))
 
 
 def is_inside(place: Pose, robot: Robot) -> bool:
@@ -77,19 +114,25 @@ def is_inside(place: Pose, robot: Robot) -> bool:
 
 
 def _half_sizes(robot: Robot) -> tuple[float, float]:
-    area, (at_end, at_side) = robot.scene.area, line_margins(robot)
+    area = robot.scene.area
+    at_end, at_side = line_margins(robot)
     return area.length / 2 - at_end, area.width / 2 - at_side
 
 
 def _area_text(robot: Robot) -> str:
-    area, (at_end, at_side) = robot.scene.area, line_margins(robot)
+    area = robot.scene.area
+    at_end, at_side = line_margins(robot)
     return (
-        f"scene.area: got {area.length:g} x {area.width:g} m, of whose lines robot {robot.name} keeps "
-        f"{at_end:.2f} m at the ends and {at_side:.2f} m at the sides"
+        f"scene.area: got {area.length:g} x {area.width:g} m, of whose lines robot {robot.name} "
+        f"keeps {at_end:.2f} m at the ends and {at_side:.2f} m at the sides"
     )
 
 
-def _speed(robot: Robot, rng: np.random.Generator, share: float) -> float:
+def _speed(
+    robot: Robot,
+    rng: np.random.Generator,
+    share: float,
+) -> float:
     """Draw a speed in m/s up to the greatest arrival speed; 0 except in a `share` of the cases."""
     speed = float(rng.uniform(0.0, greatest_arrival(robot)))
     return speed if rng.random() < share else 0.0
@@ -100,6 +143,8 @@ def go_to_pose(
 ) -> Situation:
     """Draw a drive to a ball, every second time with an arrival speed, or to a pose.
 
+    Straight paths take at most 0.6 of `time_limit` (s). Raises NoPlaceError without room.
+
     One start in seven is in motion. One drive in seven is short, see `short_goal`. Without a holder
     or a ball in the scene, all are drives to a pose.
     """
@@ -108,12 +153,21 @@ def go_to_pose(
     start = situation.robot.pose
     short = short_goal(start, rng)
     if short is not None and is_inside(short, robot):
-        return Situation("goToPose", RobotState(start), {}, Goal(short, 0.0, Point.AXLE))
+        return Situation(
+            "goToPose",
+            RobotState(start),
+            {},
+            Goal(short, 0.0, Point.AXLE),
+        )
     leaves = rng.random() < _LEAVING and robot.holder is not None and BALL in robot.scene.objects
     return (_leave_ball(robot, rng) if leaves else None) or situation
 
 
-def _long_drive(robot: Robot, rng: np.random.Generator, time_limit: float) -> Situation:
+def _long_drive(
+    robot: Robot,
+    rng: np.random.Generator,
+    time_limit: float,
+) -> Situation:
     """Draw a drive whose start and goal are drawn independently."""
     with_ball = rng.random() < 0.75 and robot.holder is not None and BALL in robot.scene.objects
     goal = random_pose(robot, rng)
@@ -128,40 +182,63 @@ def _long_drive(robot: Robot, rng: np.random.Generator, time_limit: float) -> Si
     if not with_ball:
         return Situation("goToPose", state, {}, Goal(goal, 0.0, Point.AXLE))
     arrival = Goal(goal, _speed(robot, rng, 0.5), Point.HOLD)
-    return Situation("goToPose", state, {BALL: ObjectState(goal.x, goal.y)}, arrival)
+    return Situation(
+        "goToPose",
+        state,
+        {BALL: ObjectState(goal.x, goal.y)},
+        arrival,
+    )
 
 
 def _leave_ball(robot: Robot, rng: np.random.Generator) -> Situation | None:
     """Draw a drive away from a held ball; None if the robot is too slow."""
-    state, ball = _holding(robot, robot.pose_holding(random_pose(robot, rng)), 0.0)
-    nearest, held = ball_clearance(robot), Pose(ball.x, ball.y, 0.0)
+    state, ball = _holding(
+        robot,
+        robot.pose_holding(random_pose(robot, rng)),
+        0.0,
+    )
+    nearest = ball_clearance(robot)
+    held = Pose(ball.x, ball.y, 0.0)
     most = farthest(robot, _ALONE, nearest) - held.distance(state.pose)  # of the axle
     if most <= nearest + SHORTEST:
         return None
     there = pose_within(robot, rng, held, nearest, most)
-    return Situation("goToPose", state, objects_of(ball), Goal(there, 0.0, Point.AXLE))
+    return Situation(
+        "goToPose",
+        state,
+        objects_of(ball),
+        Goal(there, 0.0, Point.AXLE),
+    )
 
 
-def _holding(robot: Robot, pose: Pose, speed: float) -> tuple[RobotState, ObjectState]:
+def _holding(
+    robot: Robot,
+    pose: Pose,
+    speed: float,
+) -> tuple[RobotState, ObjectState]:
     """Return the states of robot and held ball at a speed in m/s."""
     ball = robot.hold_point(pose)
-    vx, vy = speed * math.cos(pose.yaw), speed * math.sin(pose.yaw)
+    vx = speed * math.cos(pose.yaw)
+    vy = speed * math.sin(pose.yaw)
     return RobotState(pose, speed), ObjectState(ball.x, ball.y, vx, vy)
 
 
 def dribble_ball(robot: Robot, rng: np.random.Generator) -> Situation:
     """Draw a dribble.
 
-    Every second one starts in motion, and one in seven is short, see `short_goal`.
+    Every second dribble starts in motion, and one in seven is short, see `short_goal`. Raises
+    ConfigError for a robot without a holder, and NoPlaceError without room.
     """
     robot.holder_for("dribbleBall")
     goal = random_pose(robot, rng)
     most = farthest(robot, _ALONE, SHORTEST, with_ball=True)
     ball = pose_within(robot, rng, goal, SHORTEST, most, held=True)
-    speed, arrival = _speed(robot, rng, 0.5), Goal(goal, _speed(robot, rng, 0.3), Point.HOLD)
+    speed = _speed(robot, rng, 0.5)
+    arrival = Goal(goal, _speed(robot, rng, 0.3), Point.HOLD)
     short = short_goal(ball, rng, turns=False)
     if short is not None and is_inside(short, robot):
-        speed, arrival = 0.0, Goal(short, 0.0, Point.HOLD)
+        speed = 0.0
+        arrival = Goal(short, 0.0, Point.HOLD)
     state, rolling = _holding(robot, robot.pose_holding(ball), speed)
     return Situation("dribbleBall", state, objects_of(rolling), arrival)
 
@@ -169,19 +246,29 @@ def dribble_ball(robot: Robot, rng: np.random.Generator) -> Situation:
 def shoot(robot: Robot, rng: np.random.Generator) -> Situation:
     """Draw a shot from up to 2.5 m before the goal; every second one starts in motion."""
     robot.holder_for("shoot")
-    (x, y), area = field_of(robot).goal_center(), robot.scene.area
+    x, y = field_of(robot).goal_center()
+    area = robot.scene.area
+
+    def is_usable(pose: Pose) -> bool:
+        ball = robot.hold_point(pose)
+        on_floor = area.has_floor(pose.x, pose.y) and area.has_floor(ball.x, ball.y)
+        return on_floor and not touches_goals(np.array([pose]), robot)
+
     start = drawn_until(
         lambda: _shooting_pose(robot, rng),
-        lambda pose: (
-            all(area.has_floor(there.x, there.y) for there in (pose, robot.hold_point(pose)))
-            and not touches_goals(np.array([pose]), robot)
-        ),
+        is_usable,
         lambda: (
-            f"{_area_text(robot)}, expected room before the goal for a robot that reaches {robot.reach:.2f} m"
+            f"{_area_text(robot)}, "
+            f"expected room before the goal for a robot that reaches {robot.reach:.2f} m"
         ),
     )
     state, rolling = _holding(robot, start, _speed(robot, rng, 0.5))
-    return Situation("shoot", state, objects_of(rolling), Goal(Pose(x, y, 0.0), 0.0, Point.HOLD))
+    return Situation(
+        "shoot",
+        state,
+        objects_of(rolling),
+        Goal(Pose(x, y, 0.0), 0.0, Point.HOLD),
+    )
 
 
 def _shooting_pose(robot: Robot, rng: np.random.Generator) -> Pose:
@@ -190,7 +277,8 @@ def _shooting_pose(robot: Robot, rng: np.random.Generator) -> Pose:
     # from the goal's axis, without places beside the goal
     bearing = rng.uniform(-0.45, 0.45) * math.pi
     nearest, most = _SHOT_RANGE
-    distance = rng.uniform(nearest, min(most, farthest(robot, _ALONE, nearest, with_ball=True)))
+    most = min(most, farthest(robot, _ALONE, nearest, with_ball=True))
+    distance = rng.uniform(nearest, most)
     ball = Pose(
         x - float(distance * math.cos(bearing)),
         y + float(distance * math.sin(bearing)),
@@ -202,15 +290,31 @@ def _shooting_pose(robot: Robot, rng: np.random.Generator) -> Pose:
 def shoot_with_room(robot: Robot, rng: np.random.Generator) -> Situation:
     """Draw a shot for which the planned action finds a run-up.
 
-    NoPlaceError if the robot is too large.
+    Raises NoPlaceError if the robot is too large.
     """
     return with_room(robot, lambda: shoot(robot, rng), lambda situation: situation)
 
 
-def with_room(robot: Robot, draw: Callable[[], T], shot: Callable[[T], Situation]) -> T:
+def with_room(
+    robot: Robot,
+    draw: Callable[[], T],
+    shot: Callable[[T], Situation],
+) -> T:
     """Draw until the planned action finds a run-up for the shot.
 
-    Raise NoPlaceError if it never does.
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    draw : callable
+        Draws something with a shot.
+    shot : callable
+        Returns the situation of the shot.
+
+    Raises
+    ------
+    NoPlaceError
+        The action finds no run-up in 200 draws.
     """
     return drawn_until(
         draw,

@@ -1,4 +1,4 @@
-"""Lengths and speeds that depend on the robot, each derived from its description in this one place."""
+"""Lengths and speeds that depend on the robot, derived from its description."""
 
 from __future__ import annotations
 
@@ -15,13 +15,15 @@ from ator_ros.tops.ranges import USUAL_RANGES, Ranges, arrival_speed
 from ator_ros.world.state import World
 
 ARRIVAL_SPEED = 0.8
-"""Greatest arrival speed in m/s that is searched, and that situations to learn from are drawn with."""
+"""Greatest arrival speed in m/s, of searches and of situations to learn from."""
 
 RANGES: Ranges = MappingProxyType(
     {**USUAL_RANGES, "speed": functools.partial(arrival_speed, most=ARRIVAL_SPEED)}
 )
 _BODY_ROOM = 0.1  # m between a robot and what it must not touch
-_LEAST_END_MARGIN, _LEAST_SIDE_MARGIN, _LEAST_CLEARANCE = 0.9, 0.4, 0.6  # m
+_LEAST_END_MARGIN = 0.9  # m between starts or goals and the goal lines
+_LEAST_SIDE_MARGIN = 0.4  # m between starts or goals and the side lines
+_LEAST_CLEARANCE = 0.6  # m between axle and ball
 
 
 def check_arrival(goal: Goal, most: float, action: str) -> None:
@@ -38,9 +40,10 @@ def approach_run(robot: Robot) -> float:
 
 
 def caught_within(robot: Robot) -> float:
-    """Return the distance in m from the hold up to which a ball is caught: half the length of the fins.
+    """Return the distance in m from the hold up to which a ball is caught.
 
-    It is less than that of `is_held`, so that the ball is not lost in the first turn.
+    It is half the length of the fins: less than that of `is_held`, so that the ball is not lost in
+    the first turn.
     """
     return 0.5 * robot.holder_length
 
@@ -62,27 +65,28 @@ def check_held(world: World, robot: Robot, action: str) -> None:
 
 
 def ball_clearance(robot: Robot) -> float:
-    """Return the distance in m between axle and ball at which robot and ball do not touch at any heading."""
-    return max(_LEAST_CLEARANCE, robot.reach + robot.scene.objects[BALL].radius + _BODY_ROOM)
+    """Return the distance in m between axle and ball at which they do not touch at any heading."""
+    touching = robot.reach + robot.scene.objects[BALL].radius
+    return max(_LEAST_CLEARANCE, touching + _BODY_ROOM)
 
 
 def line_margins(robot: Robot) -> tuple[float, float]:
-    """Return the least distances in m of starts and goals from the goal lines and from the side lines.
+    """Return the least distances in m of starts and goals from goal lines and side lines.
 
-    A robot has room to turn there; in a scene with objects or bays also with a ball, and beside the
-    posts.
+    A robot has room to turn there. In a scene with objects or bays it also has room with a ball,
+    and beside the posts.
     """
     room = robot.reach + _BODY_ROOM
     if not robot.scene.objects and not robot.scene.bays:
         return room, room
     with_ball = robot.hold + (robot.holder.radius if robot.holder else 0.0)
-    return max(_LEAST_END_MARGIN, room + with_ball), max(
-        _LEAST_SIDE_MARGIN, robot.half_width + _BODY_ROOM
-    )
+    at_end = max(_LEAST_END_MARGIN, room + with_ball)
+    at_side = max(_LEAST_SIDE_MARGIN, robot.half_width + _BODY_ROOM)
+    return at_end, at_side
 
 
 def steady_rate(robot: Robot, w: float, v: float) -> float:
-    """Return the turn rate `w` (rad/s), limited to that at which wheels do not slide at `v` (m/s)."""
+    """Return the turn rate `w` (rad/s), limited so that wheels do not slide at `v` (m/s)."""
     return math.copysign(min(abs(w), robot.grip / max(abs(v), 1e-3)), w)
 
 
@@ -94,20 +98,36 @@ def farthest(
     with_ball: bool = False,
     time_limit: float = TIME_LIMIT,
 ) -> float:
-    """Return the distance in m that a robot drives at full speed in a share of `time_limit` (s).
+    """Return the distance in m that a robot drives at full speed in a share of the time limit.
 
     The samplers draw no goal beyond it: a slow robot would not arrive in time.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    share : float
+        Share of the time limit.
+    least : float
+        Least distance in m that is drawn.
+    with_ball : bool
+        Whether the robot drives with the ball.
+    time_limit : float
+        Time limit in s.
 
     Raises
     ------
     NoPlaceError
-        It is less than `least` (m), the least distance that is drawn.
+        The distance is less than `least`.
     """
     holds = with_ball and robot.holder is not None
-    speed = min(robot.limits.v, robot.holder.limits.v if holds and robot.holder else robot.limits.v)
+    speed = robot.limits.v
+    if holds and robot.holder:
+        speed = min(speed, robot.holder.limits.v)
     most = share * time_limit * speed
     if most < least:
-        needed, load = least / (share * time_limit), " with the ball" if holds else ""
+        needed = least / (share * time_limit)
+        load = " with the ball" if holds else ""
         raise NoPlaceError(
             f"limits.v: expected {needed:.3f} m/s or more{load}, to drive {least:.2f} m in "
             f"{share * time_limit:g} of {time_limit:g} s, got {speed:g} m/s of robot {robot.name}"

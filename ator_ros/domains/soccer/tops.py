@@ -33,7 +33,11 @@ def go_to_ball(held: float = 0.1) -> Top:
 
 
 def dribble_ball(held: float = 0.1, lost: float = 0.12) -> Top:
-    """Return dribbleBall; `held` as for `go_to_ball`, and `lost` likewise at the start."""
+    """Return dribbleBall.
+
+    `held` is as for `go_to_ball`; at the start the ball may be up to `lost` m from the hold, along
+    x and y.
+    """
     at_goal = (
         Term("hold.x", "goal.x", 0.06),
         Term("hold.y", "goal.y", 0.06),
@@ -58,7 +62,12 @@ def shoot(field: Field = _USUAL_FIELD, lost: float = 0.12) -> Top:
     )
     inside = Condition((behind_line, Term("ball.y", "goal.y", field.goal_width / 2)))
     return Top(
-        "shoot", "shoot", Condition(_holding(lost).terms, region), inside, Point.HOLD, settles=6.0
+        "shoot",
+        "shoot",
+        Condition(_holding(lost).terms, region),
+        inside,
+        Point.HOLD,
+        settles=6.0,
     )
 
 
@@ -66,7 +75,9 @@ def _holding(most: float) -> Condition:
     return Condition((Term("hold.x", "ball.x", most), Term("hold.y", "ball.y", most)))
 
 
-GO_TO_BALL, DRIBBLE_BALL, SHOOT = go_to_ball(), dribble_ball(), shoot()
+GO_TO_BALL = go_to_ball()
+DRIBBLE_BALL = dribble_ball()
+SHOOT = shoot()
 TOPS = (GO_TO_POSE, GO_TO_BALL, DRIBBLE_BALL, SHOOT)
 """The TOPs for the fins and the goals of the shipped description."""
 
@@ -74,11 +85,13 @@ TOPS = (GO_TO_POSE, GO_TO_BALL, DRIBBLE_BALL, SHOOT)
 def tops_for(robot: Robot) -> tuple[Top, ...]:
     """Return the TOPs for the fins of a robot and the goals of its field.
 
-    Without these, as shipped.
+    Without fins, or without goals, the sizes are those of the shipped description.
     """
     if robot.holder is None:
         return TOPS
-    held, lost, field = held_within(robot), robot.holder_length, field_of(robot)
+    held = held_within(robot)
+    lost = robot.holder_length
+    field = field_of(robot)
     if not field.goal_depth:
         field = dataclasses.replace(_USUAL_FIELD, x=field.x, y=field.y)
     shot = shoot(field, lost)

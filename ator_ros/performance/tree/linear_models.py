@@ -14,8 +14,8 @@ from ator_ros.geometry import FloatArray, IntArray
 # Added to the diagonal of the moments: it determines the slopes of features that are constant or
 # collinear in a node, and biases the others by a millionth.
 _RIDGE = 1e-6
-# Deviation up to which a feature, in m, rad or s, varies by rounding only: differences of coordinates
-# of 1e8 m, the greatest in messages, are rounded to 15 nm.
+# Deviation up to which a feature, in m, rad or s, varies by rounding only: differences of
+# coordinates of 1e8 m, the greatest in messages, are rounded to 15 nm.
 _LEAST_DEVIATION = 1e-7
 # How much each term of a model counts in v of the corrected error. Quinlan's 1 does not count the
 # choice of the split and keeps half as many leaves again without being more accurate.
@@ -27,10 +27,14 @@ _ROUNDING = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Standardized:
-    """Rows centered and scaled for well-conditioned normal equations, and the conversion of models to units.
+    """Rows that are centered and scaled, for well-conditioned normal equations.
 
-    `rows` (n, n_features + 2) are the constant 1, the features and the target, with mean 0 and
-    deviation 1 (or 0). `mean` and `scale` (n_features + 1,) are those of features and target.
+    Attributes
+    ----------
+    rows : array of float, shape (n, n_features + 2)
+        The constant 1, the features and the target, with mean 0 and deviation 1 (or 0).
+    mean, scale : array of float, shape (n_features + 1,)
+        Means and deviations of features and target, in their units.
     """
 
     rows: FloatArray
@@ -52,32 +56,57 @@ class Standardized:
         return cls(rows, mean, scale)
 
     def to_units(self, models: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return intercepts (n_nodes,) and slopes (n_nodes, n_features) of models (n_nodes, 1+n_features)."""
+        """Convert models of standardized rows to units of features and target.
+
+        Parameters
+        ----------
+        models : array of float, shape (n_nodes, 1 + n_features)
+            Constants and slopes.
+
+        Returns
+        -------
+        intercepts : array of float, shape (n_nodes,)
+        slopes : array of float, shape (n_nodes, n_features)
+        """
         slopes = models[:, 1:] * self.scale[-1] / self.scale[:-1]
-        intercepts = models[:, 0] * self.scale[-1] + self.mean[-1] - slopes @ self.mean[:-1]
+        at_mean = models[:, 0] * self.scale[-1] + self.mean[-1]
+        intercepts = at_mean - slopes @ self.mean[:-1]
         return intercepts, slopes
 
 
 def solve(moments: FloatArray) -> FloatArray:
-    """Return the linear model of one node with all features, shape (1 + n_features,), from its moments."""
+    """Return the linear model of one node with all features: constant and slopes.
+
+    `moments` have the shape (n_features + 2, n_features + 2), the model (1 + n_features,). Both are
+    standardized.
+    """
     left = moments[:-1, :-1] / moments[0, 0]
     left.flat[:: len(left) + 1] += _RIDGE
-    return np.asarray(np.linalg.solve(left, moments[:-1, -1] / moments[0, 0]))
+    right = moments[:-1, -1] / moments[0, 0]
+    return np.asarray(np.linalg.solve(left, right))
 
 
 def residual_squares(moments: FloatArray) -> FloatArray:
-    """Return the sum of squared residuals of the linear model with all features, shape (…), from moments."""
+    """Return the sum of squared residuals of the linear model with all features, shape (…).
+
+    `moments` have the shape (…, n_features + 2, n_features + 2).
+    """
     weight = moments[..., 0, 0]
     scaled = moments / weight[..., None, None]
     terms = np.arange(moments.shape[-1] - 1)
     scaled[..., terms, terms] += _RIDGE
     scaled[..., -1, -1] *= 1.0 + _ROUNDING
     # The square of the last diagonal element of the Cholesky factor is the residual of the target.
-    return np.asarray(weight * np.linalg.cholesky(scaled)[..., -1, -1] ** 2)
+    root = np.linalg.cholesky(scaled)[..., -1, -1]
+    return np.asarray(weight * root**2)
 
 
 def squared_error(models: FloatArray, moments: FloatArray) -> FloatArray:
-    """Return the sum of squared residuals of models (n_nodes, 1 + n_features), shape (n_nodes,)."""
+    """Return the sum of squared residuals of models, shape (n_nodes,).
+
+    `models` have the shape (n_nodes, 1 + n_features), `moments` the shape
+    (n_nodes, n_features + 2, n_features + 2).
+    """
     residual = np.column_stack([-models, np.ones(len(models))])
     error = np.einsum("ni,nij,nj->n", residual, moments, residual)
     return np.asarray(np.maximum(error, 0.0))
@@ -86,7 +115,8 @@ def squared_error(models: FloatArray, moments: FloatArray) -> FloatArray:
 def corrected_error(squared: FloatArray, samples: FloatArray, terms: FloatArray) -> FloatArray:
     """Return M5's estimate of the root-mean-square error on new rows: RMSE × (n + v) / (n − v).
 
-    It is infinite where there are no more samples than terms. All arrays have the shape (n_nodes,).
+    It is infinite where there are no more samples than terms. All arrays have the shape (n_nodes,);
+    the result has the unit of the target.
 
     Parameters
     ----------
@@ -96,16 +126,28 @@ def corrected_error(squared: FloatArray, samples: FloatArray, terms: FloatArray)
         v: the number of terms of the model, including the constant.
     """
     spare = samples - terms
-    factor = np.where(spare > 0, (samples + terms) / np.where(spare > 0, spare, 1.0), np.inf)
+    divisor = np.where(spare > 0, spare, 1.0)
+    factor = np.where(
+        spare > 0,
+        (samples + terms) / divisor,
+        np.inf,
+    )
     # The floor keeps a perfect fit with too few samples (0 × infinity) infinitely bad.
-    return np.asarray(np.sqrt(np.maximum(squared / samples, 1e-24)) * factor)
+    rms = np.sqrt(np.maximum(squared / samples, 1e-24))
+    return np.asarray(rms * factor)
 
 
 def fit_node_models(moments: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Fit every node's linear model and greedily remove terms while the corrected error does not grow.
+    """Fit the linear model of every node, and remove terms greedily.
 
-    The moments of all nodes are swept together: sweeping a column in or out adds or removes its
-    term, and the swept matrix has the cost of each removal.
+    Terms are removed while the corrected error does not grow. The moments of all nodes are swept
+    together: sweeping a column in or out adds or removes its term, and the swept matrix has the
+    cost of each removal.
+
+    Parameters
+    ----------
+    moments : array of float, shape (n_nodes, n_features + 2, n_features + 2)
+        Normal equations of standardized rows.
 
     Returns
     -------
@@ -122,22 +164,29 @@ def fit_node_models(moments: FloatArray) -> tuple[FloatArray, FloatArray]:
     for term in range(n_terms):
         swept = _sweep(swept, np.full(len(swept), term, dtype=np.intp))
     kept = np.ones((len(swept), n_terms), dtype=bool)
-    error = corrected_error(
-        swept[:, -1, -1] * samples, samples, np.full(len(swept), TERM_COST * n_terms)
-    )
+    all_terms = np.full(len(swept), TERM_COST * n_terms)
+    error = corrected_error(swept[:, -1, -1] * samples, samples, all_terms)
     active = np.arange(len(swept))
     while len(active):
         # The term of each node whose removal costs least, and the mean squared error without it.
-        left, there = swept[active], kept[active]
+        left = swept[active]
+        there = kept[active]
         variance = np.abs(left[:, np.arange(n_terms), np.arange(n_terms)])
-        increase = np.where(there, left[:, :-1, -1] ** 2 / variance, np.inf)
+        increase = np.where(
+            there,
+            left[:, :-1, -1] ** 2 / variance,
+            np.inf,
+        )
         increase[:, 0] = np.inf
         column = increase.argmin(axis=1)
-        squared = np.maximum(left[:, -1, -1], 0.0) + increase[np.arange(len(left)), column]
+        least = increase[np.arange(len(left)), column]
+        squared = np.maximum(left[:, -1, -1], 0.0) + least
         terms = TERM_COST * (there.sum(axis=1) - 1)
         candidate = corrected_error(squared * samples[active], samples[active], terms)
         better = np.isfinite(squared) & (candidate <= error[active])
-        active, column, candidate = active[better], column[better], candidate[better]
+        active = active[better]
+        column = column[better]
+        candidate = candidate[better]
         swept[active] = _sweep(swept[active], column)
         kept[active, column] = False
         error[active] = candidate
@@ -145,11 +194,12 @@ def fit_node_models(moments: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _sweep(matrices: FloatArray, column: IntArray) -> FloatArray:
-    """Sweep one column of each symmetric matrix, which adds a missing term or removes a present one."""
+    """Sweep one column of each symmetric matrix, to add a missing term or remove a present one."""
     node = np.arange(len(matrices))
     pivot = matrices[node, column, column]
     row = matrices[node, column, :]
-    swept = matrices - row[:, :, None] * row[:, None, :] / pivot[:, None, None]
+    products = row[:, :, None] * row[:, None, :]
+    swept = matrices - products / pivot[:, None, None]
     row = row / np.abs(pivot)[:, None]
     swept[node, column, :] = row
     swept[node, :, column] = row

@@ -78,19 +78,35 @@ class ModelTreeRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         self.extrapolation = extrapolation
 
     def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
-        """Learn the tree from features `X` (n, n_features) and the target `y` (n,)."""
-        checked = validate_data(self, X, y, dtype=np.float64, y_numeric=True, order="C")
+        """Learn the tree from features `X`, shape (n, n_features), and the target `y`, shape (n,).
+
+        Raises ValueError if the shapes differ, or a number is not finite.
+        """
+        checked = validate_data(
+            self,
+            X,
+            y,
+            dtype=np.float64,
+            y_numeric=True,
+            order="C",
+        )
         features, target = (np.asarray(part, dtype=np.float64) for part in checked)
         standard = Standardized.from_rows(features, target)
         nodes = Partition(features, standard.rows, self.min_samples_leaf, self.max_leaves).grow()
-        names = getattr(
-            self, "feature_names_in_", [f"x{column}" for column in range(features.shape[1])]
+        numbered = [f"x{column}" for column in range(features.shape[1])]
+        names = getattr(self, "feature_names_in_", numbered)
+        self.tree_ = self._finish(
+            nodes,
+            standard,
+            tuple(str(name) for name in names),
         )
-        self.tree_ = self._finish(nodes, standard, tuple(str(name) for name in names))
         return self
 
     def predict(self, X: ArrayLike) -> FloatArray:
-        """Predict the target of each row of `X` (n, n_features), shape (n,)."""
+        """Predict the target of each row of `X`, shape (n, n_features); the result has shape (n,).
+
+        Raises NotFittedError before `fit`, and ValueError for other columns.
+        """
         check_is_fitted(self)
         tree: ModelTree = self.tree_
         return tree.predict(validate_data(self, X, dtype=np.float64, order="C", reset=False))
@@ -98,24 +114,22 @@ class ModelTreeRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
     def _finish(
         self, nodes: list[GrownNode], standard: Standardized, names: tuple[str, ...]
     ) -> ModelTree:
-        """Fit the linear models, prune and smooth.
-
-        Return the remaining nodes as arrays in preorder.
-        """
+        """Fit the linear models, prune and smooth; return the remaining nodes in preorder."""
         children = [node.children for node in nodes]
         moments = np.stack([node.moments for node in nodes])
         samples = moments[:, 0, 0]
         fitted, error = fit_node_models(moments)
         # A node becomes a leaf if its own model is expected to err no more than the tree below it.
         # Nodes below have higher numbers.
-        is_leaf, best = np.ones(len(nodes), dtype=bool), error.copy()
+        is_leaf = np.ones(len(nodes), dtype=bool)
+        best = error.copy()
         for node, pair in reversed(list(enumerate(children))):
             if pair is not None:
                 first, second = pair
-                of_subtree = (
-                    samples[first] * best[first] + samples[second] * best[second]
-                ) / samples[node]
-                is_leaf[node], best[node] = error[node] <= of_subtree, min(error[node], of_subtree)
+                of_children = samples[first] * best[first] + samples[second] * best[second]
+                of_subtree = of_children / samples[node]
+                is_leaf[node] = error[node] <= of_subtree
+                best[node] = min(error[node], of_subtree)
         # M5 smooths a prediction p from the leaf up to the root: p' = (n p + k q) / (n + k), with q
         # predicted by the node above, n the samples and k `smoothing`. All are linear in the
         # features, so mixing the coefficients once, from the root down, predicts the same.
@@ -132,27 +146,27 @@ class ModelTreeRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         mean = moments[:, 0, 1:-1] / samples[:, None]
         variance = np.maximum(moments[:, features, features] / samples[:, None] - mean**2, 0.0)
         most = _TRACE * np.sqrt(squared_error(models, moments) / samples)[:, None]
-        traces = np.where(np.abs(models[:, 1:]) * np.sqrt(variance) < most, models[:, 1:], 0.0)
-        models = np.column_stack(
-            [models[:, 0] + (traces * mean).sum(axis=1), models[:, 1:] - traces]
-        )
+        deviation = np.abs(models[:, 1:]) * np.sqrt(variance)
+        traces = np.where(deviation < most, models[:, 1:], 0.0)
+        constants = models[:, 0] + (traces * mean).sum(axis=1)
+        models = np.column_stack([constants, models[:, 1:] - traces])
         terms = TERM_COST * np.count_nonzero(fitted, axis=1).clip(1)
         squared = squared_error(models, moments)
         spread = corrected_error(squared, samples, terms)
-        spread = (
-            np.where(np.isfinite(spread), spread, np.sqrt(squared / samples)) * standard.scale[-1]
-        )
-        ranges = (
-            np.array([node.target_range for node in nodes]) * standard.scale[-1] + standard.mean[-1]
-        )
+        plain_spread = np.sqrt(squared / samples)
+        spread = np.where(np.isfinite(spread), spread, plain_spread) * standard.scale[-1]
+        ranges = np.array([node.target_range for node in nodes])
+        ranges = ranges * standard.scale[-1] + standard.mean[-1]
         margin = self.extrapolation * np.ptp(ranges, axis=1)
         intercept, slopes = standard.to_units(models)
         at, below = _preorder(children, is_leaf)
         leaf = is_leaf[at]
+        split_features = np.array([node.feature for node in nodes])
+        thresholds = np.array([node.threshold for node in nodes])
         return ModelTree(
             names=names,
-            feature=np.array([node.feature for node in nodes])[at] * ~leaf,
-            threshold=np.where(leaf, 0.0, np.array([node.threshold for node in nodes])[at]),
+            feature=split_features[at] * ~leaf,
+            threshold=np.where(leaf, 0.0, thresholds[at]),
             children=below,
             intercept=np.where(leaf, intercept[at], 0.0),
             coefficients=np.where(leaf[:, None], slopes[at], 0.0),
@@ -166,12 +180,13 @@ class ModelTreeRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
 def _preorder(
     children: list[tuple[int, int] | None], is_leaf: BoolArray
 ) -> tuple[IntArray, IntArray]:
-    """Return the remaining nodes in preorder: their old numbers (n,), and new numbers of children (n, 2)."""
+    """Return the remaining nodes in preorder: old numbers (n,), new numbers of children (n, 2)."""
     at: list[int] = []
     below: list[list[int]] = []
 
     def add(node: int) -> int:
-        number, pair = len(at), children[node]
+        number = len(at)
+        pair = children[node]
         at.append(node)
         below.append([number, number])
         if pair is not None and not is_leaf[node]:

@@ -1,4 +1,4 @@
-"""A learned model tree: flat arrays, compiled loops that predict with them, and rules (paper, section 3)."""
+"""A learned model tree (paper, section 3): flat arrays, compiled predictions, and rules."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ from ator_ros.geometry import BoolArray, FloatArray, IntArray
 class Hinge:
     """A term of a rule, ``slope*max(0, feature - above)``; if `above` is 0, ``slope*feature``.
 
-    A feature with an `above` other than 0 is never negative.
+    A feature with an `above` other than 0 is never negative. `slope` is in s per unit of the
+    feature, `above` in its unit.
     """
 
     feature: str
@@ -27,7 +28,9 @@ class Hinge:
 
     def of(self, values: Any) -> Any:
         """Return the term for values of the feature, elementwise."""
-        return self.slope * (np.maximum(values - self.above, 0.0) if self.above else values)
+        if self.above:
+            values = np.maximum(values - self.above, 0.0)
+        return self.slope * values
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,18 +94,31 @@ class ModelTree:
     def constant(self) -> float | None:
         """The value that is predicted everywhere, if it is the same."""
         varies = len(self.feature) > 1 or self.coefficients.any() or bool(self.base)
-        return None if varies else float(np.clip(self.intercept[0], self.lower[0], self.upper[0]))
+        if varies:
+            return None
+        return float(np.clip(self.intercept[0], self.lower[0], self.upper[0]))
 
     def apply(self, X: FloatArray) -> IntArray:
-        """Return the number of the leaf of each row of finite features `X` (n, n_features), shape (n,)."""
+        """Return the numbers of the leaves of features `X`, shape (n,).
+
+        `X` has the shape (n, n_features) and finite numbers. Raises ValueError for another number
+        of features.
+        """
         return self.evaluate(np.ascontiguousarray(X.T))[1]
 
     def predict(self, X: FloatArray) -> FloatArray:
-        """Predict the target of each row of `X` (n, n_features), in its unit, shape (n,)."""
+        """Return the predicted targets of features `X`, in the target's unit, shape (n,).
+
+        `X` has the shape (n, n_features). Raises ValueError for another number of features.
+        """
         return self.evaluate(np.ascontiguousarray(X.T))[0]
 
     def evaluate(self, rows: FloatArray) -> tuple[FloatArray, IntArray]:
-        """Return the results of `predict` and `apply` for the transpose of `X`, shape (n_features, n)."""
+        """Return the results of `predict` and `apply` at once, each of shape (n,).
+
+        `rows` is the transpose of `X`, shape (n_features, n). Raises ValueError for another number
+        of features.
+        """
         if rows.ndim != 2 or len(rows) != len(self.names):
             raise ValueError(
                 f"expected features of shape (n, {len(self.names)}), got {rows.T.shape}"
@@ -115,10 +131,9 @@ class ModelTree:
     def _base_terms(self) -> tuple[IntArray, FloatArray, FloatArray]:
         """Column, `above` and slope of each term of the base, arrays of shape (terms,)."""
         columns = np.array([self.names.index(hinge.feature) for hinge in self.base], dtype=np.intp)
-        above, slopes = (
-            [getattr(hinge, name) for hinge in self.base] for name in ("above", "slope")
-        )
-        return columns, np.array(above, dtype=float), np.array(slopes, dtype=float)
+        above = np.array([hinge.above for hinge in self.base], dtype=float)
+        slopes = np.array([hinge.slope for hinge in self.base], dtype=float)
+        return columns, above, slopes
 
 
 @compiled
@@ -128,26 +143,35 @@ def _evaluate(
     models: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
     base: tuple[IntArray, FloatArray, FloatArray],
 ) -> tuple[FloatArray, IntArray]:
-    (feature, threshold, children), (intercept, coefficients, lower, upper) = splits, models
+    feature, threshold, children = splits
+    intercept, coefficients, lower, upper = models
     columns, above, slope = base
-    value, leaf = np.empty(rows.shape[1]), np.empty(rows.shape[1], dtype=np.intp)
+    value = np.empty(rows.shape[1])
+    leaf = np.empty(rows.shape[1], dtype=np.intp)
     for at in range(rows.shape[1]):
         node = 0
         while children[node, 0] != node:
-            node = children[node, 1 if rows[feature[node], at] > threshold[node] else 0]
+            is_above = rows[feature[node], at] > threshold[node]
+            node = children[node, 1 if is_above else 0]
         result = intercept[node]
         for column in range(len(rows)):
             result += rows[column, at] * coefficients[node, column]
         result = np.minimum(np.maximum(result, lower[node]), upper[node])
         for term in range(len(columns)):
             x = rows[columns[term], at]
-            result += slope[term] * (x if above[term] == 0.0 else np.maximum(x - above[term], 0.0))
-        value[at], leaf[at] = result, node
+            if above[term] != 0.0:
+                x = np.maximum(x - above[term], 0.0)
+            result += slope[term] * x
+        value[at] = result
+        leaf[at] = node
     return value, leaf
 
 
 Bounds = Mapping[str, tuple[float, float]]
-"""By feature, in the order of the path to a leaf: lower < value <= upper; infinite where not bounded."""
+"""Lower and upper bound by feature: lower < value <= upper, infinite where there is no bound.
+
+Features are in the order of the path to a leaf, bounds in the units of the features.
+"""
 
 
 def leaves(tree: ModelTree) -> Iterator[tuple[int, Bounds]]:
@@ -158,18 +182,27 @@ def leaves(tree: ModelTree) -> Iterator[tuple[int, Bounds]]:
         if tree.is_leaf[node]:
             yield node, bounds
             continue
-        name, threshold = tree.names[tree.feature[node]], float(tree.threshold[node])
+        name = tree.names[tree.feature[node]]
+        threshold = float(tree.threshold[node])
         lower, upper = bounds.get(name, (-math.inf, math.inf))
         at_most, above = (int(child) for child in tree.children[node])
-        waiting.append((above, {**bounds, name: (max(lower, threshold), upper)}))
-        waiting.append((at_most, {**bounds, name: (lower, min(upper, threshold))}))
+        bounds_above = (max(lower, threshold), upper)
+        bounds_at_most = (lower, min(upper, threshold))
+        waiting.append((above, {**bounds, name: bounds_above}))
+        waiting.append((at_most, {**bounds, name: bounds_at_most}))
 
 
 @dataclass(frozen=True)
 class RuleWriter:
-    """Writes the leaves of a tree as rules; angles in rad are written in degrees, as the paper does.
+    """Writes the leaves of a tree as rules; angles are in degrees, as in the paper.
 
-    `units` are those of the features, `target` is the name of the prediction.
+    Attributes
+    ----------
+    tree : ModelTree
+    units : mapping of str to str
+        Units of the features; rad becomes degrees.
+    target, target_unit : str
+        Name and unit of the prediction.
     """
 
     tree: ModelTree
@@ -177,10 +210,26 @@ class RuleWriter:
     target: str = "time"
     target_unit: str = "s"
 
-    def rule(self, leaf: int, bounds: Bounds, *, shared: str = "") -> str:
-        """Return ``if (1.86m < dist <= 2.3m) & (angle_to_dest <= 49.7°) then time = 1.26*dist + … [s]``.
+    def rule(
+        self,
+        leaf: int,
+        bounds: Bounds,
+        *,
+        shared: str = "",
+    ) -> str:
+        """Return the rule of a leaf in one line.
 
-        `shared` is a name to print instead of the terms of the base.
+        For example ``if (1.86m < dist <= 2.3m) & (angle_to_dest <= 49.7°) then time = 1.26*dist +
+        … [s]``.
+
+        Parameters
+        ----------
+        leaf : int
+            Number of the leaf.
+        bounds : Bounds
+            Its bounds, see `leaves`.
+        shared : str
+            Name to print instead of the terms of the base.
         """
         tree = self.tree
         conditions = " & ".join(self._condition(name, *pair) for name, pair in bounds.items())
@@ -198,32 +247,40 @@ class RuleWriter:
         If a tree with several leaves has a base with bends, the base is printed once, in a line
         before them.
         """
-        base, unit = self.tree.base, self.target_unit
+        base = self.tree.base
+        unit = self.target_unit
         shared = "shared" if self.tree.n_leaves > 1 and any(hinge.above for hinge in base) else ""
         first = [f"{shared} = {self._formula(base, 0.0)}  [{unit}]"] if shared else []
-        return "\n".join(first + [self.rule(*leaf, shared=shared) for leaf in leaves(self.tree)])
+        rules = [self.rule(leaf, bounds, shared=shared) for leaf, bounds in leaves(self.tree)]
+        return "\n".join(first + rules)
 
     def explanation(self, situation: FloatArray) -> str:
-        """Return the rule in one situation (n_features,), terms of the base included, and their values."""
-        tree, values = self.tree, dict(zip(self.tree.names, situation.tolist(), strict=True))
-        predicted, leaf = (
-            float(tree.predict(situation[None, :])[0]),
-            int(tree.apply(situation[None, :])[0]),
-        )
-        intercept, spread = float(tree.intercept[leaf]), float(tree.spread[leaf])
+        """Return the rule that holds in one situation, with the value of each of its terms.
+
+        `situation` are the features, shape (n_features,), in their units. Terms of the base are
+        included.
+        """
+        tree = self.tree
+        values = dict(zip(self.tree.names, situation.tolist(), strict=True))
+        predicted = float(tree.predict(situation[None, :])[0])
+        leaf = int(tree.apply(situation[None, :])[0])
+        intercept = float(tree.intercept[leaf])
+        spread = float(tree.spread[leaf])
         lines = [
             self.rule(leaf, dict(leaves(tree))[leaf]),
             f"here {self.target} = {predicted:.3f} ± {spread:.3f} {self.target_unit}:",
             f"  {intercept:+9.3f}  constant",
         ]
-        parts = [(hinge, hinge.of(values[hinge.feature])) for hinge in self._terms(leaf, tree.base)]
+        terms = self._terms(leaf, tree.base)
+        parts = [(hinge, hinge.of(values[hinge.feature])) for hinge in terms]
         for hinge, part in sorted(parts, key=lambda item: -abs(item[1])):
             name = hinge.feature
             which = f"{self._term(hinge)}, " if hinge.above else ""
             lines += [f"  {part:+9.3f}  {which}{name} = {self._value(name, values[name])}"]
         linear = intercept + sum(part for _, part in parts)
         base = sum(hinge.of(values[hinge.feature]) for hinge in tree.base)
-        lower, upper = base + float(tree.lower[leaf]), base + float(tree.upper[leaf])
+        lower = base + float(tree.lower[leaf])
+        upper = base + float(tree.upper[leaf])
         if not lower <= linear <= upper:
             lines.append(
                 f"  held within {lower:.3f} to {upper:.3f}: {linear:.3f} is beyond the experience"
@@ -254,11 +311,17 @@ class RuleWriter:
         name = hinge.feature
         return f"max(0, {name} - {self._value(name, hinge.above)})" if hinge.above else name
 
-    def _formula(self, terms: Sequence[Hinge], constant: float, text: str = "") -> str:
+    def _formula(
+        self,
+        terms: Sequence[Hinge],
+        constant: float,
+        text: str = "",
+    ) -> str:
         parts = [(each.slope / self._scale(each.feature), f"*{self._term(each)}") for each in terms]
         parts += [(constant, "")] if constant or not (parts or text) else []
         for number, name in parts:
-            sign = ("-" if number < 0 else "") if not text else (" - " if number < 0 else " + ")
+            signs = ("-", " - ") if number < 0 else ("", " + ")
+            sign = signs[1] if text else signs[0]
             text += f"{sign}{abs(number):.3g}{name}"
         return text
 

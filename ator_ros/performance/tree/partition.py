@@ -38,7 +38,10 @@ class GrownNode:
 
 
 Split = tuple[float, int, int, int]
-"""Negative reduction, so that the best comes first, number of the node, feature, position in its order."""
+"""Negative reduction, number of the node, feature, and position in the node's order.
+
+The reduction is negative so that a heap has the best split first.
+"""
 
 
 @dataclass(eq=False)
@@ -78,7 +81,8 @@ class Partition:
         """Add a node with its normal equations, queue its best split, and return its number."""
         table = self.rows[order[0]]
         target = table[:, -1]
-        node = GrownNode(order, table.T @ table, (float(target.min()), float(target.max())))
+        target_range = (float(target.min()), float(target.max()))
+        node = GrownNode(order, table.T @ table, target_range)
         self.nodes.append(node)
         number = len(self.nodes) - 1
         if (split := self._best_split(node, table)) is not None:
@@ -86,11 +90,18 @@ class Partition:
             heapq.heappush(queue, (-reduction, number, feature, position))
         return number
 
-    def _split(self, node: GrownNode, feature: int, position: int, queue: list[Split]) -> None:
+    def _split(
+        self,
+        node: GrownNode,
+        feature: int,
+        position: int,
+        queue: list[Split],
+    ) -> None:
         along = node.order[feature]
         below, above = self.X[along[position - 1 : position + 1], feature]
         middle = below + (above - below) / 2
-        node.feature, node.threshold = feature, float(middle if middle < above else below)
+        node.feature = feature
+        node.threshold = float(middle if middle < above else below)
         self._goes_left[node.order[0]] = False
         self._goes_left[along[:position]] = True
         left: BoolArray = self._goes_left.take(node.order)
@@ -101,7 +112,7 @@ class Partition:
         node.order = node.order[:, :0]
 
     def _best_split(self, node: GrownNode, table: FloatArray) -> tuple[float, int, int] | None:
-        """Return the greatest standard-deviation reduction by a split, if any, with feature and position."""
+        """Return the greatest reduction of the deviation by a split, its feature and position."""
         total = node.moments[0, 0]  # number of rows
         minimum = self.min_samples_leaf
         if total < 2 * minimum:
@@ -114,16 +125,22 @@ class Partition:
         self._residuals[node.order[0], -1] = residual
         # Splits at quantiles of each feature, by the rows to the left; none falls between equal
         # values.
-        count, n = min(_CANDIDATES, int(total // minimum)), node.order.shape[1]
-        quantiles = np.ceil(n * np.arange(1, count + 1) / (count + 1)).astype(np.intp) - 1
-        values = (column[order] for column, order in zip(self.X.T, node.order, strict=True))
-        ends = np.array(
-            [np.searchsorted(sorted_, sorted_[quantiles], side="right") for sorted_ in values]
-        )
-        positions, is_split = np.minimum(ends, n - 1), ends < n
+        count = min(_CANDIDATES, int(total // minimum))
+        n = node.order.shape[1]
+        shares = n * np.arange(1, count + 1) / (count + 1)
+        quantiles = np.ceil(shares).astype(np.intp) - 1
+        ends_by_feature = []
+        for column, order in zip(self.X.T, node.order, strict=True):
+            values = column[order]
+            ends_by_feature.append(np.searchsorted(values, values[quantiles], side="right"))
+        ends = np.array(ends_by_feature)
+        positions = np.minimum(ends, n - 1)
+        is_split = ends < n
         sums = self._moments_left(node, positions)
-        left, right = sums[:, :-1], (sums[:, -1:] - sums)[:, :-1]
-        is_split &= (left[..., 0, 0] >= minimum) & (right[..., 0, 0] >= minimum)
+        left = sums[:, :-1]
+        right = (sums[:, -1:] - sums)[:, :-1]
+        is_split &= left[..., 0, 0] >= minimum
+        is_split &= right[..., 0, 0] >= minimum
         if not is_split.any():
             return None
         before = np.sqrt(total * squared)
@@ -131,10 +148,10 @@ class Partition:
         # Rows × corrected deviation around the linear models of both sides.
         sides = np.stack([left[is_split], right[is_split]])
         weight = sides[..., 0, 0]
-        error = corrected_error(
-            residual_squares(sides), weight, np.full(weight.shape, len(solution))
-        )
-        after[is_split] = (weight * np.where(np.isfinite(error), error, _WORST)).sum(axis=0)
+        terms = np.full(weight.shape, len(solution))
+        error = corrected_error(residual_squares(sides), weight, terms)
+        error = np.where(np.isfinite(error), error, _WORST)
+        after[is_split] = (weight * error).sum(axis=0)
         # Rounding errors must not choose between equal splits: the first is chosen, in any order of
         # the rows.
         best = np.round(after / before, 6).argmin()
@@ -144,7 +161,8 @@ class Partition:
 
     def _moments_left(self, node: GrownNode, positions: IntArray) -> FloatArray:
         """Return the normal equations of the rows left of each position, and of all rows."""
-        ends = np.column_stack([positions, np.full(len(positions), node.order.shape[1])])
+        all_rows = np.full(len(positions), node.order.shape[1])
+        ends = np.column_stack([positions, all_rows])
         columns = self.rows.shape[1]
         moments = np.zeros((*ends.shape, columns, columns))
         for order, stops, sums in zip(node.order, ends.tolist(), moments, strict=True):
@@ -152,6 +170,10 @@ class Partition:
             begin = 0
             for number, end in enumerate(stops):
                 if end > begin:
-                    np.matmul(table[begin:end].T, table[begin:end], out=sums[number])
+                    np.matmul(
+                        table[begin:end].T,
+                        table[begin:end],
+                        out=sums[number],
+                    )
                     begin = end
         return moments.cumsum(axis=1, out=moments)

@@ -1,4 +1,7 @@
-"""Conversion of a model tree to nested dataclasses, for JSON files, and back, with every number exact."""
+"""Conversion of a model tree to nested dataclasses for JSON files, and back.
+
+Every number is exact.
+"""
 
 from __future__ import annotations
 
@@ -65,7 +68,12 @@ class StoredTree:
         for node in _preorder(self.root):
             used = {node.feature} if isinstance(node, StoredSplit) else node.slopes.keys()
             unknown = sorted(used - set(self.features))
-            require(not unknown, "root", f"the features {', '.join(self.features)}", unknown)
+            require(
+                not unknown,
+                "root",
+                f"the features {', '.join(self.features)}",
+                unknown,
+            )
 
 
 def _preorder(node: StoredNode) -> Iterator[StoredNode]:
@@ -84,9 +92,14 @@ def _stored_node(tree: ModelTree, number: int) -> StoredNode:
     samples = float(tree.samples[number])
     if not tree.is_leaf[number]:
         at_most, above = (_stored_node(tree, int(child)) for child in tree.children[number])
-        name, threshold = tree.names[tree.feature[number]], float(tree.threshold[number])
+        name = tree.names[tree.feature[number]]
+        threshold = float(tree.threshold[number])
         return StoredSplit(samples, name, threshold, at_most, above)
-    slopes = zip(tree.names, tree.coefficients[number].tolist(), strict=True)
+    slopes = zip(
+        tree.names,
+        tree.coefficients[number].tolist(),
+        strict=True,
+    )
     return StoredLeaf(
         samples,
         float(tree.intercept[number]),
@@ -101,16 +114,22 @@ def restored(tree: StoredTree) -> ModelTree:
     nodes = list(_preorder(tree.root))
     numbers = {id(node): number for number, node in enumerate(nodes)}
     column = {name: number for number, name in enumerate(tree.features)}
-    children = np.repeat(np.arange(len(nodes), dtype=np.intp)[:, None], 2, axis=1)
+    children = np.repeat(
+        np.arange(len(nodes), dtype=np.intp)[:, None],
+        2,
+        axis=1,
+    )
     feature = np.zeros(len(nodes), dtype=np.intp)
     coefficients = np.zeros((len(nodes), len(column)))
     threshold, intercept, lower, upper, spread = np.zeros((5, len(nodes)))
     for number, node in enumerate(nodes):
         if isinstance(node, StoredSplit):
-            feature[number], threshold[number] = column[node.feature], node.threshold
+            feature[number] = column[node.feature]
+            threshold[number] = node.threshold
             children[number] = numbers[id(node.at_most)], numbers[id(node.above)]
         else:
-            intercept[number], spread[number] = node.intercept, node.spread
+            intercept[number] = node.intercept
+            spread[number] = node.spread
             lower[number], upper[number] = node.range
             for name, slope in node.slopes.items():
                 coefficients[number, column[name]] = slope

@@ -26,38 +26,49 @@ _ENTRY_GAINS = (*(step / 16 for step in range(15)), 0.9625)
 _EXIT_SPEEDS = (0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.5, 0.6, 0.75, 0.95)
 _EXIT_LOSSES = (0.0, 0.25, 0.5, 0.75, 0.9)
 _RATES = tuple(1.0 - 0.02 * step for step in range(40))
+# Those of turns before a shot, at constant speed.
 _RELEASE_SPEEDS = (0.3, 0.5, 0.75, 0.95)
 _RELEASE_RATES = (1.0, 0.67, 0.33)
-_LARGEST_TURN = math.radians(300.0)
+_LARGEST_TURN = math.radians(300.0)  # greatest angle in rad of a turn with the ball
 _DIGITS = 6  # of m/s and m/s^2: tables are cached by these numbers
 
 
 def held_limits(robot: Robot, what: str) -> Limits:
-    """Return the limits that keep the ball in the holder, which `what` needs."""
+    """Return the limits that keep the ball in the holder.
+
+    Raises ConfigError, with `what` as the name of the action, for a robot without a holder.
+    """
     limits = robot.holder_for(what).limits
     rolling = robot.scene.objects[BALL].rolling_deceleration
-    return dataclasses.replace(
-        limits, brake=min(limits.brake, max(rolling - _MARGIN, 0.5 * rolling))
-    )
+    brake = min(limits.brake, max(rolling - _MARGIN, 0.5 * rolling))
+    return dataclasses.replace(limits, brake=brake)
 
 
-def _push(robot: Robot, v: float, w: float, acceleration: float) -> float:
-    """Return the push of the front against the held ball as an acceleration in m/s^2; negative if it leaves.
+def _push(
+    robot: Robot,
+    v: float,
+    w: float,
+    acceleration: float,
+) -> float:
+    """Return the push of the front against the held ball, in m/s^2; negative if the ball leaves.
 
     The ball, `hold` ahead of the axle, is on a circle. Only its rolling resistance and the
     acceleration of the robot (m/s^2) provide the centripetal acceleration toward the axle.
     """
     swing = robot.hold * w
     speed = math.hypot(v, swing)
-    resistance = robot.scene.objects[BALL].rolling_deceleration * (
-        v / speed if speed > 0.0 else 0.0
-    )
+    backward_share = v / speed if speed > 0.0 else 0.0
+    resistance = robot.scene.objects[BALL].rolling_deceleration * backward_share
     return acceleration - robot.hold * w * w + resistance
 
 
 @lru_cache(maxsize=16)
 def entries_with_ball(robot: Robot, limits: Limits, speed: float) -> Ends:
-    """Return the entries at `speed` (m/s) with the ball: straight, then a turn as fast as the ball allows."""
+    """Return the entries at `speed` (m/s) with the ball.
+
+    The robot drives straight, then turns as fast as the ball allows. Raises ConfigError for a robot
+    without a holder.
+    """
     gain = min(robot.holder_for("pushing a ball").limits.a, robot.limits.a)
     sides = []
     for v in sorted({*_shares(_ENTRY_SPEEDS, limits.v), speed}):
@@ -69,18 +80,18 @@ def entries_with_ball(robot: Robot, limits: Limits, speed: float) -> Ends:
 
 
 @lru_cache(maxsize=4096)
-def _fastest_rate(robot: Robot, limits: Limits, v: float, change: float) -> float:
-    """Return the greatest turn rate in rad/s that keeps the ball at a changing speed.
-
-    0 if none does.
-    """
+def _fastest_rate(
+    robot: Robot,
+    limits: Limits,
+    v: float,
+    change: float,
+) -> float:
+    """Return the greatest turn rate in rad/s that keeps the ball at a changing speed; 0: none."""
     for rate in (share * limits.w for share in _RATES):
         # The turn must also keep the ball at the greatest speed, if that is reached.
-        fast = v + change * _LARGEST_TURN / rate >= limits.v
-        pushes = [
-            _push(robot, v, rate, change),
-            *([_push(robot, limits.v, rate, 0.0)] if fast else []),
-        ]
+        pushes = [_push(robot, v, rate, change)]
+        if v + change * _LARGEST_TURN / rate >= limits.v:
+            pushes.append(_push(robot, limits.v, rate, 0.0))
         if all(push >= _MARGIN for push in pushes):
             return rate
     return 0.0
@@ -88,27 +99,37 @@ def _fastest_rate(robot: Robot, limits: Limits, v: float, change: float) -> floa
 
 @lru_cache(maxsize=16)
 def release_exits(robot: Robot, limits: Limits) -> Ends:
-    """Return the exits at full speed with the ball: a turn at constant speed, then a straight run-up."""
-    speeds = _shares(_RELEASE_SPEEDS, limits.v)
-    sides = [
-        Side(change_distance(v, limits.v, limits), limits.v, v, 0.0, rate * limits.w)
-        for v in speeds
-        for rate in _RELEASE_RATES
-        if _push(robot, v, rate * limits.w, 0.0) >= _MARGIN
-    ]
+    """Return the exits at full speed with the ball.
+
+    The robot turns at constant speed, then runs up straight. The table is empty if the ball leaves
+    in each turn.
+    """
+    sides = []
+    for v in _shares(_RELEASE_SPEEDS, limits.v):
+        run = change_distance(v, limits.v, limits)
+        for share in _RELEASE_RATES:
+            rate = share * limits.w
+            if _push(robot, v, rate, 0.0) >= _MARGIN:
+                sides.append(Side(run, limits.v, v, 0.0, rate))
     return exits_of(sides, limits)
 
 
 @lru_cache(maxsize=16)
 def dribble_exits(robot: Robot, limits: Limits, speed: float) -> Ends:
-    """Return the exits at `speed` (m/s) with the ball: a turn as fast as the ball allows, then straight."""
+    """Return the exits at `speed` (m/s) with the ball.
+
+    The robot turns as fast as the ball allows, then drives straight. The table is empty if the ball
+    leaves in each turn.
+    """
     sides = []
     for v in sorted({*_shares(_EXIT_SPEEDS, limits.v), speed} - {0.0}):
         run = change_distance(v, speed, limits)
         for change in _shares(_EXIT_LOSSES, limits.brake):
-            rates = (share * limits.w for share in _RATES)
-            rate = next((each for each in rates if _push(robot, v, each, -change) >= _MARGIN), 0.0)
-            sides += [Side(run, speed, v, change, rate)] if rate else []
+            rates = [share * limits.w for share in _RATES]
+            held = (rate for rate in rates if _push(robot, v, rate, -change) >= _MARGIN)
+            fastest_held = next(held, 0.0)
+            if fastest_held:
+                sides.append(Side(run, speed, v, change, fastest_held))
     return exits_of(sides, limits)
 
 
@@ -143,7 +164,10 @@ class HoldingAction(PlannedAction):
 
 
 class DribbleBall(HoldingAction):
-    """Pushes the ball to a pose of the hold: forward only, without turning on the spot (paper, section 3)."""
+    """Pushes the ball to a pose of the hold (paper, section 3).
+
+    It drives forward only and does not turn on the spot.
+    """
 
     name = "dribbleBall"
     verb = "dribbling"
@@ -151,16 +175,28 @@ class DribbleBall(HoldingAction):
     def setup(self) -> None:
         """Compute the tables of dribbles from rest to rest; see `Action.setup`."""
         limits = self.plan_limits
-        self._check_turns(
-            entries_with_ball(self.robot, limits, 0.0), dribble_exits(self.robot, limits, 0.0)
-        )
+        entries = entries_with_ball(self.robot, limits, 0.0)
+        exits = dribble_exits(self.robot, limits, 0.0)
+        self._check_turns(entries, exits)
 
     def plan(self, world: World) -> Manoeuvre:
         """Plan forward turns and drives that keep the ball in front."""
         limits = self.plan_limits
-        entries = entries_with_ball(self.robot, limits, round(max(0.0, world.robot.v), 3))
+        entries = entries_with_ball(
+            self.robot,
+            limits,
+            round(max(0.0, world.robot.v), 3),
+        )
         exits = dribble_exits(self.robot, limits, self.goal.speed)
-        start, goal = world.robot.pose, self.target()
+        start = world.robot.pose
+        goal = self.target()
         return fastest(
-            self.robot, start, goal, entries, exits, limits, Obstacles(), forward_only=True
+            self.robot,
+            start,
+            goal,
+            entries,
+            exits,
+            limits,
+            Obstacles(),
+            forward_only=True,
         )

@@ -36,15 +36,32 @@ _CLEARING = np.arange(0.0, 1.5, 0.01)  # m: lengths of straight drives away from
 
 @dataclass(frozen=True, slots=True)
 class Obstacles:
-    """The ball at rest, if any, and the length (m) of the run at the end in which it may be touched."""
+    """What a manoeuvre must not touch.
+
+    Attributes
+    ----------
+    ball : ObjectState or None
+        The ball at rest.
+    run : float
+        Length in m of the run at the end in which the ball may be touched.
+    """
 
     ball: ObjectState | None = None
     run: float = 0.0
 
 
-def is_free(start: Pose, goal: Pose, obstacles: Obstacles, robot: Robot) -> bool:
-    """Return whether the robot touches no obstacle at the start of a motion to `goal`."""
-    pose, ball = np.array([start]), obstacles.ball
+def is_free(
+    start: Pose,
+    goal: Pose,
+    obstacles: Obstacles,
+    robot: Robot,
+) -> bool:
+    """Return whether the robot touches no obstacle at the start of a motion to `goal`.
+
+    Poses are those of the axle. A ball may be touched within the run at the end.
+    """
+    pose = np.array([start])
+    ball = obstacles.ball
     if touches_goals(pose, robot):
         return False
     if ball is None or start.distance(goal) <= obstacles.run:
@@ -52,18 +69,21 @@ def is_free(start: Pose, goal: Pose, obstacles: Obstacles, robot: Robot) -> bool
     return bool(ball_distances(pose, ball, robot)[0] >= _BALL_MARGIN)
 
 
-def distance_to_clear(start: Pose, goal: Pose, obstacles: Obstacles, robot: Robot) -> float:
+def distance_to_clear(
+    start: Pose,
+    goal: Pose,
+    obstacles: Obstacles,
+    robot: Robot,
+) -> float:
     """Return the distance in m (negative: backward) of a straight drive that clears the ball.
 
     It is 0 if the robot is clear at the start, or if each drive comes nearer to the ball or touches
     a goal. A robot that never drives backward cannot leave a ball at its front.
     """
     ball = obstacles.ball
-    if (
-        ball is None
-        or is_free(start, goal, obstacles, robot)
-        or touches_goals(np.array([start]), robot)
-    ):
+    if ball is None or is_free(start, goal, obstacles, robot):
+        return 0.0
+    if touches_goals(np.array([start]), robot):
         return 0.0
     found = list[float]()
     signs: tuple[float, ...] = (-1.0, 1.0)
@@ -83,9 +103,17 @@ def distance_to_clear(start: Pose, goal: Pose, obstacles: Obstacles, robot: Robo
 
 
 def ball_distances(poses: FloatArray, ball: ObjectState, robot: Robot) -> FloatArray:
-    """Return the distances in m, shape (n,), between the robot at poses, (n, 3), and the ball's surface."""
+    """Return the distances in m between the robot and the ball's surface, shape (n,).
+
+    Poses of the robot have the shape (n, 3): x, y in m, yaw in rad.
+    """
     x, y, yaw = poses.T
-    distances = _outline_distance(ball.x - x, ball.y - y, yaw, _outline(robot))
+    distances = _outline_distance(
+        ball.x - x,
+        ball.y - y,
+        yaw,
+        _outline(robot),
+    )
     return np.asarray(distances - robot.scene.radius(BALL))
 
 
@@ -105,20 +133,47 @@ class Outline(NamedTuple):
 
 def _outline(robot: Robot) -> Outline:
     field = field_of(robot)
-    lengths = (
-        robot.front, robot.rear, robot.half_width, robot.tip, robot.tip_half_width, robot.reach,
-        field.walls_begin, field.goal_width / 2, field.goal_depth,
-    )  # fmt: skip
-    return Outline(*map(float, lengths))
+    return Outline(
+        front=float(robot.front),
+        rear=float(robot.rear),
+        half_width=float(robot.half_width),
+        fin_tip=float(robot.tip),
+        fin_side=float(robot.tip_half_width),
+        reach=float(robot.reach),
+        line=float(field.walls_begin),
+        half=float(field.goal_width / 2),
+        depth=float(field.goal_depth),
+    )
 
 
 @elementwise
-def _outline_distance(dx: Any, dy: Any, yaw: Any, shape: Outline) -> Any:
+def _outline_distance(
+    dx: Any,
+    dy: Any,
+    yaw: Any,
+    shape: Outline,
+) -> Any:
     """Return the distance from the robot's outline to points that lie (dx, dy) m from its axle."""
-    c, s = np.cos(yaw), np.sin(yaw)
-    ahead, left = c * dx + s * dy, np.abs(c * dy - s * dx)
-    body = box_distance(ahead, left, -shape.rear, shape.front, -shape.half_width, shape.half_width)
-    fins = box_distance(ahead, left, shape.front, shape.fin_tip, -shape.fin_side, shape.fin_side)
+    c = np.cos(yaw)
+    s = np.sin(yaw)
+    ahead = c * dx + s * dy
+    left = np.abs(c * dy - s * dx)
+    body = box_distance(
+        ahead,
+        left,
+        -shape.rear,
+        shape.front,
+        -shape.half_width,
+        shape.half_width,
+    )
+    fins = box_distance(
+        ahead,
+        left,
+        shape.front,
+        shape.fin_tip,
+        -shape.fin_side,
+        shape.fin_side,
+    )
     return np.minimum(body, fins)
 
 
@@ -141,16 +196,27 @@ class Surroundings(NamedTuple):
 
 def surroundings(robot: Robot, limits: Limits, obstacles: Obstacles) -> Surroundings:
     """Return the surroundings in which manoeuvres within `limits` are checked."""
-    ball, area = obstacles.ball, robot.scene.area
+    ball = obstacles.ball
+    area = robot.scene.area
     x, y = (np.nan, np.nan) if ball is None else (ball.x - area.x, ball.y - area.y)
-    in_the_way = (x, y, robot.scene.radius(BALL), obstacles.run)
-    return Surroundings(rates_of(limits), _outline(robot), BallObstacle(*map(float, in_the_way)))
+    in_the_way = BallObstacle(
+        x=float(x),
+        y=float(y),
+        radius=float(robot.scene.radius(BALL)),
+        run=float(obstacles.run),
+    )
+    return Surroundings(rates_of(limits), _outline(robot), in_the_way)
 
 
 def from_center(pose: Pose, robot: Robot) -> Pose:
-    """Return a pose relative to the center of the area."""
+    """Return a pose relative to the center of the area, with floats."""
     x, y, yaw = pose
-    return Pose(float(x - robot.scene.area.x), float(y - robot.scene.area.y), float(yaw))
+    area = robot.scene.area
+    return Pose(
+        float(x - area.x),
+        float(y - area.y),
+        float(yaw),
+    )
 
 
 @compiled
@@ -165,12 +231,23 @@ def is_clear(
     around: Surroundings,
     forward: bool,
 ) -> bool:
-    """Return whether a manoeuvre is clear and, if `forward`, without driving backward.
+    """Return whether a manoeuvre is clear and, if `forward`, never drives backward.
 
-    See `Manoeuvre`.
+    The parameters are those of a `Manoeuvre`: turns `first` and `last` in rad, `drive` in m, and
+    the sides `entry` and `leaving`, shape (5,). Poses are relative to the center of the area.
     """
-    speeds, turns = np.empty((SPEED_PIECES, 3)), np.empty((TURN_PIECES, 3))
-    duration = write_pieces(speeds, turns, first, last, drive, entry, leaving, around.rates)
+    speeds = np.empty((SPEED_PIECES, 3))
+    turns = np.empty((TURN_PIECES, 3))
+    duration = write_pieces(
+        speeds,
+        turns,
+        first,
+        last,
+        drive,
+        entry,
+        leaving,
+        around.rates,
+    )
     if forward and not is_forward(speeds, drive, around.rates):
         return False
     for interval in _INTERVALS:
@@ -182,13 +259,16 @@ def is_clear(
 
 
 @compiled
-def _touches(states: FloatArray, goal: Pose, shape: Outline, ball: BallObstacle) -> bool:
-    """Return whether the robot touches a wall or the ball in any of the states.
-
-    See `write_states`.
-    """
+def _touches(
+    states: FloatArray,
+    goal: Pose,
+    shape: Outline,
+    ball: BallObstacle,
+) -> bool:
+    """Return whether the robot touches a wall or the ball in any state; see `write_states`."""
     for index in range(len(states)):
-        x, y = abs(states[index, 0]), abs(states[index, 1])
+        x = abs(states[index, 0])
+        y = abs(states[index, 1])
         if x > shape.line - shape.reach:
             distance = wall_distance(x, y, shape.line, shape.half, shape.depth)
             if distance < shape.reach:
@@ -202,28 +282,32 @@ def _touches(states: FloatArray, goal: Pose, shape: Outline, ball: BallObstacle)
     near = max(shape.reach, math.hypot(max(shape.front, shape.rear), shape.half_width))
     near += ball.radius + _BALL_MARGIN
     for index in range(end + 1):
-        dx, dy = ball.x - states[index, 0], ball.y - states[index, 1]
-        is_near = abs(dx) < near and abs(dy) < near
-        if (
-            is_near
-            and _outline_distance(dx, dy, states[index, 2], shape) - ball.radius < _BALL_MARGIN
-        ):
-            return True
+        dx = ball.x - states[index, 0]
+        dy = ball.y - states[index, 1]
+        if abs(dx) < near and abs(dy) < near:
+            distance = _outline_distance(dx, dy, states[index, 2], shape)
+            if distance - ball.radius < _BALL_MARGIN:
+                return True
     return False
 
 
+# Candidates of turns, as shares of the limits: changes of speed without a ball, and at the end of a
+# run to the ball; then speeds between the slowest and the fastest at the beginning of a run.
 _SHARES = (-1.0, -0.85, -0.7, -0.55, -0.4, -0.25, -0.1, 0.0, 0.1, 0.25, 0.4, 0.55, 0.7, 0.85, 1.0)
 _RUN_CHANGES = (-1.0, -0.75, -0.5, -0.25, -0.1, 0.0, 0.1, 0.25, 0.5, 0.75, 1.0)
 _RUN_SHARES = (0.0, 0.35, 0.6, 0.8, 1.0)
 TRIES = 10_000
-"""Paths that are checked, 2 us each. In 6000 dribbles that began at speed the last success was try 4225."""
+"""Greatest number of paths that are checked, in 2 us each.
+
+In 6000 dribbles that began at speed the last success was try 4225.
+"""
 _LONGER = 0.05  # s that closing a path may add; some then need a drive back of seconds
 
 
 def _free_sides(limits: Limits, speed: float) -> list[Side]:
     """Return candidate sides without a ball: an immediate turn, at several changes of speed.
 
-    Without those that are backward from the beginning if the base never drives so.
+    Sides that are backward from the beginning are left out if the base never drives so.
     """
     change = min(limits.a, limits.brake)  # the direction of driving decides which of them applies
     least = -1.0 if limits.backward or speed > 0.0 else 0.0
@@ -239,24 +323,29 @@ def run_exits(limits: Limits, speed: float, length: float) -> Ends:
     slowest = math.sqrt(max(0.0, speed * speed - 2.0 * limits.a * length))
     speeds = {slowest + share * (min(limits.v, fastest_) - slowest) for share in _RUN_SHARES}
     change = min(limits.a, limits.brake)  # a turn that begins in reverse loses speed first
-    sides = [
-        Side(length, speed, at, share * (limits.brake if share > 0.0 else change), limits.w)
-        for at in sorted(speeds)
-        for share in _RUN_CHANGES
-        if share >= 0.0 or at > 0.0 or limits.backward
-    ]
+    sides = []
+    for at in sorted(speeds):
+        for share in _RUN_CHANGES:
+            if share < 0.0 and at <= 0.0 and not limits.backward:
+                continue
+            most = limits.brake if share > 0.0 else change
+            sides.append(Side(length, speed, at, share * most, limits.w))
     return exits_of(sides, limits)
 
 
 @lru_cache(maxsize=16)
-def free_entries(limits: Limits, speed: float, *, stops: bool = True) -> Ends:
-    """Return the entries at `speed` (m/s): an immediate turn and, if `stops`, also one after a stop."""
+def free_entries(
+    limits: Limits,
+    speed: float,
+    *,
+    stops: bool = True,
+) -> Ends:
+    """Return the entries at `speed` (m/s): an immediate turn and, if `stops`, one after a stop."""
     sides = _free_sides(limits, speed)
     if stops and speed != 0.0:
         stop = math.copysign(0.5 * speed * speed / limits.brake, speed)
-        sides += [
-            side._replace(length=stop, outer_speed=speed) for side in _free_sides(limits, 0.0)
-        ]
+        standing = _free_sides(limits, 0.0)
+        sides += [side._replace(length=stop, outer_speed=speed) for side in standing]
     return entries_of(sides, limits)
 
 
@@ -279,7 +368,26 @@ def fastest(
     tries: int = TRIES,
     longest: float = math.inf,
 ) -> Manoeuvre:
-    """Return the fastest clear manoeuvre among the `tries` fastest ones of up to `longest` s.
+    """Return the fastest clear manoeuvre.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot, with its scene.
+    start, goal : Pose
+        Poses of the axle at both ends.
+    entries, exits : Ends
+        Candidates for the turns at both ends.
+    limits : Limits
+        Limits of the manoeuvre.
+    obstacles : Obstacles
+        The ball, if it must not be touched.
+    forward_only : bool
+        Whether the robot must not drive backward.
+    tries : int
+        Number of paths that are checked, the fastest first.
+    longest : float
+        Greatest duration in s.
 
     Raises
     ------
@@ -292,7 +400,14 @@ def fastest(
             f"which is too near one of them{_only_forward(limits)}"
         )
     paths = find_paths(
-        start, goal, entries, exits, limits, forward=forward_only, longest=longest, most=tries
+        start,
+        goal,
+        entries,
+        exits,
+        limits,
+        forward=forward_only,
+        longest=longest,
+        most=tries,
     )
     found, first, last, drive = _first_clear(
         from_center(start, robot),
@@ -308,7 +423,8 @@ def fastest(
             f"expected a free path from ({start.x:.2f}, {start.y:.2f}) m "
             f"to ({goal.x:.2f}, {goal.y:.2f}) m, found none{_only_forward(limits)}"
         )
-    entry, exit_ = entries.sides[paths.entries[found]], exits.sides[paths.exits[found]]
+    entry = entries.sides[paths.entries[found]]
+    exit_ = exits.sides[paths.exits[found]]
     sides = Side(*entry.tolist()), Side(*exit_.tolist())
     return Manoeuvre(start, goal, *sides, first, last, drive, limits)
 
@@ -323,15 +439,31 @@ def turn_on_spot(
 ) -> Manoeuvre:
     """Plan to turn to the heading `yaw` (rad) from rest.
 
-    ActionError if the robot touches something.
+    Parameters
+    ----------
+    robot : Robot
+        The robot, with its scene.
+    start : Pose
+        Pose of the axle.
+    yaw : float
+        Heading at the end in rad.
+    limits : Limits
+        Limits of the turn.
+    obstacles : Obstacles
+        The ball, if it must not be touched.
+
+    Raises
+    ------
+    ActionError
+        The robot would touch something.
     """
-    turn, goal = Side(0.0, 0.0, 0.0, 0.0, limits.w), start._replace(yaw=yaw)
-    table, around = np.array(turn), surroundings(robot, limits, obstacles)
-    begin, end, angle = (
-        from_center(start, robot),
-        from_center(goal, robot),
-        float(start.relative(goal).yaw),
-    )
+    turn = Side(0.0, 0.0, 0.0, 0.0, limits.w)
+    goal = start._replace(yaw=yaw)
+    table = np.array(turn)
+    around = surroundings(robot, limits, obstacles)
+    begin = from_center(start, robot)
+    end = from_center(goal, robot)
+    angle = float(start.relative(goal).yaw)
     if not is_clear(begin, end, angle, 0.0, 0.0, table, table, around, False):
         raise ActionError(
             f"expected room to turn at ({start.x:.2f}, {start.y:.2f}) m, there is none"
@@ -349,22 +481,37 @@ def _first_clear(
     around: Surroundings,
     forward: bool,
 ) -> tuple[int, float, float, float]:
-    """Return the index of the first clear path, with its turns and drive after closing.
-
-    -1 if none is.
-    """
-    speeds, turns = np.empty((SPEED_PIECES, 3)), np.empty((TURN_PIECES, 3))
+    """Return the index of the first clear path, its turns and drive after closing; -1: none."""
+    speeds = np.empty((SPEED_PIECES, 3))
+    turns = np.empty((TURN_PIECES, 3))
     for index in range(len(paths.times)):
-        entry, leaving = entries[paths.entries[index]], exits[paths.exits[index]]
-        first, last, drive = paths.firsts[index], paths.lasts[index], paths.drives[index]
+        entry = entries[paths.entries[index]]
+        leaving = exits[paths.exits[index]]
+        first = paths.firsts[index]
+        last = paths.lasts[index]
+        drive = paths.drives[index]
         if is_clear(start, goal, first, last, drive, entry, leaving, around, forward):
             first, last, drive, found = close(
-                first, last, start, goal, entry, leaving, around.rates
+                first,
+                last,
+                start,
+                goal,
+                entry,
+                leaving,
+                around.rates,
             )
-            time = write_pieces(speeds, turns, first, last, drive, entry, leaving, around.rates)
-            as_fast = found and time < paths.times[index] + _LONGER
-            if as_fast and is_clear(
-                start, goal, first, last, drive, entry, leaving, around, forward
-            ):
+            time = write_pieces(
+                speeds,
+                turns,
+                first,
+                last,
+                drive,
+                entry,
+                leaving,
+                around.rates,
+            )
+            if not (found and time < paths.times[index] + _LONGER):
+                continue
+            if is_clear(start, goal, first, last, drive, entry, leaving, around, forward):
                 return index, first, last, drive
     return -1, 0.0, 0.0, 0.0

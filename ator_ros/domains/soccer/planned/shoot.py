@@ -1,4 +1,4 @@
-"""shoot: accelerate straight at the goal, then brake so that the ball rolls on between the posts."""
+"""shoot: accelerate straight at the goal, then brake, so that the ball rolls on into it."""
 
 from __future__ import annotations
 
@@ -30,12 +30,15 @@ from ator_ros.robot.description import Limits, Robot
 from ator_ros.world.state import World
 
 _SLANT = math.radians(60.0)  # greatest angle between a shot and the goal's axis
-# of the ball's rolling distance, at which it is released; the rest is for losses
+# Share of the ball's rolling distance at which it is released; the rest is for losses. The robot,
+# which brakes harder than the ball, then stops with its axle before the line.
 _ROLL_SHARE = 0.62
 _ROOM = 0.05  # m between the robot and the goal's posts and walls
 _AIMS = (-0.6, -0.3, 0.0, 0.3, 0.6)  # shares of half the goal's width
+# rad between a shot and the goal's axis
 _SLANTS = tuple(math.radians(angle) for angle in (-50.0, -25.0, 0.0, 25.0, 50.0))
 _GRID_TRIES = 1500  # run-ups that are checked
+# candidates: turns in rad, and lengths in m by which the straight before a turn is longer
 _TURNS: FloatArray = math.radians(1.0) * np.arange(-292, 293, dtype=float)
 _LEADS: FloatArray = np.array((0.0, 0.1, 0.2, 0.3, 0.45, 0.7, 1.0, 1.4))
 
@@ -46,28 +49,36 @@ class _Shooting(NamedTuple):
     rates: Rates
     hold: float
     reach: float
-    radius: float
+    radius: float  # of the ball
     roll: float  # m per (m/s)^2: see `_roll_of`
-    rolling: float
+    rolling: float  # of the ball
     brake: float
-    half_width: float
+    half_width: float  # of the goal
     depth: float
 
 
 def _run_up(
     robot: Robot, start: Pose, mouth: Pose, entries: Ends, limits: Limits
 ) -> Manoeuvre | None:
-    """Plan the run-up with one turn that has the ball in the goal first; None if the posts block all.
+    """Plan the run-up with one turn that has the ball in the goal first.
 
-    `mouth` is the middle of the goal's mouth, heading out of the field.
+    None if the posts block all. `mouth` is the middle of the goal's mouth, heading out of the
+    field.
     """
     begin = Pose(*map(float, mouth.relative(start)))
-    ball, field = robot.scene.objects[BALL], field_of(robot)
-    numbers = (
-        robot.hold, robot.reach, ball.radius, _roll_of(robot), ball.rolling_deceleration, robot.limits.brake,
-        field.goal_width / 2.0, field.goal_depth,
-    )  # fmt: skip
-    shooting = _Shooting(rates_of(limits), *map(float, numbers))
+    ball = robot.scene.objects[BALL]
+    field = field_of(robot)
+    shooting = _Shooting(
+        rates_of(limits),
+        hold=float(robot.hold),
+        reach=float(robot.reach),
+        radius=float(ball.radius),
+        roll=float(_roll_of(robot)),
+        rolling=float(ball.rolling_deceleration),
+        brake=float(robot.limits.brake),
+        half_width=float(field.goal_width / 2.0),
+        depth=float(field.goal_depth),
+    )
     found = ranked(_run_ups(begin, entries, shooting), _GRID_TRIES)
     around = surroundings(robot, limits, Obstacles())
     index = _first_clear_run_up(from_center(start, robot), found, entries.sides, around)
@@ -75,7 +86,12 @@ def _run_up(
         return None
     entry, turn, pushed, released = found[index, [1, 3, 4, 5]].tolist()
     side = Side(*entries.sides[int(entry)].tolist())._replace(length=float(found[index, 2]))
-    goal = _end_of(start, found[index], np.array(side), around.rates)
+    goal = _end_of(
+        start,
+        found[index],
+        np.array(side),
+        around.rates,
+    )
     release = Side(0.0, released, released, 0.0, limits.w)
     return Manoeuvre(start, goal, side, release, turn, 0.0, pushed, limits)
 
@@ -87,22 +103,26 @@ def _run_ups(start: Pose, entries: Ends, shooting: _Shooting) -> FloatArray:
     Columns: time in s until the ball is in, number of the entry, length of its lead in m, turn in
     rad, length of the last straight in m, speed at its end in m/s.
     """
-    rates, sides, (along, across) = shooting.rates, entries.sides, entries.turns
-    found, count = np.empty((len(_TURNS) * len(sides) * len(_LEADS), 6)), 0
-    cos, sin = math.cos(start.yaw), math.sin(start.yaw)
+    rates = shooting.rates
+    sides = entries.sides
+    along, across = entries.turns
+    found = np.empty((len(_TURNS) * len(sides) * len(_LEADS), 6))
+    count = 0
+    cos = math.cos(start.yaw)
+    sin = math.sin(start.yaw)
     for turn in _TURNS:
         heading = (start.yaw + turn + math.pi) % math.tau - math.pi
         if abs(heading) > _SLANT or abs(turn) > WIDEST:
             continue
-        c, s = math.cos(heading), math.sin(heading)
-        ahead, aside = math.cos(start.yaw + turn), math.sin(start.yaw + turn)
+        c = math.cos(heading)
+        s = math.sin(heading)
+        ahead = math.cos(start.yaw + turn)
+        aside = math.sin(start.yaw + turn)
         for entry in range(len(sides)):
-            outer, begin, change, rate = (
-                sides[entry, 1],
-                sides[entry, 2],
-                sides[entry, 3],
-                sides[entry, 4],
-            )
+            outer = sides[entry, 1]
+            begin = sides[entry, 2]
+            change = sides[entry, 3]
+            rate = sides[entry, 4]
             turning = turn_time(turn, rate, rates.aw)
             speed = min(max(begin + change * turning, -rates.v), rates.v)
             forth = look_up(along, entry, turn) + begin * turning
@@ -111,32 +131,45 @@ def _run_ups(start: Pose, entries: Ends, shooting: _Shooting) -> FloatArray:
             turned_y = start.y + aside * forth + ahead * left
             for further in _LEADS:
                 lead = sides[entry, 0] + further
-                x, y = turned_x + lead * cos, turned_y + lead * sin
+                x = turned_x + lead * cos
+                y = turned_y + lead * sin
                 pushed, released, time = _release(x, y, c, s, speed, shooting)
                 if time == np.inf:
                     continue
                 time += turning + drive_time(lead, outer, begin, rates)
-                found[count, 0], found[count, 1], found[count, 2] = time, entry, lead
-                found[count, 3], found[count, 4], found[count, 5] = turn, pushed, released
+                found[count, 0] = time
+                found[count, 1] = entry
+                found[count, 2] = lead
+                found[count, 3] = turn
+                found[count, 4] = pushed
+                found[count, 5] = released
                 count += 1
     return found[:count]
 
 
 @inlined
 def _release(
-    x: float, y: float, c: float, s: float, speed: float, shooting: _Shooting
+    x: float,
+    y: float,
+    c: float,
+    s: float,
+    speed: float,
+    shooting: _Shooting,
 ) -> tuple[float, float, float]:
-    """Return how far (m) and to which speed (m/s) to push a ball straight on, and the time (s) to the goal.
+    """Return how far (m) and to which speed (m/s) to push a ball, and the time (s) to the goal.
 
     The straight begins at the axle's place (x, y) in the frame of the goal's mouth, at `speed`, in
     the direction with cosine `c` and sine `s`. The time is infinite if ball or robot would miss the
     mouth.
     """
-    ball_x, ball_y = x + shooting.hold * c, y + shooting.hold * s
-    left, crossing = (shooting.radius - ball_x) / c, ball_y - ball_x * s / c
+    ball_x = x + shooting.hold * c
+    ball_y = y + shooting.hold * s
+    left = (shooting.radius - ball_x) / c
+    crossing = ball_y - ball_x * s / c
     if left < 0.0 or (shooting.half_width - abs(crossing)) * c - shooting.reach < _ROOM:
         return 0.0, 0.0, np.inf
-    rates, roll = shooting.rates, shooting.roll
+    rates = shooting.rates
+    roll = shooting.roll
     gaining = (left - roll * speed * speed) / (1.0 + 2.0 * roll * rates.a)
     pushed = max(gaining, left - roll * rates.v * rates.v, 0.0)
     released = min(math.sqrt(speed * speed + 2.0 * rates.a * pushed), rates.v)
@@ -164,12 +197,10 @@ def _first_clear_run_up(
     """Return the index of the first run-up that is clear of walls; -1 if none is."""
     for index in range(len(found)):
         entry = entries[int(found[index, 1])].copy()
-        entry[0], turn, pushed, released = (
-            found[index, 2],
-            found[index, 3],
-            found[index, 4],
-            found[index, 5],
-        )
+        entry[0] = found[index, 2]
+        turn = found[index, 3]
+        pushed = found[index, 4]
+        released = found[index, 5]
         leaving = np.array((0.0, released, released, 0.0, around.rates.w))
         goal = _end_of(start, found[index], entry, around.rates)
         if is_clear(start, goal, turn, 0.0, pushed, entry, leaving, around, False):
@@ -178,16 +209,26 @@ def _first_clear_run_up(
 
 
 @compiled
-def _end_of(start: Pose, run_up: FloatArray, entry: FloatArray, rates: Rates) -> Pose:
+def _end_of(
+    start: Pose,
+    run_up: FloatArray,
+    entry: FloatArray,
+    rates: Rates,
+) -> Pose:
     """Return the pose at the end of a run-up; see `_run_ups`."""
     x, y, heading = pose_after_turn(start, run_up[3], entry, rates)
     pushed = run_up[4]
-    return Pose(x + pushed * math.cos(heading), y + pushed * math.sin(heading), heading)
+    return Pose(
+        x + pushed * math.cos(heading),
+        y + pushed * math.sin(heading),
+        heading,
+    )
 
 
 def _release_poses(robot: Robot, mouth: Pose, limits: Limits) -> list[Pose]:
     """Return some poses of the axle from which a ball that is pushed at full speed is released."""
-    half, poses = field_of(robot).goal_width / 2.0, []
+    half = field_of(robot).goal_width / 2.0
+    poses = []
     for aim, slant in itertools.product(_AIMS, _SLANTS):
         if half * (1.0 - abs(aim)) * math.cos(slant) - robot.reach >= _ROOM:
             line = robot.scene.radius(BALL) / math.cos(slant)
@@ -196,9 +237,15 @@ def _release_poses(robot: Robot, mouth: Pose, limits: Limits) -> list[Pose]:
     return poses
 
 
-def _time_after(robot: Robot, mouth: Pose, released: Pose, speed: float) -> float:
+def _time_after(
+    robot: Robot,
+    mouth: Pose,
+    released: Pose,
+    speed: float,
+) -> float:
     """Return the time in s from a release at `speed` (m/s) until the ball is behind the line."""
-    ball, rolling = mouth.relative(released).ahead(robot.hold), robot.scene.objects[BALL]
+    ball = mouth.relative(released).ahead(robot.hold)
+    rolling = robot.scene.objects[BALL]
     distance = (rolling.radius - ball.x) / math.cos(ball.yaw)
     return _rolling_time(rolling.rolling_deceleration, float(speed), float(distance))
 
@@ -225,9 +272,9 @@ class Shoot(HoldingAction):
     def setup(self) -> None:
         """Compute the tables of run-ups from rest; see `Action.setup`."""
         limits = self.plan_limits
-        self._check_turns(
-            entries_with_ball(self.robot, limits, 0.0), release_exits(self.robot, limits)
-        )
+        entries = entries_with_ball(self.robot, limits, 0.0)
+        exits = release_exits(self.robot, limits)
+        self._check_turns(entries, exits)
 
     def start(self, world: World, goal: Goal) -> None:
         """Plan the run-up; see `Action.start`."""
@@ -236,18 +283,31 @@ class Shoot(HoldingAction):
 
     def is_done(self, world: World) -> bool:
         """Return whether the ball is in the goal."""
-        ball, robot = ball_of(world), self.robot
+        ball = ball_of(world)
+        robot = self.robot
         if ball is None:
             return False
-        return is_in_goal(ball, self.goal.pose, field_of(robot), robot.scene.radius(BALL))
+        return is_in_goal(
+            ball,
+            self.goal.pose,
+            field_of(robot),
+            robot.scene.radius(BALL),
+        )
 
     def plan(self, world: World) -> Manoeuvre:
         """Plan the run-up after which the ball is behind the line first."""
-        robot, limits, start = self.robot, self.plan_limits, world.robot.pose
+        robot = self.robot
+        limits = self.plan_limits
+        start = world.robot.pose
         side = field_of(robot).side_of(self.goal.pose.x)
         mouth = self.goal.pose._replace(yaw=0.0 if side > 0 else math.pi)
-        entries = entries_with_ball(robot, limits, round(max(0.0, world.robot.v), 3))
-        best, soonest = _run_up(robot, start, mouth, entries, limits), math.inf
+        entries = entries_with_ball(
+            robot,
+            limits,
+            round(max(0.0, world.robot.v), 3),
+        )
+        best = _run_up(robot, start, mouth, entries, limits)
+        soonest = math.inf
         if best is not None:
             if abs(best.first) < _LARGE:
                 return best
@@ -257,12 +317,21 @@ class Shoot(HoldingAction):
             longest = soonest - _time_after(robot, mouth, pose, limits.v)
             with suppress(ActionError):
                 plan = fastest(
-                    robot, start, pose, entries, exits, limits, Obstacles(),
-                    forward_only=True, tries=_MOST_TRIES, longest=longest,
-                )  # fmt: skip
+                    robot,
+                    start,
+                    pose,
+                    entries,
+                    exits,
+                    limits,
+                    Obstacles(),
+                    forward_only=True,
+                    tries=_MOST_TRIES,
+                    longest=longest,
+                )
                 time = plan.duration + _time_after(robot, mouth, plan.goal, plan.exit.outer_speed)
                 if time < soonest:
-                    best, soonest = plan, time
+                    best = plan
+                    soonest = time
         if best is None:
             raise ActionError(f"{self.name}: expected room for a run-up to the goal, found none")
         return best
@@ -274,8 +343,8 @@ class Shoot(HoldingAction):
         if self._released is None:
             return super().step(world)
         ball = ball_of(world)
-        over = world.time - self._released > _PATIENCE or ball is None or ball.is_resting
-        if over:
+        late = world.time - self._released > _PATIENCE
+        if late or ball is None or ball.is_resting:
             why = "the ball stopped before the goal"
             if self.check(world) is not None:
                 return finished(Status.FAILED, why)

@@ -1,4 +1,4 @@
-"""Trajectory tracking with feedback (Kanayama et al., ICRA 1990) and time scaling for weak bases."""
+"""Trajectory tracking with feedback (Kanayama et al. 1990) and time scaling for weak bases."""
 
 from __future__ import annotations
 
@@ -15,24 +15,26 @@ from ator_ros.world.state import CONTROL_PERIOD, STOP, Command, RobotState, Worl
 
 _LEAST_LAG_SHARE = 0.8  # of the described acceleration: least one at which a lag is measured
 _FOLLOWS = 0.8  # share of the set speed's change below which a base is weak
-_LEAST = 3  # ticks
+_LEAST = 3  # ticks with a measured lag, before which the described one is used
 # s above the described lag; at the Pioneer as described the estimate is 0.005 s more
 _SURPRISE = 0.03
-_MOST = 0.2  # s
+_MOST = 0.2  # s, greatest lag
 
 
 class LagEstimator:
-    """Estimates a first-order lag by least squares from speeds below rising set speeds.
+    """Estimates the first-order lag of a base's motors.
 
-    Set speeds are those of a base as described, without a lag. A base that accelerates too slowly
-    is weak; its lag is not estimated.
+    It is a least-squares fit to speeds below rising set speeds. Set speeds are those of a base as
+    described, without a lag. A base that accelerates too slowly is weak; its lag is not estimated.
     """
 
     def __init__(self, robot: Robot) -> None:
         self._robot = robot
         self._last: World | None = None
         self._set = STOP
-        self._short, self._gained, self._count = 0.0, 0.0, 0
+        self._short = 0.0
+        self._gained = 0.0
+        self._count = 0
 
     @property
     def seconds(self) -> float:
@@ -44,14 +46,24 @@ class LagEstimator:
 
     def update(self, world: World, command: Command) -> None:
         """Process the state after a tick in which the base followed `command`."""
-        last, before, self._last = self._last, self._set, world
+        last = self._last
+        before = self._set
+        self._last = world
         if last is None or world.time <= last.time:
             self._set = Command(world.robot.v, world.robot.w)
             return
         passed = world.time - last.time
-        self._set = ramped(before, command, passed, self._robot.limits, self._robot.stop)
-        was, now = abs(last.robot.v), abs(world.robot.v)
-        asked, gained = (abs(self._set.v) - abs(before.v)) / passed, (now - was) / passed
+        self._set = ramped(
+            before,
+            command,
+            passed,
+            self._robot.limits,
+            self._robot.stop,
+        )
+        was = abs(last.robot.v)
+        now = abs(world.robot.v)
+        asked = (abs(self._set.v) - abs(before.v)) / passed
+        gained = (now - was) / passed
         if asked >= _LEAST_LAG_SHARE * self._robot.limits.a and gained >= _FOLLOWS * asked:
             short = 0.5 * (abs(self._set.v) + abs(before.v) - now - was)
             self._short += short * gained
@@ -68,8 +80,10 @@ _SEEN_LATE = 0.02  # s by which a robot has the speeds of its plan late
 # m/s^2 and rad/s^2: times the square of the preview, the deviation from which on the plan's time
 # slows down. For the Pioneer that is 0.028 m and 0.063 rad, where its deviation as described is
 # 0.0114 and 0.033 at most; for the Pioneer LX 0.2 and 0.47, where it is 0.12 and 0.11.
-_BEHIND, _TURNED_OFF = 5.7, 12.9
-_STRETCH, _TURN_STRETCH = 0.125, 0.3  # m and rad above these at which the time would stop
+_BEHIND = 5.7
+_TURNED_OFF = 12.9
+_STRETCH = 0.125  # m above this deviation at which the time would stop
+_TURN_STRETCH = 0.3  # rad
 # control periods; states that are farther apart, three times in a row, have a lower rate
 _RARE = 1.5
 _LEAST_RATE = 0.3  # s of the plan in 1 s
@@ -84,6 +98,10 @@ class Tracker:
 
     Parameters
     ----------
+    robot : Robot
+        The robot, as described.
+    trajectory : Trajectory
+        The plan.
     start_time : float
         Start of the trajectory in s of the world's time.
     waits : bool
@@ -93,13 +111,13 @@ class Tracker:
         overshoots can drive back.
     """
 
-    GAIN_ALONG = 2.0
-    GAIN_HEADING = 3.0
-    # Turn rate per lateral deviation: falls with speed so that the loop's damping stays above one
-    # half, and is 0 at rest, where turning corrects nothing.
+    GAIN_ALONG = 2.0  # m/s per m behind
+    GAIN_HEADING = 3.0  # rad/s per rad
+    # Turn rate per lateral deviation, in rad/s per m: it falls with speed so that the loop's
+    # damping stays above one half, and is 0 at rest, where turning corrects nothing.
     GAIN_ACROSS = 12.0
-    ACROSS_BANDWIDTH = 6.0
-    SLOW = 0.1
+    ACROSS_BANDWIDTH = 6.0  # greatest product of that gain and the speed, in rad/s^2
+    SLOW = 0.1  # m/s below which the gain falls to 0
     # Below this angular acceleration, or above this lag, the loop has to be slower to be stable.
     BRISK_TURNING = 4.0  # rad/s^2
     BRISK_LAG = 0.14  # s
@@ -121,7 +139,9 @@ class Tracker:
         still = RobotState(first.pose, first.v, first.w).is_still
         self._waits = waits and still and trajectory.duration > _SHORT
         self._weak = math.sqrt(robot.limits.aw / self.BRISK_TURNING)
-        self._robot, self._lag, self._command = robot, LagEstimator(robot), STOP
+        self._robot = robot
+        self._lag = LagEstimator(robot)
+        self._command = STOP
         self._gaps = deque([0.0] * 3, maxlen=3)  # between the last states, s
         self._period = CONTROL_PERIOD
         self._set_preview(robot.motor_time_constant)
@@ -135,14 +155,16 @@ class Tracker:
 
     def keep_time(self, world: World) -> None:
         """Advance the plan's time to the state of this tick, as fast as the robot follows."""
-        passed, self._last_time = world.time - self._last_time, world.time
+        passed = world.time - self._last_time
+        self._last_time = world.time
         self._gaps.append(passed)
         rare = min(self._gaps) > _RARE * CONTROL_PERIOD
         self._period = min(self._gaps) if rare else CONTROL_PERIOD
         self._wait_for_start(world)
         self._rate = 1.0
         if not self._waits:
-            error, planned = self.deviation(world), self.trajectory.at(self.elapsed(world))
+            error = self.deviation(world)
+            planned = self.trajectory.at(self.elapsed(world))
             behind = error.x * float(np.sign(planned.v)) - _BEHIND * self._usual**2
             turned_off = abs(error.yaw) - _TURNED_OFF * self._usual**2
             slower = 1.0 - max(0.0, behind / _STRETCH, turned_off / _TURN_STRETCH)
@@ -152,10 +174,7 @@ class Tracker:
         self._set_preview(self._lag.seconds)
 
     def _wait_for_start(self, world: World) -> None:
-        """Start the plan's time when the robot starts moving.
-
-        After long planning the command is late.
-        """
+        """Start the plan's time when the robot starts moving, which is late after long planning."""
         if not self._waits:
             return
         patient = world.time - self._created < _LONGEST_WAIT
@@ -169,9 +188,8 @@ class Tracker:
 
         def error(ticks: int) -> float:
             planned = self.trajectory.at(ticks * CONTROL_PERIOD - _SEEN_LATE)
-            change = abs(planned.v - world.robot.v) + self._robot.track / 2.0 * abs(
-                planned.w - world.robot.w
-            )
+            turn_change = abs(planned.w - world.robot.w)
+            change = abs(planned.v - world.robot.v) + self._robot.track / 2.0 * turn_change
             # Just after a start the speed differs most; a meter counts as much as a meter per
             # second.
             return change + planned.pose.distance(world.robot.pose)
@@ -200,8 +218,10 @@ class Tracker:
         """Return the next velocity command."""
         error = self.deviation(world)
         ahead = self.trajectory.at(self.elapsed(world) + self._rate * self._preview)
-        planned_v, planned_w = self._rate * ahead.v, self._rate * ahead.w
-        catching_up, behind = self.GAIN_ALONG * error.x, error.x if planned_v >= 0.0 else -error.x
+        planned_v = self._rate * ahead.v
+        planned_w = self._rate * ahead.w
+        catching_up = self.GAIN_ALONG * error.x
+        behind = error.x if planned_v >= 0.0 else -error.x
         if behind > 0.0:  # the reserve brakes again what catching up gains
             most = math.sqrt(2.0 * self._reserve * behind)
             catching_up = math.copysign(min(abs(catching_up), most), catching_up)
