@@ -16,10 +16,11 @@ import zlib
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from enum import IntEnum
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from ator_ros.experience.databases import connected, require_table, signals_raised, text_of
 from ator_ros.printable import printable
 from ator_ros.resources import share_folder
 
@@ -40,7 +41,6 @@ _BLOCK = 1 << 20  # bytes that are decompressed at once
 _REORDERED = 32 << 20  # bytes of messages among which the order of time is restored
 _MOST_AT_ONCE = 1000  # messages of one time that are compared
 _OVERHEAD = 200  # bytes of a message in Python, besides its data
-_STEPS = 20_000  # instructions of SQLite, about a millisecond, between two looks for signals
 
 
 class _Raw(NamedTuple):
@@ -323,25 +323,18 @@ def _unpacked_file(path: Path, stack: contextlib.ExitStack) -> Path:
 
 
 class _Sqlite:
-    """A .db3 file; attributes as of `_Mcap`.
-
-    Only tables are read. Views, virtual tables and computed columns are refused: they are programs,
-    which need not end.
-    """
+    """A .db3 file; attributes as of `_Mcap`. Only its tables are read."""
 
     def __init__(self, path: Path, stack: contextlib.ExitStack) -> None:
         # Without a log of changes beside it, the file is complete, also on read-only media.
         whole = not path.with_name(f"{path.name}-wal").exists()
         options = "mode=ro&immutable=1" if whole else "mode=ro"
-        database = sqlite3.connect(f"{path.absolute().as_uri()}?{options}", uri=True)
+        database = connected(path, options, longest=_LARGEST_CHUNK)
         self._data = stack.enter_context(contextlib.closing(database))
-        self._data.text_factory = partial(str, encoding="utf-8", errors="replace")
-        self._data.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, _LARGEST_CHUNK)
-        # A pending signal makes the call of the handler fail, which interrupts the query.
-        self._data.set_progress_handler(lambda: 0, _STEPS)
+        self._data.text_factory = text_of
         self.damage: Counter[str] = Counter()
         self.skipped_end = ""
-        with _signals_raised():
+        with signals_raised():
             self._require_table("topics", "id", "name", "type", "serialization_format")
             self._require_table("messages", "id", "topic_id", "timestamp", "data")
             texts = self._texts() if self._has("message_definitions") else {}
@@ -375,7 +368,7 @@ class _Sqlite:
         last = None
         wanted = set(numbers)
         try:
-            with _signals_raised():
+            with signals_raised():
                 for row, number, time, length, data in self._data.execute(
                     query, (LARGEST_MESSAGE, *numbers)
                 ):
@@ -399,19 +392,10 @@ class _Sqlite:
 
     def _require_table(self, table: str, *names: str) -> None:
         """Raise ValueError unless a table has these columns, and stores them."""
-        found = self._rows(
-            "SELECT type, substr(sql, 1, 13) FROM sqlite_master WHERE name = ?", table
-        )
-        if [(kind, str(sql).upper()) for kind, sql in found] != [("table", "CREATE TABLE ")]:
-            got = ", ".join(printable(kind) for kind, _ in found) or "none"
-            raise ValueError(
-                f"expected the table {table}, got {got}: no recording of ros2 bag record"
-            )
-        columns = self._rows("SELECT name, hidden FROM pragma_table_xinfo(?)", table)
-        if missing := [name for name in names if (name, 0) not in columns]:
-            raise ValueError(
-                f"{table}: expected the column {missing[0]}: no recording of ros2 bag record"
-            )
+        try:
+            require_table(self._data, table, *names)
+        except ValueError as error:
+            raise ValueError(f"{error}: no recording of ros2 bag record") from error
 
     def _texts(self) -> dict[str, str]:
         """Return the definitions of messages by type."""
@@ -427,17 +411,6 @@ class _Sqlite:
     def _rows(self, query: str, *values: object) -> list[tuple[Any, ...]]:
         """Return the first rows of a query: no recording has thousands of topics."""
         return list(itertools.islice(self._data.execute(query, values), 1000))
-
-
-@contextlib.contextmanager
-def _signals_raised() -> Iterator[None]:
-    """Raise KeyboardInterrupt if a signal interrupted a query, instead of the error of SQLite."""
-    try:
-        yield
-    except sqlite3.OperationalError as error:
-        if error.sqlite_errorcode == sqlite3.SQLITE_INTERRUPT:
-            raise KeyboardInterrupt from error
-        raise
 
 
 # Recordings
