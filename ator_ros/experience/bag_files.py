@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import heapq
+import io
 import itertools
 import sqlite3
 import struct
@@ -21,6 +22,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ator_ros.experience.databases import connected, require_table, signals_raised, text_of
+from ator_ros.experience.definitions import LARGEST_DEFINITION, checked_definition
 from ator_ros.printable import printable
 from ator_ros.resources import share_folder
 
@@ -34,6 +36,7 @@ LARGEST_MESSAGE = 4 << 20
 """Bytes of the largest message that is read, decompressed: a path of 40,000 poses."""
 _LARGEST_CHUNK = 64 << 20  # bytes; recorders write chunks of 1 MB, or of one image
 _MOST_DEFINITIONS = 16 << 20  # bytes of all message definitions of a file
+_MOST_TOPICS = 1000  # and types, of a file; Nav2 has about 100
 _LONGEST_NAME = 1000  # characters of a topic or type
 _MOST_RATIO = 200  # of zstd for a whole file; odometry of a robot at rest reaches 50
 _LEAST_RATIO_SIZE = 64 << 20  # bytes up to which any ratio is accepted
@@ -101,9 +104,13 @@ class _Mcap:
                 used.add(int.from_bytes(content[:2], "little"))
             elif opcode == _Opcode.SCHEMA and (schema := _schema_in(bytes(content))) is not None:
                 number, name, text = schema
-                if number not in self._definitions and len(text) <= spare:
-                    self._definitions[number] = name, text
-                    spare -= len(text)
+                if number in self._definitions:
+                    continue
+                if len(text) > spare or len(self._definitions) == _MOST_TOPICS:
+                    self.damage[f"types of messages after {_MOST_TOPICS:,} or 16 MiB"] += 1
+                    continue
+                self._definitions[number] = name, text
+                spare -= len(text)
             elif opcode == _Opcode.CHANNEL and (channel := _channel_in(bytes(content))) is not None:
                 number, name, encoding, schema_number = channel
                 kind, _ = self._definitions.get(schema_number, ("", ""))
@@ -404,13 +411,13 @@ class _Sqlite:
         query = (
             "SELECT topic_type, CAST(encoded_message_definition AS TEXT) "
             "FROM message_definitions NOT INDEXED "
-            "WHERE encoding = 'ros2msg' AND length(encoded_message_definition) < ?"
+            "WHERE encoding = 'ros2msg' AND length(encoded_message_definition) <= ?"
         )
-        return dict(self._rows(query, LARGEST_MESSAGE // 16))
+        return dict(self._rows(query, LARGEST_DEFINITION))
 
     def _rows(self, query: str, *values: object) -> list[tuple[Any, ...]]:
-        """Return the first rows of a query: no recording has thousands of topics."""
-        return list(itertools.islice(self._data.execute(query, values), 1000))
+        """Return the first rows of a query."""
+        return list(itertools.islice(self._data.execute(query, values), _MOST_TOPICS))
 
 
 # Recordings
@@ -483,7 +490,8 @@ class Bag:
                 data = _unpacked_message(raw.data)
                 key = file, raw.definition
                 if key not in decoders:
-                    decoders[key] = _decoder(raw.topic[1], file.definition(raw.definition))
+                    text = file.definition(raw.definition)
+                    decoders[key] = _decoder_or_error(raw.topic[1], text)
                 message = decoders[key](data)
             except ImportError:
                 raise
@@ -543,13 +551,29 @@ def _in_order(
         yield first, source
 
 
+def _decoder_or_error(kind: str, definition: str) -> Callable[[bytes], Any]:
+    """Return the decoder of a type; without a usable definition, it raises the reason as ValueError."""
+    try:
+        return _decoder(kind, definition)
+    except ImportError:
+        raise
+    except Exception as error:  # of the parser, on a damaged definition
+        why = str(error) or repr(error)
+
+    def fail(_: bytes) -> Any:
+        raise ValueError(why)
+
+    return fail
+
+
 def _decoder(kind: str, definition: str) -> Callable[[bytes], Any]:
     """Return the decoder of a type, whose definition may be empty."""
     from mcap.records import Schema
     from mcap_ros2.decoder import DecoderFactory
 
-    text = definition or _known_definition(kind)
-    decode = DecoderFactory().decoder_for("cdr", Schema(1, text.encode(), "ros2msg", kind))
+    name, text = checked_definition(kind, definition or _known_definition(kind))
+    with contextlib.redirect_stderr(io.StringIO()):  # the parser prints what it refuses
+        decode = DecoderFactory().decoder_for("cdr", Schema(1, text.encode(), "ros2msg", name))
     assert decode is not None  # it is None for other encodings only
     return decode
 
