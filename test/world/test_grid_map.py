@@ -151,6 +151,14 @@ def test_numbers_are_those_of_yaml_1_2(tmp_path: Path, text: str, number: float)
     assert load_map(file).resolution == number
 
 
+@pytest.mark.parametrize("text", [f"0x{'f' * 5000}", "1" + ":1" * 3000], ids=["hex", "base 60"])
+def test_a_number_of_too_many_digits_is_rejected(tmp_path: Path, text: str) -> None:
+    file = write_map(tmp_path, hall())
+    file.write_text(file.read_text().replace("resolution: 0.05", f"resolution: {text}"))
+    with pytest.raises(FileError, match=r"line \d: expected a number of at most 100 characters"):
+        load_map(file)
+
+
 def test_only_images_that_map_server_writes_are_decoded(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
