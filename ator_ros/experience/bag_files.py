@@ -10,6 +10,7 @@ import contextlib
 import heapq
 import io
 import itertools
+import shutil
 import sqlite3
 import struct
 import tempfile
@@ -38,8 +39,10 @@ _LARGEST_CHUNK = 64 << 20  # bytes; recorders write chunks of 1 MB, or of one im
 _MOST_DEFINITIONS = 16 << 20  # bytes of all message definitions of a file
 _MOST_TOPICS = 1000  # and types, of a file; Nav2 has about 100
 _LONGEST_NAME = 1000  # characters of a topic or type
-_MOST_RATIO = 200  # of zstd for a whole file; odometry of a robot at rest reaches 50
-_LEAST_RATIO_SIZE = 64 << 20  # bytes up to which any ratio is accepted
+_MOST_RATIO = 200  # of compressed data; odometry of a robot at rest reaches 50
+_ANY_RATIO = 16 << 20  # bytes of a file up to which any ratio is accepted
+_ANY_RATIO_MESSAGE = 64 << 10  # the same of a message that is compressed alone
+_LARGEST_FILE = 16 << 30  # bytes of a file that was compressed as a whole
 _BLOCK = 1 << 20  # bytes that are decompressed at once
 _REORDERED = 32 << 20  # bytes of messages among which the order of time is restored
 _MOST_AT_ONCE = 1000  # messages of one time that are compared
@@ -97,6 +100,7 @@ class _Mcap:
         self.skipped_end = ""
         self._definitions: dict[int, tuple[str, str]] = {}
         self._channels: dict[int, tuple[Topic, int]] = {}
+        self._spare = 0  # bytes that chunks may still have in this pass, decompressed
         used = set[int]()
         spare = _MOST_DEFINITIONS
         for opcode, content in self._records(self.damage):
@@ -117,7 +121,7 @@ class _Mcap:
                 if encoding == "cdr" and kind:
                     self._channels[number] = (name, kind), schema_number
                 elif encoding != "cdr":
-                    self.damage[f"topics in the encoding {printable(encoding)}"] += 1
+                    _count_encoding(encoding, self.damage)
         self.topics = {topic for number, (topic, _) in self._channels.items() if number in used}
 
     def definition(self, number: int) -> str:
@@ -140,6 +144,7 @@ class _Mcap:
     def _records(self, damage: Counter[str]) -> Iterator[tuple[int, memoryview]]:
         """Yield opcode and content of schemas, channels and messages, also of those in chunks."""
         begin = 8
+        self._spare = max(_ANY_RATIO, _MOST_RATIO * self._size)
         while begin + _RECORD_HEAD.size <= self._size:
             self._file.seek(begin)
             opcode, length = _RECORD_HEAD.unpack(self._file.read(_RECORD_HEAD.size))
@@ -169,6 +174,10 @@ class _Mcap:
             if size > _LARGEST_CHUNK:
                 damage["chunks of more than 64 MiB"] += 1
                 return
+            self._spare -= size
+            if self._spare < 0:
+                damage[f"chunks beyond {_MOST_RATIO} times the size of the file"] += 1
+                return
             records = _UNPACK[compression](packed, size)
         except (struct.error, ValueError, KeyError, RuntimeError, EOFError, _zstd_error()):
             damage["damaged chunks"] += 1
@@ -194,9 +203,9 @@ def _inner_records(records: memoryview, damage: Counter[str]) -> Iterator[tuple[
     while place + _RECORD_HEAD.size <= len(records):
         opcode, length = _RECORD_HEAD.unpack_from(records, place)
         begin = place + _RECORD_HEAD.size
-        place = begin + length
-        if place > len(records):
+        if opcode == 0 or begin + length > len(records):
             break
+        place = begin + length
         if opcode in _READ and _fits(opcode, length, damage):
             yield opcode, records[begin:place]
     if place != len(records):
@@ -229,6 +238,13 @@ def _channel_in(content: bytes) -> tuple[int, str, str, int] | None:
     except (struct.error, UnicodeDecodeError):
         return None
     return (number, name, encoding, schema_number) if _is_short(name) else None
+
+
+def _count_encoding(encoding: object, damage: Counter[str]) -> None:
+    """Count a topic that is not in CDR; all are one kind of damage, which names the first encoding."""
+    begin = "topics in another encoding than cdr, such as "
+    known = (what for what in damage if what.startswith(begin))
+    damage[next(known, f"{begin}{printable(encoding)}")] += 1
 
 
 def _is_short(name: object) -> bool:
@@ -286,19 +302,20 @@ _UNPACK: dict[str, Callable[[bytes | memoryview, int], bytes]] = {
 def _unpacked_message(data: bytes) -> bytes:
     """Return a message without the compression of each message by ``ros2 bag record``.
 
-    Raises ValueError if it is damaged, or larger than `LARGEST_MESSAGE`.
+    Raises ValueError if it is damaged, larger than `LARGEST_MESSAGE`, or of an implausible ratio.
     """
     if data[:4] != _ZSTD:
         return data
     import zstandard
 
+    most = min(LARGEST_MESSAGE, max(_ANY_RATIO_MESSAGE, _MOST_RATIO * len(data)))
     try:
         reader = zstandard.ZstdDecompressor(max_window_size=_LARGEST_CHUNK).stream_reader(data)
-        unpacked: bytes = reader.read(LARGEST_MESSAGE + 1)
+        unpacked: bytes = reader.read(most + 1)
     except zstandard.ZstdError as error:
         raise ValueError(f"expected a message compressed with zstd: {error}") from error
-    if len(unpacked) > LARGEST_MESSAGE:
-        raise ValueError("expected at most 4 MiB, decompressed")
+    if len(unpacked) > most:
+        raise ValueError(f"expected at most 4 MiB, and {_MOST_RATIO} times its size, decompressed")
     return unpacked
 
 
@@ -308,13 +325,21 @@ def _unpacked_file(path: Path, stack: contextlib.ExitStack) -> Path:
 
     folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="ator_ros_")))
     unpacked = folder / path.stem
-    spare = max(_LEAST_RATIO_SIZE, _MOST_RATIO * path.stat().st_size)
+    # Frames without content count as size, so the ratio alone does not protect the disk.
+    room = min(_LARGEST_FILE, shutil.disk_usage(folder).free // 2)
+    plausible = max(_ANY_RATIO, _MOST_RATIO * path.stat().st_size)
+    spare = min(plausible, room)
     try:
         with path.open("rb") as packed, unpacked.open("wb") as file:
             decompressor = zstandard.ZstdDecompressor(max_window_size=_LARGEST_CHUNK)
             reader = decompressor.stream_reader(packed, read_across_frames=True)
             while block := reader.read(_BLOCK):
                 spare -= len(block)
+                if spare < 0 and room < plausible:
+                    raise ValueError(
+                        f"{printable(path.name)}: expected at most {room >> 20:,} MiB, decompressed: "
+                        f"half of the free space in {folder.parent}, and 16 GiB"
+                    )
                 if spare < 0:
                     raise ValueError(
                         f"{printable(path.name)}: expected at most {_MOST_RATIO} times its size, "
@@ -352,7 +377,7 @@ class _Sqlite:
             if encoding == "cdr":
                 self._topics[number] = name, kind
             else:
-                self.damage[f"topics in the encoding {printable(encoding)}"] += 1
+                _count_encoding(encoding, self.damage)
         self.topics = set(self._topics.values())
         self._definitions = {
             number: texts.get(kind, "") for number, (_, kind) in self._topics.items()

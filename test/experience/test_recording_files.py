@@ -349,6 +349,24 @@ def bomb(size: int) -> bytes:
     )
 
 
+def repeated_bomb(file: Path) -> None:
+    """Write 80 kB whose chunks have 400 MB of messages."""
+    record = struct.pack("<BQHIQQ1000x", 5, 1022, 1, 0, 0, 0)
+    records = record * (10 * MEGABYTE // len(record))
+    packed = zstandard.ZstdCompressor().compress(records)
+    chunk = struct.pack("<QQQII4sQ", 0, 1, len(records), 0, 4, b"zstd", len(packed)) + packed
+    content = chunked(file, CompressionType.ZSTD).read_bytes()
+    part = struct.pack("<BQ", 6, len(chunk)) + chunk
+    file.write_bytes(content[:8] + 40 * part + content[8:])
+
+
+def zeros_bomb(file: Path) -> None:
+    packed = bomb(16 * MEGABYTE)
+    chunk = struct.pack("<QQQII4sQ", 0, 1, 16 * MEGABYTE, 0, 4, b"zstd", len(packed)) + packed
+    content = chunked(file).read_bytes()
+    file.write_bytes(content[:8] + struct.pack("<BQ", 6, len(chunk)) + chunk + content[8:])
+
+
 def messages_bomb(file: Path) -> None:
     chunked(file, data=bomb(200 * MEGABYTE))
 
@@ -365,9 +383,11 @@ def file_bomb(file: Path) -> None:
 
 
 BOMBS: dict[str, Any] = {
-    "messages": (messages_bomb, "a.mcap", "expected at most 4 MiB, decompressed"),
+    "messages": (messages_bomb, "a.mcap", "expected at most 4 MiB, and 200 times its size"),
     "large chunk": (lambda file: chunk_bomb(file, 200 * MEGABYTE), "a.mcap", "more than 64 MiB"),
     "false chunk": (lambda file: chunk_bomb(file, 1000), "a.mcap", "damaged chunks"),
+    "repeated messages": (repeated_bomb, "a.mcap", "beyond 200 times the size of the file"),
+    "zeros": (zeros_bomb, "a.mcap", "skipped 1 damaged chunks"),
     "file": (file_bomb, "a.mcap.zstd", "expected at most 200 times its size"),
 }
 
@@ -450,6 +470,43 @@ def test_definitions_may_have_comments_constants_and_defaults(tmp_path: Path) ->
     assert message.x == 2.5
     assert [(each.z, each.t.sec, each.t.nanosec) for each in message.several] == [(b"abcd", 7, 8)]
     assert message.y == ["abc", "d"]
+
+
+def test_a_decompressed_file_leaves_half_of_the_free_space(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    content = chunked(tmp_path / "a.mcap").read_bytes()
+    (tmp_path / "b.mcap.zstd").write_bytes(zstandard.ZstdCompressor().compress(content))
+    usage = shutil.disk_usage(tmp_path)._replace(free=len(content))
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: usage)
+    with pytest.raises(ExperienceError, match="half of the free space in"):
+        read(tmp_path / "b.mcap.zstd")
+
+
+def test_names_of_topics_may_be_no_utf_8(tmp_path: Path, usual: pd.DataFrame) -> None:
+    file = in_sqlite(tmp_path)
+    insert = "INSERT INTO topics SELECT {}, {}, type, {}, '', '' FROM topics LIMIT 1"
+    change(
+        file,
+        insert.format(9, "CAST(x'2fff00fe' AS TEXT)", "'cdr'"),
+        insert.format(10, "x'2fff'", "'cdr'"),
+        insert.format(11, "name", "CAST(x'ff' AS TEXT)"),
+    )
+    pd.testing.assert_frame_equal(read(file).frame, usual)
+
+
+def test_encodings_are_counted_together(tmp_path: Path) -> None:
+    file = chunked(tmp_path / "a.mcap")
+    with (tmp_path / "b.mcap").open("wb") as stream:
+        writer = Writer(stream)
+        writer.start("ros2")
+        schema = writer.register_schema(ODOMETRY, "ros2msg", b"int32 x")
+        for number in range(100):
+            channel = writer.register_channel(f"/{number}", f"e{number}", schema)
+            writer.add_message(channel, number, bytes(8), number)
+        writer.finish()
+    with Bag([file, tmp_path / "b.mcap"]) as bag:
+        assert bag.remarks() == ["skipped 100 topics in another encoding than cdr, such as e0"]
 
 
 def test_large_messages_are_skipped_before_they_are_read(
