@@ -29,6 +29,7 @@ T = TypeVar("T")
 VERSION = 1  # of all formats
 _FORMAT, _VERSION = "format", "schema_version"
 _LARGEST_JSON = 20_000_000  # bytes; the largest model that ships has 40 kB
+_LONGEST_NUMBER = 100  # characters; the decimals of a double have 17 digits
 _LONGEST_NAME = 100  # characters; file systems allow 255 bytes
 
 
@@ -248,7 +249,7 @@ def _problem_of(error: Exception) -> str:
 
 
 class _PlainLoader(yaml.SafeLoader):
-    """Reject aliases, which expand a few lines to billions of values, and duplicate keys."""
+    """Reject aliases, which expand a few lines to billions of values, duplicate keys, and long numbers."""
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
         """Reject an alias."""
@@ -270,6 +271,17 @@ class _PlainLoader(yaml.SafeLoader):
                 )
             seen.add((key.tag, key.value))
         return super().construct_mapping(node, deep)
+
+    def construct_yaml_int(self, node: yaml.ScalarNode) -> int:
+        """Reject a number that takes long to read, or that Python does not print."""
+        if len(node.value) > _LONGEST_NUMBER:
+            line = node.start_mark.line + 1
+            expected = f"a number of at most {_LONGEST_NUMBER} characters"
+            raise yaml.YAMLError(f"line {line}: expected {expected}, got {len(node.value)}")
+        return int(super().construct_yaml_int(node))
+
+
+_PlainLoader.add_constructor("tag:yaml.org,2002:int", _PlainLoader.construct_yaml_int)
 
 
 # PyYAML reads numbers as in YAML 1.1, where 5e-2 is a text: it has no point, or no sign.

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+import sys
+from collections.abc import Callable, Iterable
 from typing import ClassVar
 
 _LISTED = 120  # characters of each text of a list: whole sentences, such as reasons
@@ -20,7 +21,7 @@ def printable(text: object, most: int = 60) -> str:
     through `quoted` or `listed`, on its way into a log, an answer or a page: names of frames, nodes,
     topics, objects, TOPs, files and keys, and reasons of other programs.
     """
-    whole = text if isinstance(text, str) else str(text)
+    whole = text if isinstance(text, str) else _written(text, str)
     shown = "".join(
         character if character.isprintable() else repr(character)[1:-1]
         for character in whole[:most]
@@ -45,7 +46,7 @@ def one_line(text: object, most: int = _LONGEST) -> str:
     Of a long one whose parts are separated by semicolons, the first parts and the number of the
     others are kept; of any other, its beginning and its end.
     """
-    whole = text if isinstance(text, str) else str(text)
+    whole = text if isinstance(text, str) else _written(text, str)
     if len(whole) <= most and whole.isprintable():
         return whole
     spaced = " ".join(whole[: 20 * most].split())
@@ -78,4 +79,12 @@ class ReadableError(Exception):
 
 def quoted(value: object) -> str:
     """Return a text as `printable` does, in quotes; for any other value, its repr."""
-    return f"'{printable(value)}'" if isinstance(value, str) else printable(repr(value))
+    return f"'{printable(value)}'" if isinstance(value, str) else printable(_written(value, repr))
+
+
+def _written(value: object, write: Callable[[object], str]) -> str:
+    """Return `write(value)`; a description of a value with an integer of too many digits for Python."""
+    try:
+        return write(value)
+    except ValueError:
+        return f"{type(value).__name__} of more than {sys.get_int_max_str_digits()} digits"

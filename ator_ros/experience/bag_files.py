@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import contextlib
 import heapq
+import io
 import itertools
+import shutil
 import sqlite3
 import struct
 import tempfile
@@ -16,10 +18,12 @@ import zlib
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from enum import IntEnum
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from ator_ros.experience.databases import connected, require_table, signals_raised, text_of
+from ator_ros.experience.definitions import LARGEST_DEFINITION, checked_definition
 from ator_ros.printable import printable
 from ator_ros.resources import share_folder
 
@@ -33,14 +37,16 @@ LARGEST_MESSAGE = 4 << 20
 """Bytes of the largest message that is read, decompressed: a path of 40,000 poses."""
 _LARGEST_CHUNK = 64 << 20  # bytes; recorders write chunks of 1 MB, or of one image
 _MOST_DEFINITIONS = 16 << 20  # bytes of all message definitions of a file
+_MOST_TOPICS = 1000  # and types, of a file; Nav2 has about 100
 _LONGEST_NAME = 1000  # characters of a topic or type
-_MOST_RATIO = 200  # of zstd for a whole file; odometry of a robot at rest reaches 50
-_LEAST_RATIO_SIZE = 64 << 20  # bytes up to which any ratio is accepted
+_MOST_RATIO = 200  # of compressed data; odometry of a robot at rest reaches 50
+_ANY_RATIO = 16 << 20  # bytes of a file up to which any ratio is accepted
+_ANY_RATIO_MESSAGE = 64 << 10  # the same of a message that is compressed alone
+_LARGEST_FILE = 16 << 30  # bytes of a file that was compressed as a whole
 _BLOCK = 1 << 20  # bytes that are decompressed at once
 _REORDERED = 32 << 20  # bytes of messages among which the order of time is restored
 _MOST_AT_ONCE = 1000  # messages of one time that are compared
 _OVERHEAD = 200  # bytes of a message in Python, besides its data
-_STEPS = 20_000  # instructions of SQLite, about a millisecond, between two looks for signals
 
 
 class _Raw(NamedTuple):
@@ -94,6 +100,7 @@ class _Mcap:
         self.skipped_end = ""
         self._definitions: dict[int, tuple[str, str]] = {}
         self._channels: dict[int, tuple[Topic, int]] = {}
+        self._spare = 0  # bytes that chunks may still have in this pass, decompressed
         used = set[int]()
         spare = _MOST_DEFINITIONS
         for opcode, content in self._records(self.damage):
@@ -101,16 +108,20 @@ class _Mcap:
                 used.add(int.from_bytes(content[:2], "little"))
             elif opcode == _Opcode.SCHEMA and (schema := _schema_in(bytes(content))) is not None:
                 number, name, text = schema
-                if number not in self._definitions and len(text) <= spare:
-                    self._definitions[number] = name, text
-                    spare -= len(text)
+                if number in self._definitions:
+                    continue
+                if len(text) > spare or len(self._definitions) == _MOST_TOPICS:
+                    self.damage[f"types of messages after {_MOST_TOPICS:,} or 16 MiB"] += 1
+                    continue
+                self._definitions[number] = name, text
+                spare -= len(text)
             elif opcode == _Opcode.CHANNEL and (channel := _channel_in(bytes(content))) is not None:
                 number, name, encoding, schema_number = channel
                 kind, _ = self._definitions.get(schema_number, ("", ""))
                 if encoding == "cdr" and kind:
                     self._channels[number] = (name, kind), schema_number
                 elif encoding != "cdr":
-                    self.damage[f"topics in the encoding {printable(encoding)}"] += 1
+                    _count_encoding(encoding, self.damage)
         self.topics = {topic for number, (topic, _) in self._channels.items() if number in used}
 
     def definition(self, number: int) -> str:
@@ -133,6 +144,7 @@ class _Mcap:
     def _records(self, damage: Counter[str]) -> Iterator[tuple[int, memoryview]]:
         """Yield opcode and content of schemas, channels and messages, also of those in chunks."""
         begin = 8
+        self._spare = max(_ANY_RATIO, _MOST_RATIO * self._size)
         while begin + _RECORD_HEAD.size <= self._size:
             self._file.seek(begin)
             opcode, length = _RECORD_HEAD.unpack(self._file.read(_RECORD_HEAD.size))
@@ -162,6 +174,10 @@ class _Mcap:
             if size > _LARGEST_CHUNK:
                 damage["chunks of more than 64 MiB"] += 1
                 return
+            self._spare -= size
+            if self._spare < 0:
+                damage[f"chunks beyond {_MOST_RATIO} times the size of the file"] += 1
+                return
             records = _UNPACK[compression](packed, size)
         except (struct.error, ValueError, KeyError, RuntimeError, EOFError, _zstd_error()):
             damage["damaged chunks"] += 1
@@ -187,9 +203,9 @@ def _inner_records(records: memoryview, damage: Counter[str]) -> Iterator[tuple[
     while place + _RECORD_HEAD.size <= len(records):
         opcode, length = _RECORD_HEAD.unpack_from(records, place)
         begin = place + _RECORD_HEAD.size
-        place = begin + length
-        if place > len(records):
+        if opcode == 0 or begin + length > len(records):
             break
+        place = begin + length
         if opcode in _READ and _fits(opcode, length, damage):
             yield opcode, records[begin:place]
     if place != len(records):
@@ -222,6 +238,13 @@ def _channel_in(content: bytes) -> tuple[int, str, str, int] | None:
     except (struct.error, UnicodeDecodeError):
         return None
     return (number, name, encoding, schema_number) if _is_short(name) else None
+
+
+def _count_encoding(encoding: object, damage: Counter[str]) -> None:
+    """Count a topic that is not in CDR; all are one kind of damage, which names the first encoding."""
+    begin = "topics in another encoding than cdr, such as "
+    known = (what for what in damage if what.startswith(begin))
+    damage[next(known, f"{begin}{printable(encoding)}")] += 1
 
 
 def _is_short(name: object) -> bool:
@@ -279,19 +302,20 @@ _UNPACK: dict[str, Callable[[bytes | memoryview, int], bytes]] = {
 def _unpacked_message(data: bytes) -> bytes:
     """Return a message without the compression of each message by ``ros2 bag record``.
 
-    Raises ValueError if it is damaged, or larger than `LARGEST_MESSAGE`.
+    Raises ValueError if it is damaged, larger than `LARGEST_MESSAGE`, or of an implausible ratio.
     """
     if data[:4] != _ZSTD:
         return data
     import zstandard
 
+    most = min(LARGEST_MESSAGE, max(_ANY_RATIO_MESSAGE, _MOST_RATIO * len(data)))
     try:
         reader = zstandard.ZstdDecompressor(max_window_size=_LARGEST_CHUNK).stream_reader(data)
-        unpacked: bytes = reader.read(LARGEST_MESSAGE + 1)
+        unpacked: bytes = reader.read(most + 1)
     except zstandard.ZstdError as error:
         raise ValueError(f"expected a message compressed with zstd: {error}") from error
-    if len(unpacked) > LARGEST_MESSAGE:
-        raise ValueError("expected at most 4 MiB, decompressed")
+    if len(unpacked) > most:
+        raise ValueError(f"expected at most 4 MiB, and {_MOST_RATIO} times its size, decompressed")
     return unpacked
 
 
@@ -301,13 +325,21 @@ def _unpacked_file(path: Path, stack: contextlib.ExitStack) -> Path:
 
     folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="ator_ros_")))
     unpacked = folder / path.stem
-    spare = max(_LEAST_RATIO_SIZE, _MOST_RATIO * path.stat().st_size)
+    # Frames without content count as size, so the ratio alone does not protect the disk.
+    room = min(_LARGEST_FILE, shutil.disk_usage(folder).free // 2)
+    plausible = max(_ANY_RATIO, _MOST_RATIO * path.stat().st_size)
+    spare = min(plausible, room)
     try:
         with path.open("rb") as packed, unpacked.open("wb") as file:
             decompressor = zstandard.ZstdDecompressor(max_window_size=_LARGEST_CHUNK)
             reader = decompressor.stream_reader(packed, read_across_frames=True)
             while block := reader.read(_BLOCK):
                 spare -= len(block)
+                if spare < 0 and room < plausible:
+                    raise ValueError(
+                        f"{printable(path.name)}: expected at most {room >> 20:,} MiB, decompressed: "
+                        f"half of the free space in {folder.parent}, and 16 GiB"
+                    )
                 if spare < 0:
                     raise ValueError(
                         f"{printable(path.name)}: expected at most {_MOST_RATIO} times its size, "
@@ -323,25 +355,18 @@ def _unpacked_file(path: Path, stack: contextlib.ExitStack) -> Path:
 
 
 class _Sqlite:
-    """A .db3 file; attributes as of `_Mcap`.
-
-    Only tables are read. Views, virtual tables and computed columns are refused: they are programs,
-    which need not end.
-    """
+    """A .db3 file; attributes as of `_Mcap`. Only its tables are read."""
 
     def __init__(self, path: Path, stack: contextlib.ExitStack) -> None:
         # Without a log of changes beside it, the file is complete, also on read-only media.
         whole = not path.with_name(f"{path.name}-wal").exists()
         options = "mode=ro&immutable=1" if whole else "mode=ro"
-        database = sqlite3.connect(f"{path.absolute().as_uri()}?{options}", uri=True)
+        database = connected(path, options, longest=_LARGEST_CHUNK)
         self._data = stack.enter_context(contextlib.closing(database))
-        self._data.text_factory = partial(str, encoding="utf-8", errors="replace")
-        self._data.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, _LARGEST_CHUNK)
-        # A pending signal makes the call of the handler fail, which interrupts the query.
-        self._data.set_progress_handler(lambda: 0, _STEPS)
+        self._data.text_factory = text_of
         self.damage: Counter[str] = Counter()
         self.skipped_end = ""
-        with _signals_raised():
+        with signals_raised():
             self._require_table("topics", "id", "name", "type", "serialization_format")
             self._require_table("messages", "id", "topic_id", "timestamp", "data")
             texts = self._texts() if self._has("message_definitions") else {}
@@ -352,7 +377,7 @@ class _Sqlite:
             if encoding == "cdr":
                 self._topics[number] = name, kind
             else:
-                self.damage[f"topics in the encoding {printable(encoding)}"] += 1
+                _count_encoding(encoding, self.damage)
         self.topics = set(self._topics.values())
         self._definitions = {
             number: texts.get(kind, "") for number, (_, kind) in self._topics.items()
@@ -375,7 +400,7 @@ class _Sqlite:
         last = None
         wanted = set(numbers)
         try:
-            with _signals_raised():
+            with signals_raised():
                 for row, number, time, length, data in self._data.execute(
                     query, (LARGEST_MESSAGE, *numbers)
                 ):
@@ -399,19 +424,10 @@ class _Sqlite:
 
     def _require_table(self, table: str, *names: str) -> None:
         """Raise ValueError unless a table has these columns, and stores them."""
-        found = self._rows(
-            "SELECT type, substr(sql, 1, 13) FROM sqlite_master WHERE name = ?", table
-        )
-        if [(kind, str(sql).upper()) for kind, sql in found] != [("table", "CREATE TABLE ")]:
-            got = ", ".join(printable(kind) for kind, _ in found) or "none"
-            raise ValueError(
-                f"expected the table {table}, got {got}: no recording of ros2 bag record"
-            )
-        columns = self._rows("SELECT name, hidden FROM pragma_table_xinfo(?)", table)
-        if missing := [name for name in names if (name, 0) not in columns]:
-            raise ValueError(
-                f"{table}: expected the column {missing[0]}: no recording of ros2 bag record"
-            )
+        try:
+            require_table(self._data, table, *names)
+        except ValueError as error:
+            raise ValueError(f"{error}: no recording of ros2 bag record") from error
 
     def _texts(self) -> dict[str, str]:
         """Return the definitions of messages by type."""
@@ -420,24 +436,13 @@ class _Sqlite:
         query = (
             "SELECT topic_type, CAST(encoded_message_definition AS TEXT) "
             "FROM message_definitions NOT INDEXED "
-            "WHERE encoding = 'ros2msg' AND length(encoded_message_definition) < ?"
+            "WHERE encoding = 'ros2msg' AND length(encoded_message_definition) <= ?"
         )
-        return dict(self._rows(query, LARGEST_MESSAGE // 16))
+        return dict(self._rows(query, LARGEST_DEFINITION))
 
     def _rows(self, query: str, *values: object) -> list[tuple[Any, ...]]:
-        """Return the first rows of a query: no recording has thousands of topics."""
-        return list(itertools.islice(self._data.execute(query, values), 1000))
-
-
-@contextlib.contextmanager
-def _signals_raised() -> Iterator[None]:
-    """Raise KeyboardInterrupt if a signal interrupted a query, instead of the error of SQLite."""
-    try:
-        yield
-    except sqlite3.OperationalError as error:
-        if error.sqlite_errorcode == sqlite3.SQLITE_INTERRUPT:
-            raise KeyboardInterrupt from error
-        raise
+        """Return the first rows of a query."""
+        return list(itertools.islice(self._data.execute(query, values), _MOST_TOPICS))
 
 
 # Recordings
@@ -510,7 +515,8 @@ class Bag:
                 data = _unpacked_message(raw.data)
                 key = file, raw.definition
                 if key not in decoders:
-                    decoders[key] = _decoder(raw.topic[1], file.definition(raw.definition))
+                    text = file.definition(raw.definition)
+                    decoders[key] = _decoder_or_error(raw.topic[1], text)
                 message = decoders[key](data)
             except ImportError:
                 raise
@@ -570,13 +576,29 @@ def _in_order(
         yield first, source
 
 
+def _decoder_or_error(kind: str, definition: str) -> Callable[[bytes], Any]:
+    """Return the decoder of a type; without a usable definition, it raises the reason as ValueError."""
+    try:
+        return _decoder(kind, definition)
+    except ImportError:
+        raise
+    except Exception as error:  # of the parser, on a damaged definition
+        why = str(error) or repr(error)
+
+    def fail(_: bytes) -> Any:
+        raise ValueError(why)
+
+    return fail
+
+
 def _decoder(kind: str, definition: str) -> Callable[[bytes], Any]:
     """Return the decoder of a type, whose definition may be empty."""
     from mcap.records import Schema
     from mcap_ros2.decoder import DecoderFactory
 
-    text = definition or _known_definition(kind)
-    decode = DecoderFactory().decoder_for("cdr", Schema(1, text.encode(), "ros2msg", kind))
+    name, text = checked_definition(kind, definition or _known_definition(kind))
+    with contextlib.redirect_stderr(io.StringIO()):  # the parser prints what it refuses
+        decode = DecoderFactory().decoder_for("cdr", Schema(1, text.encode(), "ros2msg", name))
     assert decode is not None  # it is None for other encodings only
     return decode
 

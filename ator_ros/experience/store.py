@@ -13,19 +13,30 @@ import shutil
 import sqlite3
 import tempfile
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
 from dataclasses import asdict, astuple, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import pandas as pd
 
 from ator_ros.actions import DEFAULT_SET
+from ator_ros.experience.databases import (
+    code_of,
+    connected,
+    limit,
+    require_table,
+    signals_raised,
+    text_of,
+)
 from ator_ros.experience.episode import Episode
 from ator_ros.experience.table import Experience, ExperienceError, checked_rows, episode_frame, join
 from ator_ros.files import DamagedFileError, FileError, identity_of
+from ator_ros.printable import printable, quoted
+
+T = TypeVar("T")
 
 STORE = "records.db"
 NUMBER = "number"
@@ -45,7 +56,14 @@ DELETE FROM episodes WHERE action_set = :set AND number <=
 (SELECT number FROM episodes WHERE action_set = :set ORDER BY number DESC LIMIT 1 OFFSET :most)
 """
 # other errors, such as of a full disk, do not depend on the content of the file
-_DAMAGE = (sqlite3.SQLITE_ERROR, sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB)
+_DAMAGE = (
+    sqlite3.SQLITE_ERROR,
+    sqlite3.SQLITE_CORRUPT,
+    sqlite3.SQLITE_NOTADB,
+    sqlite3.SQLITE_TOOBIG,
+)
+_LONGEST = 1 << 20  # bytes of a record; those of soccer have 2 kB
+_PROGRAMS = "SELECT type, name FROM sqlite_master WHERE type IN ('trigger', 'view')"
 
 
 @dataclass(frozen=True)
@@ -84,6 +102,7 @@ class RecordStore:
         self._file, self._most = folder / STORE, most
         self._opened: tuple[int, int] | None = None  # identity of the open file
         self._database = sqlite3.connect(self._file, check_same_thread=False)
+        limit(self._database, longest=_LONGEST)
         try:
             with _errors_of(self._file):
                 self._prepare(info, first)
@@ -95,10 +114,16 @@ class RecordStore:
     def _prepare(self, info: StoreInfo, first: int) -> None:
         """Create the tables of a new store; check and count those of an old one."""
         database = self._database
+        for kind, name in database.execute(_PROGRAMS):
+            program = f"the {kind} {printable(name)}"
+            raise DamagedFileError(f"{self._file}: expected a store of records, got {program}")
         database.executescript(_TABLES)
+        _require_tables(database)
         (report,) = database.execute("PRAGMA integrity_check(1)").fetchone()
         if report != "ok":
-            raise DamagedFileError(f"{self._file}: expected a store of records: {report}")
+            raise DamagedFileError(
+                f"{self._file}: expected a store of records: {printable(report)}"
+            )
         source = database.execute(_SOURCE).fetchone()
         if source is None:
             with database:
@@ -108,7 +133,9 @@ class RecordStore:
             raise FileError(f"{self._file}: expected {info}, got {got}: choose another folder")
         (stored,) = database.execute(_STORED).fetchone() or (0,)
         if not isinstance(stored, int):
-            raise DamagedFileError(f"{self._file}: expected the number of records, got {stored!r}")
+            raise DamagedFileError(
+                f"{self._file}: expected the number of records, got {quoted(stored)}"
+            )
         self.stored = stored
 
     def is_in_place(self) -> bool:
@@ -149,17 +176,26 @@ class RecordStore:
 def _errors_of(file: Path) -> Iterator[None]:
     """Raise DamagedFileError or OSError instead of the errors of SQLite."""
     try:
-        yield
-    except (sqlite3.Error, UnicodeDecodeError) as error:
-        code = getattr(error, "sqlite_errorcode", sqlite3.SQLITE_ERROR) & 0xFF
+        with signals_raised():
+            yield
+    except FileError:
+        raise
+    except (sqlite3.Error, ValueError) as error:
+        code = code_of(error)
         if code in _DAMAGE:
-            raise DamagedFileError(f"{file}: expected a store of records: {error}") from error
+            shown = printable(error, 120)
+            raise DamagedFileError(f"{file}: expected a store of records: {shown}") from error
         full = code == sqlite3.SQLITE_FULL
         raise OSError(errno.ENOSPC if full else errno.EIO, str(error), str(file)) from error
 
 
-def _rows_of(folder: Path, query: str, *values: str) -> list[Any]:
-    """Return the rows that a query of a store yields.
+_Rows = Iterator[tuple[Any, ...]]
+_Read = Callable[[_Rows], T]
+"""What is done with the rows of a query, one after the other."""
+
+
+def _read(folder: Path, query: str, values: Sequence[str], read: _Read[T]) -> T:
+    """Return what `read` makes of the rows that a query of a store yields.
 
     Raises FileError.
     """
@@ -168,34 +204,38 @@ def _rows_of(folder: Path, query: str, *values: str) -> list[Any]:
         if not is_store(folder):
             raise FileError(f"{file}: expected a store of records, there is none")
         with _errors_of(file):
-            return _queried(file, query, values)
+            return _queried(file, query, values, read)
     except OSError as error:
         raise FileError(f"{file}: expected a store of records: {error.strerror}") from error
 
 
-def _queried(file: Path, query: str, values: Sequence[str]) -> list[Any]:
-    """Return the rows that a query of a database yields, also on a read-only medium."""
+def _queried(file: Path, query: str, values: Sequence[str], read: _Read[T]) -> T:
+    """Return what `read` makes of the rows of a query, also on a read-only medium."""
     try:
-        return _rows(file, "ro", query, values)
-    except sqlite3.OperationalError:
+        return _queried_as("ro", file, query, values, read)
+    except sqlite3.OperationalError as error:
+        if code_of(error) == sqlite3.SQLITE_INTERRUPT:
+            raise
         # SQLite has to write: a process was killed while it wrote, or the file is of version 0.1
         if os.access(file.parent, os.W_OK):
-            return _rows(file, "rw", query, values)
+            return _queried_as("rw", file, query, values, read)
     with tempfile.TemporaryDirectory() as writable:
         for part in file.parent.glob(f"{STORE}*"):
             shutil.copyfile(part, Path(writable, part.name))
-        return _rows(Path(writable, STORE), "rw", query, values)
+        return _queried_as("rw", Path(writable, STORE), query, values, read)
 
 
-def _rows(file: Path, mode: str, query: str, values: Sequence[str]) -> list[Any]:
-    address = f"{file.absolute().as_uri()}?mode={mode}"
-    with closing(sqlite3.connect(address, uri=True)) as database:
-        database.text_factory = _text
-        return database.execute(query, values).fetchall()
+def _queried_as(mode: str, file: Path, query: str, values: Sequence[str], read: _Read[T]) -> T:
+    with closing(connected(file, f"mode={mode}", longest=_LONGEST)) as database:
+        database.text_factory = text_of
+        _require_tables(database)
+        return read(database.execute(query, values))
 
 
-def _text(data: bytes) -> str:
-    return data.decode("utf-8", errors="replace")
+def _require_tables(database: sqlite3.Connection) -> None:
+    """Raise ValueError if a table of a store is missing, or is no stored table."""
+    require_table(database, "source", "robot_digest", "domain")
+    require_table(database, "episodes", "number", "action_set", "row")
 
 
 def is_store(path: Path) -> bool:
@@ -205,8 +245,19 @@ def is_store(path: Path) -> bool:
 
 def action_sets_in(folder: Path) -> list[str]:
     """Return the action sets with episodes in a store."""
-    rows = _rows_of(folder, "SELECT DISTINCT action_set FROM episodes ORDER BY action_set")
-    return [name for (name,) in rows]
+    query = "SELECT number, action_set FROM episodes NOT INDEXED"
+    return _read(folder, query, (), lambda rows: sorted({str(name) for _, name in _in_order(rows)}))
+
+
+def _in_order(rows: _Rows) -> _Rows:
+    """Yield rows; raise ValueError unless their first values increase: damage can make them endless."""
+    last = None
+    for row in rows:
+        number = row[0]
+        if not isinstance(number, int) or (last is not None and number <= last):
+            raise ValueError("rows are not in order")
+        last = number
+        yield row
 
 
 def read_store(folder: Path, action_set: str | None = None) -> Experience:
@@ -222,8 +273,10 @@ def read_store(folder: Path, action_set: str | None = None) -> Experience:
     rows = read_records(folder, name)
     if rows.empty:
         raise ExperienceError(f"{folder}: expected episodes of the action set {name}, found none")
-    source = StoreInfo(*_rows_of(folder, _SOURCE)[0])
-    metadata = {**asdict(source), "action_set": name, "command": "learning"}
+    first = _read(folder, _SOURCE, (), lambda rows: next(rows, None))
+    if first is None:
+        raise FileError(f"{folder / STORE}: expected a robot and a domain, got none")
+    metadata = {**asdict(StoreInfo(*first)), "action_set": name, "command": "learning"}
     return Experience(rows.drop(columns=NUMBER), metadata)
 
 
@@ -232,9 +285,9 @@ def read_records(folder: Path, action_set: str) -> pd.DataFrame:
 
     Damaged rows are left out with a warning. Raises FileError if `folder` has no store.
     """
-    query = "SELECT number - 1, row FROM episodes WHERE action_set = ? ORDER BY number"
-    stored = _rows_of(folder, query, action_set)
-    usable = _usable([(number, _parsed(text)) for number, text in stored], action_set)
+    query = "SELECT number, row FROM episodes NOT INDEXED WHERE action_set = ?"
+    stored = _read(folder, query, (action_set,), _parsed_rows)
+    usable = _usable(stored, action_set)
     if len(usable) < len(stored):
         text = f"{len(stored) - len(usable)} of {len(stored)} records are damaged and left out"
         warnings.warn(f"{folder / STORE}: {text}", stacklevel=2)
@@ -246,6 +299,10 @@ def read_records(folder: Path, action_set: str) -> pd.DataFrame:
 
 _Row = tuple[int, Any]
 """Number and content of a stored record."""
+
+
+def _parsed_rows(rows: _Rows) -> list[_Row]:
+    return [(number - 1, _parsed(text)) for number, text in _in_order(rows)]
 
 
 def _parsed(text: str) -> Any:

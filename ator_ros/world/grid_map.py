@@ -9,15 +9,19 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import yaml
+from numpy.typing import NDArray
 
 from ator_ros.files import FileError, atomic_write, read_yaml, write_text
 from ator_ros.geometry import BoolArray, FloatArray, Pose
 from ator_ros.printable import printable
 from ator_ros.schema import Must, SchemaError, Within, require, structured
+
+if TYPE_CHECKING:
+    from PIL import Image
 
 _LARGEST_YAML = 100_000  # bytes; map_server's have 200
 _FREE = 25  # percent up to which a cell of an OccupancyGrid is free, as map_saver writes it
@@ -190,7 +194,8 @@ def save_map(grid: GridMap, folder: Path) -> Path:
 def _free_pixels(file: Path, read: _MapFile) -> BoolArray:
     """Return which pixels of an image are free, shape (height, width): bright ones, unless `negate`.
 
-    Pixels that are not opaque are unknown, as in map_server.
+    The brightness of a color is the mean of its channels, as in map_server. Pixels that are not
+    opaque are unknown.
     """
     from PIL import Image  # slow to import, and needed with a map only
 
@@ -202,24 +207,56 @@ def _free_pixels(file: Path, read: _MapFile) -> BoolArray:
             )
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of Pillow, whose limit is similar to ours
-            image = Image.open(file, formats=_FORMATS)
-        with image:
-            if image.width * image.height > _MOST_CELLS:
-                raise ValueError(f"expected at most 1e8 pixels, got {image.width} x {image.height}")
-            opaque = None
-            if image.mode in _TRANSPARENT or "transparency" in image.info:
-                opaque = np.asarray(image.convert("RGBA").getchannel("A")) == 255
-            deep = image.mode.startswith("I")  # 16 bit
-            values = np.asarray(image if deep else image.convert("L"))
+            with Image.open(file, formats=_FORMATS) as image:
+                if image.width * image.height > _MOST_CELLS:
+                    got = f"{image.width} x {image.height}"
+                    raise ValueError(f"expected at most 1e8 pixels, got {got}")
+                values, most = _brightness(image)
+                opaque = _opaque(image, values, file)
     except FileError:
         raise
     except Exception as error:  # Pillow raises many on damaged files
         raise FileError(
             f"{shown}: expected a readable PGM or PNG, or a BMP: {printable(error, 70)}"
         ) from error
-    most = 65535 if deep else 255
     occupied = np.arange(most + 1) / most
     if not read.negate:
         occupied = 1.0 - occupied
     free: BoolArray = (occupied < read.free_thresh)[np.clip(values, 0, most)]
     return free if opaque is None else free & opaque
+
+
+def _brightness(image: Image.Image) -> tuple[NDArray[Any], int]:
+    """Return the brightness of each pixel of an image, and the greatest possible one."""
+    if image.mode.startswith("I"):  # 16 bit
+        return np.asarray(image), 65535
+    if image.mode in ("1", "L", "LA"):
+        return np.asarray(image.convert("L")), 255
+    colored = image.convert("RGB")
+    total = np.zeros((image.height, image.width), dtype=np.uint16)
+    for channel in ("R", "G", "B"):
+        total += np.asarray(colored.getchannel(channel))
+    return total, 3 * 255
+
+
+def _opaque(image: Image.Image, values: NDArray[Any], file: Path) -> BoolArray | None:
+    """Return which pixels of an image of some brightness are opaque; None if all are."""
+    transparent = image.info.get("transparency")
+    if image.mode in _TRANSPARENT or (image.mode == "P" and transparent is not None):
+        opaque: BoolArray = np.asarray(image.convert("RGBA").getchannel("A")) == 255
+        return opaque
+    if transparent is None:
+        return None
+    # A sample of a PNG file, before Pillow scales it: to 8 bit, or, in gray, from 16 bit not at all.
+    with file.open("rb") as stream:
+        bits = stream.read(25)[24]
+    if isinstance(transparent, tuple):
+        pixels = np.asarray(image)
+        matches = [
+            pixels[..., index] == sample >> (bits - 8) for index, sample in enumerate(transparent)
+        ]
+        opaque = ~np.all(matches, axis=0)
+    else:
+        sample = transparent % 2**bits
+        opaque = values != (sample if bits >= 8 else sample * 255 // (2**bits - 1))
+    return opaque

@@ -17,7 +17,7 @@ from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience.recordings import read_sources
 from ator_ros.experience.store import NUMBER, STORE, RecordStore, read_records, read_store
 from ator_ros.experience.table import goal_variables_of_columns
-from ator_ros.files import FileError
+from ator_ros.files import DamagedFileError, FileError
 
 
 def durations(folder: Path) -> list[float]:
@@ -71,6 +71,58 @@ def test_a_damaged_store_is_refused(tmp_path: Path) -> None:
     for read in (lambda: RecordStore(tmp_path, INFO, most=9), lambda: read_store(tmp_path)):
         with pytest.raises(FileError, match="expected a store of records"):
             read()
+
+
+ENDLESS = """
+WITH RECURSIVE r(n) AS (SELECT 1 UNION ALL SELECT n + 1 FROM r)
+SELECT n AS number, 'default' AS action_set, 'a' AS row FROM r
+"""
+PROGRAMS = {
+    "view": ("DROP TABLE episodes", f"CREATE VIEW episodes AS {ENDLESS}"),
+    "column": (
+        "DROP TABLE episodes",
+        "CREATE TABLE episodes (number INTEGER PRIMARY KEY, action_set TEXT, "
+        "row AS (hex(zeroblob(100000000))))",
+        "INSERT INTO episodes (action_set) VALUES ('default')",
+    ),
+    "large row": (
+        "INSERT INTO episodes (action_set, row) VALUES ('default', zeroblob(100000000))",
+    ),
+}
+
+
+def changed_store(folder: Path, *statements: str) -> None:
+    """Make a store of three episodes, and change it by statements of SQL."""
+    stored(folder, episodes(3)).close()
+    with closing(sqlite3.connect(folder / STORE)) as database, database:
+        for statement in statements:
+            database.execute(statement)
+
+
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_only_stored_tables_with_records_are_read(tmp_path: Path, name: str) -> None:
+    changed_store(tmp_path, *PROGRAMS[name])
+    with pytest.raises(FileError, match=f"{STORE}: expected a store of records: "):
+        read_store(tmp_path)
+
+
+@pytest.mark.parametrize(
+    "program",
+    [
+        f"CREATE TRIGGER t AFTER INSERT ON episodes BEGIN INSERT INTO source {ENDLESS}; END",
+        f"CREATE VIEW v AS {ENDLESS}",
+    ],
+)
+def test_nothing_is_appended_to_a_store_with_programs(tmp_path: Path, program: str) -> None:
+    changed_store(tmp_path, program)
+    with pytest.raises(DamagedFileError, match=r"expected a store of records, got the \w+ [tv]$"):
+        RecordStore(tmp_path, INFO, most=9)
+
+
+def test_a_store_without_a_robot_is_refused(tmp_path: Path) -> None:
+    changed_store(tmp_path, "DELETE FROM source")
+    with pytest.raises(FileError, match="expected a robot and a domain, got none"):
+        read_store(tmp_path)
 
 
 def test_a_store_of_another_robot_is_rejected(tmp_path: Path) -> None:

@@ -30,6 +30,7 @@ from bags import (
 from mcap.writer import CompressionType, Writer
 
 from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.experience.bag_files import Bag
 from ator_ros.experience.recordings import read_recording, read_sources
 from ator_ros.experience.table import Experience, ExperienceError
 from ator_ros.geometry import Pose
@@ -348,6 +349,24 @@ def bomb(size: int) -> bytes:
     )
 
 
+def repeated_bomb(file: Path) -> None:
+    """Write 80 kB whose chunks have 400 MB of messages."""
+    record = struct.pack("<BQHIQQ1000x", 5, 1022, 1, 0, 0, 0)
+    records = record * (10 * MEGABYTE // len(record))
+    packed = zstandard.ZstdCompressor().compress(records)
+    chunk = struct.pack("<QQQII4sQ", 0, 1, len(records), 0, 4, b"zstd", len(packed)) + packed
+    content = chunked(file, CompressionType.ZSTD).read_bytes()
+    part = struct.pack("<BQ", 6, len(chunk)) + chunk
+    file.write_bytes(content[:8] + 40 * part + content[8:])
+
+
+def zeros_bomb(file: Path) -> None:
+    packed = bomb(16 * MEGABYTE)
+    chunk = struct.pack("<QQQII4sQ", 0, 1, 16 * MEGABYTE, 0, 4, b"zstd", len(packed)) + packed
+    content = chunked(file).read_bytes()
+    file.write_bytes(content[:8] + struct.pack("<BQ", 6, len(chunk)) + chunk + content[8:])
+
+
 def messages_bomb(file: Path) -> None:
     chunked(file, data=bomb(200 * MEGABYTE))
 
@@ -364,9 +383,11 @@ def file_bomb(file: Path) -> None:
 
 
 BOMBS: dict[str, Any] = {
-    "messages": (messages_bomb, "a.mcap", "expected at most 4 MiB, decompressed"),
+    "messages": (messages_bomb, "a.mcap", "expected at most 4 MiB, and 200 times its size"),
     "large chunk": (lambda file: chunk_bomb(file, 200 * MEGABYTE), "a.mcap", "more than 64 MiB"),
     "false chunk": (lambda file: chunk_bomb(file, 1000), "a.mcap", "damaged chunks"),
+    "repeated messages": (repeated_bomb, "a.mcap", "beyond 200 times the size of the file"),
+    "zeros": (zeros_bomb, "a.mcap", "skipped 1 damaged chunks"),
     "file": (file_bomb, "a.mcap.zstd", "expected at most 200 times its size"),
 }
 
@@ -385,6 +406,107 @@ def test_memory_is_bounded_whatever_is_compressed(tmp_path: Path, name: str) -> 
         tracemalloc.stop()
     assert expected in said
     assert peak < MOST
+
+
+END = "\n" + "=" * 80 + "\nMSG: a/"
+DEFINITIONS = {
+    "elements without fields": (f"a/E[] x{END}E\nint32 C=1", "at least 4 bytes for each object"),
+    "elements without bytes": (f"a/E[] x{END}E\nuint8[8] y", "at least 4 bytes for each object"),
+    "elements of many types": (
+        "a/E0[] x" + "".join(f"{END}E{i}\na/E{i + 1} y" for i in range(99)) + f"{END}E99\nint64 y",
+        "at least 4 bytes for each object",
+    ),
+    "large array of objects": (f"a/E[99999] x{END}E\nint32 y", "at most 1000 objects"),
+    "type in itself": (f"a/E x{END}E\na/E y", "does not contain itself"),
+    "empty arrays": ("uint8[0] x\nint32 y", "expected arrays with elements"),
+    "many fields": ("".join(f"int8 x{i}\n" for i in range(3000)), "at most 2000 fields"),
+    "large": ("# a comment\n" * 9000 + "int8 x", "at most 64 KiB"),
+    "unknown type": ("a/E x", "expected a definition of a/E"),
+    "terminal": ("\x1b[2Jfloat64\x1b[31m x y z", "expected a field of nav_msgs/Odometry, got"),
+    "name": ("float64 X__", "invalid field name"),
+}
+
+
+@pytest.mark.parametrize("name", DEFINITIONS)
+def test_a_message_costs_memory_in_proportion_to_its_size(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], name: str
+) -> None:
+    """Definitions which could cost more are refused, once for all messages; nothing is printed."""
+    text, expected = DEFINITIONS[name]
+    with (tmp_path / "a.mcap").open("wb") as stream:
+        writer = Writer(stream)
+        writer.start("ros2")
+        schema = writer.register_schema(ODOMETRY, "ros2msg", text.encode())
+        channel = writer.register_channel("/odom", "cdr", schema)
+        for number in range(2000):
+            data = b"\0\1\0\0" + struct.pack("<I", 4_000_000_000) + bytes(1000)
+            writer.add_message(channel, number, data, number)
+        writer.finish()
+    with Bag([tmp_path / "a.mcap"]) as bag:
+        assert list(bag.messages(bag.topics)) == []
+        (remark,) = bag.remarks()
+    assert remark.startswith("skipped 2000 messages on /odom: ")
+    assert expected in remark
+    assert remark.isprintable()
+    assert capfd.readouterr() == ("", "")
+
+
+def test_definitions_may_have_comments_constants_and_defaults(tmp_path: Path) -> None:
+    text = (
+        "# of a robot\nint32 MOST = 5  # m\nstring<=5 NAME='a # b'\nfloat64 x 1.5\n\n"
+        f"E[<=3] several\tstring<=4[2] y\n{END}E\nuint8[4] z\nbuiltin_interfaces/msg/Time t\n"
+    ).replace("\t", "\n")
+    with (tmp_path / "a.mcap").open("wb") as stream:
+        writer = Writer(stream)
+        writer.start("ros2")
+        schema = writer.register_schema("a/msg/B", "ros2msg", text.encode())
+        channel = writer.register_channel("/b", "cdr", schema)
+        data = b"\0\1\0\0" + struct.pack("<dI4siI", 2.5, 1, b"abcd", 7, 8)
+        data += struct.pack("<I4sI2s", 4, b"abc\0", 2, b"d\0")
+        writer.add_message(channel, 1, data, 1)
+        writer.finish()
+    with Bag([tmp_path / "a.mcap"]) as bag:
+        ((_, message),) = bag.messages(bag.topics)
+    assert message.x == 2.5
+    assert [(each.z, each.t.sec, each.t.nanosec) for each in message.several] == [(b"abcd", 7, 8)]
+    assert message.y == ["abc", "d"]
+
+
+def test_a_decompressed_file_leaves_half_of_the_free_space(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    content = chunked(tmp_path / "a.mcap").read_bytes()
+    (tmp_path / "b.mcap.zstd").write_bytes(zstandard.ZstdCompressor().compress(content))
+    usage = shutil.disk_usage(tmp_path)._replace(free=len(content))
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: usage)
+    with pytest.raises(ExperienceError, match="half of the free space in"):
+        read(tmp_path / "b.mcap.zstd")
+
+
+def test_names_of_topics_may_be_no_utf_8(tmp_path: Path, usual: pd.DataFrame) -> None:
+    file = in_sqlite(tmp_path)
+    insert = "INSERT INTO topics SELECT {}, {}, type, {}, '', '' FROM topics LIMIT 1"
+    change(
+        file,
+        insert.format(9, "CAST(x'2fff00fe' AS TEXT)", "'cdr'"),
+        insert.format(10, "x'2fff'", "'cdr'"),
+        insert.format(11, "name", "CAST(x'ff' AS TEXT)"),
+    )
+    pd.testing.assert_frame_equal(read(file).frame, usual)
+
+
+def test_encodings_are_counted_together(tmp_path: Path) -> None:
+    file = chunked(tmp_path / "a.mcap")
+    with (tmp_path / "b.mcap").open("wb") as stream:
+        writer = Writer(stream)
+        writer.start("ros2")
+        schema = writer.register_schema(ODOMETRY, "ros2msg", b"int32 x")
+        for number in range(100):
+            channel = writer.register_channel(f"/{number}", f"e{number}", schema)
+            writer.add_message(channel, number, bytes(8), number)
+        writer.finish()
+    with Bag([file, tmp_path / "b.mcap"]) as bag:
+        assert bag.remarks() == ["skipped 100 topics in another encoding than cdr, such as e0"]
 
 
 def test_large_messages_are_skipped_before_they_are_read(

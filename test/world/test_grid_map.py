@@ -1,5 +1,7 @@
 """Maps from files of map_server."""
 
+import struct
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -79,12 +81,82 @@ def test_pixels_that_are_not_opaque_are_unknown(tmp_path: Path, mode: str) -> No
     assert read.free.tolist() == [[True, False, mode not in ("LA", "RGBA")]]
 
 
+def png(bits: int, color: int, row: bytes, *others: tuple[bytes, bytes]) -> bytes:
+    """Return a PNG file with a row of three pixels; color 0 is gray, 2 RGB and 3 a palette."""
+    chunks = [
+        (b"IHDR", struct.pack(">IIBBBBB", 3, 1, bits, color, 0, 0, 0)),
+        *others,
+        (b"IDAT", zlib.compress(b"\0" + row)),
+        (b"IEND", b""),
+    ]
+    return b"\x89PNG\r\n\x1a\n" + b"".join(
+        struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
+        for name, data in chunks
+    )
+
+
+@pytest.mark.parametrize(
+    ("bits", "row", "sample"),
+    [
+        (1, b"\x60", 1),
+        (2, b"\x3c", 3),
+        (4, b"\x0f\xe0", 15),
+        (8, b"\x00\xff\xfe", 255),
+        (16, struct.pack(">HHH", 0, 0xFE00, 0xFF00), 0xFE00),
+    ],
+)
+def test_the_transparent_gray_is_a_sample_before_scaling(
+    tmp_path: Path, bits: int, row: bytes, sample: int
+) -> None:
+    file = write_map(tmp_path, hall(), image="other.png")
+    (tmp_path / "other.png").write_bytes(png(bits, 0, row))
+    assert load_map(file).free.tolist() == [[False, True, True]]
+    transparent = b"tRNS", struct.pack(">H", sample)
+    (tmp_path / "other.png").write_bytes(png(bits, 0, row, transparent))
+    if bits > 2:
+        assert load_map(file).free.tolist() == [[False, False, True]]
+    else:
+        with pytest.raises(FileError, match="expected free cells, got none"):
+            load_map(file)
+
+
+def test_the_brightness_of_a_color_is_the_mean_of_its_channels(tmp_path: Path) -> None:
+    file = write_map(tmp_path, hall(), image="other.png")
+    yellow, pink, blue = b"\xff\xff\x00", b"\xff\xc8\xc8", b"\xc8\xc8\xff"
+    (tmp_path / "other.png").write_bytes(png(8, 2, yellow + pink + blue))
+    assert load_map(file).free.tolist() == [[False, True, True]]
+    transparent = b"tRNS", struct.pack(">HHH", 0xFF, 0xC8, 0xC8)
+    (tmp_path / "other.png").write_bytes(png(8, 2, yellow + pink + blue, transparent))
+    assert load_map(file).free.tolist() == [[False, False, True]]
+    palette = b"PLTE", yellow + pink + blue
+    (tmp_path / "other.png").write_bytes(png(8, 3, b"\0\1\2", palette))
+    assert load_map(file).free.tolist() == [[False, True, True]]
+
+
+def test_a_transparent_palette_is_read_without_a_warning(
+    tmp_path: Path, recwarn: pytest.WarningsRecorder
+) -> None:
+    file = write_map(tmp_path, hall(), image="other.png")
+    parts = (b"PLTE", b"\xfe" * 9), (b"tRNS", b"\xff\x80\xff")
+    (tmp_path / "other.png").write_bytes(png(8, 3, b"\0\1\2", *parts))
+    assert load_map(file).free.tolist() == [[True, False, True]]
+    assert not list(recwarn)
+
+
 @pytest.mark.parametrize(("text", "number"), [("5e-2", 0.05), ("1.e-1", 0.1), ("+.5E0", 0.5)])
 def test_numbers_are_those_of_yaml_1_2(tmp_path: Path, text: str, number: float) -> None:
     file = write_map(tmp_path, hall())
     content = file.read_text().replace("resolution: 0.05", f"resolution: {text}")
     file.write_text(content)
     assert load_map(file).resolution == number
+
+
+@pytest.mark.parametrize("text", [f"0x{'f' * 5000}", "1" + ":1" * 3000], ids=["hex", "base 60"])
+def test_a_number_of_too_many_digits_is_rejected(tmp_path: Path, text: str) -> None:
+    file = write_map(tmp_path, hall())
+    file.write_text(file.read_text().replace("resolution: 0.05", f"resolution: {text}"))
+    with pytest.raises(FileError, match=r"line \d: expected a number of at most 100 characters"):
+        load_map(file)
 
 
 def test_only_images_that_map_server_writes_are_decoded(
