@@ -12,6 +12,8 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from ator_ros.execution.odometry_point import OdometryPoint
 from ator_ros.geometry import wrap_angle
 from ator_ros.robot.description import Robot
@@ -31,6 +33,17 @@ _COASTING = 0.25  # s for which a base may keep a speed beyond its commands
 _BEYOND = 1.5  # multiple of the tolerance beyond its commands that is a fault
 _LOSES = 0.3  # s for which a base that follows does not lose speed below its commands
 _STEP = 0.025  # s; step of the prediction
+_GAIN = 1.25  # greatest share of the commanded speed of a base that is faster than commanded
+_FASTER = 1.05  # share of the commanded speed from which the base is said to be faster
+
+# Odometry is frozen; longer than total slip of 0.3 s, and at 20 Hz noticed within 0.5 s.
+_FROZEN = 0.35  # s for which the pose is the same although the robot is commanded to move
+_REPEATED = 0.3  # s; also if the velocity repeats exactly
+_SAME = 0.1  # share of the reported motion below which a pose is the same
+
+# A speed that is the opposite of the commands: see `Axis._is_opposite`.
+_OPPOSITE = 0.3  # s of motion that are compared
+_LATE = (0.0, 0.05, 0.1)  # s by which the base may be late in that comparison
 
 # A speed that is constant whatever is commanded: see `Axis._is_constant`.
 _CONSTANT = 0.25  # s of motion that are compared, besides the lag of the motors
@@ -56,7 +69,6 @@ class Thresholds:
     stop: float  # described change of speed per s when commanded to stand
     tolerance: float  # difference of speeds that is ignored
     window: float  # s over which the measured change of speed is compared with the predicted one
-    moved: float  # expected motion after which a constant pose counts as frozen: 3 cm or 0.08 rad
 
     @classmethod
     def of(cls, robot: Robot) -> tuple[Thresholds, Thresholds]:
@@ -67,8 +79,8 @@ class Thresholds:
             min(max(0.04 * x, least), 0.4 * x) for x, least in ((limits.v, 0.04), (limits.w, 0.1))
         )
         return (
-            cls(limits.v, min(limits.a, limits.brake), lag, robot.stop.backward, v, window, 0.03),
-            cls(limits.w, limits.aw, lag, robot.stop.turning, w, window, 0.08),
+            cls(limits.v, min(limits.a, limits.brake), lag, robot.stop.backward, v, window),
+            cls(limits.w, limits.aw, lag, robot.stop.turning, w, window),
         )
 
 
@@ -132,7 +144,8 @@ class Axis:
     base that may be late. The base must have made at least a quarter of the predicted change. A
     base that reaches a quarter of the commanded speeds or more is slow, which is no fault, unless
     it keeps a constant speed that is not its share of the commands: plans that start at the
-    measured speed conceal such a base.
+    measured speed conceal such a base. A base may also be up to a quarter faster than commanded if
+    it was so before the commands changed.
 
     A base may be up to `early` s earlier than its latency: commands that were sent but should act
     only then may explain its motion, too.
@@ -142,6 +155,7 @@ class Axis:
         self.thresholds, self._early = thresholds, early
         self._measured: deque[tuple[float, float]] = deque()
         self._smooth: deque[tuple[float, float]] = deque()
+        self._compared: deque[tuple[float, float, list[float]]] = deque()
         self._fault = Debounce()
         self._constant = False
         self._slow_for, self._share = 0.0, 1.0
@@ -151,7 +165,7 @@ class Axis:
 
     @property
     def share(self) -> float:
-        """The speed as a share of the commanded one if it has been lower for more than a second, else 1."""
+        """The speed as a share of the commanded one if it has differed for more than a second, else 1."""
         return self._share if self._slow_for >= 1.0 else 1.0
 
     @property
@@ -177,6 +191,7 @@ class Axis:
         limit = self.thresholds.limit
         latest = time + self._early
         recent = [clip(command, limit) for command in commands.between(time - _DELAY, latest)]
+        self._compare(time, commands)
         fault = self._fault_now(time, speed, recent, commands, gap)
         was_constant, self._constant = self._constant, fault is Fault.CONSTANT
         needed = _CONSTANT_PERSISTS if was_constant and self._constant else _PERSISTS
@@ -184,6 +199,8 @@ class Axis:
         stood = 0.0 in commands.between(time - _DELAY - 2.0 * self.thresholds.lag, latest)
         loses = not stood and self._loses(speed, min(recent), max(recent), gap)
         self._observe_share(speed, recent, gap.elapsed)
+        if self._is_opposite():
+            return Fault.REVERSED
         return fault if persists else Fault.STILL if loses else None
 
     def _fault_now(
@@ -195,11 +212,9 @@ class Axis:
         for early in {0.0, self._early}:
             predicted = self._fast(since, before, time, commands, early)
             fast += predicted[-round(_COASTING / _STEP) :]
-        if (
-            not min(fast) - _BEYOND * tolerance
-            <= self._measured[-1][1]
-            <= max(fast) + _BEYOND * tolerance
-        ):
+        gain = self._gain_at(since, before, commands)
+        low, high = gain * min(fast), gain * max(fast)
+        if not low - _BEYOND * tolerance <= self._measured[-1][1] <= high + _BEYOND * tolerance:
             return Fault.EXCESS
         # At the start of the window the base may just have started to move.
         fastest = max(self._smooth, key=lambda each: abs(each[1]))
@@ -217,7 +232,7 @@ class Axis:
         if gap.elapsed > _LONG_GAP:
             return None  # a base with a watchdog has stopped and started again
         sign = math.copysign(1.0, before)
-        most = max(sign * slow, *(sign * command for command in recent))
+        most = max(sign * slow, *(gain * sign * command for command in recent))
         had, has = sign * before, sign * speed
         if had - most >= tolerance and had - has < _QUARTER * (had - most):
             return Fault.EXCESS
@@ -246,7 +261,9 @@ class Axis:
         # The last commands cannot be the cause of a speed that was constant before.
         latest = time - _DELAY + self._early
         sent = [clip(command, axis.limit) for command in commands.between(since, latest)]
-        low, high = min(sent), max(sent)
+        gain = self._gain_at(*recently[0], commands)
+        low = min(*sent, *(gain * command for command in sent))
+        high = max(*sent, *(gain * command for command in sent))
         if low - axis.tolerance < speed < high + axis.tolerance:
             return False
         slower = all(command * speed >= speed * speed for command in sent)
@@ -266,6 +283,51 @@ class Axis:
         return not (
             possible and min(possible) - axis.tolerance <= speed <= max(possible) + axis.tolerance
         )
+
+    def _compare(self, time: float, commands: Commands) -> None:
+        """Store the last speed and the commands to which it may be the response."""
+        limit = self.thresholds.limit
+        sent = [clip(commands.between(time - late, time - late)[0], limit) for late in _LATE]
+        self._compared.append((time, self._measured[-1][1], sent))
+        while self._compared[0][0] < time - _OPPOSITE - _ROUNDING:
+            self._compared.popleft()
+
+    def _is_opposite(self) -> bool:
+        """Return whether the base has the opposite of the commanded speeds.
+
+        New plans start at the measured speed, so such a base is commanded to and fro: no single
+        speed differs from its commands for long.
+        """
+        if len(self._compared) < _FEWEST or self._span < 0.8 * _OPPOSITE:
+            return False
+        speeds = np.array([speed for _, speed, _ in self._compared])
+        changes = speeds - speeds.mean()
+        tolerance = self.thresholds.tolerance
+        if min(np.abs(speeds).mean(), 2.0 * np.abs(changes).mean()) < tolerance:
+            return False
+        for commands in np.array([sent for _, _, sent in self._compared]).T:
+            # The speeds are opposite, and so are their changes: a base that brakes late is not.
+            sums = (
+                np.abs(speeds + commands).sum(),
+                np.abs(changes + commands - commands.mean()).sum(),
+            )
+            if sums[0] > 0.5 * np.abs(speeds).sum() or sums[1] > 0.5 * np.abs(changes).sum():
+                continue
+            return True
+        return False
+
+    @property
+    def _span(self) -> float:
+        """The time in s between the first and the last speed that are compared."""
+        return self._compared[-1][0] - self._compared[0][0]
+
+    def _gain_at(self, time: float, speed: float, commands: Commands) -> float:
+        """Return the speed as a share of the least of the commands at `time`, 1 to 1.25."""
+        acting = commands.between(time - _DELAY - 2.0 * self.thresholds.lag, time)
+        command = min(acting, key=lambda each: each * speed)
+        if command * speed <= 0.0:
+            return 1.0
+        return min(_GAIN, max(1.0, speed / command))
 
     def _share_at(self, time: float, speed: float, commands: Commands) -> float:
         """Return the speed as a share of the commands at `time`, at least a quarter.
@@ -353,7 +415,9 @@ class Axis:
         if abs(command) < 0.2 * self.thresholds.limit:
             return
         share = speed / command
-        if 0.0 < share < 0.75:
+        if share > 1.0:
+            share = max(1.0, speed / max(recent, key=abs))
+        if 0.0 < share < 0.75 or _FASTER <= share <= _GAIN:
             passed = min(elapsed, 0.1)
             self._share += (share - self._share) * (passed / (self._slow_for + passed))
             self._slow_for = min(self._slow_for + passed, 2.0)
@@ -450,11 +514,11 @@ class MotionWatch:
 
     @property
     def remark(self) -> str:
-        """A sentence on a slow base, and on odometry of another point than the axle; else empty."""
+        """A sentence on a slow or fast base, and on odometry of another point than the axle; else empty."""
         parts = [
-            f"{verb} at about {100 * round(axis.share, 1):.0f} % of the commanded speed"
+            f"{verb} at about {_percent(axis.share)} % of the commanded speed"
             for verb, axis in (("drives", self._v), ("turns", self._w))
-            if axis.share < 1.0
+            if axis.share != 1.0
         ]
         slow = f"the base {' and '.join(parts)}" if parts else ""
         return "; ".join(filter(None, (slow, self._point.remark)))
@@ -527,28 +591,36 @@ class MotionWatch:
         return v, robot.w if abs(robot.w) >= self._turning.tolerance else turned / seconds
 
     def _frozen(self, time: float, robot: RobotState) -> str | None:
-        """Return the fault if the pose is constant while the velocity is not zero."""
+        """Return the fault if the robot is commanded to move and reports it, but its pose is constant."""
+        repeated = all(state == robot for _, state in self._since(time - _REPEATED))
+        recent = self._since(time - (_REPEATED if repeated else _FROZEN))
+        if not recent:
+            return None
+        began, first = recent[0]
+        states = [state for _, state in recent]
+        elapsed = time - began
+        if elapsed > _LONG_GAP * len(states):
+            return None  # messages are missing, between which the robot may have moved to and fro
         for axis, name, unit in ((0, "position", "m/s"), (1, "heading", "rad/s")):
-            thresholds = (self._driving, self._turning)[axis]
+            tolerance = (self._driving, self._turning)[axis].tolerance
             reported = (robot.v, robot.w)[axis]
-            seconds = min(max(thresholds.moved / max(abs(reported), _ROUNDING), _PERSISTS), 0.35)
-            latest = time - seconds + _ROUNDING
-            since = [index for index, (then, _) in enumerate(self._states) if then <= latest]
-            if abs(reported) < thresholds.tolerance or not since:
-                continue
-            states = [state for _, state in self._states][since[-1] :]
-            least = min((state.v, state.w)[axis] * math.copysign(1.0, reported) for state in states)
-            moved = max(abs(_moved(states[0], state)[axis]) for state in states)
-            elapsed = time - self._states[since[-1]][0]
-            if elapsed > _LONG_GAP * len(states):
-                continue  # messages are missing, between which the robot may have moved to and fro
-            if least >= thresholds.tolerance and moved < _QUARTER * least * elapsed:
+            sign = math.copysign(1.0, reported)
+            least = min(sign * (state.v, state.w)[axis] for state in states)
+            commanded = min(sign * sent for sent in self._commands[axis].between(began, time))
+            moved = max(abs(_moved(first, state)[axis]) for state in states)
+            moves = min(least, commanded) >= tolerance
+            if moves and moved < _SAME * least * elapsed:
                 return (
                     f"odometry is frozen: it reports {robot.v:.2f} m/s and {robot.w:.2f} rad/s, "
                     f"but its {name} has been constant for {elapsed:.2f} s "
                     f"(velocity {reported:.2f} {unit})"
                 )
         return None
+
+    def _since(self, time: float) -> list[tuple[float, RobotState]]:
+        """Return the states from the last one at or before `time` (s) on; none if there is no such one."""
+        before = [index for index, (then, _) in enumerate(self._states) if then <= time + _ROUNDING]
+        return list(self._states)[before[-1] :] if before else []
 
     def _message(self, robot: RobotState, faults: Sequence[Fault | None]) -> str | None:
         """Return the fault of the first axis that has one, in words."""
@@ -574,6 +646,11 @@ def _steps(seconds: float) -> tuple[int, float]:
     """Return the number of steps in which to predict, and their length in s."""
     count = math.ceil(seconds / _STEP - _ROUNDING)
     return count, seconds / count
+
+
+def _percent(share: float) -> int:
+    """Return a share in percent: in steps of ten below 1."""
+    return round(100 * share) if share > 1.0 else 10 * round(10 * share)
 
 
 def _is_below_quarter(speed: float, command: float) -> bool:
