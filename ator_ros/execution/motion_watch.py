@@ -41,6 +41,12 @@ _FROZEN = 0.35  # s for which the pose is the same although the robot is command
 _REPEATED = 0.3  # s; also if the velocity repeats exactly
 _SAME = 0.1  # share of the reported motion below which a pose is the same
 
+_CONTRADICTS = 0.15  # s over which pose and twist are compared when there is a fault
+
+# s by which a base may be later than `latency` if that explains a fault, and their step
+_LATEST, _LATE_STEP = 0.6, 0.05
+_COMPARED = 0.8  # s of motion for that
+
 # A speed that is the opposite of the commands: see `Axis._is_opposite`.
 _OPPOSITE = 0.3  # s of motion that are compared
 _LATE = (0.0, 0.05, 0.1)  # s by which the base may be late in that comparison
@@ -96,6 +102,7 @@ class Fault(enum.Enum):
     EARLY = (
         "reacts earlier than `latency` {latency:g} s: lower it (`calibrate` measures it): {shown}"
     )
+    LATE = "{late}: {shown}"
     CONSTANT = (
         "does not follow its commands: {shown}, constantly: another program may steer it, or it cannot reach "
         "the described {limit:.2f} {unit} (see calibrate)"
@@ -509,6 +516,7 @@ class MotionWatch:
         )
         self._commands = Commands(), Commands()
         self._last = STOP
+        self._faulty, self._late = False, False
         self._states: deque[tuple[float, RobotState]] = deque()
         self._received, self._answered = -math.inf, math.inf
 
@@ -522,6 +530,17 @@ class MotionWatch:
         ]
         slow = f"the base {' and '.join(parts)}" if parts else ""
         return "; ".join(filter(None, (slow, self._point.remark)))
+
+    @property
+    def cause(self) -> str:
+        """The cause of a fault that the motion after it shows; else empty."""
+        return f"the base {self._lateness}" if self._late else ""
+
+    @property
+    def _lateness(self) -> str:
+        return (
+            f"reacts later than `latency` {self._latency:g} s: raise it (`calibrate` measures it)"
+        )
 
     def sent(self, time: float, command: Command | None, now: float = -math.inf) -> None:
         """Record a command that was sent in response to a state of `time` (s), at `now` in real s.
@@ -563,9 +582,16 @@ class MotionWatch:
                 tolerant = axis.update(time, speed, self._commands[number], gap)
                 if tolerant is None and faults[number] is not None:
                     faults[number] = Fault.EARLY
+        if any(faults) or self._faulty:
+            self._faulty = True
+            self._late |= self._is_late(time, 0) or self._is_late(time, 1)
+            late = [None if fault is None else Fault.LATE for fault in faults]
+            faults = late if self._late and Fault.EARLY not in faults else faults
         for commands in self._commands:
-            commands.forget(time - 2.0 * self._driving.window)
-        return self._frozen(time, robot) or self._message(robot, faults)
+            commands.forget(time - max(2.0 * self._driving.window, _COMPARED + _LATEST))
+        message = self._message(robot, faults)
+        contradiction = self._contradiction(time) if message is not None else None
+        return self._frozen(time, robot) or contradiction or message
 
     def _delay_late_answer(self, gap: Gap) -> None:
         """Let a command that was sent late in a long gap act later.
@@ -617,6 +643,46 @@ class MotionWatch:
                 )
         return None
 
+    def _contradiction(self, time: float) -> str | None:
+        """Return that the last poses and velocities contradict each other, which explains a fault."""
+        recent = self._since(time - _CONTRADICTS)
+        if not recent:
+            return None
+        (began, first), (_, last) = recent[0], recent[-1]
+        for axis, part, unit in ((0, "linear.x", "m/s"), (1, "angular.z", "rad/s")):
+            tolerance = (self._driving, self._turning)[axis].tolerance
+            moved = _moved(first, last)[axis] / (time - began)
+            # The last velocities: one that jumped may have done so at any time between two messages.
+            speeds = [(state.v, state.w)[axis] for _, state in recent[1:]]
+            reported = min(max(moved, min(speeds)), max(speeds))
+            greatest = max(abs(moved), abs(reported))
+            if abs(moved - reported) >= max(tolerance, 0.5 * greatest) and moved:
+                return (
+                    f"odometry contradicts itself: its poses show {moved:.2f} {unit}, its "
+                    f"twist.{part} {reported:.2f} {unit}: check the unit, sign and frame of the twist"
+                )
+        return None
+
+    def _is_late(self, time: float, axis: int) -> bool:
+        """Return whether the base follows the commands of an axis, but later than `latency`."""
+        recent = self._since(time - _COMPARED) or list(self._states)
+        speeds = np.array([(state.v, state.w)[axis] for _, state in recent])
+        tolerance = (self._driving, self._turning)[axis].tolerance
+        if np.ptp(speeds) < 2.0 * tolerance:
+            return False  # a base that does not move does not react later
+
+        def off(late: float) -> float:
+            commands = self._commands[axis]
+            sent = [commands.between(then - late, then - late)[0] for then, _ in recent]
+            return float(np.abs(speeds - sent).mean())
+
+        steps = round(_LATEST / _LATE_STEP)
+        differences = [off(step * _LATE_STEP) for step in range(steps + 1)]
+        punctual = round(_DELAY / _LATE_STEP) + 1
+        least = min(differences[punctual:])
+        most = min(0.5 * min(differences[:punctual]), 0.5 * float(np.abs(speeds).mean()), tolerance)
+        return least < most
+
     def _since(self, time: float) -> list[tuple[float, RobotState]]:
         """Return the states from the last one at or before `time` (s) on; none if there is no such one."""
         before = [index for index, (then, _) in enumerate(self._states) if then <= time + _ROUNDING]
@@ -635,7 +701,12 @@ class MotionWatch:
                 fault = Fault.REVERSED if fault is Fault.STILL and against and command else fault
                 limit = axis.thresholds.limit
                 text = fault.value.format(
-                    move=move, shown=shown, limit=limit, unit=unit, latency=self._latency
+                    move=move,
+                    shown=shown,
+                    limit=limit,
+                    unit=unit,
+                    latency=self._latency,
+                    late=self._lateness,
                 )
                 backward = fault is Fault.STILL and axis is self._v and command < 0.0
                 return f"the base {text}{_NEVER_BACKWARD if backward else ''}"

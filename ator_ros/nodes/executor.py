@@ -389,7 +389,7 @@ class ExecutorNode(Node):
         """
         ending, remark = supervisor.ending, self._motion.remark
         if ending is Ending.BASE_FAULT:
-            return self._delay_problem() or self._commands.cause()
+            return self._motion.cause or self._delay_problem() or self._commands.cause()
         if ending is Ending.SUCCEEDED:
             return remark
         if ending is Ending.FAILED:

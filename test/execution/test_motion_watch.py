@@ -1,6 +1,7 @@
 """The motion watch: bases that do not follow commands are detected in time, without false alarms."""
 
 import dataclasses
+import re
 from dataclasses import dataclass
 
 import pytest
@@ -141,6 +142,49 @@ def test_a_base_that_swings_as_its_velocity_has_the_wrong_sign_is_stopped(
     assert done.ending is Ending.BASE_FAULT
     assert done.ended is not None
     assert done.ended <= since + 0.5
+
+
+@pytest.mark.parametrize(
+    ("share", "part"),
+    [((0.0, 0.0), "linear|angular"), ((1.0, 57.3), "angular"), ((0.1, 1.0), "linear")],
+)
+def test_a_twist_that_contradicts_the_pose_is_the_cause_of_a_fault(
+    share: tuple[float, float], part: str
+) -> None:
+    """It is always zero, in degrees, or a tenth."""
+
+    def wrong(_: float, state: RobotState) -> RobotState:
+        return RobotState(state.pose, share[0] * state.v, share[1] * state.w)
+
+    turns = chain(("goToPose", Pose(3.5, 1.0, 1.0)))
+    done = execute(LIBRARY, turns, base(), rate=30.0, sense=wrong)
+    assert done.ending is Ending.BASE_FAULT
+    assert re.search(rf"contradicts itself: .* twist\.({part})", done.execution.reason)
+
+
+@pytest.mark.parametrize(
+    ("latency", "goal"),
+    [
+        (0.2, Pose(1.0, -2.0, -2.0)),
+        (0.22, Pose(1.0, -2.0, -2.0)),
+        (0.25, Pose(1.0, -2.0, -2.0)),
+        (0.25, Pose(4.0, 0.0, 0.0)),
+    ],
+)
+def test_a_base_that_is_later_than_described_is_called_late(latency: float, goal: Pose) -> None:
+    late = KinematicBase(ROBOT, Pose(0.0, 0.0, 0.0), latency=latency)
+    done = execute(LIBRARY, chain(("goToPose", goal)), late, rate=30.0)
+    assert done.ending is Ending.BASE_FAULT
+    assert "reacts later than `latency` 0 s: raise it" in done.watch.cause
+
+
+def test_a_base_that_is_stuck_is_not_called_late() -> None:
+    for since in (0.0, 0.5, 1.5):
+        stuck = base(Failure("stuck", "v", since, "motion"))
+        done = execute(LIBRARY, AHEAD, stuck, rate=30.0)
+        assert done.ending is Ending.BASE_FAULT
+        assert "does not move as commanded" in done.execution.reason
+        assert done.watch.cause == ""
 
 
 @dataclass(frozen=True)
