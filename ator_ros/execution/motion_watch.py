@@ -12,6 +12,8 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from ator_ros.execution.odometry_point import OdometryPoint
 from ator_ros.geometry import wrap_angle
 from ator_ros.robot.description import Robot
@@ -31,6 +33,23 @@ _COASTING = 0.25  # s for which a base may keep a speed beyond its commands
 _BEYOND = 1.5  # multiple of the tolerance beyond its commands that is a fault
 _LOSES = 0.3  # s for which a base that follows does not lose speed below its commands
 _STEP = 0.025  # s; step of the prediction
+_GAIN = 1.25  # greatest share of the commanded speed of a base that is faster than commanded
+_FASTER = 1.05  # share of the commanded speed from which the base is said to be faster
+
+# Odometry is frozen; longer than total slip of 0.3 s, and at 20 Hz noticed within 0.5 s.
+_FROZEN = 0.35  # s for which the pose is the same although the robot is commanded to move
+_REPEATED = 0.3  # s; also if the velocity repeats exactly
+_SAME = 0.1  # share of the reported motion below which a pose is the same
+
+_CONTRADICTS = 0.15  # s over which pose and twist are compared when there is a fault
+
+# s by which a base may be later than `latency` if that explains a fault, and their step
+_LATEST, _LATE_STEP = 0.6, 0.05
+_COMPARED = 0.8  # s of motion for that
+
+# A speed that is the opposite of the commands: see `Axis._is_opposite`.
+_OPPOSITE = 0.3  # s of motion that are compared
+_LATE = (0.0, 0.05, 0.1)  # s by which the base may be late in that comparison
 
 # A speed that is constant whatever is commanded: see `Axis._is_constant`.
 _CONSTANT = 0.25  # s of motion that are compared, besides the lag of the motors
@@ -56,7 +75,6 @@ class Thresholds:
     stop: float  # described change of speed per s when commanded to stand
     tolerance: float  # difference of speeds that is ignored
     window: float  # s over which the measured change of speed is compared with the predicted one
-    moved: float  # expected motion after which a constant pose counts as frozen: 3 cm or 0.08 rad
 
     @classmethod
     def of(cls, robot: Robot) -> tuple[Thresholds, Thresholds]:
@@ -67,8 +85,8 @@ class Thresholds:
             min(max(0.04 * x, least), 0.4 * x) for x, least in ((limits.v, 0.04), (limits.w, 0.1))
         )
         return (
-            cls(limits.v, min(limits.a, limits.brake), lag, robot.stop.backward, v, window, 0.03),
-            cls(limits.w, limits.aw, lag, robot.stop.turning, w, window, 0.08),
+            cls(limits.v, min(limits.a, limits.brake), lag, robot.stop.backward, v, window),
+            cls(limits.w, limits.aw, lag, robot.stop.turning, w, window),
         )
 
 
@@ -84,6 +102,7 @@ class Fault(enum.Enum):
     EARLY = (
         "reacts earlier than `latency` {latency:g} s: lower it (`calibrate` measures it): {shown}"
     )
+    LATE = "{late}: {shown}"
     CONSTANT = (
         "does not follow its commands: {shown}, constantly: another program may steer it, or it cannot reach "
         "the described {limit:.2f} {unit} (see calibrate)"
@@ -132,7 +151,8 @@ class Axis:
     base that may be late. The base must have made at least a quarter of the predicted change. A
     base that reaches a quarter of the commanded speeds or more is slow, which is no fault, unless
     it keeps a constant speed that is not its share of the commands: plans that start at the
-    measured speed conceal such a base.
+    measured speed conceal such a base. A base may also be up to a quarter faster than commanded if
+    it was so before the commands changed.
 
     A base may be up to `early` s earlier than its latency: commands that were sent but should act
     only then may explain its motion, too.
@@ -142,6 +162,7 @@ class Axis:
         self.thresholds, self._early = thresholds, early
         self._measured: deque[tuple[float, float]] = deque()
         self._smooth: deque[tuple[float, float]] = deque()
+        self._compared: deque[tuple[float, float, list[float]]] = deque()
         self._fault = Debounce()
         self._constant = False
         self._slow_for, self._share = 0.0, 1.0
@@ -151,7 +172,7 @@ class Axis:
 
     @property
     def share(self) -> float:
-        """The speed as a share of the commanded one if it has been lower for more than a second, else 1."""
+        """The speed as a share of the commanded one if it has differed for more than a second, else 1."""
         return self._share if self._slow_for >= 1.0 else 1.0
 
     @property
@@ -177,6 +198,7 @@ class Axis:
         limit = self.thresholds.limit
         latest = time + self._early
         recent = [clip(command, limit) for command in commands.between(time - _DELAY, latest)]
+        self._compare(time, commands)
         fault = self._fault_now(time, speed, recent, commands, gap)
         was_constant, self._constant = self._constant, fault is Fault.CONSTANT
         needed = _CONSTANT_PERSISTS if was_constant and self._constant else _PERSISTS
@@ -184,6 +206,8 @@ class Axis:
         stood = 0.0 in commands.between(time - _DELAY - 2.0 * self.thresholds.lag, latest)
         loses = not stood and self._loses(speed, min(recent), max(recent), gap)
         self._observe_share(speed, recent, gap.elapsed)
+        if self._is_opposite():
+            return Fault.REVERSED
         return fault if persists else Fault.STILL if loses else None
 
     def _fault_now(
@@ -195,11 +219,9 @@ class Axis:
         for early in {0.0, self._early}:
             predicted = self._fast(since, before, time, commands, early)
             fast += predicted[-round(_COASTING / _STEP) :]
-        if (
-            not min(fast) - _BEYOND * tolerance
-            <= self._measured[-1][1]
-            <= max(fast) + _BEYOND * tolerance
-        ):
+        gain = self._gain_at(since, before, commands)
+        low, high = gain * min(fast), gain * max(fast)
+        if not low - _BEYOND * tolerance <= self._measured[-1][1] <= high + _BEYOND * tolerance:
             return Fault.EXCESS
         # At the start of the window the base may just have started to move.
         fastest = max(self._smooth, key=lambda each: abs(each[1]))
@@ -217,7 +239,7 @@ class Axis:
         if gap.elapsed > _LONG_GAP:
             return None  # a base with a watchdog has stopped and started again
         sign = math.copysign(1.0, before)
-        most = max(sign * slow, *(sign * command for command in recent))
+        most = max(sign * slow, *(gain * sign * command for command in recent))
         had, has = sign * before, sign * speed
         if had - most >= tolerance and had - has < _QUARTER * (had - most):
             return Fault.EXCESS
@@ -246,7 +268,9 @@ class Axis:
         # The last commands cannot be the cause of a speed that was constant before.
         latest = time - _DELAY + self._early
         sent = [clip(command, axis.limit) for command in commands.between(since, latest)]
-        low, high = min(sent), max(sent)
+        gain = self._gain_at(*recently[0], commands)
+        low = min(*sent, *(gain * command for command in sent))
+        high = max(*sent, *(gain * command for command in sent))
         if low - axis.tolerance < speed < high + axis.tolerance:
             return False
         slower = all(command * speed >= speed * speed for command in sent)
@@ -266,6 +290,51 @@ class Axis:
         return not (
             possible and min(possible) - axis.tolerance <= speed <= max(possible) + axis.tolerance
         )
+
+    def _compare(self, time: float, commands: Commands) -> None:
+        """Store the last speed and the commands to which it may be the response."""
+        limit = self.thresholds.limit
+        sent = [clip(commands.between(time - late, time - late)[0], limit) for late in _LATE]
+        self._compared.append((time, self._measured[-1][1], sent))
+        while self._compared[0][0] < time - _OPPOSITE - _ROUNDING:
+            self._compared.popleft()
+
+    def _is_opposite(self) -> bool:
+        """Return whether the base has the opposite of the commanded speeds.
+
+        New plans start at the measured speed, so such a base is commanded to and fro: no single
+        speed differs from its commands for long.
+        """
+        if len(self._compared) < _FEWEST or self._span < 0.8 * _OPPOSITE:
+            return False
+        speeds = np.array([speed for _, speed, _ in self._compared])
+        changes = speeds - speeds.mean()
+        tolerance = self.thresholds.tolerance
+        if min(np.abs(speeds).mean(), 2.0 * np.abs(changes).mean()) < tolerance:
+            return False
+        for commands in np.array([sent for _, _, sent in self._compared]).T:
+            # The speeds are opposite, and so are their changes: a base that brakes late is not.
+            sums = (
+                np.abs(speeds + commands).sum(),
+                np.abs(changes + commands - commands.mean()).sum(),
+            )
+            if sums[0] > 0.5 * np.abs(speeds).sum() or sums[1] > 0.5 * np.abs(changes).sum():
+                continue
+            return True
+        return False
+
+    @property
+    def _span(self) -> float:
+        """The time in s between the first and the last speed that are compared."""
+        return self._compared[-1][0] - self._compared[0][0]
+
+    def _gain_at(self, time: float, speed: float, commands: Commands) -> float:
+        """Return the speed as a share of the least of the commands at `time`, 1 to 1.25."""
+        acting = commands.between(time - _DELAY - 2.0 * self.thresholds.lag, time)
+        command = min(acting, key=lambda each: each * speed)
+        if command * speed <= 0.0:
+            return 1.0
+        return min(_GAIN, max(1.0, speed / command))
 
     def _share_at(self, time: float, speed: float, commands: Commands) -> float:
         """Return the speed as a share of the commands at `time`, at least a quarter.
@@ -353,7 +422,9 @@ class Axis:
         if abs(command) < 0.2 * self.thresholds.limit:
             return
         share = speed / command
-        if 0.0 < share < 0.75:
+        if share > 1.0:
+            share = max(1.0, speed / max(recent, key=abs))
+        if 0.0 < share < 0.75 or _FASTER <= share <= _GAIN:
             passed = min(elapsed, 0.1)
             self._share += (share - self._share) * (passed / (self._slow_for + passed))
             self._slow_for = min(self._slow_for + passed, 2.0)
@@ -445,19 +516,31 @@ class MotionWatch:
         )
         self._commands = Commands(), Commands()
         self._last = STOP
+        self._faulty, self._late = False, False
         self._states: deque[tuple[float, RobotState]] = deque()
         self._received, self._answered = -math.inf, math.inf
 
     @property
     def remark(self) -> str:
-        """A sentence on a slow base, and on odometry of another point than the axle; else empty."""
+        """A sentence on a slow or fast base, and on odometry of another point than the axle; else empty."""
         parts = [
-            f"{verb} at about {100 * round(axis.share, 1):.0f} % of the commanded speed"
+            f"{verb} at about {_percent(axis.share)} % of the commanded speed"
             for verb, axis in (("drives", self._v), ("turns", self._w))
-            if axis.share < 1.0
+            if axis.share != 1.0
         ]
         slow = f"the base {' and '.join(parts)}" if parts else ""
         return "; ".join(filter(None, (slow, self._point.remark)))
+
+    @property
+    def cause(self) -> str:
+        """The cause of a fault that the motion after it shows; else empty."""
+        return f"the base {self._lateness}" if self._late else ""
+
+    @property
+    def _lateness(self) -> str:
+        return (
+            f"reacts later than `latency` {self._latency:g} s: raise it (`calibrate` measures it)"
+        )
 
     def sent(self, time: float, command: Command | None, now: float = -math.inf) -> None:
         """Record a command that was sent in response to a state of `time` (s), at `now` in real s.
@@ -499,9 +582,16 @@ class MotionWatch:
                 tolerant = axis.update(time, speed, self._commands[number], gap)
                 if tolerant is None and faults[number] is not None:
                     faults[number] = Fault.EARLY
+        if any(faults) or self._faulty:
+            self._faulty = True
+            self._late |= self._is_late(time, 0) or self._is_late(time, 1)
+            late = [None if fault is None else Fault.LATE for fault in faults]
+            faults = late if self._late and Fault.EARLY not in faults else faults
         for commands in self._commands:
-            commands.forget(time - 2.0 * self._driving.window)
-        return self._frozen(time, robot) or self._message(robot, faults)
+            commands.forget(time - max(2.0 * self._driving.window, _COMPARED + _LATEST))
+        message = self._message(robot, faults)
+        contradiction = self._contradiction(time) if message is not None else None
+        return self._frozen(time, robot) or contradiction or message
 
     def _delay_late_answer(self, gap: Gap) -> None:
         """Let a command that was sent late in a long gap act later.
@@ -527,28 +617,76 @@ class MotionWatch:
         return v, robot.w if abs(robot.w) >= self._turning.tolerance else turned / seconds
 
     def _frozen(self, time: float, robot: RobotState) -> str | None:
-        """Return the fault if the pose is constant while the velocity is not zero."""
+        """Return the fault if the robot is commanded to move and reports it, but its pose is constant."""
+        repeated = all(state == robot for _, state in self._since(time - _REPEATED))
+        recent = self._since(time - (_REPEATED if repeated else _FROZEN))
+        if not recent:
+            return None
+        began, first = recent[0]
+        states = [state for _, state in recent]
+        elapsed = time - began
+        if elapsed > _LONG_GAP * len(states):
+            return None  # messages are missing, between which the robot may have moved to and fro
         for axis, name, unit in ((0, "position", "m/s"), (1, "heading", "rad/s")):
-            thresholds = (self._driving, self._turning)[axis]
+            tolerance = (self._driving, self._turning)[axis].tolerance
             reported = (robot.v, robot.w)[axis]
-            seconds = min(max(thresholds.moved / max(abs(reported), _ROUNDING), _PERSISTS), 0.35)
-            latest = time - seconds + _ROUNDING
-            since = [index for index, (then, _) in enumerate(self._states) if then <= latest]
-            if abs(reported) < thresholds.tolerance or not since:
-                continue
-            states = [state for _, state in self._states][since[-1] :]
-            least = min((state.v, state.w)[axis] * math.copysign(1.0, reported) for state in states)
-            moved = max(abs(_moved(states[0], state)[axis]) for state in states)
-            elapsed = time - self._states[since[-1]][0]
-            if elapsed > _LONG_GAP * len(states):
-                continue  # messages are missing, between which the robot may have moved to and fro
-            if least >= thresholds.tolerance and moved < _QUARTER * least * elapsed:
+            sign = math.copysign(1.0, reported)
+            least = min(sign * (state.v, state.w)[axis] for state in states)
+            commanded = min(sign * sent for sent in self._commands[axis].between(began, time))
+            moved = max(abs(_moved(first, state)[axis]) for state in states)
+            moves = min(least, commanded) >= tolerance
+            if moves and moved < _SAME * least * elapsed:
                 return (
                     f"odometry is frozen: it reports {robot.v:.2f} m/s and {robot.w:.2f} rad/s, "
                     f"but its {name} has been constant for {elapsed:.2f} s "
                     f"(velocity {reported:.2f} {unit})"
                 )
         return None
+
+    def _contradiction(self, time: float) -> str | None:
+        """Return that the last poses and velocities contradict each other, which explains a fault."""
+        recent = self._since(time - _CONTRADICTS)
+        if not recent:
+            return None
+        (began, first), (_, last) = recent[0], recent[-1]
+        for axis, part, unit in ((0, "linear.x", "m/s"), (1, "angular.z", "rad/s")):
+            tolerance = (self._driving, self._turning)[axis].tolerance
+            moved = _moved(first, last)[axis] / (time - began)
+            # The last velocities: one that jumped may have done so at any time between two messages.
+            speeds = [(state.v, state.w)[axis] for _, state in recent[1:]]
+            reported = min(max(moved, min(speeds)), max(speeds))
+            greatest = max(abs(moved), abs(reported))
+            if abs(moved - reported) >= max(tolerance, 0.5 * greatest) and moved:
+                return (
+                    f"odometry contradicts itself: its poses show {moved:.2f} {unit}, its "
+                    f"twist.{part} {reported:.2f} {unit}: check the unit, sign and frame of the twist"
+                )
+        return None
+
+    def _is_late(self, time: float, axis: int) -> bool:
+        """Return whether the base follows the commands of an axis, but later than `latency`."""
+        recent = self._since(time - _COMPARED) or list(self._states)
+        speeds = np.array([(state.v, state.w)[axis] for _, state in recent])
+        tolerance = (self._driving, self._turning)[axis].tolerance
+        if np.ptp(speeds) < 2.0 * tolerance:
+            return False  # a base that does not move does not react later
+
+        def off(late: float) -> float:
+            commands = self._commands[axis]
+            sent = [commands.between(then - late, then - late)[0] for then, _ in recent]
+            return float(np.abs(speeds - sent).mean())
+
+        steps = round(_LATEST / _LATE_STEP)
+        differences = [off(step * _LATE_STEP) for step in range(steps + 1)]
+        punctual = round(_DELAY / _LATE_STEP) + 1
+        least = min(differences[punctual:])
+        most = min(0.5 * min(differences[:punctual]), 0.5 * float(np.abs(speeds).mean()), tolerance)
+        return least < most
+
+    def _since(self, time: float) -> list[tuple[float, RobotState]]:
+        """Return the states from the last one at or before `time` (s) on; none if there is no such one."""
+        before = [index for index, (then, _) in enumerate(self._states) if then <= time + _ROUNDING]
+        return list(self._states)[before[-1] :] if before else []
 
     def _message(self, robot: RobotState, faults: Sequence[Fault | None]) -> str | None:
         """Return the fault of the first axis that has one, in words."""
@@ -563,7 +701,12 @@ class MotionWatch:
                 fault = Fault.REVERSED if fault is Fault.STILL and against and command else fault
                 limit = axis.thresholds.limit
                 text = fault.value.format(
-                    move=move, shown=shown, limit=limit, unit=unit, latency=self._latency
+                    move=move,
+                    shown=shown,
+                    limit=limit,
+                    unit=unit,
+                    latency=self._latency,
+                    late=self._lateness,
                 )
                 backward = fault is Fault.STILL and axis is self._v and command < 0.0
                 return f"the base {text}{_NEVER_BACKWARD if backward else ''}"
@@ -574,6 +717,11 @@ def _steps(seconds: float) -> tuple[int, float]:
     """Return the number of steps in which to predict, and their length in s."""
     count = math.ceil(seconds / _STEP - _ROUNDING)
     return count, seconds / count
+
+
+def _percent(share: float) -> int:
+    """Return a share in percent: in steps of ten below 1."""
+    return round(100 * share) if share > 1.0 else 10 * round(10 * share)
 
 
 def _is_below_quarter(speed: float, command: float) -> bool:

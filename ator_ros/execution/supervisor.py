@@ -38,6 +38,7 @@ _FIRST_GAP = 1.0
 _DELAYED = 0.1  # s above which a delay counts near the fence; less is the jitter of messages
 # the same if stamps run faster than real time, as a simulation may stall, and while nodes start
 _LONGEST_REASON = 275  # characters of what was observed and its cause
+_FEWEST_GAPS = 3  # in one goal; one or two are no cause of its failure
 _SHORTEST_REASON = 60  # of what was observed, if the cause is long
 _LONGEST_STALL = 2.0
 
@@ -131,6 +132,7 @@ class Supervisor:
         self.reason = Phase.WAITING.value
         self.start: World | None = None
         self.slowdown, self.may_stall = 1.0, False
+        self._gaps = list[float]()  # s; gaps in odometry in which the robot had to stand
         self.executor = ChainExecutor(
             library, chain, time_limit=deadlines.action, fetches=fetches, rolling=rolling
         )
@@ -184,6 +186,8 @@ class Supervisor:
             self._end_late()
         elif fault is not None:
             self.base_fault(fault)
+        if self.odometry_is_late(now):
+            self._gaps.append(now - self._odom_at)
         self._odom_at, self._newest = now, world
         # The first command, to stand, makes a simulation wait for the next one, which requires
         # planning.
@@ -350,6 +354,17 @@ class Supervisor:
         waiting = self.phase is not Phase.ENDED and not released
         slowdown = min(self.slowdown, GREATEST_STOP_SLOWDOWN)
         return waiting and now - self._odom_at > slowdown * self._deadlines.stop_after
+
+    @property
+    def gap_problem(self) -> str:
+        """That odometry had gaps in which the robot had to stand, several times; else empty."""
+        if len(self._gaps) < _FEWEST_GAPS:
+            return ""
+        return (
+            f"odom: expected messages at most {self._deadlines.stop_after:.2f} s apart, got "
+            f"{len(self._gaps)} longer gaps, up to {max(self._gaps):.2f} s, in which the robot stood: "
+            "check the network and its driver"
+        )
 
     def odometry_received(self, now: float) -> None:
         """Restart the timeout of odometry at `now`: messages that arrived during a tick are not late."""

@@ -19,7 +19,7 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 from ator_ros.nodes.inputs import GAPS, MOST_NAMED, Subscriptions
 from ator_ros.nodes.qos import RESULTS
 from ator_ros.printable import listed, one_line, printable
-from ator_ros.world.messages import FrameError, SendersError
+from ator_ros.world.messages import FrameError, SendersError, second_parent
 
 STEADY = Clock(clock_type=ClockType.STEADY_TIME)  # of timers that are independent of simulated time
 WARNING_PERIOD = 2.0  # s between two warnings that one line of code logs
@@ -143,6 +143,13 @@ class Diagnosis:
             f"{topic}: messages came {usual:.2f} s apart, too rarely for a timeout of {timeout:g} s: the "
             f"robot pauses between them; set {name}_timeout:={math.ceil(40.0 * usual) / 10.0:.1f}"
         )
+
+    def senders_problem(self) -> str:
+        """Return that an input has several senders, or a frame of it in tf two parents; else ""."""
+        frames = [item.frames for item in self._inputs.values() if item.frames is not None]
+        parents = (second_parent(self._tf.transforms, *pair) for pair in frames)
+        several = several_publishers(self._node, self.topics)
+        return "; ".join(filter(None, (several, *dict.fromkeys(parents))))
 
     def cause(self, name: str, timeout: float) -> str:
         """Return why an input is missing; `timeout` is its longest allowed gap in real s."""

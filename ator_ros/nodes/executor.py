@@ -391,22 +391,23 @@ class ExecutorNode(Node):
         """
         ending, remark = supervisor.ending, self._motion.remark
         if ending is Ending.BASE_FAULT:
-            return self._delay_problem() or self._commands.cause()
+            return self._motion.cause or self._delay_problem() or self._commands.cause()
         if ending is Ending.SUCCEEDED:
             return remark
         if ending is Ending.FAILED:
-            rates = self._diagnosis.rate_problem("odom", self._odom_timeout)
-            return remark or self._delay_problem() or rates
+            return (
+                self._diagnosis.senders_problem()
+                or self._delay_problem()
+                or self._diagnosis.rate_problem("odom", self._odom_timeout)
+                or supervisor.gap_problem
+                or remark
+            )
         if ending is not Ending.INPUT_LOST:
             return ""
         if self._world is None or time.monotonic() - self._odom_at > 0.5 * self._odom_timeout:
             return self._missing_cause("odom")
         lost = missing_in(supervisor.executor.chain.calls, self._world)
-        return (
-            self._missing_cause(lost[0])
-            if lost
-            else several_publishers(self, self._diagnosis.topics)
-        )
+        return self._missing_cause(lost[0]) if lost else self._diagnosis.senders_problem()
 
     def _missing_cause(self, name: str) -> str:
         timeout = self._odom_timeout if name == "odom" else self._settings[f"{name}_timeout"]

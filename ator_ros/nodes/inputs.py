@@ -34,6 +34,7 @@ from ator_ros.world.messages import (
     plain_frame,
     pose_from_placement,
     robot_from_placement,
+    second_parent,
     transform_from,
 )
 from ator_ros.world.state import ObjectState, RobotState
@@ -62,6 +63,8 @@ class TfListener:
     def problem(self, frame: str, child: str) -> str:
         """Return the problem if the place of `child` in `frame` is unknown or old."""
         ours = f"from {printable(frame)} to {printable(child)}"
+        if parents := second_parent(self.transforms, frame, child):
+            return parents
         if self.transforms.latest(frame, child) is not None:
             return f"tf: expected newer transforms {ours}"
         frames = listed(map(printable, self.transforms.frames), MOST_NAMED) or "none"

@@ -253,6 +253,31 @@ class SenderCheck:
         self._jumped_at = time
 
 
+class PoseSenderCheck:
+    """Recognizes that poses come from two senders, which may differ in their heading only.
+
+    `is_shared` and `least` (m, of positions): see `SenderCheck`.
+    """
+
+    def __init__(
+        self, is_shared: Callable[[], bool] | None = None, *, least: float = _LEAST_IN_TF
+    ) -> None:
+        self._positions = SenderCheck(is_shared, least=least)
+        self._headings = SenderCheck(is_shared)
+
+    def difference(self, time: float, x: float, y: float, yaw: float) -> str:
+        """Process a pose (m, rad) at `time` (s); return the difference of two senders with its unit.
+
+        It is empty for one sender.
+        """
+        distance = self._positions.distance(time, x, y)
+        # A heading is a position on the circle of radius 1 m, where 0.2 m are 0.2 rad.
+        chord = self._headings.distance(time, math.cos(yaw), math.sin(yaw))
+        if distance > 0.0:
+            return f"{distance:.2f} m"
+        return f"{2.0 * math.asin(min(0.5 * chord, 1.0)):.2f} rad" if chord > 0.0 else ""
+
+
 def _deviation(
     before: tuple[float, float, float],
     here: tuple[float, float, float],

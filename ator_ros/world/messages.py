@@ -18,6 +18,7 @@ from ator_ros.geometry import Pose, yaw_from_quaternion
 from ator_ros.printable import ReadableError, quoted
 from ator_ros.schema import require
 from ator_ros.world.estimation import (
+    PoseSenderCheck,
     RobotVelocity,
     SenderCheck,
     TwistCheck,
@@ -300,7 +301,7 @@ class OdometryReader:
 
         Then the poses decide."""
         self._check = TwistCheck() if corrects else None
-        self._senders = SenderCheck(is_shared)
+        self._senders = PoseSenderCheck(is_shared)
 
     def read(self, odometry: Any) -> tuple[float, RobotState]:
         """Return time in s and state of the robot from a nav_msgs/Odometry.
@@ -320,8 +321,8 @@ class OdometryReader:
         time = seconds_from(odometry.header.stamp, "odom.header.stamp")
         robot = RobotState(pose, v, w)
         self.frame = self.frame or plain_frame(given)
-        if distance := self._senders.distance(time, pose.x, pose.y):
-            raise SendersError(f"odom: {_to_and_fro(distance)}")
+        if difference := self._senders.difference(time, *pose):
+            raise SendersError(f"odom: {_to_and_fro(difference)}")
         if self._check is None:
             return time, robot
         checked, found = self._check.check(time, robot)
@@ -358,7 +359,7 @@ class ObjectReader:
         x = position(pose.position.x, f"{where}.pose: position.x")
         y = position(pose.position.y, f"{where}.pose: position.y")
         if distance := self._senders.distance(time, x, y):
-            raise SendersError(f"{where}: {_to_and_fro(distance)}")
+            raise SendersError(f"{where}: {_to_and_fro(f'{distance:.2f} m')}")
         if self._source.type != "Odometry":
             return time, self._estimate.state(time, x, y)
         linear = message.twist.twist.linear
@@ -411,15 +412,29 @@ def world_from(situation: Any, *, frame: str = "", where: str = "situation") -> 
 
 def check_senders(transforms: Transforms, frame: str, child: str) -> None:
     """Raise SendersError if a transform between two frames comes from two senders."""
+    if problem := second_parent(transforms, frame, child):
+        raise SendersError(problem)
     if found := transforms.second_sender(frame, child):
-        parent, name, distance = found
-        raise SendersError(f"tf: {quoted(parent)} to {quoted(name)}: {_to_and_fro(distance)}")
+        parent, name, difference = found
+        raise SendersError(f"tf: {quoted(parent)} to {quoted(name)}: {_to_and_fro(difference)}")
 
 
-def _to_and_fro(distance: float) -> str:
-    """Return what two senders at a distance in m look like, and the remedy."""
+def second_parent(transforms: Transforms, frame: str, child: str) -> str:
+    """Return that a frame between two frames has two parents in turn, and the remedy; else ""."""
+    parents = transforms.second_parent(frame, child)
+    if parents is None:
+        return ""
+    name, one, other = (quoted(each) for each in parents)
     return (
-        f"expected one sender, got positions that jump to and fro by {distance:.2f} m; end one of the "
+        f"tf: {name}: expected one parent, got {one} and {other} in turn; end one of the nodes that "
+        "publish it"
+    )
+
+
+def _to_and_fro(difference: str) -> str:
+    """Return what two senders that differ by a number with its unit look like, and the remedy."""
+    return (
+        f"expected one sender, got poses that jump to and fro by {difference}; end one of the "
         "nodes that publish it"
     )
 

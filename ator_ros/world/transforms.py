@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import bisect
+import math
 from collections import deque
 from dataclasses import dataclass, field
 from itertools import chain
@@ -12,11 +13,15 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
-from ator_ros.geometry import FloatArray
-from ator_ros.world.estimation import LEAST_IN_ODOMETRY, SenderCheck
+from ator_ros.geometry import FloatArray, yaw_from_quaternion
+from ator_ros.world.estimation import LEAST_IN_ODOMETRY, PoseSenderCheck
 
 _RECENT = 2.0  # s before the newest transform of all
 _KEPT = 512  # transforms of each frame: five seconds at 100 Hz
+# times in a row that a frame changed to its parent before: moved by hand between two parents, it
+# does so less often
+_FEWEST_CHANGES = 8
+_LONGEST_PAUSE = 1.5  # s without such a change after which one of the two senders has ended
 
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
@@ -60,14 +65,18 @@ class _Link:
 
     parent: str
     fixed: bool
-    senders: SenderCheck
+    senders: PoseSenderCheck
     placements: deque[tuple[float, Placement]] = field(default_factory=lambda: deque(maxlen=_KEPT))
-    sender_distance: float = 0.0  # m between the placements of two senders; 0 with one
+    difference: str = ""  # between the placements of two senders; empty with one
+    before: str = ""  # the parent before
+    changes: int = 0  # from and to that parent in turn
+    changed_at: float = -math.inf  # s
 
     def add(self, time: float, placement: Placement) -> None:
         """Add a placement; if it is older than the last one, the clock was reset."""
         if not self.fixed:
-            self.sender_distance = self.senders.distance(time, *placement.origin[:2])
+            yaw = yaw_from_quaternion(*placement.turn)
+            self.difference = self.senders.difference(time, *placement.origin[:2], yaw)
         if self.placements and (self.fixed or time < self.placements[-1][0]):
             self.placements.clear()
         elif self.placements and time == self.placements[-1][0]:
@@ -110,9 +119,20 @@ class Transforms:
         """Add the placement of `child` in `frame` at `time` (s), or at any time if it is `fixed`."""
         link = self._links.get(child)
         if link is None or (link.parent, link.fixed) != (frame, fixed):
-            check = SenderCheck(least=LEAST_IN_ODOMETRY) if _is_odometry(frame) else SenderCheck()
-            link = self._links[child] = _Link(frame, fixed, check)
+            link = self._links[child] = self._changed(link, frame, time, fixed=fixed)
         link.add(time, placement)
+
+    @staticmethod
+    def _changed(link: _Link | None, parent: str, time: float, *, fixed: bool) -> _Link:
+        """Return a link to a new parent, which counts the changes to and fro between two parents."""
+        check = PoseSenderCheck()
+        if _is_odometry(parent):
+            check = PoseSenderCheck(least=LEAST_IN_ODOMETRY)
+        if link is None or link.parent == parent:
+            return _Link(parent, fixed, check)
+        again = link.before == parent and abs(time - link.changed_at) <= _LONGEST_PAUSE
+        changes = link.changes + 1 if again else 1
+        return _Link(parent, fixed, check, before=link.parent, changes=changes, changed_at=time)
 
     def latest(self, frame: str, child: str) -> tuple[float, Placement] | None:
         """Return the newest time in s at which `child` is known in `frame`, and its placement then.
@@ -130,15 +150,31 @@ class Transforms:
         there, back = self._in_ancestor(rising, time), self._in_ancestor(falling, time)
         return None if there is None or back is None else (time, back.inverse().compose(there))
 
-    def second_sender(self, frame: str, child: str) -> tuple[str, str, float] | None:
-        """Return parent, frame and distance in m of a transform between two frames with two senders.
+    def second_parent(self, frame: str, child: str) -> tuple[str, str, str] | None:
+        """Return a frame between two frames whose parent alternates, and its two parents.
+
+        None if there is none. One of the parents may be unconnected to the other frame.
+        """
+        path = self._path(frame, child) or (self._ancestors(child), self._ancestors(frame))
+        for name in chain(*path):
+            link = self._links.get(name)
+            if link is None:
+                continue
+            over = link.placements[-1][0] - link.changed_at > _LONGEST_PAUSE
+            if link.changes >= _FEWEST_CHANGES and not over:
+                one, other = sorted((link.parent, link.before))
+                return name, one, other
+        return None
+
+    def second_sender(self, frame: str, child: str) -> tuple[str, str, str] | None:
+        """Return parent, frame and difference of a transform between two frames with two senders.
 
         None if there is none.
         """
         for name in chain(*(self._path(frame, child) or ())):
             link = self._links[name]
-            if link.sender_distance > 0.0:
-                return link.parent, name, link.sender_distance
+            if link.difference:
+                return link.parent, name, link.difference
         return None
 
     def latest_in_odometry(self, frame: str, child: str) -> tuple[float, Placement] | None:

@@ -277,3 +277,13 @@ def test_a_chain_that_was_not_refined_ends_without_a_search_for_naive_values(
         run.tick(world(1.0 + 0.05 * tick), 100.0 + 0.05 * tick)
     assert run.ending is Ending.FAILED, run.reason
     assert searched == []
+
+
+def test_gaps_in_odometry_are_named_when_the_robot_stood_in_several() -> None:
+    run = execution(FORWARD)
+    run.tick(world(), 100.0)
+    for gap in range(1, 4):
+        assert run.gap_problem == ""
+        run.tick(world(1.0 + 0.2 * gap), 100.0 + 0.2 * gap)
+    assert "at most 0.15 s apart, got 3 longer gaps, up to 0.20 s" in run.gap_problem
+    assert len(run.gap_problem) <= 300

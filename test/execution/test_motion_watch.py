@@ -1,6 +1,7 @@
 """The motion watch: bases that do not follow commands are detected in time, without false alarms."""
 
 import dataclasses
+import re
 from dataclasses import dataclass
 
 import pytest
@@ -84,6 +85,106 @@ def test_a_base_that_drives_on_after_its_goal_fails_the_goal() -> None:
     runaway = base(Failure("constant", "v", end - 0.4, "motion", 0.8))
     done = execute(LIBRARY, near, runaway, until_stood=False)
     assert done.ending is not Ending.SUCCEEDED
+
+
+@pytest.mark.parametrize("share", [1.03, 1.05, 1.07, 1.1])
+@pytest.mark.parametrize("goal", [Pose(4.0, 0.0, 0.0), Pose(2.0, 1.0, 1.0), Pose(1.0, -2.0, -2.0)])
+def test_a_base_that_is_faster_than_commanded_arrives(share: float, goal: Pose) -> None:
+    fast = KinematicBase(ROBOT, Pose(0.0, 0.0, 0.0), share=share)
+    done = execute(LIBRARY, chain(("goToPose", goal)), fast, rate=30.0)
+    assert done.ending is Ending.SUCCEEDED, done.execution.reason
+
+
+def test_it_is_said_that_a_base_is_faster_than_commanded() -> None:
+    fast = KinematicBase(ROBOT, Pose(0.0, 0.0, 0.0), share=1.07)
+    done = execute(LIBRARY, AHEAD, fast, rate=30.0)
+    assert done.watch.remark == "the base drives at about 107 % of the commanded speed"
+
+
+@pytest.mark.parametrize("lag", [0.2, 0.3])
+def test_a_twist_that_is_smoothed_ends_no_goal(lag: float) -> None:
+    v, w, last = 0.0, 0.0, 0.0
+
+    def smoothed(time: float, state: RobotState) -> RobotState:
+        nonlocal v, w, last
+        share = min(1.0, (time - last) / lag)
+        v, w, last = v + share * (state.v - v), w + share * (state.w - w), time
+        return RobotState(state.pose, v, w)
+
+    turns = chain(("goToPose", Pose(3.5, 1.0, 1.0)))
+    done = execute(LIBRARY, turns, base(), rate=30.0, sense=smoothed)
+    assert done.ending is Ending.SUCCEEDED, done.execution.reason
+
+
+@pytest.mark.parametrize("rate", [20.0, 30.0, 50.0])
+def test_wheels_that_slip_for_a_moment_end_no_goal(rate: float) -> None:
+    """They turn as commanded while the pose, as of a filter with a camera, is constant for 0.3 s."""
+    before = shown = Pose(0.0, 0.0, 0.0)
+
+    def slips(time: float, state: RobotState) -> RobotState:
+        nonlocal before, shown
+        moved, before = before.relative(state.pose), state.pose
+        shown = shown if 2.0 <= time < 2.295 else shown.compose(moved)
+        return RobotState(shown, state.v, state.w)
+
+    done = execute(LIBRARY, AHEAD, base(), rate=rate, sense=slips)
+    assert done.ending is Ending.SUCCEEDED, done.execution.reason
+
+
+@pytest.mark.parametrize("rate", [20.0, 25.0, 50.0])
+@pytest.mark.parametrize("since", [0.5, 1.0, 1.3, 1.5])
+def test_a_base_that_swings_as_its_velocity_has_the_wrong_sign_is_stopped(
+    rate: float, since: float
+) -> None:
+    """Each new plan starts at the measured speed, so the robot is commanded to and fro."""
+    flipped = base(Failure("reversed", "v", since, "motion"))
+    done = execute(LIBRARY, AHEAD, flipped, rate=rate)
+    assert done.ending is Ending.BASE_FAULT
+    assert done.ended is not None
+    assert done.ended <= since + 0.5
+
+
+@pytest.mark.parametrize(
+    ("share", "part"),
+    [((0.0, 0.0), "linear|angular"), ((1.0, 57.3), "angular"), ((0.1, 1.0), "linear")],
+)
+def test_a_twist_that_contradicts_the_pose_is_the_cause_of_a_fault(
+    share: tuple[float, float], part: str
+) -> None:
+    """It is always zero, in degrees, or a tenth."""
+
+    def wrong(_: float, state: RobotState) -> RobotState:
+        return RobotState(state.pose, share[0] * state.v, share[1] * state.w)
+
+    turns = chain(("goToPose", Pose(3.5, 1.0, 1.0)))
+    done = execute(LIBRARY, turns, base(), rate=30.0, sense=wrong)
+    assert done.ending is Ending.BASE_FAULT
+    assert re.search(rf"contradicts itself: .* twist\.({part})", done.execution.reason)
+
+
+@pytest.mark.parametrize(
+    ("latency", "goal"),
+    [
+        (0.2, Pose(1.0, -2.0, -2.0)),
+        (0.22, Pose(1.0, -2.0, -2.0)),
+        (0.25, Pose(1.0, -2.0, -2.0)),
+        (0.25, Pose(4.0, 0.0, 0.0)),
+    ],
+)
+def test_a_base_that_is_later_than_described_is_called_late(latency: float, goal: Pose) -> None:
+    late = KinematicBase(ROBOT, Pose(0.0, 0.0, 0.0), latency=latency)
+    done = execute(LIBRARY, chain(("goToPose", goal)), late, rate=30.0)
+    assert done.ending is Ending.BASE_FAULT
+    assert "reacts later than `latency` 0 s: raise it" in done.watch.cause
+
+
+def test_a_base_that_is_stuck_is_not_called_late() -> None:
+    for since in (0.0, 0.5, 1.5):
+        stuck = base(Failure("stuck", "v", since, "motion"))
+        done = execute(LIBRARY, AHEAD, stuck, rate=30.0)
+        assert done.ending is Ending.BASE_FAULT
+        assert "does not move as commanded" in done.execution.reason
+        assert done.watch.cause == ""
 
 
 @dataclass(frozen=True)
@@ -229,7 +330,7 @@ def test_a_frozen_pose_that_jitters_is_still_frozen(rate: int) -> None:
         pose = Pose(1.0 + 0.004 * (tick % 2), 0.0, 0.0)
         fault = watch.fault(time, RobotState(pose, 1.0, 0.0), time)
         if fault:
-            assert time < 0.4
+            assert time <= 0.5
             break
     assert "odometry is frozen" in (fault or "")
 

@@ -235,6 +235,18 @@ def test_odometry_of_two_senders_is_refused() -> None:
     reader.read(odometry(Pose(0.5, 0.0, 0.0), vector(0.2), time=4.0))
 
 
+def test_odometry_of_two_senders_that_differ_in_heading_only_is_refused() -> None:
+    reader, refused = OdometryReader("odom", is_shared=lambda: True), list[str]()
+    for tick in range(60):
+        pose = Pose(0.005 * tick, 0.0, 1.0 + (0.17 if tick % 2 else 0.0))
+        try:
+            reader.read(odometry(pose, vector(0.2), time=0.025 * tick))
+        except SendersError as error:
+            refused.append(str(error))
+    assert len(refused) > 40
+    assert all("jump to and fro by 0.17 rad" in text for text in refused)
+
+
 def test_an_object_of_two_senders_is_refused() -> None:
     is_shared = False
     reader = ObjectReader(ObjectSource("cart"), "map", is_shared=lambda: is_shared)
@@ -246,7 +258,7 @@ def test_an_object_of_two_senders_is_refused() -> None:
     for tick in range(40):
         read(tick)
     is_shared = True
-    with pytest.raises(SendersError, match=r"cart: expected one sender, got positions that jump"):
+    with pytest.raises(SendersError, match=r"cart: expected one sender, got poses that jump"):
         read(40)
 
 

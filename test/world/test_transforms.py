@@ -81,6 +81,45 @@ def test_two_senders_of_one_frame_are_found_on_the_way_to_it() -> None:
         for tick in range(40):
             x = 2.0 + distance * (tick % 2)
             known.add("odom", "base_link", number + 0.025 * tick, planar(x, 0.0))
-        found = ("odom", "base_link", pytest.approx(distance))
+        found = ("odom", "base_link", f"{distance:.2f} m")
         assert known.second_sender("map", "camera") == found
     assert known.second_sender("map", "odom") is None
+
+
+def test_two_senders_that_differ_in_heading_only_are_found() -> None:
+    known = robot_in_map()
+    for tick in range(40):
+        time = 1.0 + 0.025 * tick
+        known.add("odom", "base_link", time, planar(2.0, 0.0, 3.0 * time + 0.35 * (tick % 2)))
+    assert known.second_sender("map", "base_link") == ("odom", "base_link", "0.35 rad")
+
+
+def test_a_robot_that_spins_has_one_sender() -> None:
+    known = robot_in_map()
+    for tick in range(200):
+        time = 1.0 + 0.05 * tick
+        known.add("odom", "base_link", time, planar(2.0, 0.0, 3.0 * time))
+        assert known.second_sender("map", "base_link") is None
+
+
+def test_a_frame_whose_parent_alternates_is_found() -> None:
+    known = robot_in_map()
+    for tick in range(5):
+        time = 1.0 + 0.05 * tick
+        known.add("odom", "base_link", time, planar(2.0, 0.0))
+        known.add("map", "base_link", time + 0.02, planar(2.3, 0.0))
+        known.add("map", "odom", time + 0.02, planar(0.0, 0.0))
+    assert known.second_parent("map", "base_link") == ("base_link", "map", "odom")
+    assert known.second_parent("map", "odom") is None
+    for tick in range(40):  # the other sender has ended
+        known.add("odom", "base_link", 2.0 + 0.05 * tick, planar(2.0, 0.0))
+    assert known.second_parent("map", "base_link") is None
+
+
+def test_a_second_parent_may_be_unconnected() -> None:
+    known = robot_in_map()
+    for tick in range(5):
+        known.add("odom", "base_link", 1.0 + 0.05 * tick, planar(2.0, 0.0))
+        known.add("odom_combined", "base_link", 1.02 + 0.05 * tick, planar(2.0, 0.0))
+    assert known.latest("map", "base_link") is None
+    assert known.second_parent("map", "base_link") == ("base_link", "odom", "odom_combined")
