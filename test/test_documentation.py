@@ -43,7 +43,7 @@ BY_TEST = {
     r"scripts/run COMMAND …": "test_environment.py::test_a_command_keeps_its_exit_code",
     r"python scripts/figures\.py": "test_programs.py::test_both_figures_are_drawn",
     r"dask .*|.*--cluster .*": "test_documentation.py::test_a_cluster_collects",
-    r".*examples/call\.py|ros2 (service|action) \w+": "nodes/test_call_example.py::test_a_service_is_",
+    r".*examples/call\.py( /reset .*)?|ros2 (service|action) \w+": "nodes/test_call_example.py::test_a_service_is_",
     r"make run EXE=\w+ .*my_config.*": f"{_ROS}::test_a_copy_of_the_configuration_is_used",
     r"ros2 action send_goal /execute_chain .*": f"{_ROS}::test_the_printed_requests",
     r"make run EXE=(simulation|executor|refinement)( .*factor.*)?": f"{_ROS}::test_nodes_run_without_",
