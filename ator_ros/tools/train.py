@@ -101,9 +101,7 @@ def train(
             succeeded = int((examples["success"] & (examples["t"] == 0.0)).sum())
             counted = f"{len(absolute)} drives"
             if len(absolute) < succeeded:
-                counted += (
-                    f" of {succeeded} (others lead less than {NEAR_GOAL} m away, or no route)"
-                )
+                counted += f" of {succeeded} (others are below {NEAR_GOAL} m or lack a route)"
             tested = f", MAE {absolute.mean():.3f} s by cross-validation on {counted}"
         print(f"{printable(file, 300)}: {rules}{tested}", flush=True)
     if not learned:
