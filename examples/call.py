@@ -18,6 +18,7 @@ import math
 import re
 import sys
 import time
+from collections.abc import Callable
 from typing import Any
 
 import rclpy
@@ -32,6 +33,8 @@ from rclpy.signals import SignalHandlerOptions
 from ator_ros.nodes.leases import publish_lease
 
 _TIMEOUT = 10.0  # s
+_START_TIMEOUT = 60.0  # s: nodes that start compile code before they offer services and actions
+_WAIT_REPORTED_AFTER = 5.0  # s
 _POLL = 0.1  # s: Ctrl-C is handled between two waits
 
 
@@ -158,13 +161,19 @@ def echo(node: Node, topic: str, *, once: bool) -> None:
     show(received[0])
 
 
+def _wait_for(wait: Callable[..., bool], what: str, name: str) -> None:
+    """Wait for a service or an action; `wait` is the method of its client that waits."""
+    if wait(timeout_sec=_WAIT_REPORTED_AFTER):
+        return
+    print(f"waiting for {name}; nodes that start compile code", file=sys.stderr, flush=True)
+    if not wait(timeout_sec=_START_TIMEOUT - _WAIT_REPORTED_AFTER):
+        raise CallError(f"expected {what} of this type within {_START_TIMEOUT:g} s, found none")
+
+
 def call(node: Node, service: str, kind: Any, values: Any) -> None:
     """Call a service and print its response."""
     client = node.create_client(kind, service)
-    if not client.wait_for_service(timeout_sec=_TIMEOUT):
-        raise CallError(
-            f"expected the service {service} of this type within {_TIMEOUT:g} s, found none"
-        )
+    _wait_for(client.wait_for_service, f"the service {service}", service)
     show(_answer(node, client.call_async(filled(kind.Request, values)), service))
 
 
@@ -174,10 +183,7 @@ def send_goal(node: Node, action: str, kind: Any, values: Any, *, feedback: bool
     Ctrl-C cancels it.
     """
     client = ActionClient(node, kind, action)
-    if not client.wait_for_server(timeout_sec=_TIMEOUT):
-        raise CallError(
-            f"expected the action {action} of this type within {_TIMEOUT:g} s, found none"
-        )
+    _wait_for(client.wait_for_server, f"the action {action}", action)
     goal = filled(kind.Goal, values, "goal")
     if hasattr(goal, "lease") and not goal.lease:
         goal.lease = publish_lease(node)  # a chain of execute_chain ends with this program

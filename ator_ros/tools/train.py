@@ -23,6 +23,7 @@ from ator_ros.nodes.network import stay_on_this_machine
 from ator_ros.performance.accuracy import accuracy, brier, kinds
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.model_file import load_model, model_path, save_model
+from ator_ros.performance.observation import NEAR_GOAL
 from ator_ros.performance.training import digest, start_ranges, without_errors, without_routes
 from ator_ros.performance.training import train as train_model
 from ator_ros.printable import one_line, printable
@@ -97,7 +98,11 @@ def train(
             tested = f", {errors_s} on {measured['episodes']} fresh episodes from rest"
         elif not measured and model.errors is not None:
             absolute = np.abs(model.errors.errors)
-            tested = f", MAE {absolute.mean():.3f} s by cross-validation on {len(absolute)} drives"
+            succeeded = int((examples["success"] & (examples["t"] == 0.0)).sum())
+            counted = f"{len(absolute)} drives"
+            if len(absolute) < succeeded:
+                counted += f" of {succeeded} (others are below {NEAR_GOAL} m or lack a route)"
+            tested = f", MAE {absolute.mean():.3f} s by cross-validation on {counted}"
         print(f"{printable(file, 300)}: {rules}{tested}", flush=True)
     if not learned:
         raise ExperienceError("; ".join(errors))

@@ -62,6 +62,18 @@ def test_a_goal_is_sent_and_feedback_and_result_printed_and_an_interrupt_cancels
     assert "goal ended: canceled" in executor.output
 
 
+def test_a_call_waits_for_nodes_that_start(host: Host, domain: int) -> None:
+    words = [*PROGRAM, "reset", "std_srvs/srv/Trigger"]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "env": environment(domain)}
+    with subprocess.Popen(words, text=True, **pipes) as called:
+        waiting = called.stderr.readline()
+        host("simulation")
+        output, errors = called.communicate(timeout=60.0)
+    assert waiting == "waiting for reset; nodes that start compile code\n"
+    assert (called.returncode, errors) == (0, "")
+    assert "success: true\n" in output
+
+
 def test_feedback_is_printed_again_if_more_than_floats_changes(
     capsys: pytest.CaptureFixture[str],
 ) -> None:

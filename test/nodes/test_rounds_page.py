@@ -51,14 +51,19 @@ def test_a_round_is_predicted_and_driven(start: Start, client: Client, domain: i
         assert ran.returncode == 0, ran.stdout + ran.stderr
         return ran.stdout
 
-    answer = yaml.safe_load(called("ros2 service call "))
+    answer = yaml.safe_load(called("ros2 service call /predict_durations"))
     assert answer["durations"] == pytest.approx(stated(r"`\[(.*?)\]` in s"), abs=0.01)
 
+    called("ros2 service call /reset")
     times = r"([\d.]+) s driven, ([\d.]+) s\s+predicted; refined"
-    driven, predicted = stated(times, called("ros2 action send_goal -f "))
+    output = called("ros2 action send_goal -f ")
+    driven, predicted = stated(times, output)
     assert [driven, predicted] == pytest.approx(stated(times), abs=0.5)
     assert predicted == pytest.approx(stated(times)[1], abs=0.1)
+    saved = r"predicted to save ([\d.]+) s"
+    assert stated(saved, output) == pytest.approx(stated(saved), abs=0.1)
 
+    called("ros2 service call /reset")
     passing = called("ros2 action send_goal -f ", ("open: [yaw]", "open: [yaw, speed]"))
     without_stops = stated(r"it need not stop: here ([\d.]+) s")
     assert stated(r"([\d.]+) s driven", passing) == pytest.approx(without_stops, abs=0.5)
