@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 VERSION = 1  # of all formats
 _FORMAT, _VERSION = "format", "schema_version"
-_LARGEST_JSON = 20_000_000  # bytes; the largest model that ships has 40 kB
 _LONGEST_NUMBER = 100  # characters; the decimals of a double have 17 digits
+LARGEST_JSON = 20_000_000  # bytes; the largest model that ships has 40 kB
 _LONGEST_NAME = 100  # characters; file systems allow 255 bytes
 
 
@@ -140,7 +140,7 @@ def set_aside(path: Path) -> Path:
     """Rename a damaged file or folder to NAME.damaged, or NAME.damaged-2 and so on; return it."""
     suffixes = ("", *(f"-{number}" for number in range(2, 1000)))
     names = (f"{path.name}.damaged{suffix}" for suffix in suffixes)
-    free = next(place for place in map(path.with_name, names) if not place.exists())
+    free = next(place for place in map(path.with_name, names) if not os.path.lexists(place))
     return path.rename(free)
 
 
@@ -199,10 +199,15 @@ def content_with_optional_header(data: object, kind: str) -> object:
 
 
 def read_text(path: Path, largest: int) -> str:
-    """Read a text file.
+    """Read a text file as `read_bytes` does; raises ValueError also if it is not in UTF-8."""
+    return read_bytes(path, largest).decode("utf-8")
 
-    Raises OSError if that fails, and ValueError if it has more than `largest` bytes, is not in
-    UTF-8, or is no ordinary file.
+
+def read_bytes(path: Path, largest: int) -> bytes:
+    """Read a file.
+
+    Raises OSError if that fails, and ValueError if it has more than `largest` bytes, or is no
+    ordinary file.
     """
     if not path.is_file() and path.exists():  # opening a pipe would block
         raise ValueError("expected an ordinary file, got a folder, a pipe or a device")
@@ -210,7 +215,7 @@ def read_text(path: Path, largest: int) -> str:
         data = file.read(largest + 1)
     if len(data) > largest:
         raise ValueError(f"expected at most {largest / 1e6:g} MB, got more")
-    return data.decode("utf-8")
+    return data
 
 
 def read_json(path: Path) -> Any:
@@ -219,7 +224,7 @@ def read_json(path: Path) -> Any:
     Raises FileError, and DamagedFileError if it is no JSON.
     """
     try:
-        return json.loads(read_text(path, _LARGEST_JSON))
+        return json.loads(read_text(path, LARGEST_JSON))
     except FileNotFoundError:
         raise FileError(f"{path}: expected a JSON file, there is none") from None
     except OSError as error:

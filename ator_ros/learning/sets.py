@@ -11,13 +11,22 @@ from __future__ import annotations
 import errno
 import hashlib
 import os
+import re
 import shutil
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
-from ator_ros.files import DamagedFileError, FileError, load, save, set_aside
+from ator_ros.files import (
+    LARGEST_JSON,
+    DamagedFileError,
+    FileError,
+    load,
+    read_bytes,
+    save,
+    set_aside,
+)
 from ator_ros.performance.model_file import models_folder
 from ator_ros.schema import Within
 
@@ -27,6 +36,7 @@ CURRENT = "current"
 RECORDS = "records"
 KEPT = 10  # newest sets that are kept, besides the one in use
 _SETS = "sets"
+_NAME = re.compile(r"[0-9]{6}-\w+", re.ASCII)  # of a set: its number, and its digest
 
 Count = Annotated[int, Within(0, 10**12)]
 """A number of records."""
@@ -49,10 +59,17 @@ class Manifest:
 
 
 def digest_of(folder: Path, files: Iterable[Path] | None = None) -> str:
-    """Return a short digest of files in a folder: by default those of a set, without its manifest."""
+    """Return a short digest of files in a folder: by default those of a set, without its manifest.
+
+    Raises OSError, and DamagedFileError for a file that is missing, too large, or no ordinary file.
+    """
     sha = hashlib.sha256()
     for file in sorted(folder.rglob("*.json") if files is None else files):
-        sha.update(str(file.relative_to(folder)).encode() + b"\0" + file.read_bytes() + b"\0")
+        try:
+            content = read_bytes(file, LARGEST_JSON)
+        except (FileNotFoundError, ValueError) as error:
+            raise DamagedFileError(f"{file}: expected a model: {error}") from error
+        sha.update(str(file.relative_to(folder)).encode() + b"\0" + content + b"\0")
     return sha.hexdigest()[:16]
 
 
@@ -63,7 +80,7 @@ def digest_of_start(models: Path, action_sets: Iterable[str]) -> str:
             file for name in action_sets for file in models_folder(models, name).glob("*.json")
         ]
         return digest_of(models, files)
-    except OSError:
+    except (FileError, OSError):
         return ""
 
 
@@ -87,19 +104,20 @@ def read_manifest(folder: Path) -> Manifest:
 
 
 def current_set(folder: Path) -> Path | None:
-    """Return the set in use; None if none was published.
+    """Return the set in use; None if none was published, or `current` is no link to a set.
 
     Raises OSError if the folder cannot be read.
     """
     try:
-        name = (folder / CURRENT).readlink()
+        target = (folder / CURRENT).readlink()
     except FileNotFoundError:
         return None
     except OSError as error:
         if error.errno != errno.EINVAL:
             raise
         return None  # no link: a damaged folder
-    return folder / name
+    place = folder / target
+    return place if place.parent == folder / _SETS and _NAME.fullmatch(place.name) else None
 
 
 def repair(folder: Path) -> str:
@@ -113,16 +131,18 @@ def repair(folder: Path) -> str:
     if place is None:
         if not os.path.lexists(link):
             return ""
-        return f"{link}: expected a link to a set; renamed to {set_aside(link).name}"
-    try:
-        read_manifest(place)
-        return ""
-    except DamagedFileError as error:
-        problem = str(error)
-    except FileError as error:
-        raise OSError(errno.EIO, str(error)) from error
-    if place.exists():
-        problem += f"; renamed to {set_aside(place).name}"
+        # What it points to is left alone: it may be anything.
+        problem = f"{link}: expected a link to a set; renamed to {set_aside(link).name}"
+    else:
+        try:
+            read_manifest(place)
+            return ""
+        except DamagedFileError as error:
+            problem = str(error)
+        except FileError as error:
+            raise OSError(errno.EIO, str(error)) from error
+        if place.exists():
+            problem += f"; renamed to {set_aside(place).name}"
     for other in reversed(sets_in(folder)):
         try:
             read_manifest(other)
@@ -130,7 +150,7 @@ def repair(folder: Path) -> str:
             continue
         point_to(folder, other)
         return f"{problem}; {other.name} is used"
-    link.unlink()
+    link.unlink(missing_ok=True)
     return f"{problem}; the models of the start are used"
 
 
@@ -156,8 +176,9 @@ def publish(folder: Path, made: Path) -> Path:
     it is.
     """
     digest = read_manifest(made).digest
-    numbers = [int(name.name.partition("-")[0]) for name in sets_in(folder)]
-    place = folder / _SETS / f"{max(numbers, default=0) + 1:06d}-{digest}"
+    newest = sets_in(folder)[-1:]
+    number = 1 + int(newest[0].name.partition("-")[0]) if newest else 1
+    place = folder / _SETS / f"{number:06d}-{digest}"
     made.rename(place)
     _sync(place.parent)
     point_to(folder, place)
@@ -174,9 +195,8 @@ def point_to(folder: Path, place: Path) -> None:
 
 
 def sets_in(folder: Path) -> list[Path]:
-    """Return all published sets, oldest first."""
-    places = (folder / _SETS).glob("*")
-    return sorted(place for place in places if place.name[:6].isdecimal() and not place.suffix)
+    """Return all published sets, oldest first; other names are no sets."""
+    return sorted(place for place in (folder / _SETS).glob("*") if _NAME.fullmatch(place.name))
 
 
 def remove_old(folder: Path) -> None:

@@ -8,6 +8,7 @@ import time
 import traceback
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from threading import current_thread, main_thread
 from typing import Any
 
 import numpy as np
@@ -159,8 +160,10 @@ class RefinementNode(Node):
 
     def _warm_up(self, library: TopLibrary, read: ModelSet) -> None:
         """Compile what refinement needs, and warn of models that were learned on other routes."""
-        warm_up_refinement(library, self._refiner(read, Gate()))
         grid = self._robot.grid
+        # The thread of a learned set would keep requests from the planner; code is compiled by then.
+        if grid is None or grid.planner is None or current_thread() is main_thread():
+            warm_up_refinement(library, self._refiner(read, Gate()))
         learned = {
             str(model.metadata["training"].get("map", "")) for model in read.models.values()
         } - {""}

@@ -72,8 +72,8 @@ class Gate:
     factor : float
         Uncertainties that the gain must exceed.
     least_share : float
-        Least predicted gain as a share of the cost, for objectives without durations: of a chain of
-        5 s it is one control tick.
+        Least predicted gain as a share of the cost, where durations do not dominate it: of a chain
+        of 5 s it is one control tick.
     measured : MeasuredGain
         The gain of refined chains; if it is too low, the gate is closed.
     drawn : bool
@@ -101,10 +101,10 @@ class Gate:
         Parameters
         ----------
         gain : float
-            In s, or as a share of the cost if the objective has no durations.
+            In s, or as a share of the cost where durations do not dominate it.
         uncertainty : float or None
-            Of the gain, in s; None if the objective has no durations, as only errors of predicted
-            durations are known.
+            Of the gain, in s; None where durations do not dominate the cost, as only errors of
+            predicted durations are known.
         kept : str
             What happens to the chain if it is not refined: `KEPT_NAIVE` or `KEPT_AS_SENT`.
         """

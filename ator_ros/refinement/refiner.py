@@ -46,6 +46,7 @@ MOST_ALTERNATIVES = 7
 _MOST_LISTED = 6
 _LONGEST_REASONS = 180  # characters of the reasons of all chains, without their names
 _SHORTEST_REASON = 50  # characters of each
+_DOMINANT = 0.5  # least share of durations in the cost for which a gain is given in s
 ITS_DEADLINE = "its deadline"
 """In the reason of every answer whose search was cut short."""
 
@@ -317,7 +318,7 @@ class Refiner:
         before, after, error = compared
         uncertainty = math.sqrt(len(analysis.free)) * error
         gain = _gain(before, after, model.objective)
-        known = uncertainty if model.objective.weights.get("duration") else None
+        known = uncertainty if _in_seconds(before, model.objective) else None
         refine, reason = self.gate.decide(gain, known, kept)
         limited = any(variable.limits for variable in analysis.free)
         invalid = best.violations(world, self.robot) if limited else []
@@ -399,13 +400,20 @@ class Refiner:
 def _gain(before: ChainPrediction, after: ChainPrediction, objective: Objective) -> float:
     """Return the gain in s of duration, whatever the scale of the weights.
 
-    As a share of the cost for an objective without durations.
+    As a share of the cost where durations do not dominate it.
     """
     gain = before.cost - after.cost
-    weight = objective.weights.get("duration", 0.0)
-    if weight:
-        return gain / weight
+    if _in_seconds(before, objective):
+        return gain / objective.weights["duration"]
     return gain / before.cost if 0.0 < before.cost < math.inf else gain
+
+
+def _in_seconds(before: ChainPrediction, objective: Objective) -> bool:
+    """Return whether durations dominate the cost, as far as it does not consist of the usual times."""
+    weight = objective.weights.get("duration", 0.0)
+    if not weight or not objective.of_unknown_uncertainty:
+        return weight > 0.0
+    return weight * before.duration >= _DOMINANT * before.cost
 
 
 def replaced(chain: TopChain, index: int, values: Mapping[str, float]) -> TopChain:

@@ -19,7 +19,8 @@ _LAGS = (0.03, 0.12)
 _LOWER = (0.0, 0.002, 0.01, 0.01, 0.01, 0.05)
 _LONGEST = 0.6  # s; greatest latency and lag
 _FASTEST = 10.0  # m/s and rad/s
-_UPPER = (_LONGEST, _LONGEST, _FASTEST, 30.0, 30.0, 200.0)
+_QUICKEST = 30.0  # m/s^2 and rad/s^2; greatest change of speed
+_UPPER = (_LONGEST, _LONGEST, _FASTEST, _QUICKEST, _QUICKEST, 200.0)
 _STARTS = 3
 _RESPONDING = 0.5  # least share of a creeping command with which a base moves outside its dead zone
 _LAST = 0.25  # s at the end of a creeping step that are evaluated
@@ -29,7 +30,11 @@ _HELD = 0.15  # s; least time at the limit: in each sprint the speed has to be s
 _FEWEST = 3  # least number of samples in that time
 _FAR_BELOW = 0.5  # share of the greatest command below which an unreached limit says nothing
 _UNFIT = 0.15  # RMS error, as a share of the greatest speed, of a base that follows otherwise
-_EDGE = 0.99  # share of the greatest latency and lag from which an estimate is only a bound
+_IDEAL = 0.3  # share of the greatest change of speed above which a base is taken for an ideal one
+_ALIKE = 0.15  # greatest difference of the speeds in both directions, as a share of the greater one
+_EDGE = (
+    0.99  # share of the greatest value that the fit allows, from which an estimate is only a bound
+)
 _LEAST_TURN = 0.5  # rad; turns on the spot by less do not show which point odometry describes
 
 
@@ -42,6 +47,7 @@ class AxisEstimate:
     limited: bool  # whether the greatest measured speed is the limit of the base
     error: float  # RMS difference of measured and fitted speeds
     commanded: float  # greatest command
+    reached: tuple[float, float]  # greatest mean speeds ahead or to the left, and the other way
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,6 +95,13 @@ def check_plausible(estimate: BaseEstimate) -> None:
     """Raise DriveError if an estimate cannot be right; the message names it and the remedy."""
     for name, axis, unit in (("v", estimate.driving, "m/s"), ("w", estimate.turning, "rad/s")):
         response, least = axis.response, _FAR_BELOW * axis.commanded
+        slower, faster = sorted(axis.reached)
+        if 0.0 < slower < (1.0 - _ALIKE) * faster:
+            raise DriveError(
+                f"response of {name}: expected like speeds in both directions, got {axis.reached[0]:.2f} "
+                f"and {axis.reached[1]:.2f} {unit}; give a --{name} that the base reaches in both, or "
+                "correct its driver"
+            )
         if axis.error > _UNFIT * response.limit:
             raise DriveError(
                 f"response of {name}: expected odometry that follows the commands within "
@@ -107,6 +120,14 @@ def check_plausible(estimate: BaseEstimate) -> None:
                     f"{what} of {name}: expected less than {_LONGEST:g} s, got more; "
                     "check the stamps of odometry"
                 )
+        # An ideal base gains and loses speed at once.
+        slowest, quickest = sorted((response.gain, response.loss))
+        if quickest > _EDGE * _QUICKEST and slowest < _IDEAL * _QUICKEST:
+            what = "loss" if response.loss > response.gain else "gain"
+            raise DriveError(
+                f"{what} of speed of {name}: expected less than {_QUICKEST:g} {unit}^2, got more; "
+                "check the stamps of odometry, and that nothing is in the way"
+            )
 
 
 def _point(spins: Sequence[DriveSample]) -> tuple[float, float]:
@@ -145,15 +166,33 @@ def _axis(
         )
     times = [sample.time for sample in fast]
     commands, speeds = np.array([of(sample) for sample in fast]).T
+    top = float(np.abs(speeds).max())
+    if top == 0.0:
+        raise DriveError(
+            f"odometry: expected the speed of a base that moves in the part {sprint.value}, got 0 in all "
+            "messages; correct a bias of the twist, which looks like motion"
+        )
     response = _fitted(times, commands, speeds)
     fitted = response.speeds(times, commands.tolist())
     rms = float(np.sqrt(np.mean((fitted - speeds) ** 2)))
     commanded = float(np.abs(commands).max())
     limited = response.limit < _REACHED * commanded and _is_held(response, times, commands, rms)
-    if not limited:  # the fit may exceed the speed that was reached
-        response = replace(response, limit=min(response.limit, float(np.abs(fitted).max())))
+    if not limited:  # the fit may exceed the speed that was reached, and noise the fit
+        most = min(response.limit, float(np.abs(fitted).max()), top)
+        response = replace(response, limit=most)
+    reached = (
+        _reached(times, speeds * (commands > 0.0)),
+        _reached(times, -speeds * (commands < 0.0)),
+    )
     dead_zone = _dead_zone([(s.time, *of(s)) for s in slow])
-    return AxisEstimate(response, dead_zone, bool(limited), rms, commanded)
+    return AxisEstimate(response, dead_zone, bool(limited), rms, commanded, reached)
+
+
+def _reached(times: Sequence[float], speeds: FloatArray) -> float:
+    """Return the greatest mean speed during `_HELD`, so that noise matters less."""
+    count = max(1, round(_HELD / float(np.median(np.diff(times))))) if len(times) > 1 else 1
+    count = min(count, len(speeds))
+    return float(np.convolve(speeds, np.full(count, 1.0 / count), "valid").max())
 
 
 def _is_held(

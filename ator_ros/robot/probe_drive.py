@@ -36,7 +36,7 @@ class DrivePart(enum.Enum):
 
 
 class DriveError(ReadableError, ValueError):
-    """A base that does not respond; the message names the command and the expected motion."""
+    """A base that does not respond as expected; the message names command and motion, or remedy."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,6 +102,14 @@ class ProbeDrive:
         for number in range(1, _CREEP_STEPS + 1):
             yield from self._hold(Command(number * step.v, number * step.w), _CREEP_TIME)
         yield from self._stand()
+        v = fmean(state.v for _, state in self._states)
+        w = fmean(state.w for _, state in self._states)
+        if self._drifts and (abs(v) > _SURELY_MOVING[0] or abs(w) > _SURELY_MOVING[1]):
+            raise DriveError(
+                f"odometry: expected no speed {_STOP_TIMEOUT:g} s after the command to stop, got "
+                f"v={v:.3f} m/s, w={w:.3f} rad/s; correct the bias of the gyro or of the encoders, "
+                "or stop the base that drifts"
+            )
 
     def _sprint(self, top: Command) -> Iterator[Command]:
         """Gain speed until it is steady or half of the space is used, then brake to a part of it."""
@@ -127,7 +135,7 @@ class ProbeDrive:
     def _stand(self) -> Iterator[Command]:
         began = self._time
         yield from self._hold(STOP, _WINDOW)
-        while self._moving and self._time - began < _STOP_TIMEOUT:
+        while self._drifts and self._time - began < _STOP_TIMEOUT:
             yield STOP
 
     def _hold(self, command: Command, seconds: float) -> Iterator[Command]:
@@ -144,27 +152,33 @@ class ProbeDrive:
         return self._states[-1][1]
 
     @property
+    def _drifts(self) -> bool:
+        """Whether the base moves on any axis."""
+        return abs(self._now.v) > _SURELY_MOVING[0] or abs(self._now.w) > _SURELY_MOVING[1]
+
+    @property
     def _moving(self) -> bool:
-        return _moves(self._now)
+        return self._moves(self._speed(self._now))
+
+    def _moves(self, speed: float) -> bool:
+        """Return whether the axis of a sprint moves."""
+        return abs(speed) > _SURELY_MOVING[self._part is DrivePart.SPRINT_W]
+
+    def _speed(self, state: RobotState) -> float:
+        """Return the speed of the axis of a sprint in m/s or rad/s."""
+        return state.w if self._part is DrivePart.SPRINT_W else state.v
 
     @property
     def _steady(self) -> bool:
-        """Whether the base moved for the whole window, at the same mean speed in both halves."""
+        """Whether the commanded axis moved for the whole window, at the same mean speed in both halves."""
         half = len(self._states) // 2
         # s; up to one period of odometry less than the window
         covered = self._time - self._states[0][0]
         if covered < _WINDOW - _LONGEST_PERIOD or not half:
             return False
-        states = [state for _, state in self._states]
+        speeds = [self._speed(state) for _, state in self._states]
+        before, after = fmean(speeds[:half]), fmean(speeds[half:])
         # Of a base that has just started, the mean of the window is small, whatever it accelerates.
-        if not (_moves(states[0]) and _moves(states[half]) and _moves(states[-1])):
+        if not all(map(self._moves, (speeds[0], before, speeds[half], speeds[-1]))):
             return False
-        for speeds in ([state.v for state in states], [state.w for state in states]):
-            before, after = fmean(speeds[:half]), fmean(speeds[half:])
-            if abs(after - before) > max(_STEADY * abs(after), _RESOLUTION):
-                return False
-        return True
-
-
-def _moves(state: RobotState) -> bool:
-    return abs(state.v) > _SURELY_MOVING[0] or abs(state.w) > _SURELY_MOVING[1]
+        return abs(after - before) <= max(_STEADY * abs(after), _RESOLUTION)

@@ -18,6 +18,7 @@ from viser.extras import ViserUrdf
 from ator_ros.domains.domain import Domain
 from ator_ros.geometry import Pose, quaternion_from_yaw
 from ator_ros.nodes.segments import Color, Segments, surroundings
+from ator_ros.refinement.objective import LEAST_WEIGHT
 from ator_ros.robot.description import Robot
 from ator_ros.world.scene import Area
 
@@ -72,6 +73,8 @@ def _is_valid_value(field: Any, value: Any) -> bool:
     """Return whether a client may set a field of the panel to a value."""
     if isinstance(field, viser.GuiNumberHandle):
         if not _is_number(value) or not field.min <= value <= field.max:
+            return False
+        if 0.0 < abs(value) < LEAST_WEIGHT:  # an objective would refuse it
             return False
         return isinstance(field.value, float) or float(value).is_integer()
     if isinstance(field, viser.GuiDropdownHandle):

@@ -25,6 +25,7 @@ from ator_ros.learning.sets import (
     new_set_folder,
     publish,
     read_manifest,
+    repair,
     seal,
 )
 from ator_ros.performance.model_file import save_model
@@ -228,6 +229,51 @@ def test_a_set_that_is_damaged_while_learning_runs_is_replaced(
     learner.work(0.0)
     assert f"renamed to {place.name}.damaged" in learner.problem
     assert (current_set(folder), learner.manifest) == (None, None)
+
+
+@pytest.mark.parametrize(
+    "target", ["../important", "{root}/important", ".", "..", "sets", "sets/x"]
+)
+def test_a_link_that_leads_elsewhere_is_set_aside_alone(folder: Path, target: str) -> None:
+    place, important = current_set(folder), folder.with_name("important")
+    assert place is not None
+    important.mkdir()
+    link = folder / "current"
+    link.unlink()
+    link.symlink_to(target.format(root=folder.parent))
+    assert current_set(folder) is None
+    words = f"expected a link to a set; renamed to current.damaged; {place.name} is used"
+    assert words in repair(folder)
+    assert current_set(folder) == place
+    assert important.is_dir()
+
+
+@pytest.mark.parametrize("name", ["000003_old", "000003 copy", "000003", "000009-x.damaged"])
+def test_other_names_beside_the_sets_are_ignored(folder: Path, name: str) -> None:
+    (folder / "sets" / name).mkdir()
+    made = new_set_folder(folder)
+    seal(made, Manifest("", "2026-01-01T00:00:00Z", {}, {}, {}))
+    assert publish(folder, made).name.startswith("000002-")
+
+
+def too_large(file: Path) -> None:
+    with file.open("wb") as stream:
+        stream.truncate(50_000_000)
+
+
+@pytest.mark.parametrize(
+    "make",
+    [os.mkfifo, Path.mkdir, too_large, lambda file: file.symlink_to("/dev/zero"),
+     lambda file: file.symlink_to("nowhere")],
+    ids=["pipe", "folder", "too large", "device", "dangling link"],
+)  # fmt: skip
+def test_a_model_that_is_no_ordinary_file_damages_its_set(
+    folder: Path, make: Callable[[Path], None]
+) -> None:
+    place = current_set(folder)
+    assert place is not None
+    make(place / "other.json")
+    assert f"renamed to {place.name}.damaged; the models of the start are used" in repair(folder)
 
 
 def test_a_store_that_is_damaged_while_learning_runs_is_replaced(

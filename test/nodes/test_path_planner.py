@@ -5,6 +5,7 @@ import itertools
 import math
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
+from threading import current_thread, main_thread
 from typing import Any
 
 import numpy as np
@@ -28,6 +29,7 @@ from ator_interfaces.srv import RefineSubgoal
 from ator_ros.domains.domain import find_domain
 from ator_ros.experience.table import Experience, write_experience
 from ator_ros.geometry import Pose
+from ator_ros.learning.sets import Manifest, new_set_folder, publish, seal
 from ator_ros.nodes.messages import pose_of
 from ator_ros.nodes.parameters import SetupError
 from ator_ros.performance.model_file import load_model, save_model
@@ -156,6 +158,33 @@ def test_refinement_asks_it_once_for_each_pair_of_places_and_recovers_when_it_do
     assert "paths of /compute_path_to_pose)" in answer.reason
     places = np.array([(start[:2], goal[:2]) for start, goal in planned])
     assert places == pytest.approx(np.array([[(-3, 0), (3, 0)], [(3, 0), (3, 3)]]), abs=0.05)
+
+
+def test_the_thread_of_a_learned_set_does_not_ask_it(
+    host: Host,
+    models: Path,
+    client: Client,
+    serve: Callable[..., Planned],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    serve()
+    warmed: list[bool] = []
+    monkeypatch.setattr(
+        "ator_ros.nodes.refinement.warm_up_refinement",
+        lambda *_: warmed.append(current_thread() is main_thread()),
+    )
+    learned = models / "learned"
+    node = host(
+        "refinement", planner="compute_path_to_pose", domain="pursuit", frame="map",
+        models=models, map=models / "map.yaml", learned=learned,
+    )  # fmt: skip
+    made = new_set_folder(learned)
+    (made / "pursue.json").write_bytes((models / "pursue.json").read_bytes())
+    seal(made, Manifest("", "2026-01-01T00:00:00Z", {}, {}, {}))
+    publish(learned, made)
+    client.eventually(lambda: "switched to the learned set" in node.output, "the learned set")
+    assert warmed
+    assert all(warmed)
 
 
 @pytest.mark.parametrize(

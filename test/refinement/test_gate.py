@@ -153,6 +153,18 @@ def test_without_durations_the_uncertainty_is_said_to_be_unknown(weight: float) 
     assert answer.reason == refined(accurate(), Gate(), Objective({"accuracy": 1.0})).reason
 
 
+@pytest.mark.parametrize(
+    "weights", [{"duration": 1e-6, "accuracy": 1.0}, {"duration": 1.0, "accuracy": 1e6}]
+)
+def test_a_gain_is_a_share_of_the_cost_where_durations_do_not_dominate_it(
+    weights: Mapping[str, float],
+) -> None:
+    answer = refined(accurate(), Gate(), Objective(weights))
+    assert answer.refined
+    share = 100.0 * answer.gain / answer.before.cost
+    assert answer.reason == f"gain {share:.1f} % of the cost, of unknown uncertainty: refined"
+
+
 def test_with_durations_only_their_uncertainty_is_known() -> None:
     objective = Objective({"duration": 1.0, "accuracy": 1.0})
     answer = refined(accurate(), Gate(), objective)

@@ -138,17 +138,19 @@ def probed(
     v: float = 0.7,
     w: float = 1.5,
     response: Callable[[Command], Command] = lambda command: command,
+    bias: tuple[float, float] = (0.0, 0.0),
 ) -> Sequence[DriveSample]:
     """Return the samples of a base that ramps its speeds without a lag; accelerations in m/s^2, rates in Hz.
 
-    Its odometry is that of a `point` in m ahead and to the left of the axle.
+    Its odometry is that of a `point` in m ahead and to the left of the axle; its speeds have a
+    `bias` in m/s and rad/s.
     """
     rng = np.random.default_rng(3)
     drive, robot, tick = ProbeDrive(v=v, w=w, space=3.0), RobotState(Pose(0.0, 0.0, 0.0)), 0
     while True:
         errors = rng.normal(0.0, noise, 2)
         pose = robot.pose.compose(Pose(*point, 0.0))
-        shown = RobotState(pose, robot.v + errors[0], robot.w + errors[1])
+        shown = RobotState(pose, robot.v + errors[0] + bias[0], robot.w + errors[1] + bias[1])
         command = drive.command(tick / rate, shown)
         if command is None:
             return drive.samples
@@ -204,6 +206,62 @@ def test_implausible_estimates_are_refused() -> None:
             check_plausible(identify(probed(2.0, 20.0, response=response)))
     with pytest.raises(DriveError, match=r"limits\.v: expected at least half .* give more --space"):
         check_plausible(identify(probed(0.1, 20.0, v=1.5)))
+
+
+@pytest.mark.parametrize("bias", [(0.0, 0.045), (0.0, -0.06), (0.0, 0.1), (0.03, 0.0)])
+def test_a_bias_of_odometry_is_named(bias: tuple[float, float]) -> None:
+    words = rf"got v={bias[0]:.3f} m/s, w={bias[1]:.3f} rad/s; correct the bias"
+    with pytest.raises(DriveError, match=words):
+        probed(0.9, 30.0, bias=bias)
+
+
+@pytest.mark.parametrize("bias", [(0.0, 0.02), (0.015, 0.0)])
+def test_a_small_bias_does_not_end_a_sprint(bias: tuple[float, float]) -> None:
+    estimate = identify(probed(0.9, 30.0, bias=bias))
+    check_plausible(estimate)
+    assert (estimate.limits.v, estimate.limits.w) == pytest.approx((0.7, 1.5), abs=0.03)
+
+
+def test_samples_without_motion_are_refused() -> None:
+    samples = [
+        DriveSample(part, 0.1 * i, Command(1.0, 1.0), AT_REST)
+        for part in DrivePart
+        for i in range(20)
+    ]
+    with pytest.raises(DriveError, match="got 0 in all messages"):
+        identify(samples)
+
+
+@pytest.mark.parametrize(
+    ("ahead", "back", "left", "right", "expected"),
+    [
+        (0.5, 0.3, 9.0, 9.0, r"response of v: .* got 0\.50 and 0\.30 m/s"),
+        (0.5, 0.2, 9.0, 9.0, r"response of v: .* got 0\.50 and 0\.20 m/s"),
+        (9.0, 9.0, 1.0, 0.6, r"response of w: .* got 1\.00 and 0\.60 rad/s"),
+    ],
+)
+def test_different_speeds_in_both_directions_are_refused(
+    ahead: float, back: float, left: float, right: float, expected: str
+) -> None:
+    def response(command: Command) -> Command:
+        return Command(
+            float(np.clip(command.v, -back, ahead)), float(np.clip(command.w, -right, left))
+        )
+
+    samples = probed(0.9, 30.0, response=response)
+    estimate = identify(samples)
+    assert estimate.limits.v <= max(greatest_speeds(samples)[:2])
+    with pytest.raises(DriveError, match=expected):
+        check_plausible(estimate)
+
+
+def test_an_acceleration_at_the_bound_of_the_fit_is_refused() -> None:
+    estimate = identify(probed(0.9, 30.0))
+    for name, words in (("gain", "gain of speed of v"), ("loss", "loss of speed of v")):
+        response = dataclasses.replace(estimate.driving.response, **{name: 30.0})
+        driving = dataclasses.replace(estimate.driving, response=response)
+        with pytest.raises(DriveError, match=rf"{words}: expected less than 30 m/s\^2"):
+            check_plausible(dataclasses.replace(estimate, driving=driving))
 
 
 @pytest.mark.parametrize("point", [(0.2, 0.0), (-0.2, 0.0), (0.1, -0.15), (0.0, 0.0)])
