@@ -1,4 +1,4 @@
-"""Definitions of messages in recordings: checked, and written anew for the decoder.
+"""Definitions of messages in recordings: checked, and written again for the decoder.
 
 A definition comes from the file, and so does the cost of a message: types without bytes, or nested
 ones, would make any number of objects of a message. The decoder prints what it cannot parse, so it
@@ -38,7 +38,7 @@ _FIELD = re.compile(
 
 
 class _Field(NamedTuple):
-    """A field of a type; `length` is its number of elements, 0 if a message tells it."""
+    """A field of a type; `length` is its number of elements, 0 if a message has it."""
 
     kind: str
     name: str
@@ -47,7 +47,7 @@ class _Field(NamedTuple):
 
     @property
     def is_sequence(self) -> bool:
-        """Whether a message tells the number of elements."""
+        """Whether a message has the number of elements."""
         return self.is_array and not self.length
 
     def __str__(self) -> str:
@@ -58,7 +58,7 @@ class _Field(NamedTuple):
 class _Cost(NamedTuple):
     """Least bytes of a message, and objects in Python, without the elements of arrays.
 
-    The decoder reads bytes beyond the end of a message as none; `ends` tells whether something else
+    The decoder reads bytes beyond the end of a message as none; `ends` says whether something else
     is read, which ends a long array there.
     """
 

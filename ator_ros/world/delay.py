@@ -19,7 +19,7 @@ _GAP = 1.0  # real s without a newer stamp after which a clock may have been pau
 class Delay:
     """The delay of one clock's states beyond the usual one.
 
-    A growing delay cannot be told from a clock that becomes slower, as that of a simulation on a
+    A growing delay looks like a clock that becomes slower, as that of a simulation on a
     busy machine.
     """
 

@@ -1,10 +1,12 @@
 """The page, with clients that speak its protocol."""
 
+import contextlib
 import math
 import socket
 from collections.abc import Iterator
 
 import pytest
+from websockets.exceptions import ConnectionClosed
 
 pytest.importorskip("viser", reason="needs viser: docs/install.md")
 
@@ -126,12 +128,13 @@ def test_no_value_of_a_client_harms_the_page_of_others(shown: Shown) -> None:
     client.until(
         lambda: shown.step() or shown.editor.draft.weights == {"duration": 2.0}, "a weight"
     )
-    for value in HOSTILE:  # the server ends some of these connections
+    for value in HOSTILE:
         attacker = shown.join()
-        attacker.look()
-        attacker.drag("/objects/ball/body", value, value)
-        attacker.send("GuiUpdateMessage", uuid=[value], updates=value)
-        attacker.send("FileTransferPart", content=value)
+        with contextlib.suppress(ConnectionClosed):  # the server ends some of these connections
+            attacker.look()
+            attacker.drag("/objects/ball/body", value, value)
+            attacker.send("GuiUpdateMessage", uuid=[value], updates=value)
+            attacker.send("FileTransferPart", content=value)
         attacker.close()
     shown.step()
     assert (shown.editor.seed, shown.editor.index, shown.editor.chain_name) == (0, 0, chain)
@@ -154,9 +157,10 @@ def test_a_client_with_an_impossible_camera_moves_nothing(shown: Shown) -> None:
     ball = shown.backend.state.objects["ball"]
     for place in HOSTILE:
         client = shown.join()
-        if place not in (-1, 0.5, True):
-            client.look((0.0, 0.0, place))
-        client.drag("/objects/ball/body", 1.0, 1.0)
+        with contextlib.suppress(ConnectionClosed):  # the server ends some of these connections
+            if place not in (-1, 0.5, True):
+                client.look((0.0, 0.0, place))
+            client.drag("/objects/ball/body", 1.0, 1.0)
         client.close()
     later = shown.join()
     later.until(lambda: "duration" in later.labels, "the panel")
