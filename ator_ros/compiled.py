@@ -24,7 +24,7 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 _PACKAGE = Path(__file__).resolve().parent
 _CACHE = _PACKAGE / "__pycache__"
 # compiled code, and constants that it uses
-_FOLDERS = ("world", "motion", "performance", "refinement", "domains")
+_FOLDERS = ("world", "bases", "performance", "refinement", "domains")
 
 
 def code_digest(files: Iterable[Path]) -> str:

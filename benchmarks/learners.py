@@ -21,6 +21,7 @@ import numpy as np
 from sklearn.ensemble import HistGradientBoostingRegressor, RandomForestRegressor
 from sklearn.tree import DecisionTreeRegressor
 
+from ator_ros.bases.description import Robot
 from ator_ros.domains.domain import find_domain
 from ator_ros.experience.table import Experience, read_experience
 from ator_ros.geometry import FloatArray
@@ -29,7 +30,6 @@ from ator_ros.performance.features import PAPER_11, Feature, feature_table
 from ator_ros.performance.observation import observed_driving
 from ator_ros.performance.training import direct_of
 from ator_ros.performance.tree.model_tree import ModelTreeRegressor
-from ator_ros.robot.description import Robot
 
 CANDIDATES = 360
 """Rows whose prediction is timed: one for each degree of a heading."""

@@ -16,6 +16,7 @@ from typing import Any
 
 import pandas as pd
 
+from ator_ros.bases.description import Robot
 from ator_ros.domains.domain import GROUP, Domain, entry_points_of, find_domain
 from ator_ros.experience.table import read_experience
 from ator_ros.files import portable_command, write_text
@@ -24,7 +25,6 @@ from ator_ros.performance.features import PAPER_3, PAPER_11, SIGNED, Feature
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.model_file import load_model
 from ator_ros.performance.training import train
-from ator_ros.robot.description import Robot
 from ator_ros.world.state import AT_REST
 
 PAPER_ERRORS: Mapping[str, str] = {"goToPose": "0.31 / 0.75", "dribbleBall": "0.29 / 0.73"}

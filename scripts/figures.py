@@ -20,6 +20,7 @@ from matplotlib.figure import Figure
 
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.actions.base import Goal
+from ator_ros.bases.description import Robot
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import objects_of
 from ator_ros.files import write_text
@@ -30,7 +31,6 @@ from ator_ros.performance.model_file import load_models
 from ator_ros.refinement.chain_prediction import ChainModel
 from ator_ros.refinement.free_variables import analyze, names_of
 from ator_ros.refinement.objective import Objective
-from ator_ros.robot.description import Robot
 from ator_ros.tools.demo import BLUE, GRAY, ORANGE
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.library import TopLibrary

@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ator_ros.bases.description import load_robot
 from ator_ros.geometry import Pose, quaternion_from_yaw, wrap_angle
 from ator_ros.resources import share_folder
-from ator_ros.robot.description import load_robot
 
 ROBOT = load_robot()
 ODOMETRY, TWIST = "nav_msgs/msg/Odometry", "geometry_msgs/msg/Twist"

@@ -1,13 +1,13 @@
 """Chains, worlds and executions for the tests of the executor node's core."""
 
 from ator_ros.actions.base import Goal
+from ator_ros.bases.description import load_robot
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import objects_of
 from ator_ros.execution.fence import Fence
 from ator_ros.execution.predictions import Predictor
 from ator_ros.execution.supervisor import Deadlines, Supervisor
 from ator_ros.geometry import Pose
-from ator_ros.robot.description import load_robot
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.delay import Delay

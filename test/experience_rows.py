@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from ator_ros.bases.description import Robot
+from ator_ros.bases.differential.drive_parts import DriveParts, parts_of_drive
+from ator_ros.bases.routes import routes_of
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience.table import columns
 from ator_ros.geometry import FloatArray, wrap_angles
-from ator_ros.motion.drive_parts import DriveParts, parts_of_drive
-from ator_ros.motion.routes import routes_of
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.training import train
-from ator_ros.robot.description import Robot
 
 _MODELS: dict[tuple[str, str], PerformanceModel] = {}
 

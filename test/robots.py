@@ -6,9 +6,9 @@ from typing import Any
 
 import yaml
 
+from ator_ros.bases.description import Limits, Robot, load_robot
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.resources import resource_path
-from ator_ros.robot.description import Limits, Robot, load_robot
 
 PIONEER = SOCCER.robot()
 SHIPPED = tuple(

@@ -10,13 +10,13 @@ import numpy as np
 
 from ator_ros.actions.base import Goal
 from ator_ros.actions.situation import Situation
+from ator_ros.bases.description import load_robot
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience.episode import Episode, sample_of
 from ator_ros.experience.store import RecordStore, StoreInfo
 from ator_ros.geometry import Pose
 from ator_ros.learning.round import Source, learn
 from ator_ros.learning.sets import publish
-from ator_ros.robot.description import load_robot
 from ator_ros.world.state import ObjectState, RobotState, World
 
 ROBOT = load_robot()

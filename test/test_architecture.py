@@ -10,8 +10,8 @@ import pytest
 
 PACKAGE = Path(__file__).resolve().parents[1] / "ator_ros"
 LAYERS = [
-    "geometry", "printable", "resources", "schema", "files", "compiled", "examples", "world", "robot",
-    "motion", "actions", "tops", "simulation", "experience", "performance", "refinement", "execution",
+    "geometry", "printable", "resources", "schema", "files", "compiled", "examples", "world", "bases",
+    "actions", "tops", "simulation", "experience", "performance", "refinement", "execution",
     "domains", "planning", "evaluation", "learning", "nodes", "view", "tools",
 ]  # fmt: skip
 """Modules and folders of the package, lowest layer first; each imports only from itself and lower ones."""

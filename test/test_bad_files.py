@@ -16,6 +16,7 @@ from experience_rows import synthetic_experience
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from ator_ros.bases.description import ConfigError, load_robot
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience.recordings import read_recording
 from ator_ros.experience.table import Experience, ExperienceError, read_experience, write_experience
@@ -23,7 +24,6 @@ from ator_ros.files import FileError
 from ator_ros.performance.model_file import load_model, save_model
 from ator_ros.performance.training import train
 from ator_ros.resources import resource_path
-from ator_ros.robot.description import ConfigError, load_robot
 
 ROBOT = load_robot()
 LOADERS: dict[str, tuple[Callable[[Path], Any], type[Exception]]] = {

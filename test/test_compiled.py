@@ -57,7 +57,7 @@ def test_a_docstring_compiles_nothing_again_and_new_code_replaces_the_former(
         name: value for name, value in os.environ.items() if not name.startswith("NUMBA_")
     } | {"PYTHONPATH": str(tmp_path)}
     call = (
-        "import numpy; from ator_ros.motion.turns import write_headings; "
+        "import numpy; from ator_ros.bases.differential.turns import write_headings; "
         "write_headings(1.0, 1.0, 1.0, numpy.zeros((2, 16)))"
     )
 

@@ -13,13 +13,13 @@ from xml.etree import ElementTree as ET
 
 import pytest
 
+from ator_ros.bases.description import load_robot
 from ator_ros.domains.soccer.field import BALL
 from ator_ros.nodes.executor import parameters_for as of_executor
 from ator_ros.nodes.learning import PARAMETERS as LEARNING
 from ator_ros.nodes.refinement import PARAMETERS as REFINEMENT
 from ator_ros.nodes.simulation import parameters_for as of_simulation
 from ator_ros.resources import PACKAGE, share_folder
-from ator_ros.robot.description import load_robot
 from ator_ros.simulation.urdf import robot_urdf
 
 LAUNCH = ET.parse(share_folder() / "launch" / "ator.launch.xml").getroot()  # noqa: S314 - our own file

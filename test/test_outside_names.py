@@ -14,13 +14,13 @@ from nodes.test_readme import LIBRARY, ROBOT, answered
 
 from ator_interfaces import msg
 from ator_interfaces.srv import RefineSubgoal
+from ator_ros.bases.description import load_robot
 from ator_ros.domains.domain import domain_for
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.nodes import messages
 from ator_ros.nodes.inputs import TfListener
 from ator_ros.printable import ReadableError, listed, one_line
 from ator_ros.resources import resource_path
-from ator_ros.robot.description import load_robot
 from ator_ros.tools import train
 from ator_ros.world.grid_map import load_map
 from ator_ros.world.messages import (

@@ -11,9 +11,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import ClassVar
 
+from ator_ros.bases.description import Robot
 from ator_ros.geometry import FloatArray, Pose, as_float, decimal_pose
 from ator_ros.printable import ReadableError
-from ator_ros.robot.description import Robot
 from ator_ros.world.state import STOP, Command, World
 
 

@@ -15,9 +15,9 @@ import numpy as np
 from ator_ros.actions.base import Action, Goal
 from ator_ros.actions.goal_variables import GoalVariable
 from ator_ros.actions.remote import RemoteCall, UnreachableAction
+from ator_ros.bases.description import ConfigError, Robot
+from ator_ros.bases.routes import reachable
 from ator_ros.geometry import Pose
-from ator_ros.motion.routes import reachable
-from ator_ros.robot.description import ConfigError, Robot
 from ator_ros.world.state import ObjectState, RobotState
 
 T = TypeVar("T")

@@ -20,10 +20,10 @@ from ator_ros.actions.base import Goal, Point
 from ator_ros.actions.goal_variables import GoalVariable
 from ator_ros.actions.remote import Duration, RemoteCall
 from ator_ros.actions.situation import NoPlaceError, Situation, drawn_until, short_goal
+from ator_ros.bases.description import Robot
 from ator_ros.files import is_name
 from ator_ros.geometry import Pose
 from ator_ros.refinement.refiner import LONGEST_CHAIN
-from ator_ros.robot.description import Robot
 from ator_ros.schema import NAME, NOT_EMPTY, Within, require
 from ator_ros.tops.chain import Top, TopCall, TopChain
 from ator_ros.tops.conditions import Condition, Region, Term

@@ -25,14 +25,14 @@ from ator_ros.actions.goal_variables import (
 )
 from ator_ros.actions.remote import UnreachableAction
 from ator_ros.actions.situation import ActionFactory, ActionSpec, Sampler, Situation
+from ator_ros.bases.description import ConfigError, Robot, load_robot
+from ator_ros.bases.routes import routes_of
 from ator_ros.domains import DEFAULT, DRIVE
 from ator_ros.domains.declared import DeclaredAction, DeclaredDomain, DeclaredServer
 from ator_ros.files import FileError, content_with_optional_header, read_yaml
-from ator_ros.motion.routes import routes_of
 from ator_ros.performance.features import CANDIDATES, GENERAL, ROUTE_FEATURES, Feature, goal_feature
 from ator_ros.printable import ReadableError, listed, printable, quoted
 from ator_ros.resources import resource_path
-from ator_ros.robot.description import ConfigError, Robot, load_robot
 from ator_ros.schema import SchemaError, require, structured
 from ator_ros.tops.chain import Top, TopChain
 from ator_ros.tops.conditions import Condition, state_variables

@@ -9,12 +9,12 @@ import numpy as np
 
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.actions.situation import SHORT, ActionSpec, Situation
+from ator_ros.bases.description import Robot
 from ator_ros.domains.domain import Domain
 from ator_ros.domains.soccer import chains, situations
 from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
 from ator_ros.domains.soccer.tops import GO_TO_POSE
 from ator_ros.resources import resource_path
-from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import Top
 from ator_ros.tops.conditions import Condition, Term
 from ator_ros.tops.ranges import USUAL_RANGES, Ranges, arrival_speed

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 from ator_ros.actions import TIME_LIMIT
 from ator_ros.actions.base import Status, Step
+from ator_ros.bases.description import Robot
 from ator_ros.execution.chain_executor import ChainExecutor, Ending
 from ator_ros.execution.rolling import Rolling
-from ator_ros.robot.description import Robot
 from ator_ros.simulation.run import judge, place, run
 from ator_ros.simulation.simulation import CONTROL_RATE, Simulation
 from ator_ros.tops.chain import TopChain

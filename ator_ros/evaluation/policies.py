@@ -11,6 +11,7 @@ from functools import partial
 from types import MappingProxyType, SimpleNamespace
 from typing import Any
 
+from ator_ros.bases.description import Robot
 from ator_ros.evaluation.toolset import Toolset
 from ator_ros.evaluation.trials import Trial, open_places, open_speeds, reopened, with_headings
 from ator_ros.geometry import Pose
@@ -19,7 +20,6 @@ from ator_ros.performance.driving import DrivingStyle
 from ator_ros.performance.features import PATHS, ROUTE_TIME
 from ator_ros.refinement.chain_prediction import ChainPrediction
 from ator_ros.refinement.refiner import Refinement
-from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
 
 

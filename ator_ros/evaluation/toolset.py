@@ -9,6 +9,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from ator_ros.actions import DEFAULT_SET
+from ator_ros.bases.description import Robot
 from ator_ros.domains import DEFAULT
 from ator_ros.domains.domain import Domain, find_domain
 from ator_ros.evaluation.trials import EvaluationError, random_trial
@@ -16,7 +17,6 @@ from ator_ros.performance.model_file import load_model, load_models, models_fold
 from ator_ros.refinement.chain_prediction import ChainPrediction, PredictsPerformance, predict_chain
 from ator_ros.refinement.gate import NO_GATE, Gate
 from ator_ros.refinement.refiner import Refiner
-from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import World

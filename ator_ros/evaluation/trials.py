@@ -10,11 +10,11 @@ import numpy as np
 
 from ator_ros.actions.goal_variables import wrong_values
 from ator_ros.actions.situation import drawn_until
+from ator_ros.bases.description import ConfigError, Robot
+from ator_ros.bases.routes import reachable
 from ator_ros.domains.domain import Domain
 from ator_ros.geometry import Pose
-from ator_ros.motion.routes import reachable
 from ator_ros.printable import ReadableError
-from ator_ros.robot.description import ConfigError, Robot
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import LeftOutError, TopLibrary
 from ator_ros.world.state import World

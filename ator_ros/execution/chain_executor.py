@@ -11,9 +11,9 @@ import numpy as np
 from ator_ros.actions import TIME_LIMIT
 from ator_ros.actions.base import Action, ActionError, Status, Step
 from ator_ros.actions.goal_variables import goal_values
+from ator_ros.bases.differential.drive_parts import DriveParts, parts_of_drive
 from ator_ros.execution.rolling import Rolling
 from ator_ros.geometry import FloatArray
-from ator_ros.motion.drive_parts import DriveParts, parts_of_drive
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.conditions import state_of
 from ator_ros.tops.library import TopLibrary

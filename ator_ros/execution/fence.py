@@ -9,9 +9,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ator_ros.actions.base import Goal, Point
-from ator_ros.motion.routes import routes_of
-from ator_ros.robot.description import Robot
-from ator_ros.robot.response import clip, stopping_distance
+from ator_ros.bases.description import Robot
+from ator_ros.bases.differential.response import clip, stopping_distance
+from ator_ros.bases.routes import routes_of
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.objects import at_object, at_rest, followed, has_left, is_at_front
 from ator_ros.tops.ranges import Range, Ranges

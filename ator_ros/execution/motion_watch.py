@@ -14,10 +14,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ator_ros.bases.description import Robot
+from ator_ros.bases.differential.response import Foresight, clip
 from ator_ros.execution.odometry_point import OdometryPoint
 from ator_ros.geometry import wrap_angle
-from ator_ros.robot.description import Robot
-from ator_ros.robot.response import Foresight, clip
 from ator_ros.world.state import STOP, Command, RobotState
 
 _DELAY = 0.1  # s by which a base may be later than `latency`: two messages at 20 Hz

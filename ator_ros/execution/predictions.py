@@ -7,11 +7,11 @@ import math
 from collections.abc import Iterator, Mapping
 
 from ator_ros.actions.base import ActionError
+from ator_ros.bases.description import Robot
 from ator_ros.execution.chain_executor import ChainExecutor
 from ator_ros.refinement import RefinementError
 from ator_ros.refinement.chain_prediction import ChainPrediction, PredictsPerformance, predict_chain
 from ator_ros.refinement.refiner import Refiner
-from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.objects import held_first, kept, object_fetched_by, objects_in

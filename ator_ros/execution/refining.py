@@ -10,13 +10,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from ator_ros.actions.goal_variables import goal_values, with_values
+from ator_ros.bases.description import Robot
 from ator_ros.execution.chain_executor import ChainExecutor
 from ator_ros.execution.fence import Fence
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.printable import printable
 from ator_ros.refinement.free_variables import allowed_changes, same_value
 from ator_ros.refinement.naive import naive_on_paths
-from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import InvalidChainError, TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.objects import at_object, at_rest, followed, has_left, is_at_front

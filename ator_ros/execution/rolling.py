@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ator_ros.robot.description import Robot
+from ator_ros.bases.description import Robot
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import ObjectState, World
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import enum
 import math
 
+from ator_ros.bases.description import Robot
 from ator_ros.geometry import Pose
-from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import Top
 from ator_ros.tops.objects import followed, objects_in
 from ator_ros.world.delay import Delay

@@ -12,10 +12,10 @@ import pandas as pd
 from ator_ros.actions import TIME_LIMIT
 from ator_ros.actions.goal_variables import wrong_values
 from ator_ros.actions.situation import ActionSpec
+from ator_ros.bases.description import Robot
 from ator_ros.experience.episode import run_episode
 from ator_ros.experience.parallel import run_tasks
 from ator_ros.experience.table import ExperienceError, episode_frame
-from ator_ros.robot.description import Robot
 from ator_ros.simulation.simulation import Simulation
 from ator_ros.tops.chain import Top
 from ator_ros.tops.library import top_of

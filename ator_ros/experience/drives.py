@@ -22,6 +22,7 @@ import numpy as np
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.actions.base import Goal, Point
 from ator_ros.actions.situation import Situation
+from ator_ros.bases.description import Robot
 from ator_ros.experience.episode import Episode
 from ator_ros.experience.records import ENDED, FASTEST, Vocabulary, episode_of, fault_in
 from ator_ros.experience.server_goals import (
@@ -34,7 +35,6 @@ from ator_ros.experience.server_goals import (
 )
 from ator_ros.geometry import FloatArray, IntArray, Pose, wrap_angle, wrap_angles
 from ator_ros.printable import printable, quoted
-from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import Top
 from ator_ros.tops.objects import held_first, held_last, is_held
 from ator_ros.world.estimation import JUMP, TWIST_TOLERANCE, RobotVelocity

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ator_ros.actions import DEFAULT_SET
+from ator_ros.bases.description import Robot
 from ator_ros.experience.bag_files import Bag, Topic, is_recording
 from ator_ros.experience.drives import CMD_VEL, ODOM, RECORDS, SHORTEST, TF, Reader
 from ator_ros.experience.records import Vocabulary
@@ -30,7 +31,6 @@ from ator_ros.experience.table import (
     without_repeats,
 )
 from ator_ros.printable import printable, quoted
-from ator_ros.robot.description import Robot
 
 _TYPES = {
     ODOM: {"nav_msgs/msg/Odometry"},

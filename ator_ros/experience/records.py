@@ -12,12 +12,12 @@ from ator_ros.actions import DEFAULT_SET
 from ator_ros.actions.base import Goal, Point
 from ator_ros.actions.goal_variables import GoalVariable
 from ator_ros.actions.situation import ActionSpec, Situation
+from ator_ros.bases.description import Robot
+from ator_ros.bases.differential.drive_parts import DriveParts
 from ator_ros.experience.episode import Episode, sample_of
 from ator_ros.experience.table import LARGEST
 from ator_ros.files import is_name
-from ator_ros.motion.drive_parts import DriveParts
 from ator_ros.printable import printable, quoted
-from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import Top
 from ator_ros.world.messages import MessageError, ObjectSource, pose_from, velocity, world_from
 from ator_ros.world.state import World

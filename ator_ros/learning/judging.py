@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 from scipy.stats import theilslopes
 
+from ator_ros.bases.description import Robot
 from ator_ros.experience.store import NUMBER
 from ator_ros.geometry import FloatArray, IntArray
 from ator_ros.performance.driving import DrivingStyle
@@ -26,7 +27,6 @@ from ator_ros.performance.training import (
     small_tree,
 )
 from ator_ros.performance.tree.nodes import ModelTree
-from ator_ros.robot.description import Robot
 
 _COLUMNS = {"duration": "duration", **OUTCOMES}
 # newest records from which trees are learned, in case the robot changed

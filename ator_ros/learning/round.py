@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from ator_ros.bases.description import Robot
 from ator_ros.domains.domain import Domain
 from ator_ros.experience.store import NUMBER, action_sets_in, read_records
 from ator_ros.experience.table import library_versions
@@ -46,7 +47,6 @@ from ator_ros.performance.training import (
     observed_arrival,
     routed,
 )
-from ator_ros.robot.description import Robot
 
 _LEAST_RECORDS = 12  # to estimate the mean of a measure
 _RECORDS_FOR_ANGLE = 100  # to learn, once, above which angle an action drives backward

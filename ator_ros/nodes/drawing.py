@@ -16,6 +16,7 @@ from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from ator_interfaces.msg import ChainPerformance
+from ator_ros.bases.description import Robot
 from ator_ros.domains.domain import Domain
 from ator_ros.execution.supervisor import Phase, Supervisor
 from ator_ros.geometry import FloatArray, Pose
@@ -23,7 +24,6 @@ from ator_ros.nodes.goal_run import GoalRun
 from ator_ros.nodes.messages import pose_of, stamp_of
 from ator_ros.nodes.qos import LATCHED
 from ator_ros.nodes.segments import ORANGE, Segments, executed_chain_shapes, surroundings
-from ator_ros.robot.description import Robot
 from ator_ros.world.state import ObjectState, World
 
 _ABOVE_FLOOR = 0.02  # m: height of the lines, above the grid that RViz draws

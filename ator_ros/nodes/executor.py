@@ -15,6 +15,7 @@ from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import ActionPerformance, ChainPerformance
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.actions.remote import LONGEST
+from ator_ros.bases.description import Robot
 from ator_ros.domains.domain import Domain
 from ator_ros.execution.chain_executor import Ending
 from ator_ros.execution.motion_watch import MotionWatch
@@ -65,7 +66,6 @@ from ator_ros.nodes.qos import ACTION_QUEUES, LATCHED, RESULTS, SERVICES
 from ator_ros.nodes.remote_actions import RemoteServers
 from ator_ros.nodes.running import run_node, spin_out
 from ator_ros.printable import one_line
-from ator_ros.robot.description import Robot
 from ator_ros.tops.objects import missing_in
 from ator_ros.world.estimation import ObjectTracker, Sightings
 from ator_ros.world.inputs import ClockJumpError, Inputs

@@ -19,11 +19,11 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from tf2_msgs.msg import TFMessage
 
+from ator_ros.bases.description import Robot
 from ator_ros.geometry import Pose
 from ator_ros.nodes.parameters import STATE, SetupError
 from ator_ros.nodes.qos import LATCHED_BY_MANY, RESULTS, SENSOR_DATA
 from ator_ros.printable import listed, one_line, printable, quoted
-from ator_ros.robot.description import Robot
 from ator_ros.world.estimation import RobotVelocity, StampError
 from ator_ros.world.messages import (
     MessageError,

@@ -9,8 +9,8 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
+from ator_ros.bases.description import ConfigError, load_robot
 from ator_ros.files import FileError, read_yaml
-from ator_ros.robot.description import ConfigError, load_robot
 from ator_ros.simulation.urdf import robot_urdf
 
 _LARGEST = 1_000_000  # bytes; shipped files have some 2 kB

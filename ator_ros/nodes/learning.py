@@ -13,6 +13,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from ator_interfaces.msg import ActionPerformance, ChainPerformance
 from ator_ros.actions import DEFAULT_SET
+from ator_ros.bases.description import Robot
 from ator_ros.domains.domain import Domain
 from ator_ros.experience.records import ENDED, episode_of
 from ator_ros.experience.store import StoreInfo
@@ -39,7 +40,6 @@ from ator_ros.nodes.path_planner import expect_planner_usable, planner_name
 from ator_ros.nodes.qos import RESULTS, SERVICES
 from ator_ros.nodes.running import run_node
 from ator_ros.printable import one_line
-from ator_ros.robot.description import Robot
 from ator_ros.world.grid_map import GridMap, save_map
 from ator_ros.world.messages import MessageError
 

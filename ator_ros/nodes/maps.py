@@ -9,6 +9,7 @@ from nav_msgs.msg import OccupancyGrid
 from rclpy.exceptions import NameValidationException
 from rclpy.node import Node
 
+from ator_ros.bases.description import Robot
 from ator_ros.domains.domain import Domain
 from ator_ros.files import FileError
 from ator_ros.nodes.diagnostics import STEADY, WARNING_PERIOD
@@ -16,7 +17,6 @@ from ator_ros.nodes.messages import grid_from
 from ator_ros.nodes.parameters import SetupError, map_topic
 from ator_ros.nodes.qos import LATCHED
 from ator_ros.printable import one_line, quoted
-from ator_ros.robot.description import Robot
 from ator_ros.world.grid_map import GridMap, describe_values
 from ator_ros.world.messages import MessageError
 

@@ -18,12 +18,12 @@ from rcl_interfaces.msg import (
 from rclpy.exceptions import ParameterException
 from rclpy.node import Node
 
+from ator_ros.bases.description import ConfigError, Robot
 from ator_ros.domains import DEFAULT
 from ator_ros.domains.domain import Domain, DomainError, domain_for, find_domain
 from ator_ros.execution.fence import Fence
 from ator_ros.files import FileError
 from ator_ros.printable import ReadableError, printable, quoted
-from ator_ros.robot.description import ConfigError, Robot
 from ator_ros.tops.chain import Top
 from ator_ros.tops.conditions import Condition
 from ator_ros.tops.library import TopLibrary

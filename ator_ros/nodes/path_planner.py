@@ -16,6 +16,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from std_msgs.msg import Header
 
+from ator_ros.bases.description import Robot
 from ator_ros.domains.domain import Domain
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.nodes.messages import pose_of
@@ -24,7 +25,6 @@ from ator_ros.nodes.qos import ACTION_QUEUES
 from ator_ros.nodes.remote_messages import RemoteError, action_type
 from ator_ros.printable import quoted
 from ator_ros.refinement import RefinementError
-from ator_ros.robot.description import Robot
 
 _TYPE = "nav2_msgs/action/ComputePathToPose"
 _PATH_TIMEOUT = 1.0  # real s for each path that a request to refinement needs

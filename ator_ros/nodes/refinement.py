@@ -18,6 +18,7 @@ from visualization_msgs.msg import MarkerArray
 
 from ator_interfaces.srv import PlanChains, PredictDurations, RefineSubgoal
 from ator_ros.actions import DEFAULT_SET
+from ator_ros.bases.description import Robot
 from ator_ros.domains.domain import Domain
 from ator_ros.execution.fence import Fence
 from ator_ros.execution.predictions import warm_up_refinement
@@ -54,7 +55,6 @@ from ator_ros.refinement.gate import NO_GATE, Gate
 from ator_ros.refinement.objective import MOST_WEIGHT
 from ator_ros.refinement.refiner import Refiner, Selection, choose
 from ator_ros.refinement.search import Deadline, no_deadline
-from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.conditions import state_variables
 from ator_ros.tops.library import TopLibrary

@@ -20,10 +20,10 @@ from rclpy.task import Future
 
 from ator_ros.actions.base import Action, ActionError, Goal, Status, Step, finished
 from ator_ros.actions.remote import RemoteCall, failure_in
+from ator_ros.bases.description import Robot
 from ator_ros.domains.domain import Domain
 from ator_ros.nodes.qos import ACTION_QUEUES, SERVICES
 from ator_ros.nodes.remote_messages import RemoteError, RemoteInterface
-from ator_ros.robot.description import Robot
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import STOP, World
 

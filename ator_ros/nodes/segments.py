@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ator_ros.bases.description import Robot
 from ator_ros.domains.domain import Domain
 from ator_ros.geometry import FloatArray, Pose, wrap_angles
 from ator_ros.refinement.refiner import SubgoalCurve
-from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
 from ator_ros.world.scene import WALL_THICKNESS
 

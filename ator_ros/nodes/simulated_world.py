@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+from ator_ros.bases.description import Robot
 from ator_ros.geometry import Pose
-from ator_ros.robot.description import Robot
 from ator_ros.simulation.sensors import Sensors
 from ator_ros.simulation.simulation import Simulation
 from ator_ros.world import messages

@@ -19,6 +19,7 @@ from std_srvs.srv import SetBool, Trigger
 from tf2_msgs.msg import TFMessage
 
 from ator_interfaces.srv import PlaceObject, PlaceRobot
+from ator_ros.bases.description import Robot
 from ator_ros.domains.domain import domain_for
 from ator_ros.files import is_name
 from ator_ros.geometry import Pose, quaternion_from_yaw
@@ -39,7 +40,6 @@ from ator_ros.nodes.qos import LATCHED, NEWEST, RESULTS, SENSOR_DATA, SERVICES
 from ator_ros.nodes.running import run_node
 from ator_ros.nodes.simulated_world import SimulatedRobot, SimulatedWorld
 from ator_ros.printable import quoted
-from ator_ros.robot.description import Robot
 from ator_ros.simulation.sensors import ObjectErrors, SensorConfig, Sensors
 from ator_ros.simulation.simulation import TICK
 from ator_ros.simulation.urdf import WHEEL_NAMES, robot_urdf

@@ -22,6 +22,7 @@ from rclpy.task import Future
 from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import Outcome
 from ator_interfaces.msg import TopChain as ChainMessage
+from ator_ros.bases.description import Robot
 from ator_ros.domains.domain import Domain
 from ator_ros.geometry import Pose
 from ator_ros.nodes.diagnostics import STEADY, Warnings
@@ -44,7 +45,6 @@ from ator_ros.nodes.qos import ACTION_QUEUES
 from ator_ros.nodes.remote_messages import action_type
 from ator_ros.nodes.running import pause, run_node, spin_out
 from ator_ros.printable import one_line, quoted
-from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.world.messages import (
     FrameError,

@@ -8,11 +8,11 @@ import numpy as np
 import pandas as pd
 
 from ator_ros.actions.situation import SHORT
+from ator_ros.bases.description import Robot
 from ator_ros.geometry import FloatArray
 from ator_ros.performance.derived import Geometry
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.training import direct_of
-from ator_ros.robot.description import Robot
 from ator_ros.world.state import AT_REST, CONTROL_PERIOD
 
 RESAMPLES = 5000  # bootstrap samples

@@ -9,10 +9,11 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from ator_ros.bases.description import Robot
+from ator_ros.bases.differential.durations import turn_time
+from ator_ros.bases.differential.shapes import fastest_paths
 from ator_ros.compiled import compiled
 from ator_ros.geometry import FloatArray
-from ator_ros.motion.durations import turn_time
-from ator_ros.motion.shapes import fastest_paths
 from ator_ros.performance.direct import (
     HOLD,
     SPEEDG,
@@ -28,7 +29,6 @@ from ator_ros.performance.direct import (
     direct_table,
 )
 from ator_ros.performance.driving import DrivingStyle, plain_driving
-from ator_ros.robot.description import Robot
 from ator_ros.world.state import AT_REST
 
 BASICS = (
@@ -280,7 +280,7 @@ class Geometry:
 
     @property
     def ends(self) -> FloatArray:
-        """Both ends of the path after the opening, see `ator_ros.motion.shapes.fastest_paths`."""
+        """Both ends of the path after the opening, see `ator_ros.bases.differential.shapes.fastest_paths`."""
         return self.rows[ENDS:PATH_TIME]
 
     @cached_property

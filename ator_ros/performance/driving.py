@@ -11,9 +11,9 @@ from typing import Annotated
 
 import numpy as np
 
-from ator_ros.geometry import FloatArray
-from ator_ros.motion.durations import rates_of
-from ator_ros.motion.shapes import (
+from ator_ros.bases.description import Limits, Robot
+from ator_ros.bases.differential.durations import rates_of
+from ator_ros.bases.differential.shapes import (
     Rules,
     Shape,
     ShapeSet,
@@ -21,7 +21,7 @@ from ator_ros.motion.shapes import (
     needed_shapes,
     shape_set,
 )
-from ator_ros.robot.description import Limits, Robot
+from ator_ros.geometry import FloatArray
 from ator_ros.schema import Within, require
 
 _NUMBERS = len(Shape._fields)
@@ -29,7 +29,7 @@ _NUMBERS = len(Shape._fields)
 StoredShape = tuple[float | None, ...]
 """A `Shape` in a file; None where a number does not apply."""
 StoredGroups = tuple[tuple[StoredShape, ...], ...]
-"""Groups of shapes, see `ator_ros.motion.shapes.ShapeSet`."""
+"""Groups of shapes, see `ator_ros.bases.differential.shapes.ShapeSet`."""
 
 
 @dataclass(frozen=True)
@@ -243,7 +243,7 @@ def chosen_shapes(
     rules : Rules
         Rules of the paths.
     ends : array of float, shape (5, n)
-        Times are compared between ends like these, see `ator_ros.motion.shapes.drawn_ends`.
+        Times are compared between ends like these, see `ator_ros.bases.differential.shapes.drawn_ends`.
     hold : float
         Distance in m from the axle to the object in front.
 

@@ -12,9 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ator_ros.actions.goal_variables import GoalVariable, direct_name
+from ator_ros.bases.description import Robot
+from ator_ros.bases.differential.durations import drive_time, turn_time
+from ator_ros.bases.routes import routes_of
 from ator_ros.geometry import FloatArray, wrap_angles
-from ator_ros.motion.durations import drive_time, turn_time
-from ator_ros.motion.routes import routes_of
 from ator_ros.performance.derived import (
     ANGLE_AT,
     ANGLE_TO,
@@ -34,7 +35,6 @@ from ator_ros.performance.derived import (
 )
 from ator_ros.performance.direct import DIRECT_VARIABLES, Direct
 from ator_ros.performance.driving import DrivingStyle
-from ator_ros.robot.description import Robot
 
 
 @dataclass(frozen=True, eq=False)

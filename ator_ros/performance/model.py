@@ -11,6 +11,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
+from ator_ros.bases.description import Robot
 from ator_ros.compiled import compiled
 from ator_ros.geometry import FloatArray
 from ator_ros.performance.derived import ANGLE_BETWEEN, DIST, RESTS, Geometry
@@ -19,7 +20,6 @@ from ator_ros.performance.driving import DrivingStyle
 from ator_ros.performance.error_process import ErrorProcess
 from ator_ros.performance.features import OF_STRAIGHT, Feature, declared_by, derived_from, names_of
 from ator_ros.performance.tree.nodes import ModelTree, RuleWriter
-from ator_ros.robot.description import Robot
 from ator_ros.schema import Within
 from ator_ros.world.state import CONTROL_PERIOD
 

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from ator_ros.actions import DEFAULT_SET
+from ator_ros.bases.description import Robot
 from ator_ros.files import FileError, is_name, load, save
 from ator_ros.performance.driving import DrivingStyle
 from ator_ros.performance.error_process import ErrorProcess
@@ -21,7 +22,6 @@ from ator_ros.performance.model import MEASURES, Arrival, AtGoal, PerformanceMod
 from ator_ros.performance.tree.storage import StoredTree, restored, stored
 from ator_ros.printable import printable, quoted
 from ator_ros.resources import resource_path
-from ator_ros.robot.description import Robot
 from ator_ros.schema import Must, require
 
 KIND = "performance model"

@@ -16,9 +16,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
+from ator_ros.bases.description import GREATEST, LEAST, Limits, Robot
+from ator_ros.bases.differential.durations import rates_of
+from ator_ros.bases.differential.shapes import Rules
 from ator_ros.geometry import BoolArray, FloatArray
-from ator_ros.motion.durations import rates_of
-from ator_ros.motion.shapes import Rules
 from ator_ros.performance.derived import ANGLE_TO, Geometry
 from ator_ros.performance.direct import DIRECT_VARIABLES
 from ator_ros.performance.driving import (
@@ -30,7 +31,6 @@ from ator_ros.performance.driving import (
     free_shapes,
     plain_driving,
 )
-from ator_ros.robot.description import GREATEST, LEAST, Limits, Robot
 
 _SPEED_QUANTILE = 0.995  # quantile of the speeds that counts as the greatest speed
 # quantile of the accelerations that counts as the greatest; lower, as their noise is larger

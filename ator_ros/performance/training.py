@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 
 from ator_ros.actions.goal_variables import direct_name
+from ator_ros.bases.description import Robot
 from ator_ros.experience.table import ExperienceError, goal_variables_of_columns
 from ator_ros.geometry import BoolArray, FloatArray, wrap_angles
 from ator_ros.performance.derived import ANGLE_BETWEEN, RESTS, Geometry
@@ -45,7 +46,6 @@ from ator_ros.performance.rising_terms import (
 )
 from ator_ros.performance.tree.model_tree import ModelTreeRegressor
 from ator_ros.performance.tree.nodes import Hinge, ModelTree
-from ator_ros.robot.description import Robot
 from ator_ros.world.state import AT_REST, CONTROL_PERIOD
 
 # Smoothing constants to choose from (M5': 15). With a few hundred starts the leaves are small, and

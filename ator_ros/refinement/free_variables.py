@@ -20,6 +20,7 @@ import numpy as np
 
 from ator_ros.actions.base import Point
 from ator_ros.actions.goal_variables import GOAL_VARIABLES, direct_name, goal_values
+from ator_ros.bases.description import Robot
 from ator_ros.geometry import BoolArray, FloatArray, Pose, wrap_angle
 from ator_ros.refinement.chain_prediction import (
     PredictsPerformance,
@@ -27,7 +28,6 @@ from ator_ros.refinement.chain_prediction import (
     columns_after,
 )
 from ator_ros.refinement.search import Allowed, spread_points
-from ator_ros.robot.description import Robot
 from ator_ros.tops.bindings import bindings
 from ator_ros.tops.chain import EVERYTHING, InvalidChainError, TopChain, projected
 from ator_ros.tops.conditions import Condition, Distance, Region, Relation, state_of

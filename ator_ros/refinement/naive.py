@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 from ator_ros.actions.goal_variables import with_values
+from ator_ros.bases.description import Robot
+from ator_ros.bases.routes import arrival_heading
 from ator_ros.geometry import Pose
-from ator_ros.motion.routes import arrival_heading
-from ator_ros.robot.description import Robot
 from ator_ros.tops.bindings import bindings
 from ator_ros.tops.chain import TopCall, TopChain, projected
 from ator_ros.tops.ranges import Ranges

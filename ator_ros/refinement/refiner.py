@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from ator_ros.actions.goal_variables import direct_name, with_values
+from ator_ros.bases.description import Robot
 from ator_ros.geometry import FloatArray
 from ator_ros.printable import printable
 from ator_ros.refinement import RefinementError
@@ -34,7 +35,6 @@ from ator_ros.refinement.search import (
     search,
     unsearched,
 )
-from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.ranges import USUAL_RANGES, Ranges
 from ator_ros.world.state import World

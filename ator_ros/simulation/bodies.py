@@ -15,8 +15,8 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+from ator_ros.bases.description import Robot
 from ator_ros.geometry import quaternion_from_yaw
-from ator_ros.robot.description import Robot
 from ator_ros.simulation.urdf import WHEEL_NAMES, robot_urdf
 from ator_ros.world.grid_map import GridMap
 from ator_ros.world.scene import WALL_THICKNESS, Area, Bay, RoundObject

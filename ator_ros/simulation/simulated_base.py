@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
+from ator_ros.bases.description import Robot
+from ator_ros.bases.differential.response import clip, ramped
 from ator_ros.geometry import Pose, quaternion_from_yaw, yaw_from_quaternion
-from ator_ros.robot.description import Robot
-from ator_ros.robot.response import clip, ramped
 from ator_ros.simulation.bodies import BulletClient, load_base
 from ator_ros.world.state import STOP, Command, RobotState
 

@@ -6,8 +6,8 @@ import dataclasses
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 
+from ator_ros.bases.description import Robot
 from ator_ros.geometry import Pose
-from ator_ros.robot.description import Robot
 from ator_ros.simulation.bodies import (
     GRAVITY,
     BulletClient,

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from string import Template
 
+from ator_ros.bases.description import Holder, Robot
 from ator_ros.resources import resource_path
-from ator_ros.robot.description import Holder, Robot
 
 WHEEL_MASS = 0.4
 """Mass in kg of a wheel; at most `WHEEL_SHARE` of the mass of a light robot."""

@@ -14,6 +14,8 @@ import pandas as pd
 
 from ator_ros.actions.base import Goal
 from ator_ros.actions.situation import SHORT, ActionSpec, drawn_until, short_goal
+from ator_ros.bases.description import Robot
+from ator_ros.bases.routes import routes_of
 from ator_ros.domains.declared import DeclaredPlace, Places
 from ator_ros.domains.domain import Domain, DomainError
 from ator_ros.execution.chain_executor import Ending
@@ -22,9 +24,7 @@ from ator_ros.experience.collect import episode_generator
 from ator_ros.experience.table import ExperienceError
 from ator_ros.files import FileError, read_yaml
 from ator_ros.geometry import Pose
-from ator_ros.motion.routes import routes_of
 from ator_ros.nodes.network import stay_on_this_machine
-from ator_ros.robot.description import Robot
 from ator_ros.schema import SchemaError, structured
 from ator_ros.tools.collect import Attachment, drivers
 from ator_ros.tools.own_nodes import episode_row

@@ -22,14 +22,7 @@ import yaml
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
-from ator_ros.files import header, portable_command, write_text
-from ator_ros.nodes.commands import CommandPublisher
-from ator_ros.nodes.diagnostics import Diagnosis
-from ator_ros.nodes.inputs import Subscriptions
-from ator_ros.nodes.network import stay_on_this_machine
-from ator_ros.nodes.parameters import FRAME, ROBOT_FRAME, STATE
-from ator_ros.nodes.running import uninterrupted
-from ator_ros.robot.description import (
+from ator_ros.bases.description import (
     GREATEST,
     KIND,
     Limits,
@@ -38,8 +31,15 @@ from ator_ros.robot.description import (
     load_robot,
     robot_of,
 )
-from ator_ros.robot.identification import BaseEstimate, check_plausible, identify
-from ator_ros.robot.probe_drive import DriveError, ProbeDrive
+from ator_ros.bases.differential.identification import BaseEstimate, check_plausible, identify
+from ator_ros.bases.differential.probe_drive import DriveError, ProbeDrive
+from ator_ros.files import header, portable_command, write_text
+from ator_ros.nodes.commands import CommandPublisher
+from ator_ros.nodes.diagnostics import Diagnosis
+from ator_ros.nodes.inputs import Subscriptions
+from ator_ros.nodes.network import stay_on_this_machine
+from ator_ros.nodes.parameters import FRAME, ROBOT_FRAME, STATE
+from ator_ros.nodes.running import uninterrupted
 from ator_ros.tools.command_line import destination, guarded, number, without_ros_arguments
 from ator_ros.world.messages import plain_frame
 from ator_ros.world.state import STOP, RobotState

@@ -17,6 +17,7 @@ import numpy as np
 import pandas as pd
 
 from ator_ros.actions import TIME_LIMIT
+from ator_ros.bases.description import Robot
 from ator_ros.domains.domain import Domain
 from ator_ros.evaluation.toolset import ToolsetSource
 from ator_ros.evaluation.trials import possible_actions
@@ -33,7 +34,6 @@ from ator_ros.experience.table import (
 from ator_ros.files import FileError
 from ator_ros.geometry import wrap_angles
 from ator_ros.printable import one_line
-from ator_ros.robot.description import Robot
 from ator_ros.tools.command_line import (
     RESUMES,
     add_factor,

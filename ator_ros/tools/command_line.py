@@ -13,6 +13,8 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from pathlib import Path
 
 from ator_ros.actions import DEFAULT_SET
+from ator_ros.bases.description import ConfigError
+from ator_ros.bases.differential.probe_drive import DriveError
 from ator_ros.compiled import is_cached
 from ator_ros.domains.domain import Domain, DomainError, domain_for
 from ator_ros.evaluation.toolset import ToolsetSource
@@ -24,8 +26,6 @@ from ator_ros.nodes.network import NodesError
 from ator_ros.planning.goals import PlanningError
 from ator_ros.printable import one_line
 from ator_ros.refinement import RefinementError
-from ator_ros.robot.description import ConfigError
-from ator_ros.robot.probe_drive import DriveError
 from ator_ros.schema import SchemaError
 from ator_ros.world.messages import MessageError
 

@@ -15,12 +15,12 @@ import pandas as pd
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
+from ator_ros.bases.description import Robot
 from ator_ros.domains.domain import Domain
 from ator_ros.evaluation.trials import Trial, open_speeds, random_trial
 from ator_ros.files import atomic_write
 from ator_ros.nodes.segments import surroundings
 from ator_ros.refinement.refiner import ITS_DEADLINE
-from ator_ros.robot.description import Robot
 from ator_ros.tools.command_line import (
     add_factor,
     add_models,

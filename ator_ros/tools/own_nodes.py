@@ -17,6 +17,7 @@ import pandas as pd
 from ament_index_python.packages import PackageNotFoundError, get_package_prefix
 
 from ator_ros.actions import TIME_LIMIT
+from ator_ros.bases.description import Robot
 from ator_ros.domains.declared import DeclaredServer
 from ator_ros.domains.domain import Domain, domain_for
 from ator_ros.evaluation.toolset import ToolsetSource
@@ -32,7 +33,6 @@ from ator_ros.nodes.network import (
 )
 from ator_ros.nodes.remote_messages import RemoteError, RemoteInterface
 from ator_ros.nodes.running import uninterrupted
-from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.library import top_of
 from ator_ros.view.backend import Backend

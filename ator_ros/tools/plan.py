@@ -10,13 +10,13 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 
+from ator_ros.bases.description import Robot
 from ator_ros.domains.domain import Domain
 from ator_ros.evaluation.toolset import tools_of
 from ator_ros.geometry import Pose
 from ator_ros.planning.goals import GoalStatement, PlanningError, statement_from
 from ator_ros.planning.planner import chains_for
 from ator_ros.refinement.refiner import Judged, Refiner, choose, rank
-from ator_ros.robot.description import Robot
 from ator_ros.tools.command_line import add_models, add_setting, number, run_tool, source_of
 from ator_ros.tops.chain import TopChain
 from ator_ros.world.messages import FARTHEST

@@ -14,6 +14,7 @@ import numpy as np
 import pandas as pd
 
 from ator_ros.actions import DEFAULT_SET
+from ator_ros.bases.description import Robot
 from ator_ros.domains.domain import Domain
 from ator_ros.experience.drives import CMD_VEL, ODOM
 from ator_ros.experience.recordings import read_sources
@@ -27,7 +28,6 @@ from ator_ros.performance.observation import NEAR_GOAL
 from ator_ros.performance.training import digest, start_ranges, without_errors, without_routes
 from ator_ros.performance.training import train as train_model
 from ator_ros.printable import one_line, printable
-from ator_ros.robot.description import Robot
 from ator_ros.tools.command_line import add_setting, run_tool, topic
 
 

@@ -10,12 +10,12 @@ import time
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from ator_ros.bases.description import Robot
 from ator_ros.domains.domain import Domain, DomainError, domain_for
 from ator_ros.files import FileError, is_name
 from ator_ros.nodes.network import stay_on_this_machine
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.model_file import load_models
-from ator_ros.robot.description import Robot
 from ator_ros.simulation.urdf import robot_urdf
 from ator_ros.tools.command_line import (
     add_factor,

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 from ator_ros.actions.base import Goal, Point
 from ator_ros.actions.goal_variables import goal_values
+from ator_ros.bases.description import Robot
 from ator_ros.geometry import Pose
 from ator_ros.printable import ReadableError
-from ator_ros.robot.description import Robot
 from ator_ros.tops.conditions import Condition, Term, arrived, state_of
 from ator_ros.world.state import ObjectState, RobotState, World
 

@@ -16,8 +16,8 @@ from typing import Annotated, Any
 import numpy as np
 
 from ator_ros.actions.base import Goal
+from ator_ros.bases.description import Robot
 from ator_ros.geometry import wrap_angle, wrap_angles
-from ator_ros.robot.description import Robot
 from ator_ros.schema import Within, require
 from ator_ros.world.messages import RESERVED
 from ator_ros.world.state import RobotState, World

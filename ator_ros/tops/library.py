@@ -9,9 +9,9 @@ from types import MappingProxyType
 from ator_ros.actions.base import Action, Goal
 from ator_ros.actions.goal_variables import GoalVariable, goal_values
 from ator_ros.actions.situation import Situation
+from ator_ros.bases.description import ConfigError, Robot
 from ator_ros.geometry import Pose
 from ator_ros.printable import quoted
-from ator_ros.robot.description import ConfigError, Robot
 from ator_ros.tops.chain import Top
 from ator_ros.tops.conditions import state_of
 from ator_ros.tops.objects import objects_in

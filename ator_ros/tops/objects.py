@@ -8,7 +8,7 @@ from collections.abc import Iterable
 
 from ator_ros.actions.base import Goal
 from ator_ros.actions.goal_variables import goal_values
-from ator_ros.robot.description import Robot
+from ator_ros.bases.description import Robot
 from ator_ros.tops.chain import Top, TopCall
 from ator_ros.tops.conditions import Condition, Statement, state_of
 from ator_ros.world.state import World

@@ -10,7 +10,7 @@ from types import MappingProxyType
 
 from ator_ros.actions.base import Goal, Point
 from ator_ros.actions.goal_variables import GoalVariable
-from ator_ros.robot.description import Robot
+from ator_ros.bases.description import Robot
 
 
 @dataclass(frozen=True, slots=True)

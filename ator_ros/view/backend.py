@@ -28,6 +28,7 @@ from std_srvs.srv import SetBool
 from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import ChainPerformance, Objective, Outcome, SearchCurve
 from ator_interfaces.srv import PlaceObject, PlaceRobot, RefineSubgoal
+from ator_ros.bases.description import Robot
 from ator_ros.domains.domain import Domain
 from ator_ros.geometry import Pose
 from ator_ros.nodes.inputs import Subscriptions
@@ -39,7 +40,6 @@ from ator_ros.nodes.qos import ACTION_QUEUES, LATCHED, LATCHED_BY_MANY, RESULTS,
 from ator_ros.nodes.running import uninterrupted
 from ator_ros.printable import printable
 from ator_ros.refinement.refiner import SubgoalCurve
-from ator_ros.robot.description import Robot
 from ator_ros.view.draft import Draft
 from ator_ros.view.runs import OTHERS, Answer, History, Run
 from ator_ros.world.messages import MessageError, world_from

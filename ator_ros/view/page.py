@@ -11,6 +11,7 @@ from functools import partial
 from queue import SimpleQueue
 from typing import Any
 
+from ator_ros.bases.description import Robot
 from ator_ros.geometry import Pose
 from ator_ros.nodes.segments import (
     BLUE,
@@ -23,7 +24,6 @@ from ator_ros.nodes.segments import (
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.refinement.chain_prediction import chain_situations
 from ator_ros.refinement.objective import MOST_WEIGHT
-from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
 from ator_ros.view.backend import Backend
 from ator_ros.view.draft import Draft

@@ -15,11 +15,11 @@ import viser
 import yourdfpy
 from viser.extras import ViserUrdf
 
+from ator_ros.bases.description import Robot
 from ator_ros.domains.domain import Domain
 from ator_ros.geometry import Pose, quaternion_from_yaw
 from ator_ros.nodes.segments import Color, Segments, surroundings
 from ator_ros.refinement.objective import LEAST_WEIGHT
-from ator_ros.robot.description import Robot
 from ator_ros.world.scene import Area
 
 LOOPBACK = "127.0.0.1"

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from robots import PIONEER, loaded
 
+from ator_ros.bases.description import Robot
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.evaluation.chain_run import run_chain
 from ator_ros.execution.fence import Fence
@@ -14,7 +15,6 @@ from ator_ros.geometry import Pose
 from ator_ros.performance.model_file import load_model
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.resources import resource_path
-from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopChain
 from ator_ros.world.state import World
 

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import pytest
 
 from ator_ros.actions.base import Action, Goal, Point, Status, Step
+from ator_ros.bases.description import Limits, load_robot
 from ator_ros.domains.soccer.field import BALL
 from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
 from ator_ros.geometry import Pose
-from ator_ros.robot.description import Limits, load_robot
 from ator_ros.simulation.run import place, run_action
 from ator_ros.simulation.simulation import Simulation
 from ator_ros.world.state import ObjectState, RobotState, World

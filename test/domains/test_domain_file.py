@@ -13,12 +13,12 @@ from domain_files import CHAIN, PLACE, TOUR, changed, file_of
 from ator_ros.actions.base import Goal, Point
 from ator_ros.actions.goal_variables import GoalVariable
 from ator_ros.actions.remote import Timeouts
+from ator_ros.bases.description import load_robot
 from ator_ros.domains.declared import DeclaredServer
 from ator_ros.domains.domain import Domain, DomainError, find_domain
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.stand_ins import DriveToStandIn
 from ator_ros.geometry import Pose
-from ator_ros.robot.description import load_robot
 from ator_ros.tops.chain import Top
 from ator_ros.tops.conditions import Condition, Region, Term
 from ator_ros.tops.ranges import USUAL_RANGES

@@ -5,11 +5,11 @@ import dataclasses
 import pytest
 from domain_files import install
 
+from ator_ros.bases.description import ConfigError, load_robot
 from ator_ros.domains.domain import DomainError, find_domain
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.evaluation.trials import possible_actions, possible_chain, random_trial
 from ator_ros.performance.features import GENERAL
-from ator_ros.robot.description import ConfigError, load_robot
 
 
 def test_an_unknown_name_is_rejected_with_the_known_names() -> None:

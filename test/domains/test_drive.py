@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from robots import PIONEER, PLAIN, SHIPPED, loaded
 
+from ator_ros.bases.description import Limits, Robot
 from ator_ros.domains.domain import domain_for, find_domain
 from ator_ros.evaluation.chain_run import run_chain
-from ator_ros.robot.description import Limits, Robot
 from ator_ros.tools import study
 from ator_ros.tools.command_line import run_tool
 from ator_ros.world.scene import Area, Scene

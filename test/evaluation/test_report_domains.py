@@ -13,12 +13,12 @@ from domain_files import install
 from experience_rows import synthetic_experience
 from outside.delivery import DELIVERY, two_visits
 
+from ator_ros.bases.description import Robot
 from ator_ros.evaluation.report import REPORT, write_report
 from ator_ros.evaluation.running import KIND, RESULT
 from ator_ros.files import load
 from ator_ros.performance.model_file import save_model
 from ator_ros.performance.training import train
-from ator_ros.robot.description import Robot
 from ator_ros.tools import evaluate
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary

@@ -8,13 +8,13 @@ from dataclasses import dataclass, field
 import numpy as np
 from executions import execution as execution_of
 
+from ator_ros.bases.description import Robot
+from ator_ros.bases.differential.response import ramped
 from ator_ros.execution.chain_executor import Ending
 from ator_ros.execution.fence import Fence
 from ator_ros.execution.motion_watch import MotionWatch
 from ator_ros.execution.supervisor import Phase, Supervisor
 from ator_ros.geometry import Pose, wrap_angle
-from ator_ros.robot.description import Robot
-from ator_ros.robot.response import ramped
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import STOP, Command, ObjectState, RobotState, World

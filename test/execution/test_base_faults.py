@@ -13,12 +13,12 @@ from faulty_base import Failure, Goal, KinematicBase, execute
 from selection import few
 
 from ator_ros.actions.base import Goal as ActionGoal
+from ator_ros.bases.description import Limits, Robot, load_robot
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import BALL
 from ator_ros.execution.chain_executor import Ending
 from ator_ros.geometry import Pose, wrap_angle
 from ator_ros.resources import resource_path
-from ator_ros.robot.description import Limits, Robot, load_robot
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.world.state import Command, ObjectState, RobotState
 

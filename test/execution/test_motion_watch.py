@@ -9,6 +9,7 @@ from executions import LIBRARY, ROBOT, chain
 from faulty_base import Failure, KinematicBase, execute
 
 from ator_ros.actions.base import Status, Step
+from ator_ros.bases.differential.response import ramped
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.evaluation.chain_run import run_chain
 from ator_ros.evaluation.trials import random_trial
@@ -16,7 +17,6 @@ from ator_ros.execution.chain_executor import ChainExecutor, Ending
 from ator_ros.execution.fence import Fence, FenceWatch
 from ator_ros.execution.motion_watch import MotionWatch
 from ator_ros.geometry import Pose
-from ator_ros.robot.response import ramped
 from ator_ros.simulation.sensors import SensorConfig, Sensors
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from ator_ros.actions.base import ActionError
+from ator_ros.bases.description import load_robot
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import BALL
 from ator_ros.domains.soccer.planned.holding import DribbleBall
@@ -14,7 +15,6 @@ from ator_ros.evaluation.trials import random_trial
 from ator_ros.execution.chain_executor import ChainExecutor
 from ator_ros.execution.rolling import Rolling
 from ator_ros.geometry import Pose
-from ator_ros.robot.description import load_robot
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import ObjectState, RobotState, World
 

@@ -13,6 +13,8 @@ from turning_action import TurnDriveTurn
 
 from ator_ros.actions.base import Action, ActionError, Goal, Point
 from ator_ros.actions.situation import ActionSpec, Situation
+from ator_ros.bases.description import Robot, load_robot
+from ator_ros.bases.differential.drive_parts import DriveParts
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import BALL, ball_of, field_of
 from ator_ros.domains.soccer.tops import GO_TO_BALL, GO_TO_POSE
@@ -26,8 +28,6 @@ from ator_ros.experience.table import (
     write_experience,
 )
 from ator_ros.geometry import Pose
-from ator_ros.motion.drive_parts import DriveParts
-from ator_ros.robot.description import Robot, load_robot
 from ator_ros.simulation.simulation import Simulation
 from ator_ros.world.state import ObjectState, RobotState, World
 

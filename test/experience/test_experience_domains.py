@@ -8,6 +8,7 @@ from bags import action_performance, own_types, write_records
 from experience_rows import synthetic_experience
 from outside.delivery import DELIVERY
 
+from ator_ros.bases.description import load_robot
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience.drives import top_between
 from ator_ros.experience.recordings import read_recording, read_sources
@@ -19,7 +20,6 @@ from ator_ros.experience.table import (
 )
 from ator_ros.geometry import Pose
 from ator_ros.performance.model_file import load_model
-from ator_ros.robot.description import load_robot
 from ator_ros.tools import train
 
 ROBOT = load_robot()

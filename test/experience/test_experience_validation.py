@@ -8,13 +8,13 @@ import pytest
 from bags import action_performance, own_types, write_records
 from experience_rows import synthetic_experience
 
+from ator_ros.bases.description import load_robot
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience.table import Experience, ExperienceError, read_experience, write_experience
 from ator_ros.files import FileError
 from ator_ros.geometry import Pose
 from ator_ros.performance.model_file import load_models, save_model
 from ator_ros.performance.training import train
-from ator_ros.robot.description import load_robot
 from ator_ros.tools.train import main
 
 ROBOT = load_robot()

@@ -9,12 +9,12 @@ from ros_client import Client
 
 from ator_interfaces.msg import ObjectState
 from ator_interfaces.srv import RefineSubgoal
+from ator_ros.bases.description import load_robot
 from ator_ros.geometry import Pose
 from ator_ros.nodes.messages import pose_of
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.model_file import save_model
 from ator_ros.refinement.refiner import LONGEST_CHAIN
-from ator_ros.robot.description import load_robot
 
 
 def save_small_models(

@@ -18,12 +18,12 @@ from maps import hall as cells
 from maps import write_map
 
 from ator_interfaces.msg import ChainPerformance, Outcome
+from ator_ros.bases.description import ConfigError
+from ator_ros.bases.routes import routes_of
 from ator_ros.domains.domain import find_domain
 from ator_ros.experience.table import read_experience
 from ator_ros.geometry import Pose
-from ator_ros.motion.routes import routes_of
 from ator_ros.nodes.qos import LATCHED
-from ator_ros.robot.description import ConfigError
 from ator_ros.tools.attached import Destinations, driven_tops
 from ator_ros.tools.collect import main
 

@@ -12,9 +12,9 @@ from nav_msgs.msg import Odometry
 from process import executable, run
 from ros_client import Client
 
+from ator_ros.bases.description import load_robot
 from ator_ros.nodes.qos import SENSOR_DATA
 from ator_ros.resources import resource_path
-from ator_ros.robot.description import load_robot
 
 AWAY = [3.5, 2.0]
 

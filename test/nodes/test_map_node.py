@@ -23,6 +23,7 @@ from ros_client import Client
 
 from ator_interfaces.msg import Outcome, TopCall
 from ator_interfaces.srv import PredictDurations, RefineSubgoal
+from ator_ros.bases.description import Robot
 from ator_ros.domains.domain import find_domain
 from ator_ros.geometry import Pose
 from ator_ros.nodes import refinement
@@ -32,7 +33,6 @@ from ator_ros.nodes.qos import LATCHED
 from ator_ros.performance.model_file import save_model
 from ator_ros.performance.training import train
 from ator_ros.refinement.durations import Durations
-from ator_ros.robot.description import Robot
 from ator_ros.world.grid_map import GridMap
 from ator_ros.world.state import World
 

@@ -12,12 +12,12 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from process import PATIENCE, environment
 from ros_client import Client, values_of
 
+from ator_ros.bases.description import load_robot
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.learning.gains import GAINS, ChainGain, add_chain, read_gains
 from ator_ros.learning.sets import Manifest, new_set_folder, publish, read_manifest, seal
 from ator_ros.nodes import models as nodes_models
 from ator_ros.resources import resource_path
-from ator_ros.robot.description import load_robot
 
 BOTH = pytest.mark.parametrize("name", ["executor", "refinement"])
 

@@ -9,13 +9,13 @@ import yaml
 
 from ator_interfaces.action import ExecuteChain
 from ator_interfaces.srv import RefineSubgoal
+from ator_ros.bases.description import load_robot
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.nodes.messages import answer_of, chain_from, gain_of
 from ator_ros.nodes.refinement import refine_request
 from ator_ros.performance.model_file import load_models
 from ator_ros.refinement.gate import Gate
 from ator_ros.refinement.refiner import Refiner
-from ator_ros.robot.description import load_robot
 from examples.call import filled
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -17,13 +17,13 @@ from rclpy.qos import QoSProfile
 from ros_client import Client
 
 from ator_interfaces.msg import ActionPerformance, ChainPerformance, Outcome, TopCall
+from ator_ros.bases.description import load_robot
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience.recordings import read_recording
 from ator_ros.geometry import Pose
 from ator_ros.nodes.diagnostics import type_name
 from ator_ros.nodes.qos import LATCHED, RESULTS, SENSOR_DATA
 from ator_ros.performance.model_file import load_model
-from ator_ros.robot.description import load_robot
 from ator_ros.world.messages import pose_from
 
 DEPTH = 5000

@@ -14,9 +14,9 @@ from rclpy.node import Node
 
 from ator_interfaces.action import ExecuteChain
 from ator_ros.actions.base import Goal, Status, Step
+from ator_ros.bases.description import load_robot
 from ator_ros.geometry import Pose
 from ator_ros.nodes.remote_actions import RemoteAction, RemoteServer
-from ator_ros.robot.description import load_robot
 from ator_ros.world.messages import pose_from
 from ator_ros.world.state import STOP, RobotState, World
 

@@ -12,11 +12,11 @@ import numpy as np
 from ator_ros.actions.base import Action, Goal, Status, Step, finished
 from ator_ros.actions.goal_variables import GoalVariable
 from ator_ros.actions.situation import ActionSpec, Situation
+from ator_ros.bases.description import Robot
 from ator_ros.domains.domain import Domain
 from ator_ros.geometry import FloatArray, Pose, wrap_angle
 from ator_ros.performance.derived import Geometry
 from ator_ros.performance.features import Feature, variables
-from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import Top, TopCall, TopChain
 from ator_ros.tops.conditions import Condition, Distance, Region, Term
 from ator_ros.tops.library import TopLibrary

@@ -10,13 +10,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from ator_ros.bases.description import Robot, load_robot
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.geometry import FloatArray
 from ator_ros.performance.direct import DIRECT_VARIABLES
 from ator_ros.performance.driving import plain_driving
 from ator_ros.performance.features import OF_STRAIGHT, PAPER_3, PAPER_11, PATHS, Feature, names_of
 from ator_ros.performance.features import feature_table as table_of_features
-from ator_ros.robot.description import Robot, load_robot
 
 ROBOT = load_robot()
 FEATURES = SOCCER.known_features

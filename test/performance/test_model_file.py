@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from experience_rows import synthetic_experience
 
+from ator_ros.bases.description import load_robot
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.files import FileError
 from ator_ros.performance.model import PerformanceModel
@@ -23,7 +24,6 @@ from ator_ros.performance.model_file import (
     save_model,
 )
 from ator_ros.performance.training import direct_of, train
-from ator_ros.robot.description import load_robot
 
 ROBOT = load_robot()
 ROWS = synthetic_experience("goToPose")

@@ -8,15 +8,15 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from ator_ros.motion.drive_parts import DriveParts
-from ator_ros.motion.shapes import fastest_paths
+from ator_ros.bases.description import Limits, load_robot
+from ator_ros.bases.differential.drive_parts import DriveParts
+from ator_ros.bases.differential.shapes import fastest_paths
 from ator_ros.performance.direct import DIRECT_VARIABLES
 from ator_ros.performance.driving import DrivingStyle, plain_driving
 from ator_ros.performance.features import GENERAL, PATHS, feature_table
 from ator_ros.performance.model_file import load_model, save_model
 from ator_ros.performance.observation import observed_driving
 from ator_ros.performance.training import train
-from ator_ros.robot.description import Limits, load_robot
 
 ROBOT = load_robot()
 SLOW = DrivingStyle(Limits(0.5, 1.0, 0.4, 0.3, 2.0), plain_driving(ROBOT).drives)

@@ -5,11 +5,11 @@ from pathlib import Path
 
 import pytest
 
+from ator_ros.bases.description import load_robot
 from ator_ros.domains.domain import Domain, find_domain
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.performance.model_file import load_model, save_model
 from ator_ros.resources import resource_path
-from ator_ros.robot.description import load_robot
 from scripts.accuracy import PAPER_ERRORS, accuracy_table
 
 ROBOT = load_robot()

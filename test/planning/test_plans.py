@@ -6,12 +6,12 @@ from collections.abc import Sequence
 
 import pytest
 
+from ator_ros.bases.description import Robot
 from ator_ros.domains.domain import Domain, find_domain
 from ator_ros.execution.fence import Fence
 from ator_ros.geometry import Pose
 from ator_ros.planning.goals import GoalStatement, PlanningError, statement_from
 from ator_ros.planning.planner import chains_for
-from ator_ros.robot.description import Robot
 from ator_ros.tools.plan import main as plan_main
 from ator_ros.tops.chain import TopChain
 from ator_ros.world.state import ObjectState, RobotState, World

@@ -22,10 +22,10 @@ from refinement_fakes import (
 )
 
 from ator_ros.actions.base import Goal, Point
+from ator_ros.bases.routes import routes_of
 from ator_ros.domains.domain import find_domain
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.geometry import Pose
-from ator_ros.motion.routes import routes_of
 from ator_ros.performance.model_file import load_models
 from ator_ros.refinement.free_variables import analyze
 from ator_ros.refinement.refiner import Refiner

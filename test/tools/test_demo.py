@@ -10,12 +10,12 @@ import pytest
 from view.in_process import record_of
 
 from ator_interfaces.msg import Outcome
+from ator_ros.bases.description import load_robot
 from ator_ros.domains.declared import DeclaredServer
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.evaluation.trials import random_trial
 from ator_ros.nodes.network import NodesError
 from ator_ros.refinement.refiner import ITS_DEADLINE
-from ator_ros.robot.description import load_robot
 from ator_ros.tools.demo import DemoSituation, table
 from ator_ros.tools.own_nodes import NodeProcesses
 from ator_ros.tops.chain import TopChain

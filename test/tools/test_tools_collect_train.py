@@ -18,9 +18,9 @@ import pytest
 from experience_rows import synthetic_experience
 from selection import few
 
+from ator_ros.bases.description import load_robot
 from ator_ros.experience.parallel import BackendError, run_tasks, workers
 from ator_ros.experience.table import Experience, read_experience, write_experience
-from ator_ros.robot.description import load_robot
 from ator_ros.tools import collect, evaluate, train
 from ator_ros.tools.command_line import INTERRUPTED
 from scripts import accuracy

@@ -4,12 +4,12 @@ import pytest
 from refinement_fakes import LIBRARY, ROBOT, call
 
 from ator_ros.actions.base import Goal
+from ator_ros.bases.description import load_robot
 from ator_ros.domains.domain import Domain, DomainError
 from ator_ros.domains.drive import DRIVE
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import BALL
 from ator_ros.geometry import Pose
-from ator_ros.robot.description import load_robot
 from ator_ros.tops.chain import Top, TopCall, TopChain
 from ator_ros.tops.conditions import Condition, Term
 from ator_ros.tops.library import TopLibrary

@@ -6,8 +6,8 @@ import math
 import pytest
 from outside.delivery import DELIVERY, PARCEL
 
+from ator_ros.bases.description import Robot, load_robot
 from ator_ros.geometry import Pose
-from ator_ros.robot.description import Robot, load_robot
 from ator_ros.simulation.simulation import Simulation
 from ator_ros.world.scene import Bay, RoundObject, Scene
 from ator_ros.world.state import Command, ObjectState, World

@@ -9,6 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from ator_ros.actions.base import Action, ActionError, Goal, Status, Step, finished
+from ator_ros.bases.description import Limits, Robot
 from ator_ros.domains.soccer.field import (
     BALL,
     ball_of,
@@ -20,7 +21,6 @@ from ator_ros.domains.soccer.field import (
 )
 from ator_ros.domains.soccer.thresholds import ball_clearance, check_arrival, check_held, lost_ball
 from ator_ros.geometry import FloatArray, Pose, wrap_angle
-from ator_ros.robot.description import Limits, Robot
 from ator_ros.tops.objects import is_at_front
 from ator_ros.world.state import (
     CONTROL_PERIOD,

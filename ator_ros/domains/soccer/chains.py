@@ -12,6 +12,7 @@ import numpy as np
 from ator_ros.actions import TIME_LIMIT
 from ator_ros.actions.base import Goal
 from ator_ros.actions.situation import Situation, drawn_until
+from ator_ros.bases.description import Robot
 from ator_ros.domains.domain import ChainSampler
 from ator_ros.domains.soccer.field import BALL, field_of
 from ator_ros.domains.soccer.situations import (
@@ -24,7 +25,6 @@ from ator_ros.domains.soccer.situations import (
 )
 from ator_ros.domains.soccer.thresholds import ball_clearance, farthest
 from ator_ros.geometry import Pose
-from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import ObjectState, RobotState, World

@@ -10,6 +10,7 @@ import numpy as np
 
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.actions.situation import ActionSpec
+from ator_ros.bases.description import Robot
 from ator_ros.domains.domain import Domain
 from ator_ros.domains.soccer import situations
 from ator_ros.domains.soccer.bezier import BezierDribbleBall, BezierGoToPose, BezierShoot
@@ -23,7 +24,6 @@ from ator_ros.domains.soccer.tops import TOPS, tops_for
 from ator_ros.geometry import FloatArray, wrap_angles
 from ator_ros.performance.derived import Geometry, from_hold
 from ator_ros.performance.features import PAPER_11, PATHS, Feature, names_of, variables
-from ator_ros.robot.description import Robot
 from ator_ros.tops.conditions import Condition
 
 _TO_MOUTH = variables("x y yaw xg yg")

@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 
 from ator_ros.actions.situation import Situation
+from ator_ros.bases.description import ConfigError, Robot
 from ator_ros.compiled import elementwise
 from ator_ros.domains.domain import Line
 from ator_ros.geometry import FloatArray, Pose
-from ator_ros.robot.description import ConfigError, Robot
 from ator_ros.world.scene import WALL_THICKNESS, Bay, Scene
 from ator_ros.world.state import ObjectState, World
 

@@ -11,6 +11,7 @@ import numpy as np
 from ator_ros.actions import TIME_LIMIT
 from ator_ros.actions.base import ActionError, Goal, Point
 from ator_ros.actions.situation import SHORT, NoPlaceError, Situation, drawn_until, short_goal
+from ator_ros.bases.description import Robot
 from ator_ros.domains.soccer.field import BALL, field_of, objects_of, touches_goals
 from ator_ros.domains.soccer.planned.shoot import Shoot
 from ator_ros.domains.soccer.thresholds import (
@@ -21,7 +22,6 @@ from ator_ros.domains.soccer.thresholds import (
     steady_rate,
 )
 from ator_ros.geometry import Pose
-from ator_ros.robot.description import Robot
 from ator_ros.world.state import ObjectState, RobotState, World
 
 SHORTEST = SHORT  # m between start and goal, where the two are drawn independently

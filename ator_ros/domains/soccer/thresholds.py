@@ -9,8 +9,8 @@ from types import MappingProxyType
 from ator_ros.actions import TIME_LIMIT
 from ator_ros.actions.base import ActionError, Goal
 from ator_ros.actions.situation import NoPlaceError
+from ator_ros.bases.description import Robot
 from ator_ros.domains.soccer.field import BALL
-from ator_ros.robot.description import Robot
 from ator_ros.tops.ranges import USUAL_RANGES, Ranges, arrival_speed
 from ator_ros.world.state import World
 

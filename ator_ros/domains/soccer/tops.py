@@ -6,8 +6,8 @@ import dataclasses
 import math
 
 from ator_ros.actions.base import Point
+from ator_ros.bases.description import Robot
 from ator_ros.domains.soccer.field import Field, field_of
-from ator_ros.robot.description import Robot
 from ator_ros.tops.chain import Top
 from ator_ros.tops.conditions import Bearing, Condition, Distance, Region, Term
 from ator_ros.tops.objects import held_within

@@ -6,6 +6,9 @@ import dataclasses
 import math
 
 from ator_ros.actions.base import ActionError, Goal, Point
+from ator_ros.bases.description import Robot
+from ator_ros.bases.differential.manoeuvre import Manoeuvre
+from ator_ros.bases.differential.paths import Ends
 from ator_ros.domains.soccer.field import BALL, ball_of
 from ator_ros.domains.soccer.planned.planned_action import PlannedAction
 from ator_ros.domains.soccer.planned.planner import (
@@ -20,9 +23,6 @@ from ator_ros.domains.soccer.planned.planner import (
 )
 from ator_ros.domains.soccer.thresholds import approach_run, caught_within
 from ator_ros.geometry import Pose
-from ator_ros.motion.manoeuvre import Manoeuvre
-from ator_ros.motion.paths import Ends
-from ator_ros.robot.description import Robot
 from ator_ros.tops.objects import is_at_front
 from ator_ros.world.state import ObjectState, RobotState, World
 

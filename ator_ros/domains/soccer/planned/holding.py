@@ -8,14 +8,14 @@ from collections.abc import Sequence
 from functools import lru_cache
 
 from ator_ros.actions.base import ActionError, Goal
+from ator_ros.bases.description import Limits, Robot
+from ator_ros.bases.differential.durations import change_distance
+from ator_ros.bases.differential.manoeuvre import Manoeuvre, Side
+from ator_ros.bases.differential.paths import Ends, entries_of, exits_of
 from ator_ros.domains.soccer.field import BALL
 from ator_ros.domains.soccer.planned.planned_action import PlannedAction
 from ator_ros.domains.soccer.planned.planner import Obstacles, fastest
 from ator_ros.domains.soccer.thresholds import check_held, lost_ball
-from ator_ros.motion.durations import change_distance
-from ator_ros.motion.manoeuvre import Manoeuvre, Side
-from ator_ros.motion.paths import Ends, entries_of, exits_of
-from ator_ros.robot.description import Limits, Robot
 from ator_ros.world.state import World
 
 _MARGIN = 0.05  # m/s^2: least push against the ball, in turns and while braking

@@ -8,12 +8,12 @@ from abc import abstractmethod
 from typing import ClassVar
 
 from ator_ros.actions.base import Action, ActionError, Goal, Status, Step, finished
+from ator_ros.bases.description import Limits, Robot
+from ator_ros.bases.differential.manoeuvre import Manoeuvre
+from ator_ros.bases.differential.trajectory import Trajectory, opening_of
 from ator_ros.domains.soccer.planned.tracker import DISTURBED_DISTANCE, Tracker
 from ator_ros.domains.soccer.thresholds import check_arrival, steady_rate
 from ator_ros.geometry import FloatArray, Pose
-from ator_ros.motion.manoeuvre import Manoeuvre
-from ator_ros.motion.trajectory import Trajectory, opening_of
-from ator_ros.robot.description import Limits, Robot
 from ator_ros.world.state import CONTROL_PERIOD, STOP, Command, World
 
 PLAN_SHARE = 0.97  # of the base's limits that plans use; the rest is for feedback

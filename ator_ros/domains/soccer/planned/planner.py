@@ -10,11 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ator_ros.actions.base import ActionError
-from ator_ros.compiled import compiled, elementwise
-from ator_ros.domains.soccer.field import BALL, box_distance, field_of, touches_goals, wall_distance
-from ator_ros.geometry import FloatArray, Pose
-from ator_ros.motion.durations import Rates, rates_of
-from ator_ros.motion.manoeuvre import (
+from ator_ros.bases.description import Limits, Robot
+from ator_ros.bases.differential.durations import Rates, rates_of
+from ator_ros.bases.differential.manoeuvre import (
     SPEED_PIECES,
     TURN_PIECES,
     Manoeuvre,
@@ -23,9 +21,11 @@ from ator_ros.motion.manoeuvre import (
     is_forward,
     write_pieces,
 )
-from ator_ros.motion.paths import Ends, Paths, entries_of, exits_of, find_paths
-from ator_ros.motion.trajectory import most_states, write_states
-from ator_ros.robot.description import Limits, Robot
+from ator_ros.bases.differential.paths import Ends, Paths, entries_of, exits_of, find_paths
+from ator_ros.bases.differential.trajectory import most_states, write_states
+from ator_ros.compiled import compiled, elementwise
+from ator_ros.domains.soccer.field import BALL, box_distance, field_of, touches_goals, wall_distance
+from ator_ros.geometry import FloatArray, Pose
 from ator_ros.world.state import ObjectState
 
 # s between the states that are checked, coarse and fine: 6 cm at full speed

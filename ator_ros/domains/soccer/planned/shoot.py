@@ -10,6 +10,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ator_ros.actions.base import ActionError, Goal, Status, Step, finished
+from ator_ros.bases.description import Limits, Robot
+from ator_ros.bases.differential.durations import Rates, drive_time, rates_of, turn_time
+from ator_ros.bases.differential.manoeuvre import Manoeuvre, Side, pose_after_turn
+from ator_ros.bases.differential.paths import Ends, ranked
+from ator_ros.bases.differential.turns import WIDEST, look_up
 from ator_ros.compiled import compiled, inlined
 from ator_ros.domains.soccer.field import BALL, ball_of, field_of, is_in_goal
 from ator_ros.domains.soccer.planned.holding import HoldingAction, entries_with_ball, release_exits
@@ -22,11 +27,6 @@ from ator_ros.domains.soccer.planned.planner import (
     surroundings,
 )
 from ator_ros.geometry import FloatArray, Pose
-from ator_ros.motion.durations import Rates, drive_time, rates_of, turn_time
-from ator_ros.motion.manoeuvre import Manoeuvre, Side, pose_after_turn
-from ator_ros.motion.paths import Ends, ranked
-from ator_ros.motion.turns import WIDEST, look_up
-from ator_ros.robot.description import Limits, Robot
 from ator_ros.world.state import World
 
 _SLANT = math.radians(60.0)  # greatest angle between a shot and the goal's axis

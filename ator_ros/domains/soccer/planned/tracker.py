@@ -7,10 +7,10 @@ from collections import deque
 
 import numpy as np
 
+from ator_ros.bases.description import Robot
+from ator_ros.bases.differential.response import ramped
+from ator_ros.bases.differential.trajectory import Trajectory
 from ator_ros.geometry import Pose
-from ator_ros.motion.trajectory import Trajectory
-from ator_ros.robot.description import Robot
-from ator_ros.robot.response import ramped
 from ator_ros.world.state import CONTROL_PERIOD, STOP, Command, RobotState, World
 
 _LEAST_LAG_SHARE = 0.8  # of the described acceleration: least one at which a lag is measured

@@ -5,11 +5,11 @@ import math
 import numpy as np
 import pytest
 
+from ator_ros.bases.differential.drive_parts import DriveParts, parts_of_drive
 from ator_ros.domains.domain import find_domain
 from ator_ros.evaluation.chain_run import run_chain
 from ator_ros.evaluation.trials import random_trial
 from ator_ros.execution.chain_executor import ChainExecutor
-from ator_ros.motion.drive_parts import DriveParts, parts_of_drive
 
 TIMES = np.arange(0.0, 8.0, 0.1)
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from maps import hall, hall_map
 
+from ator_ros.bases.description import load_robot
+from ator_ros.bases.routes import CLEARANCES, Routes, RouteSet, routes_of
 from ator_ros.files import FileError
 from ator_ros.geometry import FloatArray, Pose, wrap_angles
-from ator_ros.motion.routes import CLEARANCES, Routes, RouteSet, routes_of
-from ator_ros.robot.description import load_robot
 from ator_ros.world.grid_map import GridMap
 
 RADIUS = 0.2

@@ -9,10 +9,10 @@ from itertools import product
 import numpy as np
 from scipy.optimize import least_squares
 
+from ator_ros.bases.description import Limits
+from ator_ros.bases.differential.probe_drive import DriveError, DrivePart, DriveSample
+from ator_ros.bases.differential.response import AxisResponse
 from ator_ros.geometry import FloatArray
-from ator_ros.robot.description import Limits
-from ator_ros.robot.probe_drive import DriveError, DrivePart, DriveSample
-from ator_ros.robot.response import AxisResponse
 
 _LATENCIES = (0.0, 0.05, 0.1, 0.15, 0.2, 0.3)
 _LAGS = (0.03, 0.12)

@@ -12,9 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ator_ros.bases.differential.durations import Bounds, turn_parts
 from ator_ros.compiled import compiled, inlined
 from ator_ros.geometry import FloatArray
-from ator_ros.motion.durations import Bounds, turn_parts
 
 STEP = np.pi / 8.0
 """Angle in rad between the turns that bracket the paths of features."""

@@ -7,10 +7,10 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import pytest
 
+from ator_ros.bases.description import Limits, Robot, load_robot
+from ator_ros.bases.differential.identification import BaseEstimate, check_plausible, identify
+from ator_ros.bases.differential.probe_drive import DriveError, DrivePart, DriveSample, ProbeDrive
 from ator_ros.geometry import Pose
-from ator_ros.robot.description import Limits, Robot, load_robot
-from ator_ros.robot.identification import BaseEstimate, check_plausible, identify
-from ator_ros.robot.probe_drive import DriveError, DrivePart, DriveSample, ProbeDrive
 from ator_ros.simulation.sensors import SensorConfig, Sensors
 from ator_ros.simulation.simulation import Simulation
 from ator_ros.tools.calibrate import described, report

@@ -5,9 +5,9 @@ from collections import deque
 import numpy as np
 import pytest
 
+from ator_ros.bases.description import load_robot
+from ator_ros.bases.differential.response import Foresight
 from ator_ros.geometry import Pose
-from ator_ros.robot.description import load_robot
-from ator_ros.robot.response import Foresight
 from ator_ros.simulation.simulation import TICK, Simulation
 from ator_ros.world.state import STOP, Command, RobotState, World
 

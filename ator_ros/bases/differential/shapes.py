@@ -20,9 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ator_ros.compiled import compiled, inlined
-from ator_ros.geometry import FloatArray
-from ator_ros.motion.durations import (
+from ator_ros.bases.differential.durations import (
     Rates,
     change_distance,
     change_time,
@@ -30,7 +28,7 @@ from ator_ros.motion.durations import (
     forward_parts,
     turn_time,
 )
-from ator_ros.motion.paths import (
+from ator_ros.bases.differential.paths import (
     WIDTH,
     Offset,
     RealArray,
@@ -40,7 +38,18 @@ from ator_ros.motion.paths import (
     lowest,
     sign_bit,
 )
-from ator_ros.motion.turns import ENTRIES, FINE, HALF, STEP, WIDEST, TurnTable, look_up, turn_table
+from ator_ros.bases.differential.turns import (
+    ENTRIES,
+    FINE,
+    HALF,
+    STEP,
+    WIDEST,
+    TurnTable,
+    look_up,
+    turn_table,
+)
+from ator_ros.compiled import compiled, inlined
+from ator_ros.geometry import FloatArray
 
 Rows = NDArray[np.void]
 

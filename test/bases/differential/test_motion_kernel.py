@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from robots import OTHERS, PIONEER
 
+from ator_ros.bases.description import Limits, Robot
+from ator_ros.bases.differential import durations
 from ator_ros.geometry import FloatArray
-from ator_ros.motion import durations
-from ator_ros.robot.description import Limits, Robot
 
 every_robot = pytest.mark.parametrize("robot", [PIONEER, OTHERS[-1]], ids=lambda robot: robot.name)
 

@@ -11,9 +11,9 @@ from typing import Any, NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
 
+from ator_ros.bases.description import Limits
 from ator_ros.compiled import elementwise, greatest, least, where
 from ator_ros.geometry import FloatArray
-from ator_ros.robot.description import Limits
 
 Real = TypeVar("Real", float, FloatArray)
 

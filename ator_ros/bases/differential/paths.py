@@ -3,7 +3,7 @@
 The heading of the drive is the only unknown: the drive must end where the last turn begins. Its
 roots are bracketed on a grid of first turns, where the lateral offsets of both turns, which tables
 hold, just add. Plans choose among all paths; features are times of the fastest
-(`ator_ros.motion.shapes`).
+(`ator_ros.bases.differential.shapes`).
 """
 
 from __future__ import annotations
@@ -15,12 +15,18 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ator_ros.bases.description import Limits
+from ator_ros.bases.differential.durations import (
+    Rates,
+    change_distance,
+    drive_time,
+    rates_of,
+    turn_time,
+)
+from ator_ros.bases.differential.manoeuvre import Side
+from ator_ros.bases.differential.turns import STEP, WIDEST, TurnTable, look_up, turn_table
 from ator_ros.compiled import compiled, inlined
 from ator_ros.geometry import FloatArray, Pose
-from ator_ros.motion.durations import Rates, change_distance, drive_time, rates_of, turn_time
-from ator_ros.motion.manoeuvre import Side
-from ator_ros.motion.turns import STEP, WIDEST, TurnTable, look_up, turn_table
-from ator_ros.robot.description import Limits
 
 RealArray = NDArray[np.floating[Any]]
 

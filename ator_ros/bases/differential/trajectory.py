@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ator_ros.bases.description import Limits
+from ator_ros.bases.differential.manoeuvre import Manoeuvre
 from ator_ros.compiled import compiled
 from ator_ros.geometry import FloatArray, Pose
-from ator_ros.motion.manoeuvre import Manoeuvre
-from ator_ros.robot.description import Limits
 from ator_ros.world.state import RobotState
 
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ator_ros.bases.description import Limits, Robot, StopBraking
 from ator_ros.geometry import FloatArray, Pose, wrap_angle
-from ator_ros.robot.description import Limits, Robot, StopBraking
 from ator_ros.world.state import STOP, Command, RobotState, World
 
 

@@ -26,11 +26,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ator_ros.bases.description import Robot
+from ator_ros.bases.planned_routes import route_along
 from ator_ros.compiled import compiled
 from ator_ros.files import FileError
 from ator_ros.geometry import BoolArray, FloatArray, Pose, wrap_angles
-from ator_ros.motion.planned_routes import route_along
-from ator_ros.robot.description import Robot
 from ator_ros.world.grid_map import GridMap, Planner
 
 LOOK_AHEAD = 0.5

@@ -11,11 +11,18 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ator_ros.bases.description import Limits
+from ator_ros.bases.differential.durations import (
+    Rates,
+    direction,
+    drive_parts,
+    rates_of,
+    turn_parts,
+    turn_time,
+)
+from ator_ros.bases.differential.turns import NODES, turn_end, write_headings
 from ator_ros.compiled import compiled
 from ator_ros.geometry import FloatArray, Pose
-from ator_ros.motion.durations import Rates, direction, drive_parts, rates_of, turn_parts, turn_time
-from ator_ros.motion.turns import NODES, turn_end, write_headings
-from ator_ros.robot.description import Limits
 
 _TOLERANCE = 1e-7
 """Distance in m within which the drive of a closed manoeuvre meets the last turn."""

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from robots import OTHERS, PIONEER, PLAIN
 
+from ator_ros.bases.description import Limits, Robot
+from ator_ros.bases.differential.durations import change_distance, rates_of, turn_time
+from ator_ros.bases.differential.manoeuvre import Manoeuvre, Side, close
+from ator_ros.bases.differential.paths import Ends, entries_of, exits_of, find_paths
+from ator_ros.bases.differential.shapes import Rules, drawn_ends, fastest_paths, shape_set
+from ator_ros.bases.differential.trajectory import Trajectory
 from ator_ros.geometry import Pose
-from ator_ros.motion.durations import change_distance, rates_of, turn_time
-from ator_ros.motion.manoeuvre import Manoeuvre, Side, close
-from ator_ros.motion.paths import Ends, entries_of, exits_of, find_paths
-from ator_ros.motion.shapes import Rules, drawn_ends, fastest_paths, shape_set
-from ator_ros.motion.trajectory import Trajectory
 from ator_ros.performance.driving import free_shapes, plain_driving
-from ator_ros.robot.description import Limits, Robot
 
 START = Pose(0.5, -1.0, 2.0)
 every_robot = pytest.mark.parametrize("robot", [PIONEER, OTHERS[-1]], ids=lambda robot: robot.name)

@@ -1,1 +1,0 @@
-"""Motion within limits: durations, turn-drive-turn paths, trajectories."""

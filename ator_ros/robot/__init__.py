@@ -1,1 +1,0 @@
-"""The robot: its description, and how a base follows commands."""
