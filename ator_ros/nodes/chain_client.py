@@ -12,7 +12,6 @@ from rclpy.action import ActionClient
 from rclpy.action.client import ClientGoalHandle
 from rclpy.node import Node
 from rclpy.task import Future
-from unique_identifier_msgs.msg import UUID
 
 from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import Outcome
@@ -123,15 +122,16 @@ class ChainClient:
             return sent
         goal.lease = self._lease
         response = self._client.send_goal_async(
-            goal, lambda message: on_feedback(message.feedback), _uuid(sent.chain_id)
+            goal,
+            lambda message: on_feedback(message.feedback),
+            goal_uuid=_goal_info(sent.chain_id).goal_id,
         )
         response.add_done_callback(sent.take_response)
         return sent
 
     def cancel(self, chain_id: str) -> None:
         """Cancel a goal of any client by its id, without waiting."""
-        info = GoalInfo(goal_id=_uuid(chain_id))
-        self._cancel.call_async(CancelGoal.Request(goal_info=info))
+        self._cancel.call_async(CancelGoal.Request(goal_info=_goal_info(chain_id)))
 
     def _watch(self) -> None:
         """Abandon the newest goal if its executor is gone, or was restarted and lost it."""
@@ -149,5 +149,7 @@ class ChainClient:
         self._on_lost(reason)
 
 
-def _uuid(chain_id: str) -> UUID:
-    return UUID(uuid=list(bytes.fromhex(chain_id)))
+def _goal_info(chain_id: str) -> GoalInfo:
+    info = GoalInfo()
+    info.goal_id.uuid = list(bytes.fromhex(chain_id))
+    return info
