@@ -45,7 +45,8 @@ def _corners(path: FloatArray) -> FloatArray:
     The turn of a route is summed at these. A planned path steps from cell to cell of a grid: the
     angles of all steps would add up to far more than the turn of its corners.
     """
-    kept, open_parts = {0, len(path) - 1}, [(0, len(path) - 1)]
+    kept = {0, len(path) - 1}
+    open_parts = [(0, len(path) - 1)]
     while open_parts:
         first, last = open_parts.pop()
         chord = path[last] - path[first]

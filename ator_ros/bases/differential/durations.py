@@ -66,7 +66,8 @@ def turn_time(angle: Real, rate: Any, aw: float) -> Real:
 @elementwise
 def change_time(before: Real, after: Any, rates: Bounds) -> Real:
     """Return the least time in s for a change of speed from `before` to `after` (m/s)."""
-    per_a, per_brake = 1.0 / rates.a, 1.0 / rates.brake
+    per_a = 1.0 / rates.a
+    per_brake = 1.0 / rates.brake
     gain = np.abs(after) - np.abs(before)
     # If the sign of the speed changes, the base brakes and accelerates at the lower of both rates.
     reverses = where(before * after < 0.0, np.abs(after - before), 0.0)
@@ -126,20 +127,23 @@ def forward_parts(
     If the speed is negative at an end, it changes there at the lower of both accelerations, as it
     is both lost and gained in the other direction.
     """
-    a, brake, slow = rates.a, rates.brake, min(rates.a, rates.brake)
-    reverse1, reverse2 = before < 0.0, after < 0.0
-    up, down = where(reverse1, slow, a), where(reverse2, slow, brake)
+    a = rates.a
+    brake = rates.brake
+    slow = min(rates.a, rates.brake)
+    reverse1 = before < 0.0
+    reverse2 = after < 0.0
+    up = where(reverse1, slow, a)
+    down = where(reverse2, slow, brake)
     # Choosing reciprocals is faster than dividing.
-    per_up, per_down = (
-        where(reverse1, 1.0 / slow, 1.0 / a),
-        where(reverse2, 1.0 / slow, 1.0 / brake),
-    )
+    per_up = where(reverse1, 1.0 / slow, 1.0 / a)
+    per_down = where(reverse2, 1.0 / slow, 1.0 / brake)
     per_both = where(
         reverse1,
         where(reverse2, 1.0 / (slow + slow), 1.0 / (slow + brake)),
         where(reverse2, 1.0 / (a + slow), 1.0 / (a + brake)),
     )
-    square1, square2 = before * before, after * after
+    square1 = before * before
+    square2 = after * after
     square = (down * square1 + up * square2 + (2.0 * up * down) * distance) * per_both
     most = greatest(greatest(before, after), 0.0)
     square = least(greatest(square, most * most), rates.v * rates.v)

@@ -75,7 +75,8 @@ class BaseEstimate:
 
         For turning the lower one of gaining and losing speed.
         """
-        v, w = self.driving.response, self.turning.response
+        v = self.driving.response
+        w = self.turning.response
         return Limits(v=v.limit, w=w.limit, a=v.gain, brake=v.loss, aw=min(w.gain, w.loss))
 
 
@@ -94,7 +95,8 @@ def identify(samples: Sequence[DriveSample]) -> BaseEstimate:
 def check_plausible(estimate: BaseEstimate) -> None:
     """Raise DriveError if an estimate cannot be right; the message names it and the remedy."""
     for name, axis, unit in (("v", estimate.driving, "m/s"), ("w", estimate.turning, "rad/s")):
-        response, least = axis.response, _FAR_BELOW * axis.commanded
+        response = axis.response
+        least = _FAR_BELOW * axis.commanded
         slower, faster = sorted(axis.reached)
         if 0.0 < slower < (1.0 - _ALIKE) * faster:
             raise DriveError(
@@ -139,7 +141,10 @@ def _point(spins: Sequence[DriveSample]) -> tuple[float, float]:
     yaws = np.unwrap([sample.robot.pose.yaw for sample in spins])
     if len(yaws) < _FEWEST or float(np.ptp(yaws)) < _LEAST_TURN:
         return 0.0, 0.0
-    cos, sin, one, zero = np.cos(yaws), np.sin(yaws), np.ones_like(yaws), np.zeros_like(yaws)
+    cos = np.cos(yaws)
+    sin = np.sin(yaws)
+    one = np.ones_like(yaws)
+    zero = np.zeros_like(yaws)
     # x = center_x + ahead cos(yaw) - left sin(yaw), y = center_y + ahead sin(yaw) + left cos(yaw)
     rows = np.concatenate(
         (
