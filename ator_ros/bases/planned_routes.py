@@ -12,7 +12,7 @@ _TOLERANCE = 0.1  # m; greatest distance of a path from the straight lines betwe
 
 
 def route_along(path: FloatArray, look_ahead: float) -> tuple[float, float, float, float, bool]:
-    """Return the route along a path: length in m; turn, departure and arrival in rad; whether it is straight.
+    """Return the route along a path: length in m; turn, departure, arrival in rad; is it straight.
 
     They are the fields of `ator_ros.bases.routes.RouteSet` of the same names, for one route.
 

@@ -34,17 +34,18 @@ from ator_ros.geometry import BoolArray, FloatArray, Pose, wrap_angles
 from ator_ros.world.grid_map import GridMap, Planner
 
 LOOK_AHEAD = 0.5
-"""Length in m of the ends of a route, over which its headings at departure and arrival are averaged."""
+"""Length in m of the ends of a route, over which departure and arrival are averaged."""
 CLEARANCES = (0.35, 0.25, 0.15, 0.05, 0.0)
 """Distances in m between robot and obstacles, of which a whole route keeps one.
 
-It is the largest at which start and goal, or the nearest free cells to them, are connected. Planners prefer
-such a distance, as Nav2 does with its inflation layer."""
+It is the largest at which start and goal, or the nearest free cells to them, are connected.
+Planners prefer such a distance, as Nav2 does with its inflation layer."""
 _CELL = 0.1  # m; a usual side of a cell
-# Least radius of the robot in sides of a cell, where a cell is a block of k x k cells of the map. The
-# places with the greatest clearance in two blocks side by side are at most √((2k - 1)² + (k - 1)²)
-# apart, less than √5 k. If each keeps a radius of more than half of that and 0.71 cells of the map
-# from obstacles, the line between them crosses no wall, not even one of cells that touch at corners.
+# Least radius of the robot in sides of a cell, where a cell is a block of k x k cells of the map.
+# The places with the greatest clearance in two blocks side by side are at most
+# √((2k - 1)² + (k - 1)²) apart, less than √5 k. If each keeps a radius of more than half of that
+# and 0.71 cells of the map from obstacles, the line between them crosses no wall, not even one of
+# cells that touch at corners.
 _LEAST_RADIUS = 1.15
 _MOST_CELLS = 16_000_000  # 400 x 400 m; 45 bytes each
 # of a first window; its field takes 40 ms
@@ -64,7 +65,7 @@ Cells = NDArray[np.int32]
 Table = NDArray[np.float32]
 Places = NDArray[np.complex128]
 Tables = tuple[Table, Table, Table, Table]
-"""The route from each cell: length and least clearance in cells, turn and heading at the end in rad.
+"""The route from each cell: length and least clearance in cells; turn and last heading in rad.
 
 Clearances are known for all cells, the others only where routes bend."""
 
@@ -120,8 +121,9 @@ class Routes:
             width = columns * grid.resolution
             height = rows * grid.resolution
             raise FileError(
-                f"{grid.name}: expected at most {_MOST_CELLS / 1e6:g} million cells of {self._cell:g} m, "
-                f"which a robot {2.0 * radius:g} m wide needs, got {width:.0f} x {height:.0f} m; use "
+                f"{grid.name}: expected at most {_MOST_CELLS / 1e6:g} million cells of "
+                f"{self._cell:g} m, which a robot {2.0 * radius:g} m wide needs, "
+                f"got {width:.0f} x {height:.0f} m; use "
                 "a part of this map"
             )
         self._map = np.pad(grid.free, ((0, -rows % step), (0, -columns % step)))
@@ -157,7 +159,8 @@ class Routes:
         open_cells = np.argwhere(self._free[-1])
         if not len(open_cells):
             raise FileError(
-                f"{grid.name}: expected a place {radius:g} m from obstacles, got none: check resolution"
+                f"{grid.name}: expected a place {radius:g} m from obstacles, "
+                "got none: check resolution"
             )
         place = np.array([complex(open_cells[0, 1], open_cells[0, 0])])
         self._routes(place, place)  # loads compiled code
@@ -182,7 +185,7 @@ class Routes:
         return RouteSet(length, turn, clearance, departure, arrival, straight == 1.0)
 
     def _between(self, ends: FloatArray) -> FloatArray:
-        """Return the routes of pairs x, y, to_x, to_y in m, shape (4, n): the rows of a `RouteSet`."""
+        """Return routes of pairs x, y, to_x, to_y in m, shape (4, n), as rows of a `RouteSet`."""
         if self.grid.planner is not None:
             planned = [self._planned(self.grid.planner, *pair) for pair in ends.T.tolist()]
             return np.array(planned).reshape(-1, 6).T
@@ -194,7 +197,7 @@ class Routes:
     def _planned(
         self, planner: Planner, x: float, y: float, to_x: float, to_y: float
     ) -> FloatArray:
-        """Return the route along the path of a planner between two places in m, a column of a `RouteSet`."""
+        """Return the route along a planner's path between places in m: a column of a `RouteSet`."""
         # stops differ by centimeters
         key = tuple(round(value / _CELL) for value in (x, y, to_x, to_y))
         path = self._paths.get(key) if key[:2] != key[2:] else np.array([(x, y), (to_x, to_y)])
@@ -219,7 +222,7 @@ class Routes:
     def fault(
         self, x: float, y: float, start: tuple[float, float] | None = None, *, planned: bool = False
     ) -> str | None:
-        """Return the message of why a place in m cannot be reached from `start`, or from anywhere; else None.
+        """Return why a place in m cannot be reached from `start`, or from anywhere; else None.
 
         With `planned`, the planner of the map must find a path from `start`, too.
         """
@@ -232,7 +235,7 @@ class Routes:
         return f"expected a place in {wanted}, on the map {self.grid}, got x {x:.2f} m, y {y:.2f} m"
 
     def clearance(self, x: FloatArray, y: FloatArray) -> FloatArray:
-        """Return lower bounds in m, up to 0.2 m too low, of the distances of places from obstacles."""
+        """Return lower bounds in m, up to 0.2 m too low, of distances of places from obstacles."""
         return self._cell * np.maximum(self._clearances(x, y) - _TOLERANCE, 0.0)
 
     def _clearances(self, x: FloatArray, y: FloatArray) -> FloatArray:
@@ -241,7 +244,7 @@ class Routes:
         return np.where(cells < 0, 0.0, self._clearance.ravel()[cells])
 
     def _routes(self, starts: Places, goals: Places) -> FloatArray:
-        """Return the routes between places in cells, shape (6, n), lengths in cells: see `RouteSet`."""
+        """Return routes between places in cells, shape (6, n), lengths in cells: see `RouteSet`."""
         from_cells = self._cells(starts)
         to_cells = self._cells(goals)
         levels = _levels(self._nearest, self._component, from_cells, to_cells)
@@ -280,7 +283,7 @@ class Routes:
     def _routes_to(
         self, end: complex, goal: int, starts: Places, cells: Cells, level: int
     ) -> FloatArray:
-        """Return the routes to a place, in the cell `goal`, from starts in `cells`, shape (6, n)."""
+        """Return routes to a place, in the cell `goal`, from starts in `cells`, shape (6, n)."""
         columns = self._clearance.shape[1]
         look = LOOK_AHEAD / self._cell
         field = self._fields.get((level, end))
@@ -365,7 +368,7 @@ def routes_of(robot: Robot) -> Routes | None:
 
 
 def reachable(places: Sequence[Pose], robot: Robot) -> bool:
-    """Return whether the robot can turn at places on its map, and routes lead from each to the next."""
+    """Return whether the robot can turn at places on its map, with routes from each to the next."""
     routes = routes_of(robot)
     if routes is None:
         return True
@@ -375,7 +378,7 @@ def reachable(places: Sequence[Pose], robot: Robot) -> bool:
 
 
 def arrival_heading(start: Sequence[float], goal: Pose, robot: Robot) -> float:
-    """Return the heading in rad in which a robot arrives at a goal from x, y (m), along the route if any."""
+    """Return the heading in rad in which a robot arrives from x, y (m), along the route if any."""
     routes = routes_of(robot)
     found = math.nan
     if routes is not None:
@@ -416,8 +419,7 @@ def _line_of_sight(free: BoolArray, cell: int, other: int) -> bool:
     Of the two cells beside a diagonal step one must be: else a thin wall leads between them.
     """
     columns = free.shape[1]
-    row = cell // columns
-    column = cell % columns
+    row, column = divmod(cell, columns)
     down = other // columns - row
     right = other % columns - column
     steps = max(abs(down), abs(right))
@@ -439,9 +441,9 @@ def _line_of_sight(free: BoolArray, cell: int, other: int) -> bool:
 
 @compiled
 def _clearances(free: BoolArray, step: int) -> tuple[Table, Cells]:
-    """Return the greatest clearance in each block of `step` x `step` cells of the map, and where it is.
+    """Return the greatest clearance in each block of `step` x `step` cells of the map, and where.
 
-    Clearances are exact distances from the nearest obstacle (Meijster, Roerdink and Hesselink 2000),
+    Clearances are exact distances from the nearest obstacle (Meijster, Roerdink, Hesselink 2000),
     in blocks; beyond the map are obstacles. The places are cells of the map.
     """
     rows, columns = free.shape
@@ -457,7 +459,7 @@ def _clearances(free: BoolArray, step: int) -> tuple[Table, Cells]:
     blocks = columns // step
     greatest = np.full((rows // step, blocks), -1.0, dtype=np.float32)
     clearest = np.zeros(rows // step * blocks, dtype=np.int32)
-    # The nearest obstacle of each place is in the column `nearest[part]` from the place `first[part]`
+    # The nearest obstacle of places from `first[part]` on is in the column `nearest[part]`
     # on. Columns count from 1; 0 and the last one are beyond the map.
     nearest = np.zeros(columns + 2, dtype=np.int64)
     first = np.zeros(columns + 2, dtype=np.int64)
@@ -498,7 +500,7 @@ def _clearances(free: BoolArray, step: int) -> tuple[Table, Cells]:
 
 
 def _offsets(most: float) -> Cells:
-    """Return the steps from a cell to those at most so many cells away, shape (n, 2), nearest first."""
+    """Return the steps to cells at most so many cells away, shape (n, 2), nearest first."""
     reach = np.arange(-int(most), int(most) + 1)
     right, down = (values.ravel() for values in np.meshgrid(reach, reach, indexing="ij"))
     squares = down**2 + right**2
@@ -510,7 +512,7 @@ def _offsets(most: float) -> Cells:
 def _nearest_free(
     free: BoolArray, usable: BoolArray, offsets: Cells, whole: BoolArray, clearest: Cells
 ) -> Cells:
-    """Return the nearest free cell to each usable one, at one of `offsets`, else -1, shape (cells,).
+    """Return the free cell nearest to each usable one, at one of `offsets`, else -1.
 
     On the line between them all cells of the map, `whole`, are free.
     """
@@ -555,7 +557,7 @@ def _cells_of(
 
 @compiled
 def _beside_connected(settled: BoolArray, parent: Cells, columns: int, cell: int) -> bool:
-    """Return whether the two neighbors beside the line to the parent of a cell have that parent, too.
+    """Return whether both neighbors beside the line to the parent of a cell have that parent.
 
     Then it has a line of sight, which takes longer to check.
     """
@@ -579,8 +581,7 @@ def _beside_connected(settled: BoolArray, parent: Cells, columns: int, cell: int
 def _neighbors(free: BoolArray, cell: int, neighbors: Cells) -> int:
     """Write the cells next to `cell` that can be entered from there, and return their number."""
     rows, columns = free.shape
-    row = cell // columns
-    column = cell % columns
+    row, column = divmod(cell, columns)
     count = 0
     for r in range(max(row - 1, 0), min(row + 2, rows)):
         for c in range(max(column - 1, 0), min(column + 2, columns)):
@@ -597,7 +598,7 @@ def _distance(cell: int, other: int, columns: int) -> float:
 
 @compiled
 def _parents(free: BoolArray, goal: int) -> tuple[Cells, Cells]:
-    """Return the parent of each cell, -1 where no route leads, and the cells in order of their lengths."""
+    """Return the parent of each cell, -1 where no route leads, and the cells by length."""
     rows, columns = free.shape
     count = rows * columns
     parent = np.full(count, -1, dtype=np.int32)
@@ -656,8 +657,8 @@ def _parents(free: BoolArray, goal: int) -> tuple[Cells, Cells]:
                 queued[pushed] = other
                 after[pushed] = first[place]
                 first[place] = pushed
-                pushed = pushed + 1
-                waiting = waiting + 1
+                pushed += 1
+                waiting += 1
     return parent, order[:done]
 
 
@@ -680,7 +681,7 @@ def _turned(before: complex, after: complex) -> float:
 
 @compiled
 def _arrival(start: complex, first: complex, rest: float, end: complex, look: float) -> float:
-    """Return the heading in rad over the last `look` of a route that is `rest` long after its first part."""
+    """Return the heading in rad at the end of a route, `rest` long after its first part."""
     share = max(abs(first) + rest - look, 0.0) / max(abs(first), 1e-9)
     return _heading(end - start - share * first)
 

@@ -1,4 +1,4 @@
-"""The parts of an observed drive: a turn, a straight and another turn, which odometry's speeds separate."""
+"""The parts of an observed drive, which speeds separate: a turn, a straight and another turn."""
 
 from __future__ import annotations
 

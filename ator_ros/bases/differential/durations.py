@@ -44,7 +44,7 @@ def rates_of(limits: Limits) -> Rates:
 
 @elementwise
 def turn_parts(angle: Real, rate: Any, aw: float) -> tuple[Real, Real]:
-    """Return how long the fastest turn by `angle` (rad) from rest to rest gains, and holds, its rate, in s.
+    """Return how long (s) the fastest turn by `angle` (rad), rest to rest, gains, holds its rate.
 
     `rate` (rad/s) is the greatest turn rate, `aw` (rad/s^2) its change when it is gained and when
     it is lost.
@@ -79,7 +79,7 @@ def change_time(before: Real, after: Any, rates: Bounds) -> Real:
 
 @elementwise
 def change_distance(before: Real, after: Any, rates: Bounds) -> Real:
-    """Return the signed distance in m of the fastest change of speed from `before` to `after` (m/s)."""
+    """Return the signed distance in m of the fastest change from `before` to `after` (m/s)."""
     result: Real = 0.5 * (before + after) * change_time(before, after, rates)
     return result
 
@@ -100,7 +100,7 @@ def direction(distance: Real, before: Any, after: Any, rates: Bounds) -> Real:
 
 @elementwise
 def drive_time(distance: Real, before: Any, after: Any, rates: Bounds) -> Real:
-    """Return the time in s of straight drives over signed `distance` (m) between two speeds (m/s)."""
+    """Return the time in s of straight drives over signed `distance` (m) between speeds in m/s."""
     gaining, steady, losing, _ = drive_parts(distance, before, after, rates)
     result: Real = gaining + losing + steady
     return result
@@ -122,7 +122,7 @@ def drive_parts(
 def forward_parts(
     distance: Real, before: Any, after: Any, rates: Bounds
 ) -> tuple[Real, Real, Real, Real]:
-    """Return `drive_parts` of drives that accelerate first, or keep their speed, and brake at the end.
+    """Return `drive_parts` of drives that first accelerate, or keep their speed, and then brake.
 
     If the speed is negative at an end, it changes there at the lower of both accelerations, as it
     is both lost and gained in the other direction.

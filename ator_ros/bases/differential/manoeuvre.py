@@ -105,7 +105,7 @@ def _gap(
     leaving: Record,
     bounds: Rates,
 ) -> tuple[float, float]:
-    """Return the lateral error of the straight drive at the last turn, and its length, both in m."""
+    """Return the lateral error of the straight drive at the last turn, and its length, in m."""
     begin = pose_after_turn(start, first, entry, bounds)
     end = pose_after_turn(Pose(goal.x, goal.y, goal.yaw + math.pi), -last, leaving, bounds)
     dx = end.x - begin.x
@@ -185,7 +185,7 @@ def write_pieces(
 
 @compiled
 def is_forward(speeds: FloatArray, distance: float, bounds: Rates) -> bool:
-    """Return whether the robot never drives backward, and the drive suffices for its change of speed."""
+    """Return whether no piece is backward, and the drive suffices for its change of speed."""
     for piece in range(SPEED_PIECES):
         if speeds[piece, 0] > 0.0 and speeds[piece, 2] < _BACKWARD:
             return False
@@ -205,7 +205,7 @@ def _straight(
 
 @compiled
 def _ramp(angle: float, side: Record, bounds: Rates) -> tuple[float, float, float]:
-    """Return how long the speed changes in a turn and then is constant, in s, and its final value."""
+    """Return how long the speed changes in a turn, and is constant, in s, and its final value."""
     total = turn_time(angle, side.rate, bounds.aw)
     ramp = total
     if side.change != 0.0:

@@ -87,7 +87,7 @@ def lowest(bits: int) -> int:
 def drive_between(
     one: Turn, two: Turn, cos: float, sin: float, offset: Offset, rates: Rates
 ) -> tuple[float, float, float]:
-    """Return the length (m) of the drive between two turns, negative: backward, and both speeds (m/s).
+    """Return the length (m; negative: backward) of the drive between two turns, and its end speeds.
 
     `cos` and `sin` are those of its heading.
     """
@@ -113,14 +113,14 @@ class Ends(NamedTuple):
 
 
 def entries_of(sides: Sequence[Side], limits: Limits) -> Ends:
-    """Return candidates for the start of paths: straight to the speed of the turn, then the turn."""
+    """Return candidates for the start of paths: straight to the turn's speed, then the turn."""
     rows = _rows(sides)
     times = drive_time(rows["length"], rows["outer_speed"], rows["speed"], limits)
     return Ends(rows, times, _turns_of(rows, limits))
 
 
 def exits_of(sides: Sequence[Side], limits: Limits) -> Ends:
-    """Return candidates for the end of paths, as seen from the goal: a turn, then straight to it."""
+    """Return candidates for the end of paths, seen from the goal: a turn, then straight to it."""
     rows = _rows(sides)
     times = drive_time(rows["length"], rows["speed"], rows["outer_speed"], limits)
     return Ends(rows, times, _turns_of(rows, limits))

@@ -1,4 +1,4 @@
-"""A short drive that shows the response of a base: creeping, sprints to and fro, spins in both directions."""
+"""A short drive that shows the response of a base: creeping, sprints to and fro, spins."""
 
 from __future__ import annotations
 
@@ -114,7 +114,7 @@ class ProbeDrive:
             )
 
     def _sprint(self, top: Command) -> Iterator[Command]:
-        """Gain speed until it is steady or half of the space is used, then brake to a part of it."""
+        """Gain speed until it is steady or half of the space is used; brake to a part of it."""
         start = self._now.pose
         (began, _) = self._states[-1]
         while not self._steady and self._time - began < _TIMEOUT:
@@ -173,7 +173,7 @@ class ProbeDrive:
 
     @property
     def _steady(self) -> bool:
-        """Whether the commanded axis moved for the whole window, at the same mean speed in both halves."""
+        """Whether the axis moved for the whole window, at the same mean speed in both halves."""
         half = len(self._states) // 2
         # s; up to one period of odometry less than the window
         covered = self._time - self._states[0][0]

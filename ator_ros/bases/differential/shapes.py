@@ -1,4 +1,4 @@
-"""The fastest of a set of turn-drive-turn paths, for many pairs of ends at once: a feature of the models.
+"""The fastest of a set of turn-drive-turn paths, for many pairs of ends: a feature of models.
 
 A shape of path is a turn, a straight drive, a turn and a straight run, with given changes of speed.
 Shapes come in groups: the first of each group is tried for all ends, then the others of the group
@@ -77,7 +77,7 @@ class TurnTables(NamedTuple):
 def turn_tables(
     rates: Rates, profiles: tuple[tuple[float, float], ...], *, forward: bool
 ) -> TurnTables:
-    """Compute tables for changes of speed (m/s^2) and turn rates (rad/s): 3 MB for each m/s and profile."""
+    """Compute tables for changes of speed (m/s^2) and turn rates (rad/s): 3 MB per m/s and pair."""
     speeds = np.arange(-rates.v, rates.v + SPEED_STEP / 2, SPEED_STEP)
     speeds = speeds[speeds > -SPEED_STEP] if forward else speeds
     rows = [(speed, *profile) for profile in profiles for speed in speeds.tolist()]
@@ -233,7 +233,7 @@ _COLUMNS = np.dtype(
         ("time", float, _ROOTS),  # s; of the path
     ]
 )
-"""All roots of a shape in a block: columns of one record, so that loops over them are vectorized."""
+"""All roots of a shape in a block, columns of one record: loops over them are vectorized."""
 
 
 class _Space(NamedTuple):
@@ -535,10 +535,11 @@ def _write_roots(
 
 
 _DETOUR = 7.2
-"""Cost, in m of driving at full speed, of each m by which a drive is too near to the goal's object."""
+"""Cost, in m at full speed, of each m by which a drive is too near to the goal's object."""
 _SHORTFALL = 2.0
-"""Cost, in m of driving at full speed, of each m that a drive forward is too short for its change of
-speed: then the robot turns at other speeds."""
+"""Cost, in m at full speed, of each m that a drive is too short for its change of speed.
+
+Then the robot turns at other speeds."""
 # m by which a drive must exceed its change of speed if there is no last turn to compensate
 _SPARE = 0.02
 _MOST_TURNED = math.radians(450.0)  # sum of both turns
@@ -577,7 +578,7 @@ def _write_times(roots: Record, count: int, shape: Record, hold: float, rules: R
 
 @inlined
 def _cos_sin(cos: float, sin: float, beyond: float) -> tuple[float, float]:
-    """Return cosine and sine of an angle, given those for 0 to `STEP` rad less, to 1e-12, by series."""
+    """Return cosine and sine of an angle, given those for up to `STEP` rad less, by series."""
     x = beyond * beyond
     near_cos = 1.0 - x * (
         1 / 2 - x * (1 / 24 - x * (1 / 720 - x * (1 / 40320 - x * (1 / 3628800))))
@@ -596,7 +597,7 @@ _LATE = 3.0  # multiple of the least time where no chosen shape reaches the dest
 
 
 def needed_shapes(grid: ShapeSet, ends: FloatArray, *, hold: float) -> list[list[int]]:
-    """Return groups of the shapes, by index in a grid of groups of one, that are needed between ends.
+    """Return groups of those shapes of a grid, by index, that are needed between ends.
 
     The next shape is the one that reduces the times most. It takes a second for a grid of a
     thousand shapes; for `ends`, shape (5, n), and `hold` see `fastest_paths`.
@@ -625,7 +626,7 @@ def _chosen(ratios: FloatArray, so_far: FloatArray, most: int) -> list[int]:
 
 
 def drawn_ends(like: FloatArray, count: int, rng: np.random.Generator) -> FloatArray:
-    """Return random ends of paths, shape (5, count), with distances and speeds as in `like`, shape (5, n).
+    """Return random ends, shape (5, count), with distances and speeds as in `like`, shape (5, n).
 
     Directions are uniform. Half of the distances are scaled down at random. The same share as in
     `like` begins, and ends, at rest; other speeds are uniform in its range.

@@ -16,7 +16,7 @@ from ator_ros.world.state import RobotState
 
 @dataclass(frozen=True, slots=True)
 class Opening:
-    """The phase before a manoeuvre in which the robot stops turning, at constant speed or to a stop."""
+    """The phase before a manoeuvre: the robot stops turning, at constant speed or to a stop."""
 
     start: RobotState
     end: RobotState  # does not turn
@@ -46,7 +46,7 @@ DT = 0.01
 
 @compiled
 def most_states(duration: float, interval: float) -> int:
-    """Return an upper bound for the number of states of a motion of `duration` s, `interval` s apart."""
+    """Return an upper bound for the number of states `interval` s apart in `duration` s."""
     return int(duration / interval) + 3
 
 
@@ -60,17 +60,16 @@ def write_states(
     goal: Pose,
     interval: float,
 ) -> int:
-    """Write x, y (m), yaw (rad), v (m/s), w (rad/s) every `interval` s and at the end; return their number.
+    """Write the states every `interval` s and at the end; return their number.
 
-    `states` has the shape (most_states(duration, interval), 5); for `speeds` and `turns` see
-    `write_pieces`. The error of integration at the goal is distributed over the motion.
+    A state is x, y (m), yaw (rad), v (m/s) and w (rad/s). `states` has the shape
+    (most_states(duration, interval), 5); for `speeds` and `turns` see `write_pieces`. The
+    error of integration at the goal is distributed over the motion.
     """
     piece = turn = index = 0
     piece_end = speeds[0, 0]
     turn_end = turns[0, 0]
-    x = start.x
-    y = start.y
-    yaw = start.yaw
+    x, y, yaw = start
     v = speeds[0, 1]
     w = turns[0, 1]
     time = 0.0
@@ -107,9 +106,9 @@ def write_states(
                 s = math.sin(middle)
                 heading = middle
             chord = 0.5 * (v + next_v) * step * (1.0 - turned * turned * (1.0 / 24.0))
-            x = x + chord * c
-            y = y + chord * s
-            yaw = yaw + turned
+            x += chord * c
+            y += chord * s
+            yaw += turned
             v = next_v
             w = next_w
         states[index] = x, y, yaw, v, w
@@ -137,7 +136,7 @@ def _value(pieces: FloatArray, piece: int, end: float, time: float) -> float:
 
 
 class Trajectory:
-    """An opening, a closed manoeuvre that starts where it ends, or only one of them, sampled every 10 ms.
+    """An opening, a closed manoeuvre that starts at its end, or one of both, sampled every 10 ms.
 
     Attributes
     ----------

@@ -64,7 +64,7 @@ def write_headings(angle: float, rate: float, aw: float, headings: FloatArray) -
 def turn_end(
     time: float, headings: FloatArray, speed: float, acceleration: float, v: float
 ) -> tuple[float, float]:
-    """Return the displacement by a turn of `time` s, forward and to the left in m; see `write_headings`.
+    """Return the displacement by a turn of `time` s, in m forward and left; see `write_headings`.
 
     It starts at `speed` (m/s), which changes by `acceleration` (m/s^2), up to the limit `v`.
     """
@@ -89,7 +89,7 @@ class TurnTable(NamedTuple):
 
 
 def turn_table(turns: FloatArray, limits: Bounds) -> TurnTable:
-    """Compute the table of `turns`, shape (rows, 3), of which `limits` bound speed and turn acceleration.
+    """Compute the table of `turns`, shape (rows, 3), within limits of speed and turn acceleration.
 
     A row holds the initial speed (m/s), its constant change (m/s^2) and the greatest turn rate
     (rad/s).
