@@ -5,8 +5,8 @@
     scripts/run python scripts/golden.py compare OLD NEW        # two folders, bit by bit
 
 Numbers are written in full, so that two commits on one machine can be compared bit by bit. Other
-processors round differently: test/test_golden.py compares `test/golden/`, written with ``--digits
-8``, to 1e-6.
+processors round differently: test/golden/test_golden.py compares files written with ``--digits 8``
+to 1e-6.
 """
 
 from __future__ import annotations
@@ -275,7 +275,7 @@ def trained(episodes: int) -> list[Json]:
 
 PARTS: dict[str, tuple[Callable[[int], list[Json]], int]] = {
     **{
-        f"refined_{name}": (partial(refined, name), 50 if "place" in name else 200)
+        f"refined_{name}": (partial(refined, name), 10 if "place" in name else 30)
         for name in REFINED
     },
     **{f"executed_{name}": (partial(executed, name), 8) for name in EXECUTED},
