@@ -24,7 +24,6 @@ from ator_ros.experience.table import (
     ExperienceError,
     checked_rows,
     count_episodes,
-    episode_frame,
     join,
     read_experience,
     without_repeats,
@@ -150,12 +149,14 @@ def read_recording(
         got = _listed(sorted(reader.action_sets))
         raise ExperienceError(f"{place}: expected records of one action set, got {got}")
     objects = tuple(
-        dict.fromkeys([*domain.objects, *(name for each in episodes for name in each.objects)])
+        dict.fromkeys(
+            [*domain.objects, *(name for each in episodes for name in each.situation.objects)]
+        )
     )
     numbers: dict[str, Iterator[int]] = defaultdict(itertools.count)
     frames = [
         join(
-            episode_frame(next(numbers[each.situation.action]), each, objects)
+            each.rows(next(numbers[each.situation.action]), objects)
             for each in episodes[begin : begin + _BATCH]
         )
         for begin in range(0, len(episodes), _BATCH)

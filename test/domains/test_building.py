@@ -16,7 +16,7 @@ from ator_ros.domains.trials import random_trial
 from ator_ros.examples.navfn import NavFn
 from ator_ros.examples.pursuit import Pursuit
 from ator_ros.examples.rotate_drive_rotate import Phase, State
-from ator_ros.experience.collect import episode_generator
+from ator_ros.experience.simulated import episode_generator
 from ator_ros.experience.table import read_experience
 from ator_ros.geometry import Pose
 from ator_ros.simulation.run import place, run_action
