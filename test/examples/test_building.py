@@ -11,7 +11,7 @@ from maps import hall, write_map
 from ator_ros.actions.base import Goal, Status
 from ator_ros.bases.routes import routes_of
 from ator_ros.domains.domain import find_domain
-from ator_ros.evaluation.trials import random_trial
+from ator_ros.domains.trials import random_trial
 from ator_ros.experience.collect import episode_generator
 from ator_ros.experience.table import read_experience
 from ator_ros.geometry import Pose
