@@ -73,14 +73,12 @@ class DelayWatch:
             return self._in_time()
         since = self._since = self._since or world
         elapsed = world.time - since.time
-        if elapsed < _REACTION + self._robot.motor_time_constant:
+        if elapsed < _REACTION + self._robot.lag:
             return Timeliness.DOUBTFUL
-        stop = self._robot.stop
-        lost_v = abs(since.robot.v) - abs(world.robot.v)
-        lost_w = abs(since.robot.w) - abs(world.robot.w)
         brakes = max(
-            lost_v / min(stop.forward, stop.backward),
-            lost_w / stop.turning,
+            (abs(getattr(since.robot, axis.name)) - abs(getattr(world.robot, axis.name)))
+            / axis.stop
+            for axis in self._robot.axes
         )
         return Timeliness.DOUBTFUL if brakes >= _LEAST_LOSS * elapsed else Timeliness.LATE
 
