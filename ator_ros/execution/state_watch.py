@@ -185,7 +185,7 @@ class _FixedObject:
     def moves_with(self, robot: Robot) -> bool:
         """Return whether the robot has moved so that no other object could have kept its place."""
         maneuvers = (
-            self._fastest - self._slowest >= _SPEED_CHANGE * robot.limits.v
+            self._fastest - self._slowest >= _SPEED_CHANGE * robot.greatest_speed()
             or abs(self._turned) >= _TURN
         )
         return maneuvers and self.driven >= _DRIVEN * (robot.front + robot.rear)
