@@ -555,7 +555,7 @@ class MotionWatch:
             self._forget()
             return
         self._answered, self._last = min(self._answered, now), command
-        for commands, value in zip(self._commands, (command.v, command.w), strict=True):
+        for commands, value in zip(self._commands, (command.vx, command.w), strict=True):
             commands.add(time + self._latency, value)
 
     def fault(self, time: float, robot: RobotState, now: float) -> str | None:
@@ -613,10 +613,10 @@ class MotionWatch:
         counts, too.
         """
         if gap.elapsed <= _LONG_GAP:
-            return robot.v, robot.w
+            return robot.vx, robot.w
         seconds = min(gap.elapsed, self._driving.window)
         along, turned = _moved(before, robot)
-        v = robot.v if abs(robot.v) >= self._driving.tolerance else along / seconds
+        v = robot.vx if abs(robot.vx) >= self._driving.tolerance else along / seconds
         return v, robot.w if abs(robot.w) >= self._turning.tolerance else turned / seconds
 
     def _frozen(self, time: float, robot: RobotState) -> str | None:
@@ -632,15 +632,15 @@ class MotionWatch:
             return None  # messages are missing, between which the robot may have moved to and fro
         for axis, name, unit in ((0, "position", "m/s"), (1, "heading", "rad/s")):
             tolerance = (self._driving, self._turning)[axis].tolerance
-            reported = (robot.v, robot.w)[axis]
+            reported = (robot.vx, robot.w)[axis]
             sign = math.copysign(1.0, reported)
-            least = min(sign * (state.v, state.w)[axis] for state in states)
+            least = min(sign * (state.vx, state.w)[axis] for state in states)
             commanded = min(sign * sent for sent in self._commands[axis].between(began, time))
             moved = max(abs(_moved(first, state)[axis]) for state in states)
             moves = min(least, commanded) >= tolerance
             if moves and moved < _SAME * least * elapsed:
                 return (
-                    f"odometry is frozen: it reports {robot.v:.2f} m/s and {robot.w:.2f} rad/s, "
+                    f"odometry is frozen: it reports {robot.vx:.2f} m/s and {robot.w:.2f} rad/s, "
                     f"but its {name} has been constant for {elapsed:.2f} s "
                     f"(velocity {reported:.2f} {unit})"
                 )
@@ -656,7 +656,7 @@ class MotionWatch:
             tolerance = (self._driving, self._turning)[axis].tolerance
             moved = _moved(first, last)[axis] / (time - began)
             # The last velocities: one that jumped may have done so at any time between two messages.
-            speeds = [(state.v, state.w)[axis] for _, state in recent[1:]]
+            speeds = [(state.vx, state.w)[axis] for _, state in recent[1:]]
             reported = min(max(moved, min(speeds)), max(speeds))
             greatest = max(abs(moved), abs(reported))
             if abs(moved - reported) >= max(tolerance, 0.5 * greatest) and moved:
@@ -669,7 +669,7 @@ class MotionWatch:
     def _is_late(self, time: float, axis: int) -> bool:
         """Return whether the base follows the commands of an axis, but later than `latency`."""
         recent = self._since(time - _COMPARED) or list(self._states)
-        speeds = np.array([(state.v, state.w)[axis] for _, state in recent])
+        speeds = np.array([(state.vx, state.w)[axis] for _, state in recent])
         tolerance = (self._driving, self._turning)[axis].tolerance
         if np.ptp(speeds) < 2.0 * tolerance:
             return False  # a base that does not move does not react later
@@ -694,10 +694,10 @@ class MotionWatch:
     def _message(self, robot: RobotState, faults: Sequence[Fault | None]) -> str | None:
         """Return the fault of the first axis that has one, in words."""
         shown = (
-            f"commanded to {self._last.v:.2f} m/s and {self._last.w:.2f} rad/s, "
-            f"odometry shows {robot.v:.2f} m/s and {robot.w:.2f} rad/s"
+            f"commanded to {self._last.vx:.2f} m/s and {self._last.w:.2f} rad/s, "
+            f"odometry shows {robot.vx:.2f} m/s and {robot.w:.2f} rad/s"
         )
-        axes = ((self._v, self._last.v, "move", "m/s"), (self._w, self._last.w, "turn", "rad/s"))
+        axes = ((self._v, self._last.vx, "move", "m/s"), (self._w, self._last.w, "turn", "rad/s"))
         for fault, (axis, command, move, unit) in zip(faults, axes, strict=True):
             if fault is not None:
                 against = axis.speed * command <= -axis.thresholds.tolerance * abs(command)

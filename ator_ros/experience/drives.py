@@ -119,7 +119,7 @@ class Rows:
 
 @dataclass
 class Segment:
-    """Recorded without a gap: odom (t, x, y, yaw, v, w), commands (t, v, w), objects (t, x, y)."""
+    """Recorded without a gap: odom (t, x, y, yaw, v, w, vy), commands (t, v, w), objects (t, x, y)."""
 
     odom: Rows = field(default_factory=lambda: Rows(6))
     cmd_vel: Rows = field(default_factory=lambda: Rows(3))
@@ -196,7 +196,7 @@ class Reader:
             elif role == CMD_VEL:
                 command = command_from(message, CMD_VEL)
                 if newest.odom:  # a Twist has no stamp: it gets that of the last odometry message
-                    newest.cmd_vel.append(now, command.v, command.w)
+                    newest.cmd_vel.append(now, command.vx, command.w)
                     self._numbers += 3
             elif role == RECORDS:
                 self.records.append(episode_of(message, self._domain, self._robot))
@@ -366,8 +366,8 @@ class Reader:
         if odom and not 0.0 <= time - last <= SILENCE:
             self.segments.append(Segment())
             self._numbers += _SEGMENT
-        self.segments[-1].odom.append(time, *robot.pose, robot.v, robot.w)
-        self._numbers += 6
+        self.segments[-1].odom.append(time, *robot.pose, robot.vx, robot.w, robot.vy)
+        self._numbers += 7
 
     def _add_transforms(self, message: Any, *, fixed: bool) -> None:
         for transform in message.transforms:
@@ -431,7 +431,7 @@ class Track:
     Attributes
     ----------
     odom : ndarray, shape (n, 6)
-        t, x, y, yaw, v, w in the order of time, with unwrapped yaw.
+        t, x, y, yaw, v, w, vy in the order of time, with unwrapped yaw.
     begin, end : float
         Times in s of the first and the last odometry.
     objects : mapping of str to ndarray, shape (n, 3)
@@ -463,7 +463,7 @@ class Track:
         return other
 
     def states(self, times: FloatArray) -> FloatArray:
-        """Return the states at times (n,) in s, one a row: t, x, y, yaw, v, w, then x, y of each object.
+        """Return the states at times (n,) in s, one a row: t, x, y, yaw, v, w, vy, then x, y of each object.
 
         Objects are NaN before their first message. The times increase.
         """
@@ -475,17 +475,17 @@ class Track:
         ]
         states, (x, y, yaw) = np.column_stack([times, *columns]), self._odom_pose
         turn = np.array([[math.cos(yaw), math.sin(yaw)], [-math.sin(yaw), math.cos(yaw)]])
-        for first in (1, *range(6, states.shape[1], 2)):
+        for first in (1, *range(7, states.shape[1], 2)):
             states[:, first : first + 2] = states[:, first : first + 2] @ turn + (x, y)
         states[:, 3] = wrap_angles(states[:, 3] + yaw)
         return states
 
     def world(self, time: float) -> World:
         """Return the state at `time` (s), with the objects that had a message by then."""
-        _, x, y, yaw, v, w, *places = self.states(np.array([time]))[0].tolist()
+        _, x, y, yaw, vx, w, vy, *places = self.states(np.array([time]))[0].tolist()
         found = zip(self.objects, places[::2], places[1::2], strict=True)
         objects = {name: ObjectState(*place) for name, *place in found if not math.isnan(place[0])}
-        return World(time, RobotState(Pose(x, y, yaw), v, w), objects)
+        return World(time, RobotState(Pose(x, y, yaw), vx, w, vy=vy), objects)
 
     def samples(self, begin: float, end: float) -> FloatArray:
         """Return the samples of an episode from `begin` to `end` (s); see `Episode`."""

@@ -105,7 +105,8 @@ def sample_of(world: World, start: float, objects: Iterable[str]) -> tuple[float
     return (
         world.time - start,
         *robot.pose,
-        robot.v,
+        robot.vx,
         robot.w,
+        robot.vy,
         *itertools.chain.from_iterable(places),
     )

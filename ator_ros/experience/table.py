@@ -33,8 +33,8 @@ class ExperienceError(ReadableError, ValueError):
 
 LARGEST = 1e9
 """Greatest number in a table: thirty years in s; in m it exceeds `world.messages.FARTHEST`."""
-STATE_COLUMNS = ("t", "x", "y", "yaw", "v", "w")
-"""Time and the robot's state, in the order of a sample: s since the start, m, m, rad, m/s, rad/s."""
+STATE_COLUMNS = ("t", "x", "y", "yaw", "v", "w", "vy")
+"""Time and the robot's state, in the order of a sample: s since the start, m, m, rad, m/s, rad/s, m/s."""
 
 _BEFORE = {
     "action": "name of the action",
@@ -45,6 +45,7 @@ _BEFORE = {
     "yaw": "rad",
     "v": "m/s, forward",
     "w": "rad/s, counter-clockwise",
+    "vy": "m/s, to the left",
 }
 _GOAL = {
     "xg": "m, goal of the axle (hold 0) or of the hold (hold 1)",
@@ -113,7 +114,7 @@ KIND = "experience"
 _KEY = b"ator_ros"
 _TEXTS = ["action", "reason"]
 _LEAST = {
-    **dict.fromkeys(("x", "y", "yaw", "v", "w", "xg", "yg", "yawg"), -LARGEST),
+    **dict.fromkeys(("x", "y", "yaw", "v", "w", "vy", "xg", "yg", "yawg"), -LARGEST),
     **dict.fromkeys(("episode", "t", "time_to_go", "duration", "speedg", "hold", "success"), 0.0),
 }
 """Least number of each column that has no NaN."""
@@ -141,6 +142,7 @@ def checked_rows(source: Path | str, frame: pd.DataFrame, action_set: object) ->
     wanted = columns(objects, declared)
     has_parts = {*DriveParts._fields} <= {*frame.columns}
     frame = frame if has_parts else frame.assign(**DriveParts()._asdict())
+    frame = frame if "vy" in frame else frame.assign(vy=0.0)  # as in tables of version 0.1
     if missing := [name for name in wanted if name not in frame.columns]:
         raise ExperienceError(
             f"{source}: expected the columns {', '.join(wanted)}; missing: {', '.join(missing)}"

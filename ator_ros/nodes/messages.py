@@ -68,7 +68,9 @@ def pose_of(pose: Pose) -> PoseMessage:
 def twist_of(command: Command) -> Twist:
     """Write a velocity command."""
     message = Twist()
-    message.linear.x, message.angular.z = float(command.v), float(command.w)
+    message.linear.x = float(command.vx)
+    message.linear.y = float(command.vy)
+    message.angular.z = float(command.w)
     return message
 
 
@@ -127,7 +129,7 @@ def odometry_of(time: float, robot: RobotState, *, frame: str, child: str) -> Od
     message = Odometry(child_frame_id=child)
     message.header.stamp, message.header.frame_id = stamp_of(time), frame
     message.pose.pose = pose_of(robot.pose)
-    message.twist.twist = twist_of(Command(robot.v, robot.w))
+    message.twist.twist = twist_of(robot.velocity)
     return message
 
 
@@ -161,7 +163,8 @@ def grid_from(message: OccupancyGrid, topic: str, *, frame: str) -> GridMap:
 def situation_of(world: World, *, frame: str) -> msg.Situation:
     """Write the state of robot and objects."""
     robot = world.robot
-    message = msg.Situation(robot=pose_of(robot.pose), v=float(robot.v), w=float(robot.w))
+    message = msg.Situation(robot=pose_of(robot.pose))
+    message.vx, message.vy, message.w = float(robot.vx), float(robot.vy), float(robot.w)
     message.header.stamp, message.header.frame_id = stamp_of(world.time), frame
     for name, there in world.objects.items():
         item = msg.ObjectState(name=name)

@@ -64,7 +64,7 @@ ENDS = OPENING + 4  # five rows: both ends of the path after the opening, see `f
 PATH_TIME = ENDS + 5  # s; `Geometry.path` writes this row and the next
 PATH_TURN = ENDS + 6  # rad
 ROWS = PATH_TURN + 1
-_REST_V = AT_REST.v
+_REST_V = AT_REST.speed
 _REST_W = AT_REST.w
 
 

@@ -15,6 +15,7 @@ DIRECT_VARIABLES: dict[str, str] = {
     "yaw": "rad",
     "v": "m/s",
     "w": "rad/s",
+    "vy": "m/s",
     "xg": "m",
     "yg": "m",
     "yawg": "rad",
@@ -23,12 +24,13 @@ DIRECT_VARIABLES: dict[str, str] = {
 }
 """Names and units of the direct variables. Poses are in the world frame.
 
-x, y, yaw, v, w belong to the axle at the start. xg, yg are the goal of the axle (hold 0) or of the
+x, y, yaw belong to the axle at the start, and so do the velocities: v forward, vy to the left, w
+counter-clockwise. xg, yg are the goal of the axle (hold 0) or of the
 object held in front (hold 1); yawg and speedg are heading and forward speed there. Goal variables
 that an action declares follow as NAMEg.
 """
 
-X, Y, YAW, V, W, XG, YG, YAWG, SPEEDG, HOLD = range(len(DIRECT_VARIABLES))
+X, Y, YAW, V, W, VY, XG, YG, YAWG, SPEEDG, HOLD = range(len(DIRECT_VARIABLES))
 """Rows of a table of direct variables."""
 
 Direct = Mapping[str, Any]
@@ -71,6 +73,7 @@ def direct_table(direct: Direct, further: Iterable[str] = ()) -> DirectTable:
     ----------
     direct : mapping
         All DIRECT_VARIABLES by name, each a number or an array of shape (n,); others are ignored.
+        Without vy it is 0.
     further : iterable of str
         Names of required variables besides.
 
@@ -82,6 +85,7 @@ def direct_table(direct: Direct, further: Iterable[str] = ()) -> DirectTable:
     names = (*DIRECT_VARIABLES, *further)
     if isinstance(direct, DirectTable) and direct.names == names:
         return direct
+    direct = {"vy": 0.0, **direct}
     missing = [name for name in names if name not in direct]
     if missing:
         raise ValueError(

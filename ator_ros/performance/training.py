@@ -397,7 +397,7 @@ def _is_at_rest(rows: pd.DataFrame) -> bool:
     """Return whether the robot stands at the goals, and hardly moves at the starts of episodes."""
     arriving = rows["speedg"].abs()
     starting = rows["v"].abs()
-    return bool(arriving.max() <= AT_REST.v and starting.quantile(_MOSTLY) <= _STOPPING)
+    return bool(arriving.max() <= AT_REST.speed and starting.quantile(_MOSTLY) <= _STOPPING)
 
 
 def _far_from_goal(table: pd.DataFrame) -> BoolArray:

@@ -73,14 +73,14 @@ class PredictsPerformance(Protocol):
 def columns_after(
     goal: Mapping[str, Any], point: Point, robot: Robot
 ) -> dict[str, float | FloatArray]:
-    """Return the start variables x, y, yaw, v, w of the action after a subgoal that is reached exactly.
+    """Return the start variables x, y, yaw, v, w, vy of the action after a subgoal that is reached exactly.
 
     They are numbers, or arrays (n,) for n candidates, as the variables of the goal are.
     """
     x, y, yaw = goal["x"], goal["y"], goal["yaw"]
     if point is Point.HOLD:
         x, y = x - robot.hold * np.cos(yaw), y - robot.hold * np.sin(yaw)
-    return {"x": x, "y": y, "yaw": yaw, "v": goal["speed"], "w": 0.0}
+    return {"x": x, "y": y, "yaw": yaw, "v": goal["speed"], "w": 0.0, "vy": 0.0}
 
 
 class StepRows:
@@ -89,7 +89,7 @@ class StepRows:
     Parameters
     ----------
     start : sequence of float
-        Start variables x, y, yaw, v, w of the step, if candidates of `previous` do not change them.
+        Start variables x, y, yaw, v, w, vy of the step, if candidates of `previous` do not change them.
     goal, names : Goal, sequence of str
         The subgoal that the step leads to, and its free variables.
     previous, previous_names : Goal or None, sequence of str
@@ -174,7 +174,7 @@ def step_rows(
     `names` are the subgoals' free variables.
     """
     state, rows = world.robot, []
-    start: Sequence[Any] = (*state.pose, state.v, state.w)
+    start: Sequence[Any] = (*state.pose, state.vx, state.w, state.vy)
     previous: Goal | None = None
     before: Sequence[str] = ()
     arrival, bearing = None, 0.0
@@ -193,7 +193,7 @@ def step_rows(
             start = tuple(columns_after(goal_values(previous), previous.point, robot).values())
         else:  # the robot is where the post-condition puts it
             previous, before, arrival = None, (), None
-            start = (*world.robot.pose, world.robot.v, world.robot.w)
+            start = (*world.robot.pose, world.robot.vx, world.robot.w, world.robot.vy)
     return rows
 
 

@@ -57,7 +57,9 @@ def predict_durations(
         Arrays of shape (n, m).
     """
     found = Durations(*np.full((3, len(worlds), len(calls)), np.nan))
-    starts = np.array([(*world.robot.pose, world.robot.v, world.robot.w) for world in worlds])
+    starts = np.array(
+        [(*world.robot.pose, world.robot.vx, world.robot.w, world.robot.vy) for world in worlds]
+    )
     for action in dict.fromkeys(call.top.action for call in calls):
         model = models.get(action)
         if model is None or not worlds:
@@ -73,7 +75,7 @@ def predict_durations(
 
 
 def _situations(starts: FloatArray, call: TopCall, robot: Robot) -> DirectTable:
-    """Return the direct variables of a step for starts x, y, yaw, v, w, shape (n, 5)."""
+    """Return the direct variables of a step for starts x, y, yaw, v, w, vy, shape (n, 6)."""
     rows = StepRows(starts[0].tolist(), call.goal, (), None, (), robot.hold)
     table = rows.values(np.zeros(0), np.zeros(0))[:, None].repeat(len(starts), axis=1)
     table[: starts.shape[1]] = starts.T

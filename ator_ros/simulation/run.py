@@ -17,11 +17,7 @@ from ator_ros.world.state import STOP, World
 
 def place(simulation: Simulation, world: World) -> None:
     """Put the robot and the objects of `world` that have a size into the simulation."""
-    simulation.place_robot(
-        world.robot.pose,
-        v=world.robot.v,
-        w=world.robot.w,
-    )
+    simulation.place_robot(world.robot.pose, world.robot.velocity)
     known = simulation.robot.scene.objects
     simulation.place_objects(
         {name: there for name, there in world.objects.items() if name in known}

@@ -23,7 +23,7 @@ def driven(goal: Pose, ahead: float, *, noise: float = 0.0) -> Goal:
             y + rng.normal(0.0, noise),
             wrap_angle(yaw + rng.normal(0.0, noise)),
         )
-        return RobotState(pose, state.v, state.w)
+        return RobotState(pose, state.vx, state.w)
 
     base = KinematicBase(ROBOT, Pose(0.0, 0.0, 0.0))
     return execute(LIBRARY, chain(("goToPose", goal)), base, sense=sense, longest=31.0)

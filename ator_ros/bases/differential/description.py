@@ -104,7 +104,7 @@ class DifferentialRobot(Robot):
         limits = self.limits
         stop = min(self.stop.forward, self.stop.backward)
         rate = min(limits.a, limits.brake)
-        driving = Axis("v", "move", "m/s", limits.v, limits.backward, rate, stop)
+        driving = Axis("vx", "move", "m/s", limits.v, limits.backward, rate, stop)
         turning = Axis("w", "turn", "rad/s", limits.w, limits.w, limits.aw, self.stop.turning)
         return driving, turning
 
@@ -133,9 +133,9 @@ class DifferentialRobot(Robot):
 
     def standstills(self, robot: RobotState, seconds: float) -> Standstills:
         """Return where the robot may stand: straight ahead, or along its present arc."""
-        reach = seconds * abs(robot.v)
-        stop = math.copysign(abs(stopping_distance(robot.v, self.stop)) + reach, robot.v)
-        brake = math.copysign(robot.v**2 / (2.0 * self.limits.brake) + reach, robot.v)
+        reach = seconds * abs(robot.vx)
+        stop = math.copysign(abs(stopping_distance(robot.vx, self.stop)) + reach, robot.vx)
+        brake = math.copysign(robot.vx**2 / (2.0 * self.limits.brake) + reach, robot.vx)
         straight = (_place_after(robot, brake, 0.0),)
         arc = tuple(_place_on_arc(robot, share * brake) for share in (0.5, 1.0))
         return Standstills(_place_after(robot, stop, 0.0), (straight, arc))
@@ -190,7 +190,7 @@ def least_torque(mass: float, wheel_radius: float, limits: Limits) -> float:
 
 def _place_on_arc(robot: RobotState, path: float) -> Place:
     """Return the place after `path` m along the present arc, which turns by at most half a turn."""
-    turned = clip(path * robot.w / robot.v, math.pi) if robot.v != 0.0 else 0.0
+    turned = clip(path * robot.w / robot.vx, math.pi) if robot.vx != 0.0 else 0.0
     return _place_after(robot, path, turned)
 
 
