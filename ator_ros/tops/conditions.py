@@ -45,8 +45,8 @@ def state_of(world: World, robot: Robot) -> dict[str, float]:
     -------
     dict
         robot.x, robot.y (m), robot.yaw (rad), robot.vx, robot.vy (m/s, forward and to the left),
-        robot.w (rad/s); hold.x, hold.y (m), where a robot with a holder would hold an object; of each known object, with its name before
-        the dot, x, y (m), vx, vy (m/s).
+        robot.w (rad/s); hold.x, hold.y (m), where a robot with a holder would hold an object; of
+        each known object, with its name before the dot, x, y (m), vx, vy (m/s).
     """
     moving = world.robot
     pose = moving.pose

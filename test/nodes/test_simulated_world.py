@@ -55,9 +55,7 @@ def speeds_after_a_second(world: SimulatedWorld, robot: SimulatedRobot) -> tuple
             "overlaps the ball",
         ),
         (
-            lambda world: world.place_robot(
-                Pose(BAY.x, BAY.y + BAY.width / 2, 0.0), 0, v=0.0, w=0.0
-            ),
+            lambda world: world.place_robot(Pose(BAY.x, BAY.y + BAY.width / 2, 0.0), 0),
             "a wall",
         ),
     ],
