@@ -20,10 +20,10 @@ def ramped(
     if target == STOP:
         most = Command(_braking(speeds.vx, stop), stop.turning)
     else:
-        losing = abs(target.vx) < abs(speeds.vx) or target.vx * speeds.v < 0.0
+        losing = abs(target.vx) < abs(speeds.vx) or target.vx * speeds.vx < 0.0
         most = Command(limits.brake if losing else limits.a, limits.aw)
     return Command(
-        speeds.vx + clip(target.vx - speeds.vx, most.v * dt),
+        speeds.vx + clip(target.vx - speeds.vx, most.vx * dt),
         speeds.w + clip(target.w - speeds.w, most.w * dt),
     )
 
