@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from ator_ros.bases.description import Robot
-from ator_ros.bases.differential.drive_parts import DriveParts, parts_of_drive
+from ator_ros.bases.drive_parts import DriveParts, parts_of_drive
 from ator_ros.bases.routes import routes_of
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience.table import columns

@@ -11,7 +11,7 @@ import numpy as np
 from ator_ros.actions import TIME_LIMIT
 from ator_ros.actions.base import Action, ActionError, Status, Step
 from ator_ros.actions.goal_variables import goal_values
-from ator_ros.bases.differential.drive_parts import DriveParts, parts_of_drive
+from ator_ros.bases.drive_parts import DriveParts, parts_of_drive
 from ator_ros.execution.rolling import Rolling
 from ator_ros.geometry import FloatArray
 from ator_ros.tops.chain import TopCall, TopChain

@@ -12,7 +12,7 @@ import numpy as np
 from ator_ros.actions import TIME_LIMIT
 from ator_ros.actions.base import Action, ActionError, Status, Step
 from ator_ros.actions.situation import Situation
-from ator_ros.bases.differential.drive_parts import DriveParts
+from ator_ros.bases.drive_parts import DriveParts
 from ator_ros.geometry import FloatArray
 from ator_ros.simulation.run import judge, place, run_action
 from ator_ros.simulation.simulation import Simulation

@@ -13,7 +13,7 @@ from ator_ros.actions.base import Goal, Point
 from ator_ros.actions.goal_variables import GoalVariable
 from ator_ros.actions.situation import ActionSpec, Situation
 from ator_ros.bases.description import Robot
-from ator_ros.bases.differential.drive_parts import DriveParts
+from ator_ros.bases.drive_parts import DriveParts
 from ator_ros.experience.episode import Episode, sample_of
 from ator_ros.experience.table import LARGEST
 from ator_ros.files import is_name

@@ -16,7 +16,7 @@ import pandas as pd
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.actions.base import Point
 from ator_ros.actions.goal_variables import MOST_GOAL_VARIABLES, direct_name
-from ator_ros.bases.differential.drive_parts import DriveParts, parts_of_drive
+from ator_ros.bases.drive_parts import DriveParts, parts_of_drive
 from ator_ros.experience.episode import Episode
 from ator_ros.files import atomic_write, content_of, header, is_name
 from ator_ros.geometry import FloatArray

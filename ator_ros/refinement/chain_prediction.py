@@ -18,9 +18,7 @@ import numpy as np
 from ator_ros.actions.base import Goal, Point
 from ator_ros.actions.goal_variables import direct_name, goal_values
 from ator_ros.bases.description import Robot
-from ator_ros.bases.routes import arrival_heading, routes_of
-from ator_ros.geometry import FloatArray, wrap_angles
-from ator_ros.performance.direct import (
+from ator_ros.bases.direct import (
     DIRECT_VARIABLES,
     SPEEDG,
     XG,
@@ -32,6 +30,8 @@ from ator_ros.performance.direct import (
     X,
     Y,
 )
+from ator_ros.bases.routes import arrival_heading, routes_of
+from ator_ros.geometry import FloatArray, wrap_angles
 from ator_ros.performance.model import Arrival
 from ator_ros.refinement.objective import Objective
 from ator_ros.refinement.search import Pairs, StepCosts

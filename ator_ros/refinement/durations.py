@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ator_ros.bases.description import Robot
+from ator_ros.bases.direct import DirectTable
 from ator_ros.geometry import FloatArray
-from ator_ros.performance.direct import DirectTable
 from ator_ros.refinement.chain_prediction import PredictsPerformance, StepRows
 from ator_ros.tops.chain import TopCall
 from ator_ros.world.state import World

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
 
+from ator_ros.compiled import compiled
 from ator_ros.geometry import FloatArray
 
 DIRECT_VARIABLES: dict[str, str] = {
@@ -95,3 +97,21 @@ def direct_table(direct: Direct, further: Iterable[str] = ()) -> DirectTable:
         *(np.asarray(direct[name], dtype=float).reshape(-1) for name in names)
     )
     return DirectTable(names, np.stack(given))
+
+
+NEAR = 0.04
+"""Distance in m from the goal within which a robot at rest only turns to the goal's heading."""
+NEAR_GOAL = 0.5
+"""Distance in m from a goal within which its bearing does not decide how an action drives."""
+
+
+@compiled
+def wrapped(angle: float) -> float:
+    """Return the same angle in [-pi, pi), in rad.
+
+    The result is that of `ator_ros.geometry.wrap_angles`.
+    """
+    turned = angle + math.pi
+    if not 0.0 <= turned < 2.0 * math.pi:  # usually it is, and the remainder is slow
+        turned %= 2.0 * math.pi
+    return turned - math.pi
