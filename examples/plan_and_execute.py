@@ -29,7 +29,7 @@ def situation(node: Node) -> Situation:
     twist = robot.twist.twist
     position, velocity = ball.pose.pose.position, ball.twist.twist.linear
     objects = [ObjectState(name="ball", position=position, velocity=velocity)]
-    return Situation(robot=robot.pose.pose, vx=twist.linear.x, w=twist.angular.z, objects=objects)
+    return Situation(robot=robot.pose.pose, v=twist.linear.x, w=twist.angular.z, objects=objects)
 
 
 def _message(node: Node, topic: str) -> Any:

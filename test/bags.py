@@ -202,7 +202,7 @@ def action_performance(
         name="ball", position=point(goal.x, goal.y, 0.0), velocity=vector(0.0, 0.0, 0.0)
     )
     situation = types["ator_interfaces/msg/Situation"](
-        header=header, robot=pose(Pose(*start, 0.1)), vx=0.1, w=0.0, objects=[ball]
+        header=header, robot=pose(Pose(*start, 0.1)), v=0.1, w=0.0, objects=[ball]
     )
     call = types["ator_interfaces/msg/TopCall"](
         top=top, goal=types["geometry_msgs/msg/PoseStamped"](header, pose(goal)), speed=speed,

@@ -164,7 +164,7 @@ def situation_of(world: World, *, frame: str) -> msg.Situation:
     """Write the state of robot and objects."""
     robot = world.robot
     message = msg.Situation(robot=pose_of(robot.pose))
-    message.vx, message.vy, message.w = float(robot.vx), float(robot.vy), float(robot.w)
+    message.v, message.w = float(robot.vx), float(robot.w)
     message.header.stamp, message.header.frame_id = stamp_of(world.time), frame
     for name, there in world.objects.items():
         item = msg.ObjectState(name=name)

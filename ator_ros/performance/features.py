@@ -118,15 +118,19 @@ See `Geometry.path`.
 """
 
 
-@cache
 def base_features(driving: type[Driving]) -> tuple[Feature, ...]:
     """Return the features that the base adds, for the class of what is learned of its driving.
 
     They are candidates of `ator_ros.performance.training.duration_features`.
     """
+    return _of_base(tuple(driving.quantities.items()))
+
+
+@cache
+def _of_base(quantities: tuple[tuple[str, str], ...]) -> tuple[Feature, ...]:
     return tuple(
         Feature(name, unit, variables(_POSES), partial(_quantity, number))
-        for number, (name, unit) in enumerate(driving.quantities.items())
+        for number, (name, unit) in enumerate(quantities)
     )
 
 

@@ -135,7 +135,7 @@ INVALID = [
         "pose.pose.position.x: expected a finite number",
     ),
     ("place_robot", "pose.header.frame_id", "attic", "expected the frame 'odom', got 'attic'"),
-    ("place_robot", "vx", math.inf, "vx: expected a finite number"),
+    ("place_robot", "v", math.inf, "vx: expected a finite number"),
     ("place_ball", "position.point.y", -500.0, "position.point.y: expected a finite number"),
     ("place_ball", "velocity.y", 99.0, "velocity.y: expected a finite number"),
 ]
