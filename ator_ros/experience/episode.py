@@ -14,8 +14,7 @@ from ator_ros.actions.base import Action, ActionError, Status, Step
 from ator_ros.actions.situation import Situation
 from ator_ros.bases.drive_parts import DriveParts
 from ator_ros.geometry import FloatArray
-from ator_ros.simulation.run import judge, place, run_action
-from ator_ros.simulation.simulation import Simulation
+from ator_ros.simulation.run import SimulatedWorld, judge, place, run_action
 from ator_ros.tops.chain import Top
 from ator_ros.world.state import STOP, World
 
@@ -60,7 +59,7 @@ class Episode:
 
 
 def run_episode(
-    simulation: Simulation,
+    simulation: SimulatedWorld,
     action: Action,
     situation: Situation,
     *,
@@ -71,7 +70,7 @@ def run_episode(
 
     Parameters
     ----------
-    simulation : Simulation
+    simulation : SimulatedWorld
         A new simulation, in which robot and objects are placed.
     top : Top
         The TOP whose post-condition decides on success.
