@@ -1,6 +1,7 @@
 """A base from outside the package drives, learns, refines and is stopped by the motion watch."""
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Mapping
 from importlib.metadata import EntryPoint
@@ -84,7 +85,7 @@ def episode_between(start: Pose, goal: Pose) -> pd.DataFrame:
 def experience() -> pd.DataFrame:
     rng = np.random.default_rng(1)
     poses = [Pose(*rng.uniform(-3.0, 3.0, 2), rng.uniform(-3.0, 3.0)) for _ in range(EPISODES + 1)]
-    pairs = zip(poses, poses[1:], strict=False)
+    pairs = itertools.pairwise(poses)
     return join(episode_between(*pair).assign(episode=number) for number, pair in enumerate(pairs))
 
 
