@@ -33,7 +33,8 @@ def synthetic_experience(action: str, *, episodes: int = 300, seed: int = 1) -> 
     duration = 0.5 + dist + 0.7 * turn
     frame = pd.DataFrame({
         "action": action, "episode": np.arange(episodes), "t": 0.0, "x": x, "y": y, "yaw": yaw, "v": 0.0,
-        "w": 0.0, "vy": 0.0, "ball_x": np.nan, "ball_y": np.nan, "xg": xg, "yg": yg, "yawg": yawg, "speedg": 0.0,
+        "w": 0.0, "vy": 0.0,
+        "ball_x": np.nan, "ball_y": np.nan, "xg": xg, "yg": yg, "yawg": yawg, "speedg": 0.0,
         "hold": 0, "time_to_go": duration, "duration": duration,
         "success": rng.random(episodes) > 0.1 * dist, "reason": "made up",
         "position_error": 0.01 * dist, "heading_error": 0.02, **DriveParts()._asdict(),
