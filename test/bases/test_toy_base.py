@@ -17,10 +17,9 @@ from ator_ros.actions.base import Goal
 from ator_ros.actions.situation import Situation
 from ator_ros.bases import description
 from ator_ros.bases.description import ConfigError, load_robot
-from ator_ros.experience.episode import run_episode
+from ator_ros.experience.simulated import run_episode
 from ator_ros.experience.table import (
     Experience,
-    episode_frame,
     join,
     read_experience,
     write_experience,
@@ -77,7 +76,7 @@ class PointWorld:
 def episode_between(start: Pose, goal: Pose) -> pd.DataFrame:
     situation = Situation("goStraight", RobotState(start), {}, Goal(goal))
     episode = run_episode(PointWorld(), GoStraight(ROBOT), situation, top=GO)
-    return episode_frame(0, episode, ())
+    return episode.rows(0, ())
 
 
 @pytest.fixture(scope="module")
