@@ -6,8 +6,8 @@ import math
 from collections.abc import Iterable
 
 from ator_ros.bases.differential.description import DifferentialRobot
-from ator_ros.bases.differential.response import clip, ramped
-from ator_ros.geometry import Pose, quaternion_from_yaw, yaw_from_quaternion
+from ator_ros.bases.differential.response import ramped
+from ator_ros.geometry import Pose, clip, quaternion_from_yaw, yaw_from_quaternion
 from ator_ros.simulation.bodies import BulletClient, load_base
 from ator_ros.world.state import STOP, Command, RobotState
 

@@ -9,7 +9,6 @@ import pytest
 PACKAGE = Path(__file__).resolve().parents[2] / "ator_ros"
 KNOWING = (
     "bases/", "simulation/", "domains/soccer/planned/", "domains/soccer/bezier.py",
-    "execution/motion_watch.py",
 )  # fmt: skip
 IDENTIFIES = ("tools/calibrate.py", "tools/command_line.py")
 """The tool that identifies a base with two driven wheels, and the errors that tools report."""

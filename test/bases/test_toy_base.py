@@ -1,4 +1,4 @@
-"""A base from outside the package drives, learns, and refines."""
+"""A base from outside the package drives, learns, refines and is stopped by the motion watch."""
 
 import dataclasses
 import itertools
@@ -17,6 +17,7 @@ from ator_ros.actions.base import Goal
 from ator_ros.actions.situation import Situation
 from ator_ros.bases import description
 from ator_ros.bases.description import ConfigError, load_robot
+from ator_ros.execution.motion_watch import MotionWatch
 from ator_ros.experience.simulated import run_episode
 from ator_ros.experience.table import (
     Experience,
@@ -132,6 +133,21 @@ def test_an_open_place_is_refined_to_the_straight_line(model: PerformanceModel) 
     assert answer.chain.calls[0].goal.pose.x == 1.5
     assert abs(answer.chain.calls[0].goal.pose.y) < 0.4
     assert answer.saved > 0.5
+
+
+@pytest.mark.parametrize("command", [Command(0.4), Command(vy=0.4), Command(0.3, vy=-0.3)])
+@pytest.mark.parametrize("moves", [True, False])
+def test_the_motion_watch_stops_it_where_it_does_not_follow(command: Command, moves: bool) -> None:
+    watch, simulation = MotionWatch(ROBOT, 0.0), PointWorld()
+    faults = []
+    for _ in range(40):
+        state = simulation.world()
+        faults.append(watch.fault(state.time, state.robot, state.time))
+        watch.sent(state.time, command, state.time)
+        if moves:
+            simulation.command(command)
+        simulation.tick()
+    assert any(faults) is not moves
 
 
 def test_a_description_selects_it(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -24,8 +24,8 @@ from ator_ros.bases.differential.driving import DrivingStyle, plain_driving
 from ator_ros.bases.differential.durations import drive_time, turn_time
 from ator_ros.bases.differential.legs import fastest_drives
 from ator_ros.bases.differential.limits import Limits, StopBraking
-from ator_ros.bases.differential.response import clip, driven, stopping_distance
-from ator_ros.geometry import FloatArray
+from ator_ros.bases.differential.response import driven, stopping_distance
+from ator_ros.geometry import FloatArray, clip
 from ator_ros.schema import Within
 from ator_ros.world.scene import Mass, Size
 from ator_ros.world.state import Command, RobotState

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ator_ros.bases.differential.limits import Limits, StopBraking
-from ator_ros.geometry import FloatArray, Pose, wrap_angle
+from ator_ros.geometry import FloatArray, Pose, clip, wrap_angle
 from ator_ros.world.state import STOP, Command, RobotState
 
 
@@ -35,11 +35,6 @@ def stopping_distance(v: float, stop: StopBraking) -> float:
 
 def _braking(v: float, stop: StopBraking) -> float:
     return stop.backward if v < 0.0 else stop.forward
-
-
-def clip(value: float, bound: float) -> float:
-    """Return `value` clipped to [-bound, bound]."""
-    return max(-bound, min(bound, value))
 
 
 @dataclass(frozen=True, slots=True)
