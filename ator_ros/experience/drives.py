@@ -122,7 +122,7 @@ class Rows:
 class Segment:
     """Recorded without a gap: odom (t, x, y, yaw, v, w, vy), commands (t, v, w), objects (t, x, y)."""
 
-    odom: Rows = field(default_factory=lambda: Rows(6))
+    odom: Rows = field(default_factory=lambda: Rows(7))
     cmd_vel: Rows = field(default_factory=lambda: Rows(3))
     objects: dict[str, Rows] = field(default_factory=lambda: defaultdict(lambda: Rows(3)))
 

@@ -153,18 +153,18 @@ class DifferentialRobot(Robot):
 
     def observed_driving(self, rows: pd.DataFrame) -> DrivingStyle:
         """Return limits, turns and approaches of an action; see `observation.observed_driving`."""
-        from ator_ros.bases.differential.observation import observed_driving  # needs pandas
+        from ator_ros.bases.differential import observation  # needs pandas
 
-        return observed_driving(rows, self)
+        return observation.observed_driving(rows, self)
 
     def completed_driving(self, driving: Driving, starts: pd.DataFrame) -> Driving:
         """Return `driving` with the angle above which it drives backward, if that is open."""
-        from ator_ros.bases.differential.observation import backward_above  # needs pandas
+        from ator_ros.bases.differential import observation  # needs pandas
 
         style = driving_style(driving)
         if style.uses_quantities:
             return style
-        return dataclasses.replace(style, backward_above=backward_above(starts, self))
+        return dataclasses.replace(style, backward_above=observation.backward_above(starts, self))
 
     def fastest(self, legs: FloatArray, driving: Driving | None) -> FloatArray:
         """See `Base.fastest`."""
