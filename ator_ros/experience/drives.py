@@ -120,7 +120,7 @@ class Rows:
 
 @dataclass
 class Segment:
-    """Recorded without a gap: odom (t, x, y, yaw, v, w, vy), commands (t, v, w), objects (t, x, y)."""
+    """Recorded without a gap: odom (t, x, y, yaw, v, w, vy), commands (t, speed, w), objects (t, x, y)."""
 
     odom: Rows = field(default_factory=lambda: Rows(7))
     cmd_vel: Rows = field(default_factory=lambda: Rows(3))
@@ -197,7 +197,7 @@ class Reader:
             elif role == CMD_VEL:
                 command = command_from(message, CMD_VEL)
                 if newest.odom:  # a Twist has no stamp: it gets that of the last odometry message
-                    newest.cmd_vel.append(now, command.vx, command.w)
+                    newest.cmd_vel.append(now, math.hypot(command.vx, command.vy), command.w)
                     self._numbers += 3
             elif role == RECORDS:
                 self.records.append(episode_of(message, self._domain, self._robot))
@@ -432,7 +432,7 @@ class Track:
 
     Attributes
     ----------
-    odom : ndarray, shape (n, 6)
+    odom : ndarray, shape (n, 7)
         t, x, y, yaw, v, w, vy in the order of time, with unwrapped yaw.
     begin, end : float
         Times in s of the first and the last odometry.
@@ -525,7 +525,7 @@ class Track:
         """Return whether the robot stood at any time between two (s)."""
         times = self._times
         during = self.odom[np.searchsorted(times, since, "right") : np.searchsorted(times, until)]
-        return bool(NOT_DRIVEN.holds(during[:, 4], during[:, 5]).any())
+        return bool(NOT_DRIVEN.holds(np.hypot(during[:, 4], during[:, 6]), during[:, 5]).any())
 
 
 def _around(table: FloatArray, times: FloatArray) -> FloatArray:
@@ -673,7 +673,7 @@ def _spans(commands: FloatArray, track: Track) -> Iterator[tuple[float, float]]:
 def _rest(track: Track, ceased: float) -> float:
     """Return when (s) the robot came to rest after its commands ceased; `ceased` if it did not."""
     after = track.between(ceased, ceased + PAUSE + _ROUNDING)
-    still = NOT_DRIVEN.holds(after[:, 4], after[:, 5])
+    still = NOT_DRIVEN.holds(np.hypot(after[:, 4], after[:, 6]), after[:, 5])
     return float(after[still][0, 0]) if still.any() else ceased
 
 
