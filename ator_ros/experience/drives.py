@@ -80,7 +80,7 @@ _LEAST_TIME = 1.0
 _SEGMENT = 100  # numbers that need as much memory as a segment without messages
 _JUMPS = "the pose jumps during the drive"
 _TOO_LONG = f"expected at most {_LONGEST:.0f} s"
-_WIDTH = 6  # columns of odometry
+_WIDTH = 7  # columns of odometry
 _ROUNDING = 1e-6  # s; stamps since 1970 are rounded to 0.24 us
 _DIGITS = 6  # of times in s, likewise
 
@@ -122,7 +122,7 @@ class Rows:
 class Segment:
     """Recorded without a gap: odom (t, x, y, yaw, v, w, vy), commands (t, speed, w), objects (t, x, y)."""
 
-    odom: Rows = field(default_factory=lambda: Rows(7))
+    odom: Rows = field(default_factory=lambda: Rows(_WIDTH))
     cmd_vel: Rows = field(default_factory=lambda: Rows(3))
     objects: dict[str, Rows] = field(default_factory=lambda: defaultdict(lambda: Rows(3)))
 
@@ -369,7 +369,7 @@ class Reader:
             self.segments.append(Segment())
             self._numbers += _SEGMENT
         self.segments[-1].odom.append(time, *robot.pose, robot.vx, robot.w, robot.vy)
-        self._numbers += 7
+        self._numbers += _WIDTH
 
     def _add_transforms(self, message: Any, *, fixed: bool) -> None:
         for transform in message.transforms:
@@ -477,7 +477,7 @@ class Track:
         ]
         states, (x, y, yaw) = np.column_stack([times, *columns]), self._odom_pose
         turn = np.array([[math.cos(yaw), math.sin(yaw)], [-math.sin(yaw), math.cos(yaw)]])
-        for first in (1, *range(7, states.shape[1], 2)):
+        for first in (1, *range(_WIDTH, states.shape[1], 2)):
             states[:, first : first + 2] = states[:, first : first + 2] @ turn + (x, y)
         states[:, 3] = wrap_angles(states[:, 3] + yaw)
         return states
