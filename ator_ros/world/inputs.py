@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Mapping
 
 from ator_ros.world.delay import Delay
-from ator_ros.world.estimation import JUMP, Sightings, StampError
+from ator_ros.world.sightings import JUMP, Sightings, StampError
 from ator_ros.world.state import ObjectState, RobotState, World
 
 # greatest plausible ratio of simulated to real time; simulations run at a few hundred

@@ -17,13 +17,9 @@ from ator_ros.files import is_name
 from ator_ros.geometry import Pose, yaw_from_quaternion
 from ator_ros.printable import ReadableError, quoted
 from ator_ros.schema import require
-from ator_ros.world.estimation import (
-    PoseSenderCheck,
-    RobotVelocity,
-    SenderCheck,
-    TwistCheck,
-    VelocityEstimate,
-)
+from ator_ros.world.robot_velocity import RobotVelocity, TwistCheck
+from ator_ros.world.senders import PoseSenderCheck, SenderCheck
+from ator_ros.world.sightings import VelocityEstimate
 from ator_ros.world.state import Command, ObjectState, RobotState, World
 from ator_ros.world.transforms import Placement, Quaternion, Transforms
 

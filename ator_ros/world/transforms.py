@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from ator_ros.geometry import FloatArray, yaw_from_quaternion
-from ator_ros.world.estimation import LEAST_IN_ODOMETRY, PoseSenderCheck
+from ator_ros.world.senders import LEAST_IN_ODOMETRY, PoseSenderCheck
 
 _RECENT = 2.0  # s before the newest transform of all
 _KEPT = 512  # transforms of each frame: five seconds at 100 Hz
