@@ -25,7 +25,7 @@ class Pose(NamedTuple):
     yaw: float  # heading in rad, counter-clockwise from the x axis
 
     def compose(self, local: Pose) -> Pose:
-        """Return the pose `local`, given relative to this pose, in the frame that this pose is given in."""
+        """Return the pose `local`, which is relative to this pose, in the frame of this pose."""
         c, s = math.cos(self.yaw), math.sin(self.yaw)
         return Pose(
             self.x + c * local.x - s * local.y,
@@ -76,7 +76,12 @@ def wrap_angles(angles: Any) -> FloatArray:
     return np.asarray((np.asarray(angles, dtype=float) + np.pi) % (2.0 * np.pi) - np.pi)
 
 
-def yaw_from_quaternion(x: float, y: float, z: float, w: float) -> float:
+def yaw_from_quaternion(
+    x: float,
+    y: float,
+    z: float,
+    w: float,
+) -> float:
     """Return the heading in rad of a unit quaternion."""
     return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 

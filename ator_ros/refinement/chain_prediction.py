@@ -1,4 +1,4 @@
-"""The predicted performance of a whole chain as a function of its free variables (paper, section 4.3).
+"""The predicted performance of a whole chain, given its free variables (paper, section 4.3).
 
 `StepRows` computes the situations in which the actions of a chain start and end: at the subgoals
 (paper, section 4.1), or as far short of them as the action usually stops. `ChainModel` predicts the
@@ -43,7 +43,10 @@ class PredictsPerformance(Protocol):
         """Direct variables that the prediction depends on."""
 
     def predict(
-        self, direct: Mapping[str, Any], measures: tuple[str, ...], signs: FloatArray | None
+        self,
+        direct: Mapping[str, Any],
+        measures: tuple[str, ...],
+        signs: FloatArray | None,
     ) -> Any:
         """Return a prediction whose fields named in `measures` are arrays of shape (n,).
 
@@ -56,9 +59,11 @@ class PredictsPerformance(Protocol):
 
 
 def columns_after(
-    goal: Mapping[str, Any], point: Point, robot: Robot
+    goal: Mapping[str, Any],
+    point: Point,
+    robot: Robot,
 ) -> dict[str, float | FloatArray]:
-    """Return the start variables x, y, yaw, v, w of the action after a subgoal that is reached exactly.
+    """Return the start variables x, y, yaw, v, w after a subgoal that is reached exactly.
 
     They are numbers, or arrays (n,) for n candidates, as the variables of the goal are.
     """
@@ -95,7 +100,9 @@ class _Subgoal:
 
 
 def with_candidates(
-    goal: Goal, names: Sequence[str], candidates: FloatArray
+    goal: Goal,
+    names: Sequence[str],
+    candidates: FloatArray,
 ) -> dict[str, float | FloatArray]:
     """Return the variables of a goal; of those with these names, columns of candidates (..., k)."""
     columns = {name: candidates[..., column] for column, name in enumerate(names)}
@@ -114,7 +121,10 @@ class StepRows:
     """
 
     def __init__(
-        self, start: Callable[[FloatArray], Mapping[str, Any]], goal: Goal, free: Sequence[str]
+        self,
+        start: Callable[[FloatArray], Mapping[str, Any]],
+        goal: Goal,
+        free: Sequence[str],
     ) -> None:
         self.names = (*DIRECT_VARIABLES, *map(direct_name, sorted(goal.values)))
         self._start = start
@@ -122,7 +132,7 @@ class StepRows:
         self._free = free
 
     def values(self, before: FloatArray, after: FloatArray) -> FloatArray:
-        """Return the direct variables, shape (names, ...), for candidates (..., k), broadcast together.
+        """Return the direct variables, shape (names, ...), for candidates (..., k), broadcast.
 
         They are of the subgoals before and after the step; those that change no variable count as
         one.
@@ -178,7 +188,10 @@ def _present(world: World) -> Callable[[FloatArray], Mapping[str, Any]]:
 
 
 def chain_situations(
-    world: World, chain: TopChain, robot: Robot, models: Mapping[str, PredictsPerformance]
+    world: World,
+    chain: TopChain,
+    robot: Robot,
+    models: Mapping[str, PredictsPerformance],
 ) -> list[DirectTable]:
     """Return the direct variables of each action of `chain` with its own values."""
     rows = step_rows(world, chain, robot, [()] * len(chain.calls), models)
@@ -214,12 +227,12 @@ class ChainPrediction:
 
     @property
     def spread(self) -> float:
-        """Standard deviation in s of the summed duration, the actions' errors taken as independent."""
+        """Standard deviation in s of the summed duration; errors count as independent."""
         return math.hypot(*(action.get("spread", 0.0) for action in self.actions))
 
 
 class ChainModel:
-    """The cost of the steps of one chain, from one state of the world, for candidates of its free variables.
+    """The cost of the steps of one chain, from one state, for candidates of its free variables.
 
     `given` are the chain's own values of the free variables of each subgoal, shapes (k,).
 
@@ -283,7 +296,7 @@ class ChainModel:
     def compare(
         self, before: Sequence[FloatArray], after: Sequence[FloatArray]
     ) -> tuple[ChainPrediction, ChainPrediction, float]:
-        """Return the predictions of two chains, and the uncertainty of the second's gain in duration (s).
+        """Return the predictions of two chains, and the uncertainty (s) of the second's gain.
 
         It is the error of the models, from their errors on episodes that they were not learned
         from; the difference between single runs is `ChainPrediction.spread`.
@@ -299,7 +312,7 @@ class ChainModel:
         return tuple(dict.fromkeys(REPORTED + self.objective.needs))
 
     def _tables(self, values: Sequence[FloatArray]) -> list[tuple[int, FloatArray]]:
-        """Return the index of each step and its direct variables, for values (k,) of each subgoal."""
+        """Return each step's index and direct variables, for values (k,) of each subgoal."""
         pairs = itertools.pairwise((np.zeros(0), *values))
         return [(index, self.rows[index].values(*pair)) for index, pair in enumerate(pairs)]
 

@@ -1,4 +1,4 @@
-"""The free variables of a chain's subgoals and their bounds (paper, section 4.2): computed, not listed.
+"""The free variables of a chain's subgoals and their bounds, computed (paper, section 4.2).
 
 A goal variable is free if the plan opens it, it has a range, no condition binds it, every action
 whose performance it may change has a performance model, and one of these models uses a direct
@@ -38,7 +38,7 @@ from ator_ros.tops.ranges import USUAL_RANGES, Range, Ranges
 from ator_ros.world.state import World
 
 NEGLIGIBLE = 0.02
-"""Share of a range below which a cut is ignored: random starts never reach the ends of their ranges."""
+"""Share of a range below which a cut is ignored: random starts rarely reach its ends."""
 _POINTS = 2048
 # m, rad or m/s by which a value may leave the experience, besides `_ROOM` of its range
 _SLACK = 0.05
@@ -92,7 +92,7 @@ def names_of(chain: TopChain, free: Sequence[FreeVariable]) -> list[tuple[str, .
 
 
 def _start_variables(name: str, point: Point) -> frozenset[str]:
-    """Return the direct variables of the next action's start that the goal variable `name` changes."""
+    """Return the direct variables of the next action's start that a goal variable changes."""
     if name not in GOAL_VARIABLES:
         return frozenset()
     if name == "yaw" and point is Point.HOLD:
@@ -134,7 +134,12 @@ def analyze(
     return Analysis(tuple(free), tuple(not_free))
 
 
-def _why_fixed(call: TopCall, name: str, known: Sequence[str], ranges: Ranges) -> str | None:
+def _why_fixed(
+    call: TopCall,
+    name: str,
+    known: Sequence[str],
+    ranges: Ranges,
+) -> str | None:
     """Return why the call does not allow a variable to change."""
     if name not in known:
         return f"no goal variable, expected one of {', '.join(known)}"
@@ -145,7 +150,10 @@ def _why_fixed(call: TopCall, name: str, known: Sequence[str], ranges: Ranges) -
 
 
 def _why_unknown(
-    chain: TopChain, index: int, name: str, models: Mapping[str, PredictsPerformance]
+    chain: TopChain,
+    index: int,
+    name: str,
+    models: Mapping[str, PredictsPerformance],
 ) -> str | None:
     """Return why the effect of a variable on the performance is unknown."""
     changed = {index: frozenset({direct_name(name)})}
@@ -156,7 +164,8 @@ def _why_unknown(
     lacking = [step for step, action in actions.items() if action not in models]
     if lacking:
         step = lacking[0]
-        return f"of unknown effect: step {step + 1} ({actions[step]}), which it may change, has no model"
+        affected = f"step {step + 1} ({actions[step]})"
+        return f"of unknown effect: {affected}, which it may change, has no model"
     if any(changed[step] & models[actions[step]].used_variables for step in changed):
         return None
     return "used by no performance model of a neighboring action"
@@ -227,7 +236,12 @@ class Regions:
         """
         return self.allowed if any(self._bounds) else None
 
-    def of_subgoal(self, chain: TopChain, index: int, names: tuple[str, ...]) -> Allowed | None:
+    def of_subgoal(
+        self,
+        chain: TopChain,
+        index: int,
+        names: tuple[str, ...],
+    ) -> Allowed | None:
         """Return the predicate for candidates of one subgoal, if only `names` of it are searched.
 
         The subgoals before it are fixed as in `chain`; those after it keep their free variables.
@@ -250,7 +264,11 @@ class Regions:
         return good
 
     def _clearance(
-        self, rule: _Rule, index: int, after: Mapping[str, Any], own: Mapping[str, Any]
+        self,
+        rule: _Rule,
+        index: int,
+        after: Mapping[str, Any],
+        own: Mapping[str, Any],
     ) -> Any:
         state = self._states[index] if rule.before else after
         margin = rule.bound.clearance(state, own if rule.goal is None else rule.goal)
@@ -267,7 +285,7 @@ class Regions:
         return [rule for rule in rules if np.ndim(self._clearance(rule, index, after, own)) > 0]
 
     def _rules(self, index: int) -> Iterator[_Rule]:
-        """Yield the bounds by the step that leads to a subgoal, and by the step that starts at it."""
+        """Yield the bounds by the step that leads to a subgoal, and by the step after it."""
         calls = self._chain.calls
         call = calls[index]
         step = f"of step {index + 1} ({call.top.name})"
@@ -329,7 +347,7 @@ def _bounds_in(condition: Condition) -> list[Bound]:
 
 
 def experience_of(model: Any) -> Mapping[str, tuple[float, float]]:
-    """Return the ranges of the episodes that a performance model was trained on, as far as it has them."""
+    """Return the ranges of the episodes that a performance model was trained on, if it has them."""
     ranges: Mapping[str, tuple[float, float]] = getattr(model, "experience", {})
     return ranges
 
@@ -358,9 +376,12 @@ _QUANTITIES = (
 
 
 def _outside_experience(
-    world: World, chain: TopChain, models: Mapping[str, PredictsPerformance], robot: Robot
+    world: World,
+    chain: TopChain,
+    models: Mapping[str, PredictsPerformance],
+    robot: Robot,
 ) -> tuple[list[str], set[int]]:
-    """Return sentences about quantities outside the experience, and the steps whose distance is outside."""
+    """Return sentences about what is outside the experience, and the steps whose distance is."""
     sentences = []
     far = set()
     opened_before: frozenset[str] = frozenset()
@@ -394,7 +415,11 @@ def _quantities(direct: DirectTable, robot: Robot) -> dict[str, float]:
     return {"way": way, "turn": turn, "v": numbers["v"], "speedg": numbers["speedg"]}
 
 
-def _is_near(value: float, low: float, high: float) -> bool:
+def _is_near(
+    value: float,
+    low: float,
+    high: float,
+) -> bool:
     """Return whether a value is in the experience, or hardly outside."""
     slack = _SLACK + (_ROOM * (high - low) if math.isfinite(high - low) else 0.0)
     return low - slack <= value <= high + slack
@@ -434,7 +459,9 @@ def within_experience(
 
 
 def _experience_bounds(
-    variable: FreeVariable, chain: TopChain, models: Mapping[str, PredictsPerformance]
+    variable: FreeVariable,
+    chain: TopChain,
+    models: Mapping[str, PredictsPerformance],
 ) -> Iterator[tuple[float, float, str]]:
     """Yield the bounds of a variable by experience: low, high and a description.
 
@@ -471,7 +498,11 @@ def _experience_bounds(
         )
 
 
-def within_regions(analysis: Analysis, regions: Regions, chain: TopChain) -> Analysis:
+def within_regions(
+    analysis: Analysis,
+    regions: Regions,
+    chain: TopChain,
+) -> Analysis:
     """Return `analysis` with the ranges narrowed to the candidates that the regions allow.
 
     If a region allows none, the variables of the subgoal are not free.
@@ -505,7 +536,10 @@ def within_regions(analysis: Analysis, regions: Regions, chain: TopChain) -> Ana
 
 
 def _narrowed(
-    variable: FreeVariable, low: float, high: float, limits: tuple[str, ...]
+    variable: FreeVariable,
+    low: float,
+    high: float,
+    limits: tuple[str, ...],
 ) -> FreeVariable:
     """Return the variable with its range cut to `low` to `high`, unless the cut is negligible."""
     domain = variable.domain
@@ -525,7 +559,10 @@ def _narrowed(
 
 
 def allowed_changes(
-    plan: TopChain, refined: TopChain, robot: Robot, ranges: Ranges
+    plan: TopChain,
+    refined: TopChain,
+    robot: Robot,
+    ranges: Ranges,
 ) -> list[dict[str, float]]:
     """Return, step by step, the goal variables that `refined` changes, with their new values.
 
@@ -565,7 +602,11 @@ def allowed_changes(
     return changes
 
 
-def same_value(name: str, old: float, new: float) -> bool:
+def same_value(
+    name: str,
+    old: float,
+    new: float,
+) -> bool:
     """Return whether two values of a goal variable are the same, headings up to whole turns."""
     difference = new - old if math.isfinite(new) else math.inf
     return (

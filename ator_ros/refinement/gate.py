@@ -52,7 +52,8 @@ class MeasuredGain:
                 "two of each needed"
             )
         return (
-            f"{self.mean:.2f} s ({self.low:.2f} to {self.high:.2f}), predicted {self.predicted:.2f} s, "
+            f"{self.mean:.2f} s ({self.low:.2f} to {self.high:.2f}), "
+            f"predicted {self.predicted:.2f} s, "
             f"from {self.refined} refined chains and {self.compared} naive ones"
             f"{'; too low: the gate is closed' if self.too_low else ''}"
         )
@@ -88,13 +89,16 @@ class Gate:
     drawn: bool = False
 
     def pays(self, gain: float, uncertainty: float | None) -> bool:
-        """Return whether a predicted gain is expected to pay; the arguments are those of `decide`."""
+        """Return whether a predicted gain is expected to pay; the arguments are as in `decide`."""
         if uncertainty is None:
             return gain > self.least_share
         return gain > self.least and (self.factor == 0.0 or gain > self.factor * uncertainty)
 
     def decide(
-        self, gain: float, uncertainty: float | None, kept: str = KEPT_NAIVE
+        self,
+        gain: float,
+        uncertainty: float | None,
+        kept: str = KEPT_NAIVE,
     ) -> tuple[bool, str]:
         """Return whether to refine a chain with a predicted gain, and why in words.
 

@@ -1,4 +1,4 @@
-"""The search for the best subgoals of a whole chain (paper, section 4.3, for any number of variables).
+"""The search for the best subgoals of a whole chain (paper, section 4.3, for any variables).
 
 The cost of a chain is a sum of terms, each of which depends on two neighboring subgoals only.
 Dynamic programming therefore finds the best path through sets of candidates exactly, one set for
@@ -30,7 +30,7 @@ from ator_ros.geometry import BoolArray, FloatArray
 from ator_ros.tops.ranges import Range
 
 Pairs = tuple[int, FloatArray, FloatArray]
-"""Index of a step, and candidates of the subgoals before and after it, shapes (n, 1, k) and (m, k)."""
+"""Index of a step, and candidates of the subgoals around it, shapes (n, 1, k) and (m, k)."""
 StepCosts = Callable[[Sequence[Pairs]], Sequence[FloatArray]]
 """Returns the costs of steps for all pairs of candidates, shapes that broadcast to (n, m)."""
 Allowed = Callable[[int, FloatArray], BoolArray]
@@ -39,7 +39,7 @@ Deadline = Callable[[], bool]
 """Returns whether time is up."""
 
 BLOCK = 512
-"""Pairs of candidates evaluated between two checks of the deadline: 1 to 2 ms with the shipped models."""
+"""Pairs of candidates evaluated between two checks of the deadline: 1 to 2 ms as shipped."""
 
 # Numbers of candidates by the number of a subgoal's free variables, from 0; the last entry is for
 # all that have more. benchmarks/search.py compares what the search finds with them to references.
@@ -242,9 +242,11 @@ def unsearched(given: Sequence[FloatArray], cost: float) -> Optimum:
 
 
 def least_path(
-    step_costs: StepCosts, candidates: Sequence[FloatArray], deadline: Deadline = no_deadline
+    step_costs: StepCosts,
+    candidates: Sequence[FloatArray],
+    deadline: Deadline = no_deadline,
 ) -> Optimum:
-    """Find the best candidate of each subgoal; after the deadline, later subgoals keep the first one."""
+    """Find the best candidate of each subgoal; after the deadline, later ones keep the first."""
     costs = _evaluated(step_costs, candidates, 0, deadline)
     in_time = len(costs)
     if in_time < len(candidates):
@@ -274,7 +276,10 @@ def least_path(
 
 
 def _evaluated(
-    evaluate: StepCosts, candidates: Sequence[FloatArray], start: int, deadline: Deadline
+    evaluate: StepCosts,
+    candidates: Sequence[FloatArray],
+    start: int,
+    deadline: Deadline,
 ) -> list[FloatArray]:
     """Return the costs (n, m) of each step from `start` on, of fewer if time is up."""
     costs: list[FloatArray] = []
@@ -307,14 +312,19 @@ def _evaluated(
 
 
 class _Windows:
-    """The candidates of one subgoal: the first ones (n, k), and windows that shrink around the best.
+    """The candidates of one subgoal: the first ones (n, k), and shrinking windows around the best.
 
     `ranges` are those of its k free variables, `allowed` limits the candidates to its region, and
     `beside` is whether a neighboring subgoal has free variables.
     """
 
     def __init__(
-        self, index: int, ranges: Sequence[Range], allowed: Allowed | None, *, beside: bool
+        self,
+        index: int,
+        ranges: Sequence[Range],
+        allowed: Allowed | None,
+        *,
+        beside: bool,
     ) -> None:
         self._index = index
         self._ranges = ranges
@@ -327,7 +337,12 @@ class _Windows:
         self._used = 0  # points of the sequence
         self.first, self._radius = self._first()
 
-    def candidates(self, row: int, curve: SearchCurve, number: int) -> FloatArray:
+    def candidates(
+        self,
+        row: int,
+        curve: SearchCurve,
+        number: int,
+    ) -> FloatArray:
         """Return the candidates (n, k) of a round.
 
         They are the best one of the former round, which is at `row` of its `curve`, the best that
@@ -348,8 +363,13 @@ class _Windows:
         points = _in_windows(points, centers, each, self._radius, bounds, number)
         return np.concatenate((centers, self._within(points)))
 
-    def shrink(self, start: FloatArray, end: FloatArray, number: int) -> None:
-        """Shrink the windows after a round in which the best candidate moved from `start` to `end`, (k,)."""
+    def shrink(
+        self,
+        start: FloatArray,
+        end: FloatArray,
+        number: int,
+    ) -> None:
+        """Shrink the windows after a round that moved the best candidate from `start` to `end`."""
         if self.has_new(number):
             distance = np.abs(end - start) % self._period  # given values may be turns away
             moved = np.minimum(distance, self._period - distance)
@@ -360,7 +380,7 @@ class _Windows:
         return bool(self._ranges) and (not self._beside or (self._index + number) % 2 == 0)
 
     def _first(self) -> tuple[FloatArray, FloatArray]:
-        """Return the first candidates (n, k), fewer in a small region, and windows' half widths (k,)."""
+        """Return the first candidates (n, k), fewer in a small region, and half widths (k,)."""
         free = len(self._ranges)
         count = _of(_FIRST_BESIDE if self._beside else _FIRST_ALONE, free)
         if free <= _ON_GRID:
@@ -378,7 +398,7 @@ class _Windows:
 
 @lru_cache(maxsize=32)
 def _grid(domains: tuple[Range, ...], count: int) -> tuple[FloatArray, FloatArray]:
-    """Return about `count` candidates, shape (n, k), that form a grid, and its steps, shape (k,)."""
+    """Return about `count` candidates that form a grid, (n, k), and its steps, (k,)."""
     lines: dict[int, FloatArray] = {}
     numbers = range(len(domains))
     for number in sorted(numbers, key=lambda each: domains[each].steps):  # the coarsest first
@@ -410,7 +430,7 @@ def _in_windows(
     bounds: FloatArray,
     number: int,
 ) -> FloatArray:
-    """Return points (n, k) of the unit cube moved to windows, `each` of them to that about one center."""
+    """Return points (n, k) of the unit cube moved to windows, `each` of them to one center."""
     low, high, period = bounds
     moved = np.empty(points.shape)
     for row, column in np.ndindex(points.shape):
@@ -428,7 +448,11 @@ def _in_windows(
 
 @compiled
 def _best_apart(
-    values: FloatArray, totals: FloatArray, row: int, reach: FloatArray, period: FloatArray
+    values: FloatArray,
+    totals: FloatArray,
+    row: int,
+    reach: FloatArray,
+    period: FloatArray,
 ) -> int:
     """Return the row of the best candidate (n, k) beyond `reach` (k,) of candidate `row`.
 
@@ -447,7 +471,11 @@ def _best_apart(
     return found
 
 
-def spread_points(dimensions: int, first: int, count: int) -> FloatArray:
+def spread_points(
+    dimensions: int,
+    first: int,
+    count: int,
+) -> FloatArray:
     """Return `count` points of the unit cube, shape (n, k), of a sequence that fills it evenly.
 
     It adds powers of the inverse of the generalized golden ratio (M. Roberts, 2018).

@@ -33,7 +33,7 @@ class RobotVelocity:
         self._jump: FloatArray | None = None  # the last motion, if it was a jump
 
     def state(self, time: float, pose: Pose) -> RobotState:
-        """Process a pose at `time` (s); return it with its velocity, the mean of 0.04 s or between two poses.
+        """Process a pose at `time` (s); return it with its velocity: the mean of 0.04 s.
 
         After a gap of more than 0.3 s, or a reset of time, the robot counts as at rest.
         """
@@ -49,7 +49,12 @@ class RobotVelocity:
             self._update(before.relative(pose), time - first, (time, pose))
         return RobotState(pose, *self._velocity)
 
-    def _update(self, moved: Pose, elapsed: float, newest: tuple[float, Pose]) -> None:
+    def _update(
+        self,
+        moved: Pose,
+        elapsed: float,
+        newest: tuple[float, Pose],
+    ) -> None:
         """Use the velocity of a motion, unless it is a jump.
 
         After two jumps in a row the second is used if it continues the first. Jumps to and fro are
@@ -73,7 +78,7 @@ def _continues(before: FloatArray, jump: FloatArray) -> bool:
 
 
 def _arc(moved: Pose) -> tuple[float, float]:
-    """Return the length in m of the arc to a pose ahead, and how far the pose lies beside it in m."""
+    """Return the length in m of the arc to a pose, and how far the pose lies beside it in m."""
     half = moved.yaw / 2.0
     along = moved.x * math.cos(half) + moved.y * math.sin(half)
     sideways = moved.y * math.cos(half) - moved.x * math.sin(half)
@@ -180,7 +185,8 @@ class TwistCheck:
         by_pose, by_twist = motion[:, axis] / elapsed
         name, unit = (("twist.linear", "m/s"), ("twist.angular", "rad/s"))[axis]
         return (
-            f"pose and {name} contradict each other: expected about {by_pose:.2f} {unit} from the poses, "
+            f"pose and {name} contradict each other: "
+            f"expected about {by_pose:.2f} {unit} from the poses, "
             f"got {by_twist:.2f} {unit}"
         )
 

@@ -53,14 +53,19 @@ class Area:
         x_min, y_min, x_max, y_max = self.floor
         return x_min <= x <= x_max and y_min <= y <= y_max
 
-    def at(self, x: float, y: float, yaw: float = 0.0) -> Pose:
+    def at(
+        self,
+        x: float,
+        y: float,
+        yaw: float = 0.0,
+    ) -> Pose:
         """Return the pose that lies (x, y) m from the center, with heading `yaw` in rad."""
         return Pose(self.x + x, self.y + y, yaw)
 
 
 @dataclass(frozen=True, slots=True)
 class RoundObject:
-    """A hollow sphere: radius in m, mass in kg, deceleration in m/s^2 when it rolls freely, restitution."""
+    """A hollow sphere: radius in m, mass in kg, deceleration in m/s^2 as it rolls, restitution."""
 
     radius: Size
     mass: Mass

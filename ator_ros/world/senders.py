@@ -1,4 +1,4 @@
-"""Recognizes that a topic or a transform comes from two senders, whose positions jump to and fro."""
+"""Recognizes two senders of a topic or a transform by positions that jump to and fro."""
 
 from __future__ import annotations
 
@@ -47,8 +47,13 @@ class SenderCheck:
         self._jumped_at = -math.inf  # s
         self._jumps = 0
 
-    def distance(self, time: float, x: float, y: float) -> float:
-        """Process a position (m) at `time` (s); return the distance of two senders in m, 0 of one."""
+    def distance(
+        self,
+        time: float,
+        x: float,
+        y: float,
+    ) -> float:
+        """Process a position (m) at `time` (s); return the distance in m of two senders, or 0."""
         self._positions.append((time, complex(x, y)))
         if len(self._positions) == 3:
             self._deviations.append(_deviation(*self._positions))
@@ -60,7 +65,13 @@ class SenderCheck:
         is_shared = jumps and (self._is_shared is None or self._is_shared())
         return abs(self._jump) if is_shared else 0.0
 
-    def _count(self, time: float, before: complex, jump: complex, after: complex) -> None:
+    def _count(
+        self,
+        time: float,
+        before: complex,
+        jump: complex,
+        after: complex,
+    ) -> None:
         """Count the jump in the middle of three differences if it is one to another sender."""
         size = abs(jump)
         back = min(-_dot(jump, before), -_dot(jump, after))
@@ -75,7 +86,9 @@ class SenderCheck:
 
 
 def _deviation(
-    before: tuple[float, complex], here: tuple[float, complex], after: tuple[float, complex]
+    before: tuple[float, complex],
+    here: tuple[float, complex],
+    after: tuple[float, complex],
 ) -> complex:
     """Return how far a position lies from the line between two others, by their times (s)."""
     span = after[0] - before[0]
@@ -99,8 +112,14 @@ class PoseSenderCheck:
         self._positions = SenderCheck(is_shared, least=least)
         self._headings = SenderCheck(is_shared)
 
-    def difference(self, time: float, x: float, y: float, yaw: float) -> str:
-        """Process a pose (m, rad) at `time` (s); return the difference of two senders with its unit.
+    def difference(
+        self,
+        time: float,
+        x: float,
+        y: float,
+        yaw: float,
+    ) -> str:
+        """Process a pose (m, rad) at `time` (s); return the difference of two senders, with unit.
 
         It is empty for one sender.
         """

@@ -28,8 +28,13 @@ class VelocityEstimate:
     def __init__(self) -> None:
         self._positions: deque[tuple[float, float, float]] = deque(maxlen=_KEPT)  # s, m, m
 
-    def state(self, time: float, x: float, y: float) -> ObjectState:
-        """Process a position (m) at `time` (s); return it with its velocity, which lags by up to 0.15 s.
+    def state(
+        self,
+        time: float,
+        x: float,
+        y: float,
+    ) -> ObjectState:
+        """Process a position (m) at `time` (s); return it with its velocity, which lags by 0.15 s.
 
         After a jump of the position, or a reset of time, earlier positions are forgotten.
         """
@@ -73,7 +78,12 @@ class VelocityCheck:
     sighting.
     """
 
-    def __init__(self, name: str, noise: float, velocity_noise: float) -> None:
+    def __init__(
+        self,
+        name: str,
+        noise: float,
+        velocity_noise: float,
+    ) -> None:
         self._name = name
         self._noise = noise
         self._velocity_noise = velocity_noise
@@ -89,7 +99,7 @@ class VelocityCheck:
         self._reported = False
 
     def check(self, time: float, sighting: ObjectState) -> tuple[ObjectState, str | None]:
-        """Process a sighting at `time` (s); return it with a plausible velocity, and a warning or None.
+        """Process a sighting at `time` (s); return it with a plausible velocity, and a warning.
 
         The warning is not repeated until a velocity is plausible again.
         """
@@ -122,7 +132,7 @@ class VelocityCheck:
         return ObjectState(sighting.x, sighting.y, vx, vy), warning
 
     def _tolerance(self, speed: float, baseline: float) -> float:
-        """Return by how much (m/s) a velocity may differ from that of positions over `baseline` (s)."""
+        """Return by how much (m/s) a velocity may differ from that over `baseline` (s)."""
         by_positions = math.sqrt(2.0) * self._noise / baseline
         noise = _SIGMAS * math.hypot(by_positions, self._velocity_noise)
         return _SLACK + _SHARE * speed + _PUSH * baseline + noise
@@ -190,8 +200,11 @@ class ObjectTracker:
 JUMP = 20.0
 """Difference in s of two stamps above which their clocks differ, unless as much time has passed."""
 _OFF = 1.0
-"""Real s for which all stamps must be wrong: an idle node reads the object before odometry of the same time,
-and after a reset some messages are older than it."""
+"""Real s for which all stamps must be wrong.
+
+An idle node reads the object before odometry of the same time, and after a reset some messages are
+older than it.
+"""
 
 
 class StampError(ValueError):
@@ -205,7 +218,12 @@ class Sightings:
     After half of it without a message the object is overdue.
     """
 
-    def __init__(self, name: str, timeout: float, tracker: ObjectTracker) -> None:
+    def __init__(
+        self,
+        name: str,
+        timeout: float,
+        tracker: ObjectTracker,
+    ) -> None:
         self._name = name
         self.timeout = timeout
         self._tracker = tracker
@@ -222,7 +240,7 @@ class Sightings:
         self._velocity.reset()
 
     def overdue(self, now: float) -> bool:
-        """Return whether no message arrived in half the timeout before `now`, odometry's newest stamp."""
+        """Return whether no message arrived in half the timeout before odometry's newest stamp."""
         return now - self._received > self.timeout / 2.0 - _ROUNDING
 
     def add(
@@ -233,7 +251,7 @@ class Sightings:
         pace: float = 1.0,
         real: float = 0.0,
     ) -> str | None:
-        """Process a sighting with the stamp `time` in s, which may be old; return the warning of its check.
+        """Process a sighting with the stamp `time` (s), which may be old; return a warning or None.
 
         Parameters
         ----------
@@ -261,7 +279,8 @@ class Sightings:
             if off:
                 error = f"{time - now:.2f} s ahead" if time > now else f"{now - time:.2f} s behind"
                 raise StampError(
-                    f"{self._name}.header.stamp: expected about odometry's {now:.2f} s, got {time:.2f} s, "
+                    f"{self._name}.header.stamp: expected about odometry's {now:.2f} s, "
+                    f"got {time:.2f} s, "
                     f"{error}: another clock, odometry has ceased, or this machine is too slow"
                 )
             self._received = now
@@ -270,7 +289,7 @@ class Sightings:
         return warning
 
     def at(self, time: float) -> ObjectState | None:
-        """Return the newest sighting not after odometry's `time`, extrapolated to it; None if there is none.
+        """Return the newest sighting not after odometry's `time`, extrapolated to it, or None.
 
         Messages of two topics arrive in any order, and a busy node gets only the newest of each. A
         sighting that is newer than odometry is extrapolated backward if it is the only recent one.
