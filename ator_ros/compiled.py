@@ -56,7 +56,8 @@ def code_digest(module: str, name: str) -> str:
         seen.add((module, name))
         submodule = f"{module}.{name}"
         if _file_of(submodule) is not None:
-            module, name = submodule, _ANY
+            module = submodule
+            name = _ANY
         definitions = _definitions(module)
         code, references = definitions.get(name, definitions[_ANY])
         digest.update(code.encode())

@@ -27,7 +27,8 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 VERSION = 1  # of all formats
-_FORMAT, _VERSION = "format", "schema_version"
+_FORMAT = "format"
+_VERSION = "schema_version"
 _LONGEST_NUMBER = 100  # characters; the decimals of a double have 17 digits
 LARGEST_JSON = 20_000_000  # bytes; the largest model that ships has 40 kB
 _LONGEST_NAME = 100  # characters; file systems allow 255 bytes

@@ -26,7 +26,8 @@ class Pose(NamedTuple):
 
     def compose(self, local: Pose) -> Pose:
         """Return the pose `local`, which is relative to this pose, in the frame of this pose."""
-        c, s = math.cos(self.yaw), math.sin(self.yaw)
+        c = math.cos(self.yaw)
+        s = math.sin(self.yaw)
         return Pose(
             self.x + c * local.x - s * local.y,
             self.y + s * local.x + c * local.y,
@@ -35,8 +36,10 @@ class Pose(NamedTuple):
 
     def relative(self, other: Pose) -> Pose:
         """Return the pose `other`, given in the same frame as this pose, relative to this pose."""
-        dx, dy = other.x - self.x, other.y - self.y
-        c, s = math.cos(self.yaw), math.sin(self.yaw)
+        dx = other.x - self.x
+        dy = other.y - self.y
+        c = math.cos(self.yaw)
+        s = math.sin(self.yaw)
         return Pose(c * dx + s * dy, -s * dx + c * dy, wrap_angle(other.yaw - self.yaw))
 
     def ahead(self, distance: float) -> Pose:

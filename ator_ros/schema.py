@@ -144,7 +144,8 @@ def _read(
         return value
     if is_dataclass(kind):
         return _table(value, kind, path)
-    origin, inner = get_origin(kind), get_args(kind)
+    origin = get_origin(kind)
+    inner = get_args(kind)
     if origin is tuple:
         require(isinstance(value, list), path, "a list", value)
         return tuple(
@@ -181,7 +182,8 @@ def _table(
     path: str,
 ) -> Any:
     """Return a table as a dataclass; wrong fields are reported before missing and unknown ones."""
-    names, hints = _names_of_fields(schema), _hints(schema)
+    names = _names_of_fields(schema)
+    hints = _hints(schema)
     require(isinstance(value, Mapping), path, f"a table with {names}", value)
     read = {
         name: _read(value[name], kind, f"{path}.{name}" if path else name)

@@ -19,7 +19,7 @@ from ator_ros.actions.base import Goal, Point
 from ator_ros.actions.goal_variables import direct_name, goal_values
 from ator_ros.bases.description import Robot
 from ator_ros.bases.routes import arrival_heading, routes_of
-from ator_ros.geometry import FloatArray, Pose, wrap_angles
+from ator_ros.geometry import FloatArray, wrap_angles
 from ator_ros.performance.direct import DIRECT_VARIABLES, XG, YG, DirectTable
 from ator_ros.performance.model import Arrival
 from ator_ros.refinement.objective import Objective
@@ -67,9 +67,12 @@ def columns_after(
 
     They are numbers, or arrays (n,) for n candidates, as the variables of the goal are.
     """
-    x, y, yaw = goal["x"], goal["y"], goal["yaw"]
+    x = goal["x"]
+    y = goal["y"]
+    yaw = goal["yaw"]
     if point is Point.HOLD:
-        x, y = x - robot.hold * np.cos(yaw), y - robot.hold * np.sin(yaw)
+        x = x - robot.hold * np.cos(yaw)
+        y = y - robot.hold * np.sin(yaw)
     return {"x": x, "y": y, "yaw": yaw, "v": goal["speed"], "w": 0.0}
 
 
@@ -160,7 +163,7 @@ def step_rows(
     """
     rows = []
     start = _present(world)
-    place = world.robot.pose
+    place = world.robot.pose[:2]
     stays = any(not call.top.arrives for call in chain.calls[:-1])
     for call, free in zip(chain.calls, names, strict=True):
         rows.append(StepRows(start, call.goal, free))
@@ -170,13 +173,13 @@ def step_rows(
             goal = call.goal
             model = models.get(call.top.action)
             arrival = model.arrival if model is not None and goal.point is Point.AXLE else None
-            bearing = arrival_heading((place.x, place.y), goal.pose, robot)
+            bearing = arrival_heading(place, goal.pose, robot)
             start = _Subgoal(goal, free, robot, arrival, bearing).start
             there = columns_after(goal_values(goal), goal.point, robot)
-            place = Pose(there["x"], there["y"], there["yaw"])
+            place = (float(there["x"]), float(there["y"]))
         else:  # the robot is where the post-condition puts it
             start = _present(world)
-            place = world.robot.pose
+            place = world.robot.pose[:2]
     return rows
 
 
@@ -348,7 +351,8 @@ class ChainModel:
             known = {name: values for name, values in columns.items() if values is not None}
             last = 0
             for place, part in zip(places, parts, strict=True):
-                first, last = last, last + part.shape[1]
+                first = last
+                last = last + part.shape[1]
                 shape = tables[place][1].shape[1:]
                 predicted[place] = {
                     name: values[first:last].reshape(shape) for name, values in known.items()

@@ -332,7 +332,8 @@ class Regions:
         return call.top.post.apply({**before, **arrival}, goal) | arrival, goal
 
     def _hold(self, state: Mapping[str, Any]) -> dict[str, Any]:
-        yaw, hold = state["robot.yaw"], self._robot.hold
+        yaw = state["robot.yaw"]
+        hold = self._robot.hold
         ahead = {"hold.x": hold * np.cos(yaw), "hold.y": hold * np.sin(yaw)}
         places = {name: state[f"robot.{name[-1]}"] + offset for name, offset in ahead.items()}
         return places if self._robot.holder is not None else {}
@@ -439,7 +440,8 @@ def within_experience(
     speeds that no open variable changes are compared with those at the starts of the episodes.
     """
     outside, far = _outside_experience(world, chain, models, robot)
-    free, not_free = [], list(analysis.not_free)
+    free = []
+    not_free = list(analysis.not_free)
     for variable in analysis.free:
         steps = [step for step in (variable.subgoal, variable.subgoal + 1) if step in far]
         if steps:
@@ -544,7 +546,8 @@ def _narrowed(
     """Return the variable with its range cut to `low` to `high`, unless the cut is negligible."""
     domain = variable.domain
     width = domain.high - domain.low
-    low, high = max(low, domain.low), min(high, domain.high)
+    low = max(low, domain.low)
+    high = min(high, domain.high)
     cut = max(low - domain.low, domain.high - high)
     if cut <= NEGLIGIBLE * width or low >= high:
         return variable
@@ -578,7 +581,8 @@ def allowed_changes(
         if old.goal.values.keys() != new.goal.values.keys():
             where = f"step {step + 1} ({old.top.name})"
             raise InvalidChainError(f"{where}: expected the goal variables of the question")
-        planned, values = goal_values(old.goal), goal_values(new.goal)
+        planned = goal_values(old.goal)
+        values = goal_values(new.goal)
         values = {
             name: value
             for name, value in values.items()

@@ -7,7 +7,9 @@ from dataclasses import dataclass
 
 from ator_ros.world.state import CONTROL_PERIOD
 
-_FEWEST_REFINED, _FEWEST_COMPARED = 10, 3  # chains from which on a measured gain can close the gate
+# chains from which on a measured gain can close the gate: with fewer its interval is too wide
+_FEWEST_REFINED = 10
+_FEWEST_COMPARED = 3
 _REQUIRED = 0.5  # share of the predicted gain that the measured one has to reach
 KEPT_NAIVE = "kept naive"
 KEPT_AS_SENT = "kept as sent"
@@ -118,7 +120,8 @@ class Gate:
         refine = pays and self.drawn == self.measured.too_low
         if uncertainty is None:
             amount = f"gain {100.0 * gain:.1f} % of the cost, of unknown uncertainty"
-            is_certain, least = True, f"{100.0 * self.least_share:g} %"
+            is_certain = True
+            least = f"{100.0 * self.least_share:g} %"
         else:
             amount = f"gain {gain:.2f} s ± {uncertainty:.2f} s"
             is_certain = gain > self.factor * uncertainty

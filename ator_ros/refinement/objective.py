@@ -17,7 +17,8 @@ MEASURES = ("accuracy", "duration", "success")
 
 Its complement is the cost.
 """
-LEAST_WEIGHT, MOST_WEIGHT = 1e-6, 1e6
+LEAST_WEIGHT = 1e-6
+MOST_WEIGHT = 1e6
 """Smaller or greater costs would be lost in rounding, or overflow, in a sum with others."""
 
 

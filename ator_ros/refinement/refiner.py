@@ -259,7 +259,8 @@ class Refiner:
         for index, alone in alone_at.items():
             if deadline():
                 break
-            part, objective = TopChain(chain.calls[: index + 1]), Objective()
+            part = TopChain(chain.calls[: index + 1])
+            objective = Objective()
             names = names_of(part, alone)
             model = ChainModel(
                 world, part, self.robot, models=self.models, names=names, objective=objective

@@ -295,7 +295,9 @@ def _evaluated(
         for first in range(0, len(before), rows):
             part = costs[-1][first : first + rows]
             if block and size + part.size > BLOCK:
-                block, parts, size = [], [], 0
+                block = []
+                parts = []
+                size = 0
                 blocks.append((block, parts))
             block.append((index, before[first : first + rows, None], after))
             parts.append(part)

@@ -104,8 +104,10 @@ class GridMap:
 
     def cells(self, x: Any, y: Any) -> tuple[FloatArray, FloatArray]:
         """Return places in m as cells from the origin, along its row and across, elementwise."""
-        cos, sin = math.cos(self.origin.yaw), math.sin(self.origin.yaw)
-        dx, dy = np.asarray(x) - self.origin.x, np.asarray(y) - self.origin.y
+        cos = math.cos(self.origin.yaw)
+        sin = math.sin(self.origin.yaw)
+        dx = np.asarray(x) - self.origin.x
+        dy = np.asarray(y) - self.origin.y
         return (cos * dx + sin * dy) / self.resolution, (cos * dy - sin * dx) / self.resolution
 
     @cached_property
@@ -115,7 +117,8 @@ class GridMap:
 
         free = np.pad(self.free, 2)
         edges = np.diff((ndimage.binary_dilation(free, np.ones((3, 3))) & ~free).astype(np.int8))
-        found, begun = [], dict[tuple[int, int], int]()
+        found = []
+        begun = dict[tuple[int, int], int]()
         for row, steps in enumerate(edges):
             runs = list(
                 zip(*(np.flatnonzero(steps == sign).tolist() for sign in (1, -1)), strict=True)
@@ -123,7 +126,8 @@ class GridMap:
             ended = [run for run in begun if run not in runs]
             found += [(*run, begun.pop(run), row) for run in ended]
             begun |= {run: row for run in runs if run not in begun}
-        side, walls = self.resolution, []
+        side = self.resolution
+        walls = []
         for left, right, low, high in found:
             middle = Pose(0.5 * side * (left + right - 2), 0.5 * side * (low + high - 4), 0.0)
             walls.append((self.origin.compose(middle), side * (right - left), side * (high - low)))

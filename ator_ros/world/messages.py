@@ -257,10 +257,12 @@ def goal_pose_from(pose: Any, where: str) -> Pose:
 
 def transform_from(message: Any) -> tuple[str, str, float, Placement]:
     """Read a geometry_msgs/TransformStamped: frame, child frame, time (s), child's placement."""
-    parent, child = plain_frame(message.header.frame_id), plain_frame(message.child_frame_id)
+    parent = plain_frame(message.header.frame_id)
+    child = plain_frame(message.child_frame_id)
     if not (parent and child and parent != child):
         raise MessageError(f"tf: expected two frames, got {quoted(parent)} and {quoted(child)}")
-    where, offset = f"tf: {quoted(child)}", message.transform.translation
+    where = f"tf: {quoted(child)}"
+    offset = message.transform.translation
     x, y, z = (position(getattr(offset, axis), f"{where}: {axis}") for axis in "xyz")
     placement = Placement((x, y, z), rotation_from(message.transform.rotation, where))
     return parent, child, seconds_from(message.header.stamp, f"{where}: stamp"), placement
@@ -275,7 +277,8 @@ def command_from(message: Any, where: str) -> Command:
     All components except linear.x and angular.z must be 0.
     """
     twist = getattr(message, "twist", message)
-    linear, angular = twist.linear, twist.angular
+    linear = twist.linear
+    angular = twist.angular
     others = (linear.y, linear.z, angular.x, angular.y)
     if not all(abs(value) <= _ROUNDING for value in others):
         unused = "linear.y, linear.z, angular.x, angular.y"
@@ -379,12 +382,15 @@ class ObjectReader:
         *,
         is_shared: Callable[[], bool] = lambda: False,
     ) -> None:
-        self._source, self.frame = source, frame
-        self._estimate, self._senders = VelocityEstimate(), SenderCheck(is_shared)
+        self._source = source
+        self.frame = frame
+        self._estimate = VelocityEstimate()
+        self._senders = SenderCheck(is_shared)
 
     def read(self, message: Any) -> tuple[float, ObjectState]:
         """Return time in s and state of the object from a message of the source's type."""
-        where, given = self._source.name, message.header.frame_id
+        where = self._source.name
+        given = message.header.frame_id
         expect_frame(given, f"{where}.header.frame_id", expected=self.frame)
         time = seconds_from(message.header.stamp, f"{where}.header.stamp")
         pose = message.pose if self._source.type == "PoseStamped" else message.pose.pose
@@ -395,7 +401,8 @@ class ObjectReader:
         if self._source.type != "Odometry":
             return time, self._estimate.state(time, x, y)
         linear = message.twist.twist.linear
-        vx, vy = velocity(linear.x, f"{where}.twist: x"), velocity(linear.y, f"{where}.twist: y")
+        vx = velocity(linear.x, f"{where}.twist: x")
+        vy = velocity(linear.y, f"{where}.twist: y")
         child = message.child_frame_id
         if child and not _is_pose_frame(child, given, self.frame) and (vx or vy):
             vz = velocity(linear.z, f"{where}.twist: z")
@@ -408,10 +415,8 @@ class ObjectReader:
     def read_placement(self, time: float, placement: Placement) -> tuple[float, ObjectState]:
         """Return time in s and state of the object from its placement in tf."""
         where = f"{self._source.name} in tf"
-        x, y = (
-            position(placement.origin[0], f"{where}.x"),
-            position(placement.origin[1], f"{where}.y"),
-        )
+        x = position(placement.origin[0], f"{where}.x")
+        y = position(placement.origin[1], f"{where}.y")
         return time, self._estimate.state(time, x, y)
 
 

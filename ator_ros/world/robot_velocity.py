@@ -27,7 +27,8 @@ class RobotVelocity:
     """
 
     def __init__(self, most_v: float, most_w: float) -> None:
-        self._most_v, self._most_w = _BEYOND_LIMITS * most_v, _BEYOND_LIMITS * most_w
+        self._most_v = _BEYOND_LIMITS * most_v
+        self._most_w = _BEYOND_LIMITS * most_w
         self._poses: deque[tuple[float, Pose]] = deque(maxlen=_KEPT_POSES)
         self._velocity = (0.0, 0.0)
         self._jump: FloatArray | None = None  # the last motion, if it was a jump
@@ -39,7 +40,8 @@ class RobotVelocity:
         """
         if self._poses and not 0.0 <= time - self._poses[-1][0] <= _SPAN:
             self._poses.clear()
-            self._velocity, self._jump = (0.0, 0.0), None
+            self._velocity = (0.0, 0.0)
+            self._jump = None
         if not self._poses or time > self._poses[-1][0]:
             self._poses.append((time, pose))
         while len(self._poses) > 1 and time - self._poses[1][0] > _ROBOT_SPAN - _ROUNDING:
@@ -61,10 +63,12 @@ class RobotVelocity:
         those of two senders.
         """
         length, sideways = _arc(moved)
-        v, w = length / elapsed, moved.yaw / elapsed
+        v = length / elapsed
+        w = moved.yaw / elapsed
         jumps = max(abs(v), abs(sideways) / elapsed) > self._most_v or abs(w) > self._most_w
         jump = np.array([moved.x, moved.y, moved.yaw]) / elapsed if jumps else None
-        before, self._jump = self._jump, jump
+        before = self._jump
+        self._jump = jump
         if jump is not None and (before is None or not _continues(before, jump)):
             self._poses.clear()
             self._poses.append(newest)
@@ -92,7 +96,8 @@ _MOST_OFF = 0.015  # m or rad in one window; difference due to filters, slip and
 TWIST_TOLERANCE = 0.3
 """Share of the greater motion by which pose and twist may differ: filters, slip and late stamps."""
 # motion that no ground robot makes: its pose was corrected, or a simulation placed it
-_FASTEST_V, _FASTEST_W = 20.0, 50.0  # m/s, rad/s
+_FASTEST_V = 20.0  # m/s
+_FASTEST_W = 50.0  # rad/s
 # excess of contradicting over agreeing windows before a report: one may be a corrected pose
 _CONFIRMED = 3
 _SIGN_SPAN = 0.1  # s over which the signs of both motions are compared
@@ -118,7 +123,8 @@ class TwistCheck:
 
     def _restart(self) -> None:
         # rows: by poses, by twist; columns: m, rad
-        self._elapsed, self._motion = 0.0, np.zeros((2, 2))
+        self._elapsed = 0.0
+        self._motion = np.zeros((2, 2))
         self._step = _MotionStep(0.0, np.zeros((2, 2)))
         self._steps: deque[_MotionStep] = deque(maxlen=_MEDIAN_OF)
         for contradictions in self._contradictions:
@@ -129,10 +135,12 @@ class TwistCheck:
 
         The remark says once how pose and twist contradict each other, else it is empty.
         """
-        last, self._last = self._last, (time, robot)
+        last = self._last
+        self._last = (time, robot)
         if last is None:
             return robot, ""
-        elapsed, before = time - last[0], last[1]
+        elapsed = time - last[0]
+        before = last[1]
         if not 0.0 <= elapsed <= _LONGEST_STEP:
             self._restart()
             return robot, ""
@@ -166,8 +174,10 @@ class TwistCheck:
 
     def _judge(self) -> str:
         """Compare both motions of a window; return a remark, once."""
-        elapsed, motion = self._elapsed, self._motion
-        self._elapsed, self._motion = 0.0, np.zeros((2, 2))
+        elapsed = self._elapsed
+        motion = self._motion
+        self._elapsed = 0.0
+        self._motion = np.zeros((2, 2))
         sizes = np.abs(motion).max(axis=0)
         if sizes.max() <= _LEAST_MOTION:
             return ""  # a robot at rest
@@ -199,12 +209,16 @@ class TwistCheck:
 
     def _has_wrong_sign(self, axis: int) -> bool:
         """Return whether the robot has moved as far as reported, but in the other direction."""
-        span, moved, reported = 0.0, 0.0, 0.0
+        span = 0.0
+        moved = 0.0
+        reported = 0.0
         for step in reversed(self._steps):
             by_pose, by_twist = step.motion[:, axis]
             if by_pose * by_twist >= 0.0:
                 return False
-            span, moved, reported = span + step.elapsed, moved + by_pose, reported + by_twist
+            span = span + step.elapsed
+            moved = moved + by_pose
+            reported = reported + by_twist
             if span >= _SIGN_SPAN - _ROUNDING:
                 least, most = sorted((abs(moved), abs(reported)))
                 return bool(least >= _LEAST_SIGNED and least >= 0.5 * most)

@@ -45,7 +45,8 @@ class Area:
         return self._edges(self.margin)
 
     def _edges(self, margin: float) -> tuple[float, float, float, float]:
-        x, y = self.length / 2 + margin, self.width / 2 + margin
+        x = self.length / 2 + margin
+        y = self.width / 2 + margin
         return self.x - x, self.y - y, self.x + x, self.y + y
 
     def has_floor(self, x: float, y: float) -> bool:
