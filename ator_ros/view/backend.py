@@ -1,4 +1,4 @@
-"""Client of the running nodes for programs that wait for answers: the view, and tools that drive."""
+"""Client of the running nodes for programs that wait for answers: view, and tools that drive."""
 
 from __future__ import annotations
 
@@ -250,9 +250,11 @@ class Backend:
     # State
 
     def _take_robot(self, stamp: float, robot: RobotState) -> None:
-        self._newest, self._received_at = (stamp, robot), time.monotonic()
-        if not self._active.ended:
-            self._active.record_pose(stamp, robot.pose)
+        self._newest = stamp, robot
+        self._received_at = time.monotonic()
+        world = self.world()
+        if world is not None and not self._active.ended:
+            self._active.observe(world)
 
     def _take_object(self, name: str, stamp: float, state: ObjectState) -> None:
         self._objects[name] = stamp, state
@@ -344,7 +346,7 @@ class Backend:
         )
 
     def place(self, world: World) -> None:
-        """Place robot and objects, remove other objects, and wait until the nodes have received the states.
+        """Place robot and objects, remove other objects, and wait until the nodes received that.
 
         Time is paused afterwards, unless other robots use the same simulation, or this fails.
         """

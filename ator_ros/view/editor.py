@@ -92,7 +92,7 @@ class Editor:
         self._set_draft(change(self.draft, *arguments))
 
     def move_goal(self, step: int, pose: Pose) -> None:
-        """Move the goal of a step, unless a chain is executed: the chains of a race have the same goals."""
+        """Move the goal of a step, unless a chain is executed: races have the same goals."""
         if not self.executing:
             self.edit(Draft.with_goal, step, pose)
 
@@ -182,7 +182,7 @@ class Editor:
         self._waiting.clear()
 
     def _follow_external(self) -> None:
-        """Make an active goal of another client the draft, unless a chain of this view is executed."""
+        """Make an active goal of another client the draft, unless this view executes a chain."""
         goal = self.backend.external
         ours = self._waiting or any(not run.ended and run.label != OTHERS for run in self.runs)
         if ours or goal is None or goal.draft is None or goal.ended:

@@ -151,7 +151,7 @@ class Page:
     def _show_trails(self) -> None:
         planned = polyline("planned", self._editor.backend.path, YELLOW, _TRAIL_WIDTH)
         driven = (
-            polyline(run.label, [pose[:2] for pose in run.poses], _TRAILS[run.label], _TRAIL_WIDTH)
+            polyline(run.label, run.path, _TRAILS[run.label], _TRAIL_WIDTH)
             for run in self._editor.runs
         )
         self._trails.draw([planned, *driven])
@@ -285,7 +285,7 @@ def clock_text(world: World | None, age: float, status: str, *, paused: bool) ->
 
 
 def times_text(answer: Answer | None, runs: Sequence[Run]) -> str:
-    """Return a Markdown table of the predictions for both chains and the times of each run, by step."""
+    """Return a Markdown table of predicted times of both chains and times of runs, by step."""
     if answer is None:
         return ""
     tops = [plain(call.top.name) for call in answer.chain.calls]
@@ -314,7 +314,7 @@ def gate_text(answer: Answer | None, problem: str) -> str:
 def rules_text(
     world: World, chain: TopChain, robot: Robot, models: Mapping[str, PerformanceModel]
 ) -> str:
-    """Return in Markdown, by step, the rule that predicts the duration and the values of its terms."""
+    """Return in Markdown, by step, the rule that predicts the duration and its terms' values."""
     parts = []
     for call, situation in zip(
         chain.calls, chain_situations(world, chain, robot, models), strict=True

@@ -192,9 +192,9 @@ class RobotModel(Movable):
 
 
 class Handle(Movable):
-    """A disc to drag on the floor, with a knob to turn it, or a sphere without a heading; sizes in m.
+    """A disc to drag on the floor, with a knob to turn it, or a sphere without a heading.
 
-    `moved` is called with the new pose.
+    Sizes are in m. `moved` is called with the new pose.
     """
 
     def __init__(
