@@ -5,8 +5,8 @@
     scripts/run python scripts/golden.py compare OLD NEW        # two folders, bit by bit
 
 Numbers are written in full, so that two commits on one machine can be compared bit by bit. Other
-processors round differently: test/test_golden.py compares `test/golden/`, written with ``--digits
-8``, to 1e-6.
+processors round differently: test/golden/test_golden.py compares files written with ``--digits 8``
+to 1e-6.
 """
 
 from __future__ import annotations
@@ -28,10 +28,7 @@ import numpy as np
 
 from ator_ros.actions.goal_variables import goal_values
 from ator_ros.domains.domain import find_domain
-from ator_ros.evaluation.chain_run import run_chain
-from ator_ros.evaluation.policies import POLICIES, naive
-from ator_ros.evaluation.toolset import ToolsetSource, tools_of
-from ator_ros.evaluation.trials import (
+from ator_ros.domains.trials import (
     Trial,
     open_places,
     open_speeds,
@@ -39,6 +36,9 @@ from ator_ros.evaluation.trials import (
     reopened,
     with_headings,
 )
+from ator_ros.evaluation.chain_run import run_chain
+from ator_ros.evaluation.policies import POLICIES, naive
+from ator_ros.evaluation.toolset import ToolsetSource, tools_of
 from ator_ros.experience.collect import collect
 from ator_ros.experience.table import join
 from ator_ros.files import write_text
@@ -275,7 +275,7 @@ def trained(episodes: int) -> list[Json]:
 
 PARTS: dict[str, tuple[Callable[[int], list[Json]], int]] = {
     **{
-        f"refined_{name}": (partial(refined, name), 50 if "place" in name else 200)
+        f"refined_{name}": (partial(refined, name), 10 if "place" in name else 30)
         for name in REFINED
     },
     **{f"executed_{name}": (partial(executed, name), 8) for name in EXECUTED},

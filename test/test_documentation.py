@@ -35,7 +35,7 @@ BY_TEST = {
     r"(ros2 run ator_ros )?study .*": "tools/test_tools_study.py::test_a_study_reports_actions_and_ref",
     r"make view|(ros2 run ator_ros )?view": f"{_VIEW}::test_the_page_runs_a_race",
     r"view --attach --robots ann bob": "nodes/test_view_backend.py::test_two_robots_of_one_simulation_",
-    r"scripts/run python scripts/golden\.py .*": "test_golden.py::test_the_command_writes_and_compares",
+    r"scripts/run python scripts/golden\.py .*": "golden/test_golden.py::test_the_command_writes_and_",
     r"make docs": "test_site.py::test_the_site_is_built_without_warnings",
     r"make setup": "test_documentation.py::test_set_up_has_nothing_to_do",
     r"make clean": "test_documentation.py::test_clean_leaves_the_sources",

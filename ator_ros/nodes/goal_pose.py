@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import Any
 
-from action_msgs.msg import GoalStatus
 from geometry_msgs.msg import PoseStamped
-from rclpy.action import ActionClient
 from rclpy.node import Node
+from rclpy.task import Future
 
 from ator_interfaces.action import ExecuteChain
-from ator_interfaces.msg import TopChain
+from ator_interfaces.msg import Outcome, TopChain
 from ator_ros.geometry import Pose
-from ator_ros.nodes.leases import publish_lease
+from ator_ros.nodes.chain_client import ChainClient
 from ator_ros.nodes.messages import call_of
 from ator_ros.nodes.parameters import (
     DOMAIN,
@@ -22,7 +20,7 @@ from ator_ros.nodes.parameters import (
     domain_and_robot,
     driving_top,
 )
-from ator_ros.nodes.qos import ACTION_QUEUES, RESULTS
+from ator_ros.nodes.qos import RESULTS
 from ator_ros.nodes.running import run_node
 from ator_ros.tops.chain import TopCall
 
@@ -45,35 +43,24 @@ class GoalPoseNode(Node):
         library = domain.library(robot)
         top = driving_top(library)
         self._call = call_of(TopCall(top, library.goal(top, Pose(0.0, 0.0, 0.0))), frame="")
-        self._chains = ActionClient(self, ExecuteChain, "execute_chain", **ACTION_QUEUES)
-        self._lease = publish_lease(self)
+        self._chains = ChainClient(self)
         self.create_subscription(PoseStamped, "goal_pose", self._take, RESULTS)
         self.get_logger().info(
             f"poses on goal_pose become goals of {top.name} (domain {domain.name})"
         )
 
     def _take(self, pose: PoseStamped) -> None:
-        executor: Any = self.executor
-        executor.create_task(self._drive_to, pose)
-
-    async def _drive_to(self, pose: PoseStamped) -> None:
-        if not self._chains.server_is_ready():
-            self.get_logger().warning(
-                "execute_chain: expected its action server, got none; start the executor"
-            )
-            return
         self._call.goal = pose  # the executor checks it
-        goal = ExecuteChain.Goal(chain=TopChain(calls=[self._call]), lease=self._lease)
-        handle: Any = await self._chains.send_goal_async(goal)
-        if not handle.accepted:
-            self.get_logger().warning("execute_chain: the executor rejected the goal; see its log")
-            return
-        answer = await handle.get_result_async()
+        goal = ExecuteChain.Goal(chain=TopChain(calls=[self._call]))
+        self._chains.send(goal).result.add_done_callback(self._report)
+
+    def _report(self, result: Future) -> None:
+        outcome = result.result().outcome
         # Two call sites: rclpy raises if one call site changes its severity.
-        if answer.status == GoalStatus.STATUS_SUCCEEDED:
-            self.get_logger().info(answer.result.outcome.reason)
+        if outcome.code == Outcome.SUCCEEDED:
+            self.get_logger().info(outcome.reason)
         else:
-            self.get_logger().warning(answer.result.outcome.reason)
+            self.get_logger().warning(outcome.reason)
 
 
 main = partial(run_node, GoalPoseNode, PARAMETERS)

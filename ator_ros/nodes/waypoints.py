@@ -13,7 +13,7 @@ from typing import Any
 
 from geometry_msgs.msg import Pose as PoseMessage
 from geometry_msgs.msg import PoseStamped
-from rclpy.action import ActionClient, ActionServer, CancelResponse, GoalResponse
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.duration import Duration
 from rclpy.node import Node
@@ -25,9 +25,9 @@ from ator_interfaces.msg import TopChain as ChainMessage
 from ator_ros.bases.description import Robot
 from ator_ros.domains.domain import Domain
 from ator_ros.geometry import Pose
+from ator_ros.nodes.chain_client import NO_EXECUTOR, ChainClient, SentChain
 from ator_ros.nodes.diagnostics import STEADY, Warnings
 from ator_ros.nodes.inputs import Subscriptions
-from ator_ros.nodes.leases import publish_lease
 from ator_ros.nodes.maps import FollowedMap
 from ator_ros.nodes.messages import chain_of, pose_of, stamp_of
 from ator_ros.nodes.parameters import (
@@ -72,10 +72,6 @@ _POSE_UNKNOWN, _POSE_TF_ERROR = 9000, 9002  # NavigateToPose, for a missed waypo
 # NavigateThroughPoses
 _POSES_UNKNOWN, _POSES_FAILED_TO_LOAD_BEHAVIOR_TREE, _POSES_TF_ERROR = 9100, 9101, 9102
 
-_NO_EXECUTOR = "execute_chain: expected its action server, got none; start the executor"
-_RESTARTED = (
-    "execute_chain: the executor was restarted, or a second one was started; send the goal again"
-)
 _PREEMPTED = "a newer goal took over"
 _SHUTDOWN = "the node waypoints was ended"
 
@@ -124,8 +120,8 @@ class WaypointGoal:
         self._start_time = math.nan  # s, by odometry's stamps
         self._pace = pace  # predicted s per m along straight lines, for the chains after this one
         self._lengths: list[float] = []  # m along straight lines from the first pose to each
-        self._result = Future()
-        self._chain_goal: Any = None
+        self.chain = SentChain()
+        """The current chain of the goal; before the first one, a chain that was never sent."""
 
     def waypoint_index(self, leg: int) -> int:
         """Return the index of the waypoint at the end of a leg."""
@@ -153,39 +149,6 @@ class WaypointGoal:
         if self.is_follow_waypoints:
             return _FW_STOP_ON_MISSED_WAYPOINT, reason
         return _POSES_TF_ERROR if frame else _POSES_UNKNOWN, reason
-
-    def send(
-        self, client: ActionClient, goal: ExecuteChain.Goal, on_feedback: Callable[[Any], None]
-    ) -> Future:
-        """Send the next chain; return the future of its result."""
-        self._result, self._chain_goal = Future(), None
-        sent = client.send_goal_async(goal, on_feedback)
-        sent.add_done_callback(partial(self._take_response, self._result))
-        return self._result
-
-    def _take_response(self, result: Future, sent: Future) -> None:
-        self._chain_goal = handle = sent.result()
-        if not handle.accepted:
-            self.abandon(
-                Outcome.REFUSED, "execute_chain: the executor rejected the goal; see its log"
-            )
-            return
-        handle.get_result_async().add_done_callback(
-            lambda answer: result.done() or result.set_result(answer.result().result)
-        )
-        if result.done() or self.handle.is_cancel_requested:
-            self.cancel()
-
-    def cancel(self) -> None:
-        """Cancel the chain; without effect if it has ended."""
-        if self._chain_goal is not None and self._chain_goal.accepted:
-            self._chain_goal.cancel_goal_async()
-
-    def abandon(self, code: int, reason: str) -> None:
-        """Cancel the chain if it has not ended, and replace its result by an outcome."""
-        if not self._result.done():
-            self.cancel()
-            self._result.set_result(ExecuteChain.Result(outcome=Outcome(code=code, reason=reason)))
 
     def publish_feedback(
         self, legs: Sequence[int], executed: Any, now: float, pose: Pose, frame_id: str
@@ -311,7 +274,7 @@ class WaypointsNode(Node):
         self._newest_executed = 0  # number of a goal
         self._waiting: list[Future] = []
         self._robot_pose: tuple[float, Pose] | None = None  # with its stamp in s
-        self._executor_count, self._shutting_down = 0, False
+        self._shutting_down = False
         self._warn = Warnings(self)
         subscribed = Subscriptions(
             self, settings, self._robot, (),
@@ -319,8 +282,7 @@ class WaypointsNode(Node):
         )  # fmt: skip
         self._tf = subscribed.tf
         self._map = FollowedMap(self, settings, domain, self._robot, self._take_map)
-        self._chains = ActionClient(self, ExecuteChain, "execute_chain", **ACTION_QUEUES)
-        self._lease = publish_lease(self)
+        self._chains = ChainClient(self)
         self._servers = [
             ActionServer(
                 self, kind, name, self._execute,
@@ -343,22 +305,10 @@ class WaypointsNode(Node):
         self._robot = robot
 
     def _check(self) -> None:
-        """Continue `_wait_for`.
-
-        End the goal if the executor is gone, or was restarted and lost the goal.
-        """
+        """Continue `_wait_for`."""
         waiting, self._waiting = self._waiting, []
         for future in waiting:
             future.set_result(None)
-        # DDS lists an executor that was killed for up to 20 s. After a restart two are listed.
-        previous = max(self._executor_count, 1)
-        self._executor_count = self.count_services("execute_chain/_action/send_goal")
-        if self._active is None:
-            return
-        if not self._chains.server_is_ready():
-            self._active.abandon(Outcome.INPUT_LOST, _NO_EXECUTOR)
-        elif self._executor_count > previous:
-            self._active.abandon(Outcome.INPUT_LOST, _RESTARTED)
 
     async def _wait_for(self, condition: Callable[[], bool], timeout: float) -> bool:
         """Wait until a condition holds, `timeout` real s at most; return whether it does."""
@@ -388,7 +338,7 @@ class WaypointsNode(Node):
             if self._active is goal:
                 self._active = None
             if previous is not None:
-                previous.cancel()  # the executor continues its chain if it refused the new one
+                previous.chain.cancel()  # the executor continues its chain if it refused the new one
         if handle.is_cancel_requested:
             code, reason = 0, "canceled by the client"
         self.get_logger().info(one_line(f"goal ended: {reason or goal.summary()}"))
@@ -506,12 +456,13 @@ class WaypointsNode(Node):
         """
         unknown = goal.unknown_error
         while legs := goal.next_legs():
-            if not await self._wait_for(self._chains.server_is_ready, _SERVER_TIMEOUT):
-                return unknown, _NO_EXECUTOR
+            if not await self._wait_for(self._chains.is_ready, _SERVER_TIMEOUT):
+                return unknown, NO_EXECUTOR
             if reason := self._interruption(goal):
                 return unknown, reason
-            chain = ExecuteChain.Goal(chain=self._chain(goal, legs), refine=True, lease=self._lease)
-            result = await goal.send(self._chains, chain, partial(self._report, goal, legs))
+            chain = ExecuteChain.Goal(chain=self._chain(goal, legs), refine=True)
+            goal.chain = self._chains.send(chain, partial(self._report, goal, legs))
+            result = await goal.chain.result
             outcome = result.outcome
             if outcome.code == Outcome.SUCCEEDED:
                 goal.leg = legs[-1] + 1
@@ -542,20 +493,20 @@ class WaypointsNode(Node):
             return _PREEMPTED
         return "canceled" if goal.handle.is_cancel_requested else ""
 
-    def _report(self, goal: WaypointGoal, legs: Sequence[int], message: Any) -> None:
+    def _report(self, goal: WaypointGoal, legs: Sequence[int], executed: Any) -> None:
         if goal is self._active and goal.handle.is_active and self._robot_pose is not None:
-            goal.publish_feedback(legs, message.feedback, *self._robot_pose, self._frame)
+            goal.publish_feedback(legs, executed, *self._robot_pose, self._frame)
 
     def _cancel(self, handle: ServerGoalHandle) -> CancelResponse:
         if self._active is not None and self._active.handle is handle:
-            self._active.cancel()
+            self._active.chain.cancel()
         return CancelResponse.ACCEPT
 
     def stop(self) -> None:
         """Cancel the chain and end the goal, before the node ends."""
         self._shutting_down = True
         if self._active is not None:
-            self._active.abandon(Outcome.SHUTDOWN, _SHUTDOWN)
+            self._active.chain.abandon(Outcome.SHUTDOWN, _SHUTDOWN)
         spin_out(self)
 
 

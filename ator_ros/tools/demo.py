@@ -22,7 +22,7 @@ from PIL import Image
 
 from ator_ros.bases.description import Robot
 from ator_ros.domains.domain import Domain
-from ator_ros.evaluation.trials import Trial, open_speeds, random_trial
+from ator_ros.domains.trials import Trial, open_speeds, random_trial
 from ator_ros.files import atomic_write
 from ator_ros.geometry import Pose
 from ator_ros.nodes.segments import surroundings

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import re
 import time
-import uuid
 from collections import deque
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -13,13 +12,10 @@ from typing import Any
 
 import numpy as np
 import rclpy
-from action_msgs.msg import GoalInfo
-from action_msgs.srv import CancelGoal
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Point, PointStamped, PoseStamped
 from nav_msgs.msg import Path
 from rcl_interfaces.srv import GetParameters
-from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.task import Future
@@ -31,12 +27,12 @@ from ator_interfaces.srv import PlaceObject, PlaceRobot, RefineSubgoal
 from ator_ros.bases.description import Robot
 from ator_ros.domains.domain import Domain
 from ator_ros.geometry import Pose
+from ator_ros.nodes.chain_client import ChainClient
 from ator_ros.nodes.inputs import Subscriptions
-from ator_ros.nodes.leases import publish_lease
 from ator_ros.nodes.messages import action_set_from, chain_from, chain_of, pose_of, situation_of
 from ator_ros.nodes.network import NodesError, UnavailableError
 from ator_ros.nodes.parameters import STATE, SetupError
-from ator_ros.nodes.qos import ACTION_QUEUES, LATCHED, LATCHED_BY_MANY, RESULTS, SERVICES
+from ator_ros.nodes.qos import LATCHED, LATCHED_BY_MANY, RESULTS, SERVICES
 from ator_ros.nodes.running import uninterrupted
 from ator_ros.printable import printable
 from ator_ros.refinement.refiner import SubgoalCurve
@@ -50,7 +46,6 @@ _SPIN = 0.02  # real s
 _RETRY = 3.0
 _DISCOVERY = 2.0  # real s after which a simulation, or a service of the executor, counts as missing
 _PLACEMENT_DELAY = 0.1  # real s after which all nodes have received placed states
-_EXECUTOR_TIMEOUT = 5.0  # real s without an executor after which its chain counts as lost
 # s by the stamps after which an object that is not observed is no longer shown
 _OBJECT_TIMEOUT = 1.0
 # of the executor
@@ -102,8 +97,7 @@ class Backend:
         self._objects: dict[str, tuple[float, ObjectState]] = {}
         self._own_runs: deque[Run] = deque(maxlen=_KEPT_RUNS)
         self._active = Run(OTHERS, problem="no goal")
-        self._received_at = self._executor_at = time.monotonic()
-        self._executors = 0
+        self._received_at = time.monotonic()
         self._context = rclpy.Context()
         try:
             self._context.init(args=list(arguments), domain_id=ros_domain)
@@ -121,9 +115,7 @@ class Backend:
         take_diagnostics = partial(
             self._take_diagnostics, f"{node.get_namespace().rstrip('/')}/refinement"
         )
-        self._status = node.create_subscription(
-            ChainPerformance, "chain_under_way", status, LATCHED
-        )
+        node.create_subscription(ChainPerformance, "chain_under_way", status, LATCHED)
         node.create_subscription(
             ChainPerformance, "performance/chain", self._take_record, LATCHED_BY_MANY
         )
@@ -137,9 +129,7 @@ class Backend:
         self._pause = node.create_client(SetBool, "pause", qos_profile=SERVICES)
         self._refine = node.create_client(RefineSubgoal, "refine_subgoal", qos_profile=SERVICES)
         self._settings = node.create_client(GetParameters, "executor/get_parameters")
-        self._server = ActionClient(node, ExecuteChain, "execute_chain", **ACTION_QUEUES)
-        self._lease = publish_lease(node)
-        self._cancel = node.create_client(CancelGoal, "execute_chain/_action/cancel_goal")
+        self._chains = ChainClient(node, self._lose)
 
     def ready(self, *, simulated: bool, refinement: bool = True) -> None:
         """Wait for the executor and, if requested, for refinement and simulation."""
@@ -147,7 +137,7 @@ class Backend:
             self.until(self._simulation_is_ready, "the simulation's services")
         if refinement:
             self.until(self._refine.service_is_ready, f"the service {self._refine.srv_name}")
-        self.until(self._server.server_is_ready, "the action execute_chain")
+        self.until(self._chains.is_ready, "the action execute_chain")
         settings = self._executor_settings()
         self._frame = settings["frame"] = self._frame or settings["frame"]
         try:
@@ -191,21 +181,11 @@ class Backend:
     # Waiting
 
     def spin(self, seconds: float) -> None:
-        """Process messages for some real s.
-
-        The chain of an executor that ended or restarted is lost.
-        """
+        """Process messages for some real s."""
         self._check()
         end = time.monotonic() + seconds
         while (left := end - time.monotonic()) > 0.0:
             self._spin_once(min(left, _SPIN))
-        now, former = time.monotonic(), self._executors
-        self._executors = self.node.count_publishers(self._status.topic_name)
-        if self._executors:
-            self._executor_at = now
-        # DDS counts a killed executor for 20 s more: a restarted one is the second.
-        if now - self._executor_at > _EXECUTOR_TIMEOUT or self._executors > max(former, 1):
-            self._lose()
 
     def _spin_once(self, seconds: float) -> None:
         with uninterrupted():
@@ -415,42 +395,48 @@ class Backend:
                 self._resume()
 
     def _start(self, run: Run, draft: Draft, *, refine: bool) -> None:
-        if not self._server.server_is_ready():
-            raise NodesError("expected the action execute_chain, it is not there")
-        run.chain_id = uuid.uuid4().hex
+        goal = ExecuteChain.Goal(refine=refine, **self._fields_of(draft))
+        sent = self._chains.send(goal)
+        run.chain_id = sent.chain_id
         self._own_runs.append(run)
         self._active = run
-        goal = ExecuteChain.Goal(refine=refine, lease=self._lease, **self._fields_of(draft))
-        future = self._server.send_goal_async(goal, goal_uuid=_goal_info(run.chain_id).goal_id)
+        sent.result.add_done_callback(partial(self._take_result, run))
         try:
-            self.until(lambda: run.record or _is_rejected(future), "the status of execute_chain")
+            self.until(lambda: run.record or run.problem, "the status of execute_chain")
         except NodesError:
-            # it may have been accepted, and would not be monitored
-            with contextlib.suppress(NodesError):
-                self._send(self._cancel, _cancel_request(run.chain_id))
+            sent.cancel()  # it may have been accepted, and would not be monitored
             raise
-        if _is_rejected(future):
-            run.problem = "the executor accepts no goal"
+        if run.problem:
             raise NodesError(run.problem)
+
+    def _take_result(self, run: Run, future: Future) -> None:
+        """Take the result of our goal; its record is empty if the executor never had the goal, or lost it."""
+        result = future.result()
+        if run.ended:
+            return
+        if result.record.chain_id:
+            run.record = result.record
+        else:
+            run.problem = result.outcome.reason
 
     def stop(self) -> None:
         """Cancel the active goal, of any client, and wait until it has ended."""
         run = self._active
         if run.ended:
             return
+        self._chains.cancel(run.chain_id)
         try:
-            self._call(self._cancel, _cancel_request(run.chain_id))
             if self.can_place:
                 self.pause(paused=False)  # the robot can brake only while time passes
             self.until(lambda: run.ended or self._active is not run, "the end of the chain")
         finally:
             if self._active is run:
-                self._lose()
+                self._lose("the executor does not answer")
 
-    def _lose(self) -> None:
+    def _lose(self, reason: str) -> None:
         """End the active run, if it has not ended: its executor does not answer."""
         if not self._active.ended:
-            self._active.problem = "lost: the executor does not answer"
+            self._active.problem = f"lost: {reason}"
 
     def _run_of(self, chain_id: str) -> Run | None:
         return next(
@@ -496,20 +482,6 @@ def _curve_from(curve: SearchCurve) -> SubgoalCurve:
     names, totals = tuple(curve.variables), np.asarray(curve.totals, dtype=float)
     values = np.asarray(curve.values, dtype=float).reshape(len(totals), len(names))
     return SubgoalCurve(curve.subgoal, names, values, totals)
-
-
-def _goal_info(chain_id: str) -> GoalInfo:
-    info = GoalInfo()
-    info.goal_id.uuid = list(bytes.fromhex(chain_id))
-    return info
-
-
-def _cancel_request(chain_id: str) -> CancelGoal.Request:
-    return CancelGoal.Request(goal_info=_goal_info(chain_id))
-
-
-def _is_rejected(future: Future) -> bool:
-    return future.done() and not future.result().accepted
 
 
 def _robot_at(pose: Pose) -> PlaceRobot.Request:

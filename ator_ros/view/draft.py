@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from ator_ros.domains.domain import Domain
-from ator_ros.evaluation.trials import open_speeds, possible_chain, random_trial
+from ator_ros.domains.trials import open_speeds, possible_chain, random_trial
 from ator_ros.geometry import Pose
 from ator_ros.refinement.refiner import MOST_ALTERNATIVES
 from ator_ros.tops.chain import TopCall, TopChain

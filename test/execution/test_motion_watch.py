@@ -11,8 +11,8 @@ from faulty_base import Failure, KinematicBase, execute
 from ator_ros.actions.base import Status, Step
 from ator_ros.bases.differential.response import ramped
 from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.trials import random_trial
 from ator_ros.evaluation.chain_run import run_chain
-from ator_ros.evaluation.trials import random_trial
 from ator_ros.execution.chain_executor import ChainExecutor, Ending
 from ator_ros.execution.fence import Fence, FenceWatch
 from ator_ros.execution.motion_watch import MotionWatch

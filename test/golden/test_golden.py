@@ -1,4 +1,4 @@
-"""What the product decides is as recorded in golden/; scripts/golden.py writes it."""
+"""What the product decides is as recorded beside this file; scripts/golden.py writes it."""
 
 import itertools
 import json
@@ -11,7 +11,7 @@ import pytest
 
 from scripts.golden import PARTS, differences
 
-GOLDEN = Path(__file__).parent / "golden"
+GOLDEN = Path(__file__).parent
 FEW = {"refined": 5, "executed": 1, "planned": 5}
 """How many entries of each kind of part `make test` compares."""
 
@@ -43,7 +43,7 @@ def test_all_decisions_are_as_recorded(part: str) -> None:
 
 @pytest.mark.long
 def test_the_command_writes_and_compares(tmp_path: Path) -> None:
-    script = Path(__file__).parent.parent / "scripts" / "golden.py"
+    script = Path(__file__).parents[2] / "scripts" / "golden.py"
     for folder in ("one", "two"):
         words = [
             sys.executable,
