@@ -171,7 +171,7 @@ class Reader:
         self._transforms = Transforms()
         self._servers = status_topics(domain)
         self._goals = ServerGoals(self._odom_pose_in)
-        self._velocity = RobotVelocity(robot.limits.v, robot.limits.w)
+        self._velocity = RobotVelocity(robot.greatest_speed(), robot.greatest_turn_rate)
         self._is_older = False
         self._counts: Counter[str] = Counter()
         self._numbers = 0
@@ -506,8 +506,8 @@ class Track:
         lengths = np.hypot(np.diff(during[:, 1]), np.diff(during[:, 2]))
         turns = np.abs(wrap_angles(np.diff(during[:, 3])))
         beyond = np.maximum(
-            lengths - FASTEST * robot.limits.v * elapsed,
-            turns - FASTEST * robot.limits.w * elapsed,
+            lengths - FASTEST * robot.greatest_speed() * elapsed,
+            turns - FASTEST * robot.greatest_turn_rate * elapsed,
         )
         return _JUMPS if (beyond > _JUMP_SLACK).any() else ""
 

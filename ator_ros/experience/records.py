@@ -117,9 +117,9 @@ def fault_in(episode: Episode, top: Top | None, robot: Robot) -> str:
     finite = all(abs(number) <= LARGEST for number in (episode.duration, *goal.values.values()))
     if not finite or min(episode.duration, goal.speed, *errors) < 0.0 or math.inf in errors:
         return "expected finite numbers, and no negative speed, duration or error"
-    farthest = robot.limits.v * max(_LONGEST_DRIVE, episode.duration)
+    farthest = robot.greatest_speed() * max(_LONGEST_DRIVE, episode.duration)
     if episode.success and top is not None and top.arrives:
-        farthest = _SLACK + FASTEST * robot.limits.v * episode.duration
+        farthest = _SLACK + FASTEST * robot.greatest_speed() * episode.duration
     distance = episode.situation.robot.pose.distance(goal.pose)
     too_far = f"start: expected at most {farthest:.3g} m to the goal, got {distance:.3g} m"
     return too_far if distance > farthest else ""

@@ -30,7 +30,7 @@ from ator_ros.experience.table import (
     write_experience,
 )
 from ator_ros.files import FileError
-from ator_ros.geometry import wrap_angles
+from ator_ros.geometry import FloatArray, wrap_angles
 from ator_ros.printable import one_line
 from ator_ros.tools.command_line import (
     RESUMES,
@@ -192,7 +192,7 @@ def _remarks(starts: pd.DataFrame, robot: Robot) -> list[str]:
         )
     ratios = succeeded["duration"] / _straight_times(succeeded, robot)
     if len(ratios) >= _FEWEST and ratios.median() > _LONG:
-        limits = f"v {robot.limits.v:g} m/s, w {robot.limits.w:g} rad/s"
+        limits = ", ".join(f"{axis.name} {axis.limit:g} {axis.unit}" for axis in robot.axes)
         remarks.append(
             f"drives took {ratios.median():.0f} times as long as the limits of {robot.name} allow "
             f"({limits}): check the limits, or the speed of the server"
@@ -200,19 +200,16 @@ def _remarks(starts: pd.DataFrame, robot: Robot) -> list[str]:
     return remarks
 
 
-def _straight_times(starts: pd.DataFrame, robot: Robot) -> pd.Series:
-    """Return times in s of straight drives with turns before and after, at the robot's limits.
-
-    Speeding up and braking are included.
-    """
-    limits = robot.limits
+def _straight_times(starts: pd.DataFrame, robot: Robot) -> FloatArray:
+    """Return times in s of straight drives with turns before and after, at the robot's limits."""
     dx = starts["xg"] - starts["x"]
     dy = starts["yg"] - starts["y"]
+    distance = np.hypot(dx, dy).to_numpy()
     direction = np.arctan2(dy, dx)
+    none = np.zeros(len(starts))
     first_turn = np.abs(wrap_angles(direction - starts["yaw"]))
     last_turn = np.abs(wrap_angles(starts["yawg"] - direction))
-    changes = 0.5 * limits.v * (1.0 / limits.a + 1.0 / limits.brake)
-    return np.hypot(dx, dy) / limits.v + (first_turn + last_turn) / limits.w + changes
+    return robot.route_time(distance, (first_turn, none, last_turn), none, none)
 
 
 def arguments() -> argparse.ArgumentParser:

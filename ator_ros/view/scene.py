@@ -80,9 +80,9 @@ def _is_valid_value(field: Any, value: Any) -> bool:
         return isinstance(field.value, float) or float(value).is_integer()
     if isinstance(field, viser.GuiDropdownHandle):
         return isinstance(value, str) and value in field.options
-    return isinstance(field, viser.GuiCheckboxHandle | viser.GuiButtonHandle) and isinstance(
-        value, bool
-    )
+    if isinstance(field, viser.GuiCheckboxHandle | viser.GuiButtonHandle):
+        return isinstance(value, bool)
+    return False
 
 
 def _is_number(value: Any) -> bool:
