@@ -23,9 +23,9 @@ from ator_ros.domains.domain import Domain, DomainError
 from ator_ros.evaluation.toolset import ToolsetSource
 from ator_ros.execution.chain_executor import Ending
 from ator_ros.execution.fence import Fence
-from ator_ros.experience.collect import episode_generator
 from ator_ros.experience.records import ENDED, episode_of
-from ator_ros.experience.table import ExperienceError, episode_frame
+from ator_ros.experience.simulated import episode_generator
+from ator_ros.experience.table import ExperienceError
 from ator_ros.files import FileError, read_yaml
 from ator_ros.geometry import Pose
 from ator_ros.nodes.network import stay_on_this_machine
@@ -209,7 +209,7 @@ def _episode_row(
     if record.outcome.code not in ENDED:
         return None, record.outcome.reason
     try:
-        return episode_frame(number, episode_of(record, domain, robot), domain.objects), ""
+        return episode_of(record, domain, robot).rows(number, domain.objects), ""
     except MessageError as error:
         return None, str(error)
 
