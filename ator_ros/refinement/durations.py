@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ator_ros.bases.direct import DirectTable
 from ator_ros.geometry import FloatArray
 from ator_ros.refinement.chain_prediction import PredictsPerformance, StepRows
 from ator_ros.tops.chain import TopCall
