@@ -49,8 +49,12 @@ class Diagnostics:
     def __init__(
         self, node: Node, health: Callable[[], Health], topics: Mapping[str, type] | None = None
     ) -> None:
-        self._node, self._health, self._topics = node, health, topics or {}
-        self._problem, self._repeats, self._logged = "", 0, ""
+        self._node = node
+        self._health = health
+        self._topics = topics or {}
+        self._problem = ""
+        self._repeats = 0
+        self._logged = ""
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", RESULTS)
         node.create_timer(_PERIOD, self._publish, clock=STEADY)
 
@@ -99,7 +103,8 @@ class Ticks:
 
     def __init__(self) -> None:
         self._last = math.inf
-        self._gaps, self._durations = deque([0.0], maxlen=_TICKS), deque([0.0], maxlen=_TICKS)
+        self._gaps = deque([0.0], maxlen=_TICKS)
+        self._durations = deque([0.0], maxlen=_TICKS)
 
     def start(self, now: float) -> None:
         """Record a tick that starts at `now` s."""
@@ -124,7 +129,9 @@ class Diagnosis:
     """Returns the most likely causes of missing inputs of a node; "odom" is the robot."""
 
     def __init__(self, node: Node, subscribed: Subscriptions) -> None:
-        self._node, self._tf, self._inputs = node, subscribed.tf, subscribed.inputs
+        self._node = node
+        self._tf = subscribed.tf
+        self._inputs = subscribed.inputs
 
     @property
     def topics(self) -> dict[str, Any]:
@@ -136,7 +143,8 @@ class Diagnosis:
 
         Else "".
         """
-        gaps, topic = self._inputs[name].gaps, self._inputs[name].topic
+        gaps = self._inputs[name].gaps
+        topic = self._inputs[name].topic
         if len(gaps) < GAPS or (usual := float(np.median(gaps))) <= 0.5 * timeout:
             return ""
         return (
@@ -153,8 +161,10 @@ class Diagnosis:
 
     def cause(self, name: str, timeout: float) -> str:
         """Return why an input is missing; `timeout` is its longest allowed gap in real s."""
-        item, node = self._inputs[name], self._node
-        topic, kind = item.topic, item.kind
+        item = self._inputs[name]
+        node = self._node
+        topic = item.topic
+        kind = item.kind
         if item.frames is not None and item.error is None and node.count_publishers(topic):
             return self._tf.problem(*item.frames)
         infos = node.get_publishers_info_by_topic(topic)
@@ -190,17 +200,21 @@ def unconnected(node: Node, topic: str, kind: type, known: Collection[str] | Non
 
     `known` are topics that the node subscribes to; None if it publishes.
     """
-    does, count = "publishes", node.count_publishers
+    does = "publishes"
+    count = node.count_publishers
     if known is None:
-        does, count = "subscribes to", node.count_subscribers
-    resolved, domain = node.resolve_topic_name(topic), node.context.get_domain_id()
+        does = "subscribes to"
+        count = node.count_subscribers
+    resolved = node.resolve_topic_name(topic)
+    domain = node.context.get_domain_id()
     skipped = {resolved, *map(node.resolve_topic_name, known or ())}
     elsewhere = [
         other
         for other, types in node.get_topic_names_and_types()
         if type_name(kind) in types and other not in skipped and count(other)
     ]
-    text, short = f"no node {does} {resolved} in ROS domain {domain}", _short(type_name(kind))
+    text = f"no node {does} {resolved} in ROS domain {domain}"
+    short = _short(type_name(kind))
     if not elsewhere:
         return f"{text}, and there is no other topic of type {short}: start the node that {does} it"
     return f"{text}; of type {short} there is {', '.join(elsewhere)}: remap with -r {topic}:={elsewhere[0]}"
@@ -235,7 +249,8 @@ def type_mismatch(node: Node, topic: str, kind: type) -> str:
     """Return which node publishes another type than `node` subscribes to: ROS drops its messages."""
     for info in node.get_publishers_info_by_topic(topic):
         if info.topic_type != type_name(kind):
-            expected, got = _short(type_name(kind)), _short(info.topic_type)
+            expected = _short(type_name(kind))
+            got = _short(info.topic_type)
             return f"{topic}: expected {expected}, {node_of(info)} publishes {got}"
     return ""
 

@@ -55,7 +55,8 @@ class TfListener:
     """
 
     def __init__(self, node: Node) -> None:
-        self._node, self.transforms = node, Transforms()
+        self._node = node
+        self.transforms = Transforms()
         self._subscriptions: dict[bool, Any] = {}  # by whether the transforms are fixed
         self._followed: dict[tuple[str, str], list[Take]] = {}
         self._last: dict[tuple[str, str], float] = {}  # stamp in s that was passed on last
@@ -151,12 +152,14 @@ class Input:
 
     def read(self, stamp: float, now: float) -> None:
         """Record a message that could be read, with its stamp in s, at `now` in real s."""
-        self.last, self.error = now, None
+        self.last = now
+        self.error = None
         if stamp == self.stamp:
             return
         if now > self.advanced:
             self.gaps.append(now - self.advanced)
-        self.stamp, self.advanced = stamp, now
+        self.stamp = stamp
+        self.advanced = now
 
 
 class Subscriptions:
@@ -186,8 +189,10 @@ class Subscriptions:
         take_object: Callable[[str, float, ObjectState], None],
         warn: Callable[[str], object],
     ) -> None:
-        self._node, self._warn = node, warn
-        self.tf, self.inputs = TfListener(node), dict[str, Input]()
+        self._node = node
+        self._warn = warn
+        self.tf = TfListener(node)
+        self.inputs = dict[str, Input]()
         frame, robot_frame = frames = settings["frame"], settings["robot_frame"]
         # Objects first: when several messages wait, those of objects are then processed before
         # odometry.
@@ -213,7 +218,8 @@ class Subscriptions:
                 f"parameter robot_frame: expected another frame than frame, got {robot_frame}"
             )
         else:
-            velocity, transforms = RobotVelocity(robot.limits.v, robot.limits.w), self.tf.transforms
+            velocity = RobotVelocity(robot.limits.v, robot.limits.w)
+            transforms = self.tf.transforms
 
             def read(stamp: float, placement: Placement) -> tuple[float, RobotState]:
                 check_senders(transforms, *frames)
@@ -247,13 +253,15 @@ class Subscriptions:
     def _take(
         self, name: str, read: Callable[..., Any], take: Callable[..., None], *message: Any
     ) -> None:
-        now, item = time.monotonic(), self.inputs[name]
+        now = time.monotonic()
+        item = self.inputs[name]
         try:
             stamp, state = read(*message)
             item.read(stamp, now)
             take(stamp, state)
         except (MessageError, StampError) as error:
-            item.last, item.error = now, error
+            item.last = now
+            item.error = error
             self._warn(f"ignored: {error}")
 
     def _take_odometry(

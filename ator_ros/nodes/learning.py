@@ -86,7 +86,8 @@ class LearningNode(Node):
         given = {name: settings[name] for name in ("domain", "robot", "models", "frame")}
         planner = planner_name(self, settings)
         expect_planner_usable(settings, self._domain)
-        self._grid, self._awaits_map = map_file(settings), bool(map_topic(settings))
+        self._grid = map_file(settings)
+        self._awaits_map = bool(map_topic(settings))
         self._topic_map: GridMap | None = None
         self._given = given | {"learned": str(folder), "planner": planner}
         self._fault = ""  # the last one that was logged
@@ -122,8 +123,10 @@ class LearningNode(Node):
 
     def _take_map(self, domain: Domain, robot: Robot) -> None:
         """Use another map from the next round on."""
-        self._domain, self._robot = domain, robot
-        self._topic_map, self._awaits_map = domain.grid, False
+        self._domain = domain
+        self._robot = robot
+        self._topic_map = domain.grid
+        self._awaits_map = False
 
     def _start_round(self) -> RoundProcess:
         """Start a round in a process, which reads the map of a topic from a file; raises OSError."""

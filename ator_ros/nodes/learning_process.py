@@ -36,7 +36,8 @@ def main() -> None:
     if given["planner"]:
         rclpy.init()
         domain = planned_by(given["planner"], given["frame"], domain)
-    robot, models = domain.robot(given["robot"] or None), domain.models_root(given["models"])
+    robot = domain.robot(given["robot"] or None)
+    models = domain.models_root(given["models"])
     source = Source(Path(given["learned"]), domain, robot, models)
     sys.stdout.write(json.dumps(learn(source, time=given["time"]), allow_nan=False))
     rclpy.try_shutdown()

@@ -35,7 +35,8 @@ class Lease:
     """Watches a topic of `publish_lease`."""
 
     def __init__(self, node: Node, topic: str) -> None:
-        self._node, self._topic = node, topic
+        self._node = node
+        self._topic = topic
         self._since = time.monotonic()
         self._is_alive: bool | None = None  # None: not reported yet
         self.users = 0

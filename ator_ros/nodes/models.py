@@ -87,9 +87,13 @@ class LearnedSets:
         settings: Mapping[str, Any],
         warm_up: Callable[[TopLibrary, ModelSet], None] = lambda *_: None,
     ) -> None:
-        models, learned = settings["models"], settings["learned"]
+        models = settings["models"]
+        learned = settings["learned"]
         self._models = models
-        self._node, self._domain, self._libraries, self._warm_up = node, domain, libraries, warm_up
+        self._node = node
+        self._domain = domain
+        self._libraries = libraries
+        self._warm_up = warm_up
         self._place = domain.models_root(models)
         self._source = f"models in {models}" if models else "shipped models"
         self._start = digest_of_start(self._place, libraries)
@@ -103,7 +107,8 @@ class LearnedSets:
             "loading models; the first start compiles code, which may take a minute"
         )
         self.present: Mapping[str, ModelSet] = self._load(self._place)
-        self.gains, self._gains_state = Gains(self._digest), ("", 0)
+        self.gains = Gains(self._digest)
+        self._gains_state = ("", 0)
         self._reading: Future[LearnedModels] | None = None
         self._reading_began = 0.0  # monotonic s
         if self._folder is not None:
@@ -122,7 +127,8 @@ class LearnedSets:
             self._newest = current_set(folder)
             if self._newest is not None:
                 self._manifest = read_manifest(self._newest)
-                self._source, self._place = f"learned set {self._manifest.digest}", self._newest
+                self._source = f"learned set {self._manifest.digest}"
+                self._place = self._newest
         except DamagedFileError as error:
             self._report_failure(str(error))
         except (FileError, OSError) as error:
@@ -134,7 +140,8 @@ class LearnedSets:
         return {name: self._read(library, place) for name, library in self._libraries.items()}
 
     def _read(self, library: TopLibrary, place: Path) -> ModelSet:
-        name, known = library.action_set, self._domain.known_features
+        name = library.action_set
+        known = self._domain.known_features
         try:
             with warnings.catch_warnings(record=True) as caught:
                 warnings.simplefilter("always", RobotMismatchWarning)
@@ -162,7 +169,9 @@ class LearnedSets:
         place = current_set(folder)
         if place is None and newest is not None:
             raise FileError(f"{folder}: expected a set in use, it has disappeared")
-        manifest, models, failure = None, None, ""
+        manifest = None
+        models = None
+        failure = ""
         if place is not None and place != newest:
             try:
                 manifest, models = self._load_learned(place)
@@ -173,13 +182,15 @@ class LearnedSets:
                 failure = str(error) or repr(error)
         file = folder / GAINS
         state = digest, file.stat().st_mtime_ns if file.exists() else 0
-        gains, problem = None, ""
+        gains = None
+        problem = ""
         if state != gains_state:
             try:
                 gains = read_gains(folder, digest)
             except FileError as error:
                 gains = None if manifest is None else Gains(digest)
-                state, problem = gains_state, f"gains of refined chains are not used: {error}"
+                state = gains_state
+                problem = f"gains of refined chains are not used: {error}"
         return LearnedModels(place, state, gains, problem, manifest, models, failure)
 
     def _load_learned(self, place: Path) -> tuple[Manifest, dict[str, ModelSet]]:
@@ -203,7 +214,8 @@ class LearnedSets:
                 if now - self._reading_began > _LONGEST_READ:
                     self._folder_problem = f"{folder}: expected an answer of the file system"
                 return
-            reading, self._reading = self._reading, None
+            reading = self._reading
+            self._reading = None
             try:
                 read = reading.result()
             except Exception as error:  # whatever it is, what is in use is kept
@@ -219,13 +231,16 @@ class LearnedSets:
 
     def _use(self, read: LearnedModels) -> None:
         """Switch to a set and gains that changed."""
-        self._newest, self._gains_state = read.place, read.gains_state
+        self._newest = read.place
+        self._gains_state = read.gains_state
         if read.gains is not None:
             self.gains = read.gains
         if read.failure:
             self._report_failure(read.failure)
         if read.manifest is not None and read.models is not None and read.place is not None:
-            self._manifest, self.present, self._place = read.manifest, read.models, read.place
+            self._manifest = read.manifest
+            self.present = read.models
+            self._place = read.place
             self._set_problem = ""
             text = _described(read.manifest)
             self._node.get_logger().info(f"switched to the learned set {text}")
@@ -237,7 +252,8 @@ class LearnedSets:
 
     def load_again(self, domain: Domain, libraries: Mapping[str, TopLibrary]) -> None:
         """Load the models in use for a domain on another map."""
-        self._domain, self._libraries = domain, libraries
+        self._domain = domain
+        self._libraries = libraries
         self.present = self._load(self._place)
         broken = _broken(self.present)
         if self._manifest is not None and broken:
@@ -246,7 +262,8 @@ class LearnedSets:
             self.present = self._load(self._place)
             self._manifest, self._newest = None, None  # the set is loaded again when it is back
         if self._reading is not None:  # its thread may have used the previous map
-            self._reading, self._newest = None, None
+            self._reading = None
+            self._newest = None
 
     def startup_text(self) -> str:
         """Return the source and names of the models of the default action set."""

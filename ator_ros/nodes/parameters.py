@@ -61,7 +61,8 @@ class Parameter:
         if isinstance(self.default, bool | str) or not math.isfinite(self.high - self.low):
             return descriptor
         if isinstance(self.default, int):
-            low, high = int(self.low), int(self.high)
+            low = int(self.low)
+            high = int(self.high)
             descriptor.integer_range = [IntegerRange(from_value=low, to_value=high, step=1)]
         else:
             descriptor.floating_point_range = [

@@ -58,7 +58,9 @@ class PlannerClient:
     """
 
     def __init__(self, name: str, frame: str, timeout: float) -> None:
-        self._name, self._frame, self._timeout = name, frame, timeout
+        self._name = name
+        self._frame = frame
+        self._timeout = timeout
         self._kind = action_type(_TYPE)
         self._no_path = [getattr(self._kind.Result, name, None) for name in _NO_PATH]
         self._node = Node(

@@ -135,7 +135,9 @@ class RefinementNode(Node):
         self._map = FollowedMap(self, self._settings, domain, robot, self._take_map)
         self._goals = domain.goals(robot)
         self._variables = state_variables(domain.objects, holder=robot.holder is not None)
-        self._answered, self._cut_short, self._last_error = 0, 0, ""
+        self._answered = 0
+        self._cut_short = 0
+        self._last_error = ""
         self._tf = TfListener(self)
         self._markers = LazyPublisher(self, MarkerArray, "refinement_markers")
         # A request between two blocks keeps its group locked: only others of this service wait.
@@ -176,7 +178,8 @@ class RefinementNode(Node):
                 self.get_logger().warning(one_line(warning))
 
     def _use(self, domain: Domain, robot: Robot) -> None:
-        self._domain, self._robot = domain, robot
+        self._domain = domain
+        self._robot = robot
         self._libraries = {name: domain.library(robot, name) for name in domain.action_sets}
 
     def _take_map(self, domain: Domain, robot: Robot) -> None:
@@ -224,10 +227,12 @@ class RefinementNode(Node):
         # program, for whose paths the search waits.
         planned = self._robot.grid is not None and self._robot.grid.planner is not None
         clock = time.monotonic if planned else time.thread_time
-        deadline, frame = self._settings["deadline"], self._frame
+        deadline = self._settings["deadline"]
+        frame = self._frame
         end = clock() + deadline
         action_set = messages.action_set_from(request.chain, allowed=self._libraries)
-        present, library = self._sets.present[action_set], self._libraries[action_set]
+        present = self._sets.present[action_set]
+        library = self._libraries[action_set]
         if not present.models:
             raise RefinementError(f"action set {action_set}: {present.absent}")
         self._map.expect_usable()
@@ -245,7 +250,8 @@ class RefinementNode(Node):
         )
         self._answered += 1
         self._cut_short += not choice.complete
-        start, found = pose_from(request.situation.robot, "situation.robot"), choice.refinement
+        start = pose_from(request.situation.robot, "situation.robot")
+        found = choice.refinement
 
         def markers() -> MarkerArray:
             shapes = refinement_shapes(start, found.original, found.chain, found.curves)

@@ -118,7 +118,8 @@ class RemoteAction(Action):
         """Commit to `goal`; it is sent in a later tick."""
         if self._server.fault:
             raise ActionError(self._server.fault)
-        self._goal, self._since = goal, time.monotonic()
+        self._goal = goal
+        self._since = time.monotonic()
 
     def step(self, world: World) -> Step:
         """Return the next step; its command is None from the tick on in which the goal is sent."""
@@ -138,8 +139,10 @@ class RemoteAction(Action):
 
     def _prepare(self, world: World) -> Step:
         """Stop the robot, wait for the server, then send the goal."""
-        server, now = self._server, time.monotonic()
-        was_stopped, self._stopped = self._stopped, True
+        server = self._server
+        now = time.monotonic()
+        was_stopped = self._stopped
+        self._stopped = True
         if not (was_stopped and world.robot.is_standing):
             self._since = now
             return Step(STOP, Status.RUNNING, f"stopping, before {server.name} takes over")
@@ -149,12 +152,15 @@ class RemoteAction(Action):
                 finished(Status.REFUSED, unusable) if late else Step(STOP, Status.RUNNING, unusable)
             )
         assert self._goal is not None
-        self._sent, self._since = server.send(self._goal), now
+        self._sent = server.send(self._goal)
+        self._since = now
         return Step(None, Status.RUNNING, f"sent to {server.name}")
 
     def _wait(self, world: World, sent: RemoteGoal) -> Step:
         """Check acceptance, result and timeouts of the goal that was sent."""
-        server, name, limits = self._server, self._server.name, self._server.timeouts
+        server = self._server
+        name = self._server.name
+        limits = self._server.timeouts
         if sent.result is not None:
             self._result_at = self._result_at or (time.monotonic(), world.time)
             failure = failure_in(server.call, sent.status, sent.result)
@@ -190,7 +196,10 @@ class RemoteServer:
     """
 
     def __init__(self, node: Node, call: RemoteCall, frame: str) -> None:
-        self.call, self.name, self.timeouts, self.fault = call, call.server, call.timeouts, ""
+        self.call = call
+        self.name = call.server
+        self.timeouts = call.timeouts
+        self.fault = ""
         self._node = node
         self._present_at = -math.inf  # real s
         self._released: RemoteGoal | None = None
@@ -251,7 +260,8 @@ class RemoteServer:
         if not sent.release():
             return
         if self.present():
-            self._released, self._cancel_deadline = sent, time.monotonic() + self.timeouts.cancel
+            self._released = sent
+            self._cancel_deadline = time.monotonic() + self.timeouts.cancel
         else:
             self.cancel_others()
 
@@ -295,7 +305,8 @@ class RemoteServer:
 
     def warnings(self) -> list[str]:
         """Return warnings, each once."""
-        found, self._warnings = self._warnings, []
+        found = self._warnings
+        self._warnings = []
         return found
 
     def _is_canceling(self) -> bool:
@@ -318,9 +329,11 @@ class RemoteGoal:
         self.result: Any = None
         self._handle: ClientGoalHandle | None = None
         self._released = False
-        self._cancel, self._period = cancel, max(silence / _REQUESTS, _LEAST_PERIOD)
+        self._cancel = cancel
+        self._period = max(silence / _REQUESTS, _LEAST_PERIOD)
         self._request: Future | None = None
-        self._has_answered, self._silence = False, 0.0
+        self._has_answered = False
+        self._silence = 0.0
         self._checked_at = self._requested_at = math.inf
         sent = client.send_goal_async(message, feedback_callback=lambda _: self._reset_silence())
         sent.add_done_callback(self._take_answer)
@@ -355,7 +368,8 @@ class RemoteGoal:
         return self._silence if self._has_answered else 0.0
 
     def _take_reply(self, _: Future) -> None:
-        self._request, self._has_answered = None, True
+        self._request = None
+        self._has_answered = True
         self._reset_silence()
 
     def _reset_silence(self) -> None:
@@ -366,13 +380,15 @@ class RemoteGoal:
         self.accepted = bool(handle.accepted)
         if not self.accepted:
             return
-        self._handle, self._requested_at = handle, time.monotonic()
+        self._handle = handle
+        self._requested_at = time.monotonic()
         handle.get_result_async().add_done_callback(self._take_result)
         if self._released:
             handle.cancel_goal_async()
 
     def _take_result(self, future: Future) -> None:
-        self.status, self.result = future.result().status, future.result().result
+        self.status = future.result().status
+        self.result = future.result().result
 
 
 def cancel_request_for_unknown_goal() -> CancelGoal.Request:

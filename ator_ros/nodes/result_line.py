@@ -43,11 +43,9 @@ def result_line(record: Any, *, wanted: bool, changes: Sequence[str]) -> str:
     changes : sequence of str
         See `changes_of`.
     """
-    reason, driven, predicted = (
-        record.outcome.reason,
-        record.actual.duration,
-        record.predicted.duration,
-    )
+    reason = record.outcome.reason
+    driven = record.actual.duration
+    predicted = record.predicted.duration
     if record.outcome.code != record.outcome.SUCCEEDED or not math.isfinite(driven):
         return one_line(reason)
     times = f"{driven:.2f} s driven"

@@ -23,10 +23,14 @@ VIOLET: Color = (0.6, 0.45, 0.75)
 YELLOW: Color = (1.0, 0.82, 0.24)
 WHITE: Color = (0.93, 0.94, 0.95)
 
-_LEG_WIDTH, _ALTERNATIVE_WIDTH, _LINE_WIDTH, _ARROW_WIDTH = 0.015, 0.008, 0.03, 0.04
+_LEG_WIDTH = 0.015
+_ALTERNATIVE_WIDTH = 0.008
+_LINE_WIDTH = 0.03
+_ARROW_WIDTH = 0.04
 _ARROW = 0.4  # length of an arrow in m
 _RING_RADIUS, _RING_DEPTH = 0.35, 0.35  # m where the chain is fastest, and more where it is slowest
-_RING_WIDTH, _CHOSEN_WIDTH = 0.03, 0.05
+_RING_WIDTH = 0.03
+_CHOSEN_WIDTH = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +129,8 @@ def ring(chain: TopChain, curve: SubgoalCurve) -> tuple[Segments, ...]:
     if len(headings) < 3:
         return ()
     pose = chain.calls[curve.subgoal].goal.pose
-    least, most = float(costs.min()), float(costs.max())
+    least = float(costs.min())
+    most = float(costs.max())
     shares = (costs - least) / (most - least) if most > least else np.zeros(len(costs))
     reach = _RING_RADIUS + _RING_DEPTH * shares
     points = np.stack(
@@ -148,7 +153,8 @@ def surroundings(domain: Domain, robot: Robot) -> list[Segments]:
     for number, line in enumerate(domain.lines(robot)):
         shapes.append(polyline(f"line{number}", line, WHITE, _LINE_WIDTH))
     for number, bay in enumerate(robot.scene.bays):
-        front, side = Pose(bay.x, bay.y, bay.yaw), bay.width / 2.0
+        front = Pose(bay.x, bay.y, bay.yaw)
+        side = bay.width / 2.0
         places = ((0.0, side), (bay.depth, side), (bay.depth, -side), (0.0, -side))
         walls = [front.compose(Pose(x, y, 0.0))[:2] for x, y in places]
         shapes.append(polyline(f"bay{number}", walls, GRAY, WALL_THICKNESS))

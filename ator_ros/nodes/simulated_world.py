@@ -40,7 +40,9 @@ class SimulatedWorld:
         robots: Sequence[SimulatedRobot],
         object_starts: Mapping[str, tuple[float, float]],
     ) -> None:
-        self.robot, self.robots, self._object_starts = robot, tuple(robots), object_starts
+        self.robot = robot
+        self.robots = tuple(robots)
+        self._object_starts = object_starts
         self._idle = set[str]()
         for each in self.robots:
             self._check_inside(each.start.x, each.start.y, f"robot_start {each.name}".strip())
@@ -94,7 +96,8 @@ class SimulatedWorld:
         """Advance by one control tick; return the names of the robots that have come to stand."""
         self.simulation.tick()
         self._observe_all()
-        previous, self._idle = self._idle, set[str]()
+        previous = self._idle
+        self._idle = set[str]()
         for number, robot in enumerate(self.robots):
             is_standing = self.simulation.world(number=number).robot.is_standing
             if is_standing and self.simulation.commanded(number=number) in (None, STOP):

@@ -70,7 +70,9 @@ _FREE = frozenset({"yaw"})
 _FW_UNKNOWN, _FW_NO_VALID_WAYPOINTS, _FW_STOP_ON_MISSED_WAYPOINT = 600, 602, 603  # FollowWaypoints
 _POSE_UNKNOWN, _POSE_TF_ERROR = 9000, 9002  # NavigateToPose, for a missed waypoint
 # NavigateThroughPoses
-_POSES_UNKNOWN, _POSES_FAILED_TO_LOAD_BEHAVIOR_TREE, _POSES_TF_ERROR = 9100, 9101, 9102
+_POSES_UNKNOWN = 9100
+_POSES_FAILED_TO_LOAD_BEHAVIOR_TREE = 9101
+_POSES_TF_ERROR = 9102
 
 _PREEMPTED = "a newer goal took over"
 _SHUTDOWN = "the node waypoints was ended"
@@ -109,7 +111,9 @@ class WaypointGoal:
         self, handle: ServerGoalHandle, kind: Any, *, pace: float, number: int = 0
     ) -> None:
         request = handle.request
-        self.handle, self.number, self._kind = handle, number, kind
+        self.handle = handle
+        self.number = number
+        self._kind = kind
         self.is_follow_waypoints = loops = hasattr(request, "number_of_loops")
         poses = getattr(request.poses, "goals", request.poses)  # nav_msgs/Goals since Kilted
         self.poses: list[PoseStamped] = list(poses)
@@ -186,10 +190,8 @@ class WaypointGoal:
             distance_remaining=chain + later,
             number_of_poses_remaining=self.end - self.leg,
         )
-        feedback.current_pose.header.stamp, feedback.current_pose.header.frame_id = (
-            stamp_of(now),
-            frame_id,
-        )
+        feedback.current_pose.header.stamp = stamp_of(now)
+        feedback.current_pose.header.frame_id = frame_id
         feedback.current_pose.pose = pose_of(pose)
         self._write_statuses(feedback)
         self.handle.publish_feedback(feedback)
@@ -217,13 +219,15 @@ class WaypointGoal:
         return result
 
     def _missed_waypoint(self, index: int, code: int, reason: str) -> Any:
-        nav2, pose = importlib.import_module("nav2_msgs.msg"), self.poses[index]
+        nav2 = importlib.import_module("nav2_msgs.msg")
+        pose = self.poses[index]
         if hasattr(nav2, "MissedWaypoint"):  # Jazzy
             return nav2.MissedWaypoint(index=index, goal=pose, error_code=code)
         status = nav2.WaypointStatus(
             waypoint_status=_FAILED, waypoint_index=index, waypoint_pose=pose
         )
-        status.error_code, status.error_msg = code, reason
+        status.error_code = code
+        status.error_msg = reason
         return status
 
     def _write_statuses(self, message: Any) -> None:
@@ -266,8 +270,10 @@ class WaypointsNode(Node):
         self._settings = settings = declare_parameters(self, PARAMETERS)
         kinds = [action_type(f"nav2_msgs/action/{name}") for name in ACTIONS]
         domain, self._robot = domain_and_robot(settings)
-        self._library, self._fence = domain.library(self._robot), fence_of(settings, self._robot)
-        self._top, self._frame = driving_top(self._library), settings["frame"]
+        self._library = domain.library(self._robot)
+        self._fence = fence_of(settings, self._robot)
+        self._top = driving_top(self._library)
+        self._frame = settings["frame"]
         self._active: WaypointGoal | None = None
         self._arrived_count = 0
         self._arrived: dict[bytes, WaypointGoal] = {}  # by goal id, until they are executed
@@ -306,7 +312,8 @@ class WaypointsNode(Node):
 
     def _check(self) -> None:
         """Continue `_wait_for`."""
-        waiting, self._waiting = self._waiting, []
+        waiting = self._waiting
+        self._waiting = []
         for future in waiting:
             future.set_result(None)
 
@@ -330,17 +337,20 @@ class WaypointsNode(Node):
         goal = self._arrived.pop(bytes(handle.goal_id.uuid))
         code, reason = await self._read(goal)
         if not reason and goal.number < self._newest_executed:
-            code, reason = goal.unknown_error, _PREEMPTED
+            code = goal.unknown_error
+            reason = _PREEMPTED
         if not reason and not handle.is_cancel_requested:
             self._newest_executed = goal.number
-            previous, self._active = self._active, goal
+            previous = self._active
+            self._active = goal
             code, reason = await self._execute_chains(goal)
             if self._active is goal:
                 self._active = None
             if previous is not None:
                 previous.chain.cancel()  # the executor continues its chain if it refused the new one
         if handle.is_cancel_requested:
-            code, reason = 0, "canceled by the client"
+            code = 0
+            reason = "canceled by the client"
         self.get_logger().info(one_line(f"goal ended: {reason or goal.summary()}"))
         return goal.finish(code, reason)
 
@@ -349,7 +359,8 @@ class WaypointsNode(Node):
 
         Return error code and reason if the goal cannot be used, else 0 and "".
         """
-        request, count = goal.handle.request, len(goal.poses)
+        request = goal.handle.request
+        count = len(goal.poses)
         if getattr(request, "behavior_tree", ""):
             reason = f"behavior_tree: expected none, got {quoted(request.behavior_tree)}"
             return _POSES_FAILED_TO_LOAD_BEHAVIOR_TREE, reason
@@ -441,7 +452,8 @@ class WaypointsNode(Node):
         }
 
     def _chain(self, goal: WaypointGoal, legs: Sequence[int]) -> ChainMessage:
-        calls, kept = [], self._kept_headings(goal)
+        calls = []
+        kept = self._kept_headings(goal)
         for leg in legs:
             index = goal.waypoint_index(leg)
             calls.append(
