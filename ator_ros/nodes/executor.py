@@ -43,7 +43,7 @@ from ator_ros.nodes.diagnostics import (
 from ator_ros.nodes.drawing import ExecutionDrawing
 from ator_ros.nodes.goal_run import GoalRun, concluded, unstarted
 from ator_ros.nodes.inputs import Subscriptions
-from ator_ros.nodes.leases import Leases
+from ator_ros.nodes.leases import LeaseWatch
 from ator_ros.nodes.maps import FollowedMap
 from ator_ros.nodes.messages import expect_sizes, into_frame
 from ator_ros.nodes.models import LEARNED, LearnedSets
@@ -165,7 +165,8 @@ class ExecutorNode(Node):
         self._settings = declare_with_domain(self, parameters_for)
         domain, robot = domain_and_robot(self._settings)
         self._domain = domain
-        self._remotes = RemoteServers(self, domain, self._settings["frame"])
+        self._warn = Warnings(self)
+        self._remotes = RemoteServers(self, domain, self._settings["frame"], self._warn)
         self._libraries = self._remotes.libraries(robot)
         reasons = [top.lacks(robot) for top in domain.tops_for(robot)]
         reasons += [
@@ -190,7 +191,6 @@ class ExecutorNode(Node):
         self._stop_until = 0.0
         self._shutting_down = False
         self._motion_remark = ""  # as logged last
-        self._warn = Warnings(self)
         self._ticks = Ticks()
         self._started = time.monotonic()
         self._connect(robot)
@@ -211,7 +211,7 @@ class ExecutorNode(Node):
         self._commands = CommandPublisher(self, stamped=stamped, frame=frame)
         self._actions = self.create_publisher(ActionPerformance, "performance/action", RESULTS)
         self._chains = self.create_publisher(ChainPerformance, "performance/chain", LATCHED)
-        self._leases = Leases(self)
+        self._lease = LeaseWatch(self)
         self._refinement = self.create_client(RefineSubgoal, "refine_subgoal", qos_profile=SERVICES)
         subscribed = Subscriptions(
             self, settings, robot, map(self._domain.source, self._domain.objects),
@@ -231,7 +231,7 @@ class ExecutorNode(Node):
         """Check goals on another map from now on."""
         self._domain = domain
         self._libraries = self._remotes.libraries(robot)
-        self._sets.load_again(domain, self._libraries)
+        self._sets.load(domain, self._libraries)
 
     def _take_object(self, name: str, stamp: float, there: ObjectState) -> None:
         if warning := self._inputs.object(name, stamp, there, time.monotonic()):
@@ -290,12 +290,10 @@ class ExecutorNode(Node):
 
     def _check_deadlines(self) -> None:
         self._remotes.check()
-        for warning in self._remotes.warnings():
-            self._warn(warning)
         if self._run is None:
             return
         self._adapt_commands()
-        if self._leases.has_ended(self._run.handle.request.lease):
+        if self._lease.has_ended:
             self._run.supervisor.end(Ending.CANCELED, "the client of this goal is gone")
         now = time.monotonic()
         silence = now - self._odom_at
@@ -331,7 +329,7 @@ class ExecutorNode(Node):
                 self._rolling,
                 None if self._is_simulated else self._inputs.delay,
             )
-            self._leases.watch(handle.request.lease)
+            self._lease.watch(handle.request.lease)
         except MessageError as error:  # the running goal continues
             self._warn(f"refused: {error}")
             result = unstarted(handle, Ending.REFUSED, str(error), frame=settings["frame"])
@@ -380,7 +378,6 @@ class ExecutorNode(Node):
         self._drawing.follow(run, self._world)
         if not run.ended:
             return
-        self._leases.release(run.handle.request.lease)
         self._run = None
         now = time.monotonic()
         if now - self._odom_at > 0.5 * self._odom_timeout:

@@ -184,7 +184,7 @@ class RefinementNode(Node):
 
     def _take_map(self, domain: Domain, robot: Robot) -> None:
         self._use(domain, robot)
-        self._sets.load_again(domain, self._libraries)
+        self._sets.load(domain, self._libraries)
 
     def _gate(self, request: RefineSubgoal.Request, gains: Gains) -> Gate:
         """Return the current gate, which draws some executed chains to measure the gain."""

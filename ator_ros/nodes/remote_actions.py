@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 import uuid
+from collections.abc import Callable
 from functools import partial
 from itertools import chain
 from typing import Any
@@ -37,26 +38,38 @@ _NEWER = 0.5
 class RemoteServers:
     """The servers of a domain's remote actions.
 
-    Faults are logged once. States are in the frame `frame`.
+    Parameters
+    ----------
+    frame : str
+        The frame of states and goals.
+    warn : callable
+        Called with a warning: about a server that cannot be used or has ignored a cancellation, and
+        about goals of other servers that were canceled instead.
+
+    Attributes
+    ----------
+    problem : str
+        The servers that cannot be used as declared, and their actions; empty if there are none.
     """
 
-    def __init__(self, node: Node, domain: Domain, frame: str) -> None:
+    def __init__(
+        self, node: Node, domain: Domain, frame: str, warn: Callable[[str], object]
+    ) -> None:
         self._domain = domain
         callers: dict[RemoteCall, set[str]] = {}
         for spec in chain.from_iterable(domain.action_sets.values()):
             if spec.remote is not None:
                 callers.setdefault(spec.remote, set()).add(spec.name)
         self._servers = {
-            call: RemoteServer(node, call, frame) for call in sorted(callers, key=repr)
+            call: RemoteServer(node, call, frame, warn) for call in sorted(callers, key=repr)
         }
         self.problem = "; ".join(
             f"{server.fault}; without it {', '.join(sorted(callers[call]))} cannot be executed"
             for call, server in self._servers.items()
             if server.fault
         )
-        """The servers that cannot be used as declared, and their actions; empty if there are none."""
         if self.problem:
-            node.get_logger().warning(self.problem)
+            warn(self.problem)
 
     def libraries(self, robot: Robot) -> dict[str, TopLibrary]:
         """Return the libraries of all action sets, in which servers execute the remote actions."""
@@ -83,14 +96,6 @@ class RemoteServers:
         """Cancel what may still move the robot, before the node ends and cannot check it any more."""
         for server in self._servers.values():
             server.stop()
-
-    def warnings(self) -> list[str]:
-        """Return warnings, each once.
-
-        They are about servers that have ignored a cancellation, and about goals of other servers
-        that were canceled instead.
-        """
-        return [text for server in self._servers.values() for text in server.warnings()]
 
 
 class RemoteAction(Action):
@@ -195,7 +200,9 @@ class RemoteServer:
     `fault` is why the server cannot be used, as without its type; empty if it can.
     """
 
-    def __init__(self, node: Node, call: RemoteCall, frame: str) -> None:
+    def __init__(
+        self, node: Node, call: RemoteCall, frame: str, warn: Callable[[str], object]
+    ) -> None:
         self.call = call
         self.name = call.server
         self.timeouts = call.timeouts
@@ -204,7 +211,7 @@ class RemoteServer:
         self._present_at = -math.inf  # real s
         self._released: RemoteGoal | None = None
         self._cancel_deadline = 0.0  # real s; for the end of `_released`
-        self._warnings: list[str] = []
+        self._warn = warn
         try:
             self._interface = RemoteInterface(call, frame)
             self._client = ActionClient(node, self._interface.kind, call.server, **ACTION_QUEUES)
@@ -276,7 +283,7 @@ class RemoteServer:
     def _take_canceled(self, name: str, answer: Future) -> None:
         canceled = len(answer.result().goals_canceling)
         if canceled:
-            self._warnings.append(
+            self._warn(
                 f"{self.name} is gone, hangs or ignored its cancellation; canceled {canceled} goals "
                 f"of {name}"
             )
@@ -292,7 +299,7 @@ class RemoteServer:
         """
         if self._is_canceling() and time.monotonic() > self._cancel_deadline:
             self.stop()
-            self._warnings.append(
+            self._warn(
                 f"{self.name} did not end its goal within {self.timeouts.cancel:g} s of its "
                 "cancellation: it may still move the robot"
             )
@@ -302,12 +309,6 @@ class RemoteServer:
         if self._is_canceling():
             self._released = None
             self.cancel_others()
-
-    def warnings(self) -> list[str]:
-        """Return warnings, each once."""
-        found = self._warnings
-        self._warnings = []
-        return found
 
     def _is_canceling(self) -> bool:
         return self._released is not None and not self._released.over
