@@ -104,7 +104,10 @@ class CommandPublisher:
         return f"{text}; set stamped_commands:={other} (of calibrate: --stamped {other})"
 
     def cause(self) -> str:
-        """Return the most likely cause of a base that does not move, else the nodes that receive commands."""
+        """Return the most likely cause of a base that does not move.
+
+        Without one, return which nodes receive the commands.
+        """
         node = self._node
         if mismatch := self.mismatch():
             return mismatch

@@ -32,7 +32,10 @@ _TICKS = 1000
 
 @dataclass(frozen=True, slots=True)
 class Health:
-    """A node's health: its `problem`, or "", and whether that is an `error`, which keeps it from working."""
+    """A node's health.
+
+    `problem` is empty for a healthy node; an `error` is a problem that keeps it from working.
+    """
 
     problem: str = ""
     error: bool = False
@@ -40,7 +43,7 @@ class Health:
 
 
 class Diagnostics:
-    """Publishes a node's health on /diagnostics once a second, in steady time, and logs lasting problems.
+    """Publishes a node's health on /diagnostics once a second, and logs lasting problems.
 
     `topics` are the types of the topics that the node subscribes to, by name: publishers of other
     types are reported.
@@ -86,7 +89,10 @@ class Diagnostics:
 
 
 class Warnings:
-    """Logs warnings, each in one line and not more than one in `WARNING_PERIOD`; `last` is the last text."""
+    """Logs warnings, each in one line, at most one in `WARNING_PERIOD`.
+
+    `last` is the text of the last one.
+    """
 
     def __init__(self, node: Node) -> None:
         self._logger = node.get_logger()
@@ -147,9 +153,10 @@ class Diagnosis:
         topic = self._inputs[name].topic
         if len(gaps) < GAPS or (usual := float(np.median(gaps))) <= 0.5 * timeout:
             return ""
+        needed = math.ceil(40.0 * usual) / 10.0
         return (
-            f"{topic}: messages came {usual:.2f} s apart, too rarely for a timeout of {timeout:g} s: the "
-            f"robot pauses between them; set {name}_timeout:={math.ceil(40.0 * usual) / 10.0:.1f}"
+            f"{topic}: messages came {usual:.2f} s apart, too rarely for a timeout of {timeout:g} "
+            f"s: the robot pauses between them; set {name}_timeout:={needed:.1f}"
         )
 
     def senders_problem(self) -> str:
@@ -217,7 +224,8 @@ def unconnected(node: Node, topic: str, kind: type, known: Collection[str] | Non
     short = _short(type_name(kind))
     if not elsewhere:
         return f"{text}, and there is no other topic of type {short}: start the node that {does} it"
-    return f"{text}; of type {short} there is {', '.join(elsewhere)}: remap with -r {topic}:={elsewhere[0]}"
+    remedy = f"remap with -r {topic}:={elsewhere[0]}"
+    return f"{text}; of type {short} there is {', '.join(elsewhere)}: {remedy}"
 
 
 def incompatibility(offered: QoSProfile, requested: QoSProfile) -> str:
@@ -246,7 +254,7 @@ def _short(name: str) -> str:
 
 
 def type_mismatch(node: Node, topic: str, kind: type) -> str:
-    """Return which node publishes another type than `node` subscribes to: ROS drops its messages."""
+    """Return which node publishes another type than `node` subscribes to, which ROS drops."""
     for info in node.get_publishers_info_by_topic(topic):
         if info.topic_type != type_name(kind):
             expected = _short(type_name(kind))
@@ -256,7 +264,10 @@ def type_mismatch(node: Node, topic: str, kind: type) -> str:
 
 
 def several_publishers(node: Node, topics: Iterable[str]) -> str:
-    """Return the topics with several publishers, which DDS counts for 20 s after they were killed."""
+    """Return the topics with several publishers; empty if there are none.
+
+    DDS counts killed publishers for 20 s.
+    """
     senders = {
         topic: [node_of(s) for s in node.get_publishers_info_by_topic(topic)] for topic in topics
     }

@@ -112,7 +112,7 @@ class LazyPublisher:
         self._publisher = node.create_publisher(kind, topic, LATCHED, event_callbacks=matched)
 
     def publish(self, factory: Callable[[], Any]) -> None:
-        """Publish what `factory` returns, now or once there is a subscriber, unless replaced before."""
+        """Publish what `factory` returns once there is a subscriber, unless replaced before."""
         self._factory = factory
         self._send()
 

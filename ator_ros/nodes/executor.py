@@ -91,8 +91,8 @@ _COMMON = (
     live(
         "odom_timeout",
         _USUAL.odom,
-        "real s without odometry, more if its stamps are slower than real time, at least 2 if faster "
-        "or just after the start, and its greatest delay; the robot pauses after half",
+        "real s without odometry, more if its stamps are slower than real time, at least 2 if "
+        "faster or just after the start, and its greatest delay; the robot pauses after half",
         0.05,
         60.0,
     ),
@@ -200,8 +200,8 @@ class ExecutorNode(Node):
         sources = " and ".join(["odom" if "odom" in topics else "tf", *domain.objects])
         self.get_logger().info(
             f"ready for chains of {robot.name} (domain {domain.name}, ROS domain "
-            f"{self.context.get_domain_id()}), from {sources} in {self._settings['frame']} to cmd_vel; "
-            f"{self._sets.startup_text()}"
+            f"{self.context.get_domain_id()}), from {sources} in {self._settings['frame']} "
+            f"to cmd_vel; {self._sets.startup_text()}"
         )
 
     def _connect(self, robot: Robot) -> None:
@@ -221,11 +221,14 @@ class ExecutorNode(Node):
         self._diagnosis = Diagnosis(self, subscribed)
         self._server = ActionServer(
             self, ExecuteChain, "execute_chain", self._execute,
-            goal_callback=lambda _: GoalResponse.REJECT if self._shutting_down else GoalResponse.ACCEPT,
+            goal_callback=self._response,
             cancel_callback=self._cancel,
             result_timeout=_RESULT_TIMEOUT, **ACTION_QUEUES,
         )  # fmt: skip
         self.create_timer(WATCH_PERIOD, self._check_deadlines, clock=STEADY)
+
+    def _response(self, _: ExecuteChain.Goal) -> GoalResponse:
+        return GoalResponse.REJECT if self._shutting_down else GoalResponse.ACCEPT
 
     def _take_map(self, domain: Domain, robot: Robot) -> None:
         """Check goals on another map from now on."""
@@ -422,9 +425,10 @@ class ExecutorNode(Node):
         return self._diagnosis.cause(name, timeout)
 
     def _may_stall(self, now: float) -> bool:
-        """Return whether odometry may be missing for a while: of a fast simulation, or after a start.
+        """Return whether odometry may be missing for a while.
 
-        Nodes that start beside this one compile and discover each other.
+        That of a fast simulation may, and any after a start: nodes that start beside this one
+        compile and discover each other.
         """
         return self._inputs.is_fast or now - self._started < _STARTUP
 
@@ -444,8 +448,8 @@ class ExecutorNode(Node):
         if delay <= self._settings["odom_timeout"]:
             return ""
         return (
-            f"odom: states are {delay:.1f} s old when they are read: the network, a node that publishes "
-            "them or this machine cannot keep up"
+            f"odom: states are {delay:.1f} s old when they are read: the network, a node that "
+            "publishes them or this machine cannot keep up"
         )
 
     @property

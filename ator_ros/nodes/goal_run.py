@@ -40,9 +40,10 @@ _INTERRUPTED = (Ending.CANCELED, Ending.PREEMPTED, Ending.SHUTDOWN, Ending.REFUS
 
 
 class GoalRun:
-    """An accepted goal while it is executed; `finished` is the future of its result, which the executor sets.
+    """An accepted goal while it is executed.
 
-    Raises MessageError if the goal cannot be used, or leads out of the fence.
+    `finished` is the future of its result, which the executor sets. Raises MessageError if the goal
+    cannot be used, or leads out of the fence.
     """
 
     def __init__(
@@ -162,7 +163,8 @@ class GoalRun:
         )
         if self.supervisor.phase is Phase.REFINING:
             request.measure = True
-        else:  # the chain has changed since it was sent; the answer must be better than its present goals
+        else:
+            # the chain has changed since it was sent; the answer must be better than its goals now
             write = partial(
                 messages.chain_of, action_set=self._library.action_set, frame=self._frame
             )

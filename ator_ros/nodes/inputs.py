@@ -133,7 +133,7 @@ TYPES: dict[str, Any] = {
 
 @dataclass(slots=True)
 class Input:
-    """The source of the robot's or an object's state, a topic or two frames in tf, and its last messages.
+    """The source of a state, a topic or two frames in tf, and its last messages.
 
     `last` is the real time in s of the last message, `advanced` that of the last one with a new
     `stamp` (s), and `gaps` are the real s between the last of those. `error` is why the last
@@ -163,7 +163,9 @@ class Input:
 
 
 class Subscriptions:
-    """Subscribes to the state of a robot and of objects; `inputs` are the sources by name, "odom" the robot.
+    """Subscribes to the state of a robot and of objects.
+
+    `inputs` are the sources by name, "odom" that of the robot.
 
     Parameters
     ----------

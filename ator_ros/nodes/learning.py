@@ -36,7 +36,7 @@ from ator_ros.nodes.parameters import (
     map_file,
     map_topic,
 )
-from ator_ros.nodes.path_planner import expect_planner_usable, planner_name
+from ator_ros.nodes.path_planner import planner_name
 from ator_ros.nodes.qos import RESULTS, SERVICES
 from ator_ros.nodes.running import run_node
 from ator_ros.printable import one_line
@@ -84,8 +84,7 @@ class LearningNode(Node):
         self._domain, self._robot = domain_and_robot(settings)
         self._folder = folder = Path(settings["learned"] or _DEFAULT_FOLDER).expanduser()
         given = {name: settings[name] for name in ("domain", "robot", "models", "frame")}
-        planner = planner_name(self, settings)
-        expect_planner_usable(settings, self._domain)
+        planner = planner_name(self, settings, self._domain)
         self._grid = map_file(settings)
         self._awaits_map = bool(map_topic(settings))
         self._topic_map: GridMap | None = None
@@ -116,9 +115,10 @@ class LearningNode(Node):
         self.create_service(SetBool, "~/freeze", self._freeze, qos_profile=SERVICES)
         self.create_timer(_PERIOD, self._work, clock=STEADY)
         Diagnostics(self, self._health, subscribed)
+        frozen = ", frozen" if self._learner.frozen else ""
         self.get_logger().info(
-            f"learning from {', '.join(settings['records'])} into {folder}: {self._learner.stored} records, "
-            f"set {self._learner.diagnostics()['set']}{', frozen' if self._learner.frozen else ''}"
+            f"learning from {', '.join(settings['records'])} into {folder}: {self._learner.stored} "
+            f"records, set {self._learner.diagnostics()['set']}{frozen}"
         )
 
     def _take_map(self, domain: Domain, robot: Robot) -> None:
@@ -129,7 +129,10 @@ class LearningNode(Node):
         self._awaits_map = False
 
     def _start_round(self) -> RoundProcess:
-        """Start a round in a process, which reads the map of a topic from a file; raises OSError."""
+        """Start a round in a process, which reads the map of a topic from a file.
+
+        Raises OSError.
+        """
         grid = self._grid
         if self._topic_map is not None:
             grid = str(save_map(self._topic_map, self._folder))

@@ -1,7 +1,7 @@
 """Leases of goals: the executor ends a goal of execute_chain whose client is gone.
 
-A client publishes a topic with the quality of service `LEASE` and names it in its goals. DDS reports
-the end of the publisher: immediately if the client ends, and within 2 s if its process was
+A client publishes a topic with the quality of service `LEASE` and names it in its goals. DDS
+reports the end of the publisher: immediately if the client ends, and within 2 s if its process was
 killed. The graph of ROS lists killed nodes for up to 20 s.
 """
 

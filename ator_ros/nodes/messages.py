@@ -104,9 +104,10 @@ def into_frame(
     chains: Iterable[msg.TopChain],
     situations: Iterable[msg.Situation] = (),
 ) -> None:
-    """Transform goals and situations in place to a frame, if `base` (`TfListener.base`) returns its pose.
+    """Transform goals and situations in place to a frame.
 
-    Each frame is looked up once, which takes up to 1 ms.
+    Those whose frame has no pose according to `base` (`TfListener.base`) are left. Each frame is
+    looked up once, which takes up to 1 ms.
     """
     origin_in = cache(partial(base, frame))
     for goal in (call.goal for chain in chains for call in chain.calls):
@@ -277,7 +278,10 @@ def call_of(call: TopCall, *, frame: str) -> msg.TopCall:
 def statements_from(
     goal: msg.PlanGoal, named: Mapping[str, Condition], variables: Sequence[str]
 ) -> list[GoalStatement]:
-    """Read the goal of a plan: one of the domain's `named` goals, or terms about its state `variables`."""
+    """Read the goal of a plan.
+
+    That is one of the domain's `named` goals, or terms about its state `variables`.
+    """
     if goal.name and goal.terms:
         raise MessageError("goal: expected a name or terms, got both")
     if goal.name:

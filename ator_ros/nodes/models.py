@@ -30,7 +30,7 @@ from ator_ros.tops.library import TopLibrary
 LEARNED = Parameter(
     "learned",
     "",
-    "folder of the node `learning`: its set in use replaces `models` once there is one; empty: none",
+    "folder of the node `learning`, whose set replaces `models` once there is one; empty: none",
 )
 _PERIOD = 0.5  # real s between two looks at the learned folder
 _LONGEST_READ = 90.0  # real s; a new set may compile for a minute
@@ -69,8 +69,9 @@ class LearnedModels:
 
 
 class LearnedSets:
-    """The models of a node: those of its parameter `models`, or the set in use of its parameter `learned`.
+    """The models of a node.
 
+    They are those of its parameter `models`, or the set in use of its parameter `learned`.
     `warm_up` is called with the library of an action set and its models before they are used, in a
     thread for a new learned set. That thread also watches the learned folder, since a network share
     may hang. While it cannot be read, what is in use is kept. The main thread reads the folder at
@@ -191,7 +192,10 @@ class LearnedSets:
         return LearnedModels(place, state, gains, problem, manifest, models, failure)
 
     def _load_learned(self, place: Path) -> tuple[Manifest, dict[str, ModelSet]]:
-        """Load a learned set; raise FileError if some of it cannot be used, OSError to try again."""
+        """Load a learned set.
+
+        Raises FileError if some of it cannot be used, and OSError to try again.
+        """
         try:
             manifest = read_manifest(place)
         except DamagedFileError:

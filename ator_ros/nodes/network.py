@@ -17,7 +17,9 @@ PROFILES = "FASTRTPS_DEFAULT_PROFILES_FILE"
 _OPEN = ("SUBNET", "SYSTEM_DEFAULT")
 _ELSEWHERE = ("ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER")
 _DOMAINS = 100
-_FIRST_PORT, _PORTS = 7400, 250  # UDP ports of domain 0, and of each domain, in the DDS standard
+# UDP ports in the DDS standard: the first one of domain 0, and the number of ports of a domain
+_FIRST_PORT = 7400
+_PORTS = 250
 
 
 class NodesError(ReadableError, RuntimeError):

@@ -89,7 +89,7 @@ PARAMETERS = (
     Parameter(
         "deadline",
         0.05,
-        "s of CPU time, with `planner` of real time, after which the best chain found is the answer",
+        "s of CPU time, with `planner` of real time, after which the best chain is the answer",
         0.001,
         _LONGEST_DEADLINE,
     ),
@@ -163,7 +163,8 @@ class RefinementNode(Node):
     def _warm_up(self, library: TopLibrary, read: ModelSet) -> None:
         """Compile what refinement needs, and warn of models that were learned on other routes."""
         grid = self._robot.grid
-        # The thread of a learned set would keep requests from the planner; code is compiled by then.
+        # The thread of a learned set would keep requests from the planner. The code is compiled
+        # by then.
         if grid is None or grid.planner is None or current_thread() is main_thread():
             warm_up_refinement(library, self._refiner(read, Gate()))
         learned = {
@@ -172,8 +173,9 @@ class RefinementNode(Node):
         for other in sorted(learned):
             if grid is not None and (PATHS_OF in other) != (grid.planner is not None):
                 warning = (
-                    f"action set {library.action_set}: models were learned on the map {other}, but are used "
-                    f"on {grid}: set the parameter planner if, and only if, they were learned with it"
+                    f"action set {library.action_set}: models were learned on the map {other}, but "
+                    f"are used on {grid}: set the parameter planner if, and only if, they were "
+                    "learned with it"
                 )
                 self.get_logger().warning(one_line(warning))
 

@@ -88,12 +88,15 @@ class RemoteServers:
         return any(server.ending() for server in self._servers.values())
 
     def check(self) -> None:
-        """Cancel what may still move the robot although its goal was canceled; call this periodically."""
+        """Cancel what may still move the robot although its goal was canceled.
+
+        Call this periodically.
+        """
         for server in self._servers.values():
             server.check()
 
     def stop(self) -> None:
-        """Cancel what may still move the robot, before the node ends and cannot check it any more."""
+        """Cancel what may still move the robot, before the node ends."""
         for server in self._servers.values():
             server.stop()
 
@@ -273,7 +276,7 @@ class RemoteServer:
             self.cancel_others()
 
     def cancel_others(self) -> None:
-        """Cancel all goals of the servers `cancel_too`, which may move the robot without this one."""
+        """Cancel all goals of the servers `cancel_too`, which may still move the robot."""
         for name, client in self._others.items():
             if client.service_is_ready():
                 # an empty goal id and a stamp of 0 mean all goals
@@ -284,8 +287,8 @@ class RemoteServer:
         canceled = len(answer.result().goals_canceling)
         if canceled:
             self._warn(
-                f"{self.name} is gone, hangs or ignored its cancellation; canceled {canceled} goals "
-                f"of {name}"
+                f"{self.name} is gone, hangs or ignored its cancellation; canceled {canceled} "
+                f"goals of {name}"
             )
 
     def ending(self) -> bool:
@@ -315,13 +318,14 @@ class RemoteServer:
 
 
 class RemoteGoal:
-    """One goal of a server: whether it was `accepted`, None before the answer, and its `status` and `result`.
+    """One goal of a server.
 
-    DDS lists a server that was killed for up to 20 s. Therefore the server is requested
-    periodically, one request at a time, to cancel an unknown goal. Each server answers that
-    immediately, except one that has no free thread while it drives: missing answers count only
-    after a first one. A restarted server does not answer requests to its predecessor, and does not
-    execute the goal either.
+    `accepted` is None before the answer; `status` and `result` are those of the server. DDS lists a
+    server that was killed for up to 20 s. Therefore the server is requested periodically, one
+    request at a time, to cancel an unknown goal. Each server answers that immediately, except one
+    that has no free thread while it drives: missing answers count only after a first one. A
+    restarted server does not answer requests to its predecessor, and does not execute the goal
+    either.
     """
 
     def __init__(self, client: ActionClient, message: Any, cancel: Client, silence: float) -> None:

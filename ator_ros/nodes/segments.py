@@ -1,4 +1,4 @@
-"""Drawings on the floor for the page in the browser and RViz: chains, rings, and the surroundings."""
+"""Drawings on the floor for the page and RViz: chains, rings, and the surroundings."""
 
 from __future__ import annotations
 
@@ -28,7 +28,8 @@ _ALTERNATIVE_WIDTH = 0.008
 _LINE_WIDTH = 0.03
 _ARROW_WIDTH = 0.04
 _ARROW = 0.4  # length of an arrow in m
-_RING_RADIUS, _RING_DEPTH = 0.35, 0.35  # m where the chain is fastest, and more where it is slowest
+_RING_RADIUS = 0.35  # m where the chain is fastest
+_RING_DEPTH = 0.35  # m more where it is slowest
 _RING_WIDTH = 0.03
 _CHOSEN_WIDTH = 0.05
 
@@ -86,7 +87,10 @@ def executed_chain_shapes(start: Pose, chain: TopChain, step: int) -> list[Segme
 def refinement_shapes(
     start: Pose, naive: TopChain, chain: TopChain, curves: Sequence[SubgoalCurve]
 ) -> list[Segments]:
-    """Return the naive chain from `start` in gray, the refined one in blue, rings of searched headings."""
+    """Return the naive chain from `start` in gray, the refined one in blue, and rings.
+
+    See `ring`.
+    """
     return [
         *_chain_shapes("naive", start, naive, GRAY),
         *_chain_shapes("chain", start, chain, BLUE),
@@ -104,10 +108,10 @@ def alternative_shapes(start: Pose, chains: Sequence[TopChain]) -> list[Segments
 
 
 def costs_by_heading(curve: SubgoalCurve) -> tuple[FloatArray, FloatArray]:
-    """Return the searched headings in rad, ascending in [-pi, pi), and the least cost in s through each.
+    """Return the searched headings and the least cost in s through each.
 
-    Both have shape (n,), and are empty where the heading was not searched; infinite costs are left
-    out.
+    Headings are in rad, ascending in [-pi, pi). Both have shape (n,), and are empty where the
+    heading was not searched; infinite costs are left out.
     """
     if "yaw" not in curve.names:
         return np.zeros(0), np.zeros(0)
@@ -146,7 +150,7 @@ def ring(chain: TopChain, curve: SubgoalCurve) -> tuple[Segments, ...]:
 
 
 def surroundings(domain: Domain, robot: Robot) -> list[Segments]:
-    """Return the outline of the area, the domain's lines, and the walls of the bays as thick lines."""
+    """Return the outline of the area, the domain's lines, and the walls of the bays."""
     x_min, y_min, x_max, y_max = robot.scene.area.lines
     outline = [(x_min, y_min), (x_max, y_min), (x_max, y_max), (x_min, y_max), (x_min, y_min)]
     shapes = [polyline("area", outline, WHITE, _LINE_WIDTH)]

@@ -79,7 +79,7 @@ class SimulatedWorld:
         self._observe_all()
 
     def awaited(self) -> set[int]:
-        """Return the numbers (indices in `robots`) of the robots whose next command a tick waits for.
+        """Return the robots whose next command a tick waits for, by their indices in `robots`.
 
         Of several robots those that were commanded to stop are left out, as the others need their
         odometry.
@@ -110,9 +110,10 @@ class SimulatedWorld:
         self._begin()
 
     def place_robot(self, pose: Pose, number: int, *, v: float, w: float) -> None:
-        """Put the axle of robot `number`, its index in `robots`, at `pose`, moving at v (m/s) and w (rad/s).
+        """Put the axle of a robot at `pose`, moving at v (m/s) and w (rad/s).
 
-        Raises MessageError outside the floor, in another body, or beyond the robot's limits.
+        `number` is its index in `robots`. Raises MessageError outside the floor, in another body,
+        or beyond the robot's limits.
         """
         limits = self.robot.limits
         self._check_inside(pose.x, pose.y, "pose.pose.position")

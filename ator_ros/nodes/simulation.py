@@ -145,8 +145,9 @@ class SimulationNode(Node):
         names = ", ".join(each.name for each in self._world.robots)
         domain = domain_for(settings["domain"], settings["robot"]).name
         self.get_logger().info(
-            f"simulating {robot.name}{f' as {names}' if names else ''} {speed} (domain {domain}, ROS domain "
-            f"{self.context.get_domain_id()}): cmd_vel to {', '.join(('odom', *robot.scene.objects))}"
+            f"simulating {robot.name}{f' as {names}' if names else ''} {speed} (domain {domain}, "
+            f"ROS domain {self.context.get_domain_id()}): cmd_vel to "
+            f"{', '.join(('odom', *robot.scene.objects))}"
         )
 
     def _topics_of(self, number: int) -> RobotTopics:
@@ -341,7 +342,10 @@ def world_of(settings: Mapping[str, Any]) -> SimulatedWorld:
 
 
 def _starts(numbers: Sequence[float], count: int, area: Area) -> list[Pose]:
-    """Return the start of each robot: those given, then each `_ASIDE` to the left of the one before."""
+    """Return the start of each robot.
+
+    Those that are not given start `_ASIDE` to the left of the one before.
+    """
     if (
         len(numbers) % 3
         or not 3 <= len(numbers) <= 3 * count
