@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,10 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.intp]
+Records = NDArray[np.void]
+"""An array of records."""
+Record: TypeAlias = Any
+"""One record, whose fields compiled code reads and writes as attributes."""
 
 
 class Pose(NamedTuple):

@@ -12,7 +12,7 @@ _TOLERANCE = 0.1  # m; greatest distance of a path from the straight lines betwe
 
 
 def route_along(path: FloatArray, look_ahead: float) -> tuple[float, float, float, float, bool]:
-    """Return the route along a path: length in m; turn, departure and arrival in rad; whether it is straight.
+    """Return the route along a path: length in m; turn, departure, arrival in rad; is it straight.
 
     They are the fields of `ator_ros.bases.routes.RouteSet` of the same names, for one route.
 
@@ -45,7 +45,8 @@ def _corners(path: FloatArray) -> FloatArray:
     The turn of a route is summed at these. A planned path steps from cell to cell of a grid: the
     angles of all steps would add up to far more than the turn of its corners.
     """
-    kept, open_parts = {0, len(path) - 1}, [(0, len(path) - 1)]
+    kept = {0, len(path) - 1}
+    open_parts = [(0, len(path) - 1)]
     while open_parts:
         first, last = open_parts.pop()
         chord = path[last] - path[first]

@@ -34,33 +34,38 @@ from ator_ros.geometry import BoolArray, FloatArray, Pose, wrap_angles
 from ator_ros.world.grid_map import GridMap, Planner
 
 LOOK_AHEAD = 0.5
-"""Length in m of the ends of a route, over which its headings at departure and arrival are averaged."""
+"""Length in m of the ends of a route, over which departure and arrival are averaged."""
 CLEARANCES = (0.35, 0.25, 0.15, 0.05, 0.0)
 """Distances in m between robot and obstacles, of which a whole route keeps one.
 
-It is the largest at which start and goal, or the nearest free cells to them, are connected. Planners prefer
-such a distance, as Nav2 does with its inflation layer."""
+It is the largest at which start and goal, or the nearest free cells to them, are connected.
+Planners prefer such a distance, as Nav2 does with its inflation layer."""
 _CELL = 0.1  # m; a usual side of a cell
-# Least radius of the robot in sides of a cell, where a cell is a block of k x k cells of the map. The
-# places with the greatest clearance in two blocks side by side are at most √((2k - 1)² + (k - 1)²)
-# apart, less than √5 k. If each keeps a radius of more than half of that and 0.71 cells of the map
-# from obstacles, the line between them crosses no wall, not even one of cells that touch at corners.
+# Least radius of the robot in sides of a cell, where a cell is a block of k x k cells of the map.
+# The places with the greatest clearance in two blocks side by side are at most
+# √((2k - 1)² + (k - 1)²) apart, less than √5 k. If each keeps a radius of more than half of that
+# and 0.71 cells of the map from obstacles, the line between them crosses no wall, not even one of
+# cells that touch at corners.
 _LEAST_RADIUS = 1.15
 _MOST_CELLS = 16_000_000  # 400 x 400 m; 45 bytes each
-_WINDOW_CELLS, _WINDOW_REACH = 250_000, 250  # of a first window; its field takes 40 ms
+# of a first window; its field takes 40 ms
+_WINDOW_CELLS = 250_000
+_WINDOW_REACH = 250
 # Cells by which clearances may be too large: a cell has the greatest one in it, and its diagonal is
 # √2 cells. A start or goal may be nearer to an obstacle by as much, which allows for errors of
 # localization, too.
 _TOLERANCE = 1.5
 _FIELD_BYTES = 200_000_000  # memory of the cached fields of a map, unless a single one has more
-_FEW, _CACHED_PAIRS = 64, 20_000  # up to so many pairs in one call are cached; size of that cache
+# up to so many pairs in one call are cached; size of that cache
+_FEW = 64
+_CACHED_PAIRS = 20_000
 _PLANNING = threading.Lock()  # a planner may be a client that only one thread may use at a time
 _BUCKETS = 4.0  # buckets of the queue per cell of length
 Cells = NDArray[np.int32]
 Table = NDArray[np.float32]
 Places = NDArray[np.complex128]
 Tables = tuple[Table, Table, Table, Table]
-"""The route from each cell: length and least clearance in cells, turn and heading at the end in rad.
+"""The route from each cell: length and least clearance in cells; turn and last heading in rad.
 
 Clearances are known for all cells, the others only where routes bend."""
 
@@ -90,7 +95,8 @@ class _Field(NamedTuple):
 
     def cells(self, cells: Cells, columns: int) -> Cells:
         """Return cells of a map with so many columns as cells of the window, -1 outside."""
-        row, column = cells // columns - self.low, cells % columns - self.left
+        row = cells // columns - self.low
+        column = cells % columns - self.left
         inside = (row >= 0) & (row < self.rows) & (column >= 0) & (column < self.columns)
         return np.where(inside, row * self.columns + column, -1).astype(np.int32)
 
@@ -104,16 +110,20 @@ class Routes:
     def __init__(self, grid: GridMap, radius: float) -> None:
         from scipy import ndimage  # slow to import, and needed with a map only
 
-        self.grid, self.radius = grid, radius
+        self.grid = grid
+        self.radius = radius
         rows, columns = grid.free.shape
         finest = math.floor(radius / (_LEAST_RADIUS * grid.resolution) + 1e-9)
         step = max(min(round(_CELL / grid.resolution), finest), 1)
-        self._step, self._cell = step, step * grid.resolution
+        self._step = step
+        self._cell = step * grid.resolution
         if rows * columns > _MOST_CELLS * step**2:
-            width, height = columns * grid.resolution, rows * grid.resolution
+            width = columns * grid.resolution
+            height = rows * grid.resolution
             raise FileError(
-                f"{grid.name}: expected at most {_MOST_CELLS / 1e6:g} million cells of {self._cell:g} m, "
-                f"which a robot {2.0 * radius:g} m wide needs, got {width:.0f} x {height:.0f} m; use "
+                f"{grid.name}: expected at most {_MOST_CELLS / 1e6:g} million cells of "
+                f"{self._cell:g} m, which a robot {2.0 * radius:g} m wide needs, "
+                f"got {width:.0f} x {height:.0f} m; use "
                 "a part of this map"
             )
         self._map = np.pad(grid.free, ((0, -rows % step), (0, -columns % step)))
@@ -122,7 +132,9 @@ class Routes:
         usable = self._clearance > radius / self._cell - _TOLERANCE
         # For each of `CLEARANCES`: free cells, the nearest one to each cell, and connected
         # components.
-        frees, nearest, components = [], [], []
+        frees = []
+        nearest = []
+        components = []
         for distance in CLEARANCES:
             free = self._clearance > (radius + distance) / self._cell
             nearest.append(
@@ -147,7 +159,8 @@ class Routes:
         open_cells = np.argwhere(self._free[-1])
         if not len(open_cells):
             raise FileError(
-                f"{grid.name}: expected a place {radius:g} m from obstacles, got none: check resolution"
+                f"{grid.name}: expected a place {radius:g} m from obstacles, "
+                "got none: check resolution"
             )
         place = np.array([complex(open_cells[0, 1], open_cells[0, 0])])
         self._routes(place, place)  # loads compiled code
@@ -157,7 +170,8 @@ class Routes:
 
         A field is computed for each distinct start or goal, whichever are fewer.
         """
-        ends, count = np.stack([x, y, to_x, to_y]), len(x)
+        ends = np.stack([x, y, to_x, to_y])
+        count = len(x)
         if (ends == ends[:, :1]).all():  # as in a search for headings
             ends = ends[:, :1]
         # planned paths have their own cache
@@ -171,7 +185,7 @@ class Routes:
         return RouteSet(length, turn, clearance, departure, arrival, straight == 1.0)
 
     def _between(self, ends: FloatArray) -> FloatArray:
-        """Return the routes of pairs x, y, to_x, to_y in m, shape (4, n): the rows of a `RouteSet`."""
+        """Return routes of pairs x, y, to_x, to_y in m, shape (4, n), as rows of a `RouteSet`."""
         if self.grid.planner is not None:
             planned = [self._planned(self.grid.planner, *pair) for pair in ends.T.tolist()]
             return np.array(planned).reshape(-1, 6).T
@@ -183,7 +197,7 @@ class Routes:
     def _planned(
         self, planner: Planner, x: float, y: float, to_x: float, to_y: float
     ) -> FloatArray:
-        """Return the route along the path of a planner between two places in m, a column of a `RouteSet`."""
+        """Return the route along a planner's path between places in m: a column of a `RouteSet`."""
         # stops differ by centimeters
         key = tuple(round(value / _CELL) for value in (x, y, to_x, to_y))
         path = self._paths.get(key) if key[:2] != key[2:] else np.array([(x, y), (to_x, to_y)])
@@ -208,7 +222,7 @@ class Routes:
     def fault(
         self, x: float, y: float, start: tuple[float, float] | None = None, *, planned: bool = False
     ) -> str | None:
-        """Return the message of why a place in m cannot be reached from `start`, or from anywhere; else None.
+        """Return why a place in m cannot be reached from `start`, or from anywhere; else None.
 
         With `planned`, the planner of the map must find a path from `start`, too.
         """
@@ -221,7 +235,7 @@ class Routes:
         return f"expected a place in {wanted}, on the map {self.grid}, got x {x:.2f} m, y {y:.2f} m"
 
     def clearance(self, x: FloatArray, y: FloatArray) -> FloatArray:
-        """Return lower bounds in m, up to 0.2 m too low, of the distances of places from obstacles."""
+        """Return lower bounds in m, up to 0.2 m too low, of distances of places from obstacles."""
         return self._cell * np.maximum(self._clearances(x, y) - _TOLERANCE, 0.0)
 
     def _clearances(self, x: FloatArray, y: FloatArray) -> FloatArray:
@@ -230,10 +244,12 @@ class Routes:
         return np.where(cells < 0, 0.0, self._clearance.ravel()[cells])
 
     def _routes(self, starts: Places, goals: Places) -> FloatArray:
-        """Return the routes between places in cells, shape (6, n), lengths in cells: see `RouteSet`."""
-        from_cells, to_cells = self._cells(starts), self._cells(goals)
+        """Return routes between places in cells, shape (6, n), lengths in cells: see `RouteSet`."""
+        from_cells = self._cells(starts)
+        to_cells = self._cells(goals)
         levels = _levels(self._nearest, self._component, from_cells, to_cells)
-        ends, others = _distinct(goals), _distinct(starts)
+        ends = _distinct(goals)
+        others = _distinct(starts)
         backward = len(others) < len(ends)
         if backward:
             starts, goals, from_cells, to_cells, ends = goals, starts, to_cells, from_cells, others
@@ -267,8 +283,9 @@ class Routes:
     def _routes_to(
         self, end: complex, goal: int, starts: Places, cells: Cells, level: int
     ) -> FloatArray:
-        """Return the routes to a place, in the cell `goal`, from starts in `cells`, shape (6, n)."""
-        columns, look = self._clearance.shape[1], LOOK_AHEAD / self._cell
+        """Return routes to a place, in the cell `goal`, from starts in `cells`, shape (6, n)."""
+        columns = self._clearance.shape[1]
+        look = LOOK_AHEAD / self._cell
         field = self._fields.get((level, end))
         if field is None:
             field = self._field(level, goal, end, _WINDOW_REACH)
@@ -298,16 +315,22 @@ class Routes:
         """
         rows, columns = self._clearance.shape
         row, column = divmod(goal, columns)
-        low, high = max(row - reach, 0), min(row + reach + 1, rows)
-        left, right = max(column - reach, 0), min(column + reach + 1, columns)
+        low = max(row - reach, 0)
+        high = min(row + reach + 1, rows)
+        left = max(column - reach, 0)
+        right = min(column + reach + 1, columns)
         if rows * columns <= _WINDOW_CELLS:
-            low, high, left, right = 0, rows, 0, columns
+            low = 0
+            high = rows
+            left = 0
+            right = columns
         whole = (high - low, right - left) == (rows, columns)
         free = np.ascontiguousarray(self._free[level, low:high, left:right])
         clearance = np.ascontiguousarray(self._clearance[low:high, left:right]).ravel()
         inside = (row - low) * (right - left) + column - left
         parent, order = _parents(free, inside)
-        corner, look = complex(left, low), LOOK_AHEAD / self._cell
+        corner = complex(left, low)
+        look = LOOK_AHEAD / self._cell
         tables = _tables(parent, order, right - left, end - corner, clearance, look)
         field = _Field(
             low=low,
@@ -345,7 +368,7 @@ def routes_of(robot: Robot) -> Routes | None:
 
 
 def reachable(places: Sequence[Pose], robot: Robot) -> bool:
-    """Return whether the robot can turn at places on its map, and routes lead from each to the next."""
+    """Return whether the robot can turn at places on its map, with routes from each to the next."""
     routes = routes_of(robot)
     if routes is None:
         return True
@@ -355,8 +378,9 @@ def reachable(places: Sequence[Pose], robot: Robot) -> bool:
 
 
 def arrival_heading(start: Sequence[float], goal: Pose, robot: Robot) -> float:
-    """Return the heading in rad in which a robot arrives at a goal from x, y (m), along the route if any."""
-    routes, found = routes_of(robot), math.nan
+    """Return the heading in rad in which a robot arrives from x, y (m), along the route if any."""
+    routes = routes_of(robot)
+    found = math.nan
     if routes is not None:
         found = routes.between(*np.array([[*start, *goal[:2]]], dtype=float).T).arrival[0]
     return math.atan2(goal.y - start[1], goal.x - start[0]) if math.isnan(found) else found
@@ -380,7 +404,8 @@ def _levels(
         if starts[at] < 0 or goals[at] < 0:
             continue
         for level in range(len(nearest)):
-            start, goal = nearest[level, starts[at]], nearest[level, goals[at]]
+            start = nearest[level, starts[at]]
+            goal = nearest[level, goals[at]]
             if start >= 0 and goal >= 0 and component[level, start] == component[level, goal]:
                 levels[at] = level
                 break
@@ -394,10 +419,12 @@ def _line_of_sight(free: BoolArray, cell: int, other: int) -> bool:
     Of the two cells beside a diagonal step one must be: else a thin wall leads between them.
     """
     columns = free.shape[1]
-    row, column = cell // columns, cell % columns
-    down, right = other // columns - row, other % columns - column
+    row, column = divmod(cell, columns)
+    down = other // columns - row
+    right = other % columns - column
     steps = max(abs(down), abs(right))
-    before_row, before_column = row, column
+    before_row = row
+    before_column = column
     for step in range(1, steps + 1):
         share = step / steps
         at_row = row + math.floor(share * down + 0.5)
@@ -407,15 +434,16 @@ def _line_of_sight(free: BoolArray, cell: int, other: int) -> bool:
         is_diagonal = at_row != before_row and at_column != before_column
         if is_diagonal and not (free[at_row, before_column] or free[before_row, at_column]):
             return False
-        before_row, before_column = at_row, at_column
+        before_row = at_row
+        before_column = at_column
     return True
 
 
 @compiled
 def _clearances(free: BoolArray, step: int) -> tuple[Table, Cells]:
-    """Return the greatest clearance in each block of `step` x `step` cells of the map, and where it is.
+    """Return the greatest clearance in each block of `step` x `step` cells of the map, and where.
 
-    Clearances are exact distances from the nearest obstacle (Meijster, Roerdink and Hesselink 2000),
+    Clearances are exact distances from the nearest obstacle (Meijster, Roerdink, Hesselink 2000),
     in blocks; beyond the map are obstacles. The places are cells of the map.
     """
     rows, columns = free.shape
@@ -431,17 +459,21 @@ def _clearances(free: BoolArray, step: int) -> tuple[Table, Cells]:
     blocks = columns // step
     greatest = np.full((rows // step, blocks), -1.0, dtype=np.float32)
     clearest = np.zeros(rows // step * blocks, dtype=np.int32)
-    # The nearest obstacle of each place is in the column `nearest[part]` from the place `first[part]`
+    # The nearest obstacle of places from `first[part]` on is in the column `nearest[part]`
     # on. Columns count from 1; 0 and the last one are beyond the map.
-    nearest, first = np.zeros(columns + 2, dtype=np.int64), np.zeros(columns + 2, dtype=np.int64)
+    nearest = np.zeros(columns + 2, dtype=np.int64)
+    first = np.zeros(columns + 2, dtype=np.int64)
     squares = np.zeros(columns + 2, dtype=np.int64)
     for row in range(rows):
         for column in range(columns):
             squares[column + 1] = np.int64(across[row, column]) ** 2
-        nearest[0], first[0], part = 0, 0, 0
+        nearest[0] = 0
+        first[0] = 0
+        part = 0
         for column in range(1, columns + 2):
             while part >= 0:
-                other, place = nearest[part], first[part]
+                other = nearest[part]
+                place = first[part]
                 if (place - other) ** 2 + squares[other] <= (place - column) ** 2 + squares[column]:
                     break
                 part -= 1
@@ -452,7 +484,8 @@ def _clearances(free: BoolArray, step: int) -> tuple[Table, Cells]:
                 begin = 1 + further // (2 * (column - other))
             if begin < columns + 2:
                 part += 1
-                nearest[part], first[part] = column, begin
+                nearest[part] = column
+                first[part] = begin
         for place in range(columns + 1, 0, -1):
             if place <= columns:
                 distance = math.sqrt((place - nearest[part]) ** 2 + squares[nearest[part]])
@@ -467,7 +500,7 @@ def _clearances(free: BoolArray, step: int) -> tuple[Table, Cells]:
 
 
 def _offsets(most: float) -> Cells:
-    """Return the steps from a cell to those at most so many cells away, shape (n, 2), nearest first."""
+    """Return the steps to cells at most so many cells away, shape (n, 2), nearest first."""
     reach = np.arange(-int(most), int(most) + 1)
     right, down = (values.ravel() for values in np.meshgrid(reach, reach, indexing="ij"))
     squares = down**2 + right**2
@@ -479,7 +512,7 @@ def _offsets(most: float) -> Cells:
 def _nearest_free(
     free: BoolArray, usable: BoolArray, offsets: Cells, whole: BoolArray, clearest: Cells
 ) -> Cells:
-    """Return the nearest free cell to each usable one, at one of `offsets`, else -1, shape (cells,).
+    """Return the free cell nearest to each usable one, at one of `offsets`, else -1.
 
     On the line between them all cells of the map, `whole`, are free.
     """
@@ -491,7 +524,8 @@ def _nearest_free(
                 continue
             cell = row * columns + column
             for step in range(len(offsets)):
-                down, right = row + offsets[step, 0], column + offsets[step, 1]
+                down = row + offsets[step, 0]
+                right = column + offsets[step, 1]
                 if not (0 <= down < rows and 0 <= right < columns and free[down, right]):
                     continue
                 other = down * columns + right
@@ -509,7 +543,8 @@ def _cells_of(
     rows, columns = shape
     found = np.full(len(places), -1, dtype=np.intp)
     for at in range(len(places)):
-        row, column = places[at].imag + 0.5, places[at].real + 0.5
+        row = places[at].imag + 0.5
+        column = places[at].real + 0.5
         if not (0.0 <= row < rows and 0.0 <= column < columns):
             continue
         cell = int(row) * columns + int(column)
@@ -522,13 +557,15 @@ def _cells_of(
 
 @compiled
 def _beside_connected(settled: BoolArray, parent: Cells, columns: int, cell: int) -> bool:
-    """Return whether the two neighbors beside the line to the parent of a cell have that parent, too.
+    """Return whether both neighbors beside the line to the parent of a cell have that parent.
 
     Then it has a line of sight, which takes longer to check.
     """
     goal = parent[cell]
-    down, right = goal // columns - cell // columns, goal % columns - cell % columns
-    down1, right1 = int(np.sign(down)), int(np.sign(right))
+    down = goal // columns - cell // columns
+    right = goal % columns - cell % columns
+    down1 = int(np.sign(down))
+    right1 = int(np.sign(right))
     diagonal = straight = cell + down1 * columns + right1
     if abs(down) > abs(right):
         straight = cell + down1 * columns
@@ -544,7 +581,8 @@ def _beside_connected(settled: BoolArray, parent: Cells, columns: int, cell: int
 def _neighbors(free: BoolArray, cell: int, neighbors: Cells) -> int:
     """Write the cells next to `cell` that can be entered from there, and return their number."""
     rows, columns = free.shape
-    row, column, count = cell // columns, cell % columns, 0
+    row, column = divmod(cell, columns)
+    count = 0
     for r in range(max(row - 1, 0), min(row + 2, rows)):
         for c in range(max(column - 1, 0), min(column + 2, columns)):
             if free[r, c] and free[row, c] and free[r, column]:
@@ -560,18 +598,28 @@ def _distance(cell: int, other: int, columns: int) -> float:
 
 @compiled
 def _parents(free: BoolArray, goal: int) -> tuple[Cells, Cells]:
-    """Return the parent of each cell, -1 where no route leads, and the cells in order of their lengths."""
+    """Return the parent of each cell, -1 where no route leads, and the cells by length."""
     rows, columns = free.shape
     count = rows * columns
-    parent, length = np.full(count, -1, dtype=np.int32), np.full(count, np.inf)
-    settled, neighbors = np.zeros(count, dtype=np.bool_), np.empty(9, dtype=np.int32)
-    order, done = np.empty(count, dtype=np.int32), 0
+    parent = np.full(count, -1, dtype=np.int32)
+    length = np.full(count, np.inf)
+    settled = np.zeros(count, dtype=np.bool_)
+    neighbors = np.empty(9, dtype=np.int32)
+    order = np.empty(count, dtype=np.int32)
+    done = 0
     # The queue: for each bucket of lengths a linked list. The buckets form a ring, longer than any
     # step.
     first = np.full(int(2 * _BUCKETS * (rows + columns)), -1, dtype=np.int32)
-    queued, after = np.empty(8 * count + 1, dtype=np.int32), np.empty(8 * count + 1, dtype=np.int32)
-    parent[goal], length[goal], queued[0], after[0], first[0] = goal, 0.0, goal, -1, 0
-    pushed, waiting, bucket = 1, 1, 0
+    queued = np.empty(8 * count + 1, dtype=np.int32)
+    after = np.empty(8 * count + 1, dtype=np.int32)
+    parent[goal] = goal
+    length[goal] = 0.0
+    queued[0] = goal
+    after[0] = -1
+    first[0] = 0
+    pushed = 1
+    waiting = 1
+    bucket = 0
     while waiting > 0:
         while first[bucket % len(first)] < 0:
             bucket += 1
@@ -581,7 +629,8 @@ def _parents(free: BoolArray, goal: int) -> tuple[Cells, Cells]:
         cell = queued[entry]
         if settled[cell]:
             continue
-        near, candidate = _neighbors(free, cell, neighbors), parent[cell]
+        near = _neighbors(free, cell, neighbors)
+        candidate = parent[cell]
         if not _beside_connected(settled, parent, columns, cell) and not _line_of_sight(
             free, cell, candidate
         ):
@@ -593,7 +642,8 @@ def _parents(free: BoolArray, goal: int) -> tuple[Cells, Cells]:
                         beyond = other
                     total = length[beyond] + _distance(cell, beyond, columns)
                     if total < length[cell]:
-                        length[cell], parent[cell] = total, beyond
+                        length[cell] = total
+                        parent[cell] = beyond
             candidate = parent[cell]
         settled[cell] = True
         order[done] = cell
@@ -601,10 +651,14 @@ def _parents(free: BoolArray, goal: int) -> tuple[Cells, Cells]:
         for other in neighbors[:near]:
             total = length[candidate] + _distance(other, candidate, columns)
             if not settled[other] and total < length[other]:
-                length[other], parent[other] = total, candidate
+                length[other] = total
+                parent[other] = candidate
                 place = max(int(_BUCKETS * total), bucket) % len(first)
-                queued[pushed], after[pushed], first[place] = other, first[place], pushed
-                pushed, waiting = pushed + 1, waiting + 1
+                queued[pushed] = other
+                after[pushed] = first[place]
+                first[place] = pushed
+                pushed += 1
+                waiting += 1
     return parent, order[:done]
 
 
@@ -627,7 +681,7 @@ def _turned(before: complex, after: complex) -> float:
 
 @compiled
 def _arrival(start: complex, first: complex, rest: float, end: complex, look: float) -> float:
-    """Return the heading in rad over the last `look` of a route that is `rest` long after its first part."""
+    """Return the heading in rad at the end of a route, `rest` long after its first part."""
     share = max(abs(first) + rest - look, 0.0) / max(abs(first), 1e-9)
     return _heading(end - start - share * first)
 
@@ -637,13 +691,17 @@ def _tables(
     parent: Cells, order: Cells, columns: int, end: complex, clearance: Table, look: float
 ) -> Tables:
     """Return the tables of a field to the exact place `end`; see `Tables`."""
-    length, turn = np.zeros(len(parent), dtype=np.float32), np.zeros(len(parent), dtype=np.float32)
-    least, arrival = clearance.copy(), np.zeros(len(parent), dtype=np.float32)
-    goal, bends = order[0], np.zeros(len(parent), dtype=np.bool_)
+    length = np.zeros(len(parent), dtype=np.float32)
+    turn = np.zeros(len(parent), dtype=np.float32)
+    least = clearance.copy()
+    arrival = np.zeros(len(parent), dtype=np.float32)
+    goal = order[0]
+    bends = np.zeros(len(parent), dtype=np.bool_)
     for cell in order:
         bends[parent[cell]] = True
     for cell in order[1:]:
-        bend, here = parent[cell], complex(cell % columns, cell // columns)
+        bend = parent[cell]
+        here = complex(cell % columns, cell // columns)
         first = _place(bend, columns, goal, end) - here
         step = here + first / max(abs(first.real), abs(first.imag), 1.0)
         ahead = int(step.imag + 0.5) * columns + int(step.real + 0.5)
@@ -674,25 +732,34 @@ def _look_up(
     length, least, turn, arrival = tables
     found = np.empty((6, len(starts)))
     for at in range(len(starts)):
-        start, cell = starts[at], cells[at]
+        start = starts[at]
+        cell = cells[at]
         if cell < 0 or parent[cell] < 0:  # beyond the window, or connected beyond it
             found[:, at] = np.inf
             continue
         bend = parent[cell]
         place = _place(bend, columns, goal, end)
         first = place - start
-        found[0, at], found[1, at], found[2, at] = abs(first) + length[bend], 0.0, least[cell]
-        found[3, at], found[4, at], found[5, at] = _heading(first), _heading(first), bend == goal
+        found[0, at] = abs(first) + length[bend]
+        found[1, at] = 0.0
+        found[2, at] = least[cell]
+        found[3, at] = _heading(first)
+        found[4, at] = _heading(first)
+        found[5, at] = bend == goal
         if bend == goal:
             continue
         second = _place(parent[bend], columns, goal, end) - place
-        found[1, at], found[4, at] = turn[bend] + _turned(first, second), arrival[bend]
+        found[1, at] = turn[bend] + _turned(first, second)
+        found[4, at] = arrival[bend]
         if length[bend] < look:
             found[4, at] = _arrival(start, first, length[bend], end, look)
-        left, begin, part = look, start, first
+        left = look
+        begin = start
+        part = first
         while abs(part) < left and bend != goal:
             left -= abs(part)
-            begin, bend = place, parent[bend]
+            begin = place
+            bend = parent[bend]
             place = _place(bend, columns, goal, end)
             part = place - begin
         found[3, at] = _heading(begin + min(left / max(abs(part), 1e-9), 1.0) * part - start)

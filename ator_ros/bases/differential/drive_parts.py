@@ -1,4 +1,4 @@
-"""The parts of an observed drive: a turn, a straight and another turn, which odometry's speeds separate."""
+"""The parts of an observed drive, which speeds separate: a turn, a straight and another turn."""
 
 from __future__ import annotations
 
@@ -33,7 +33,8 @@ def parts_of_drive(times: FloatArray, speeds: FloatArray, duration: float) -> Dr
     steps = speeds[:-1] * np.diff(times)
     driven = np.append(0.0, np.cumsum(steps))
     left = driven[-1] - driven
-    begun, ends = times[np.abs(driven) > _TURN_DISTANCE], times[np.abs(left) > _TURN_DISTANCE]
+    begun = times[np.abs(driven) > _TURN_DISTANCE]
+    ends = times[np.abs(left) > _TURN_DISTANCE]
     if not len(begun) or not len(ends) or begun[0] > ends[-1]:
         return DriveParts(driven=float(driven[-1]))
     return DriveParts(float(begun[0]), duration - float(ends[-1]), float(driven[-1]))

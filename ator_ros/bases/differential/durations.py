@@ -44,7 +44,7 @@ def rates_of(limits: Limits) -> Rates:
 
 @elementwise
 def turn_parts(angle: Real, rate: Any, aw: float) -> tuple[Real, Real]:
-    """Return how long the fastest turn by `angle` (rad) from rest to rest gains, and holds, its rate, in s.
+    """Return how long (s) the fastest turn by `angle` (rad), rest to rest, gains, holds its rate.
 
     `rate` (rad/s) is the greatest turn rate, `aw` (rad/s^2) its change when it is gained and when
     it is lost.
@@ -66,7 +66,8 @@ def turn_time(angle: Real, rate: Any, aw: float) -> Real:
 @elementwise
 def change_time(before: Real, after: Any, rates: Bounds) -> Real:
     """Return the least time in s for a change of speed from `before` to `after` (m/s)."""
-    per_a, per_brake = 1.0 / rates.a, 1.0 / rates.brake
+    per_a = 1.0 / rates.a
+    per_brake = 1.0 / rates.brake
     gain = np.abs(after) - np.abs(before)
     # If the sign of the speed changes, the base brakes and accelerates at the lower of both rates.
     reverses = where(before * after < 0.0, np.abs(after - before), 0.0)
@@ -78,7 +79,7 @@ def change_time(before: Real, after: Any, rates: Bounds) -> Real:
 
 @elementwise
 def change_distance(before: Real, after: Any, rates: Bounds) -> Real:
-    """Return the signed distance in m of the fastest change of speed from `before` to `after` (m/s)."""
+    """Return the signed distance in m of the fastest change from `before` to `after` (m/s)."""
     result: Real = 0.5 * (before + after) * change_time(before, after, rates)
     return result
 
@@ -99,7 +100,7 @@ def direction(distance: Real, before: Any, after: Any, rates: Bounds) -> Real:
 
 @elementwise
 def drive_time(distance: Real, before: Any, after: Any, rates: Bounds) -> Real:
-    """Return the time in s of straight drives over signed `distance` (m) between two speeds (m/s)."""
+    """Return the time in s of straight drives over signed `distance` (m) between speeds in m/s."""
     gaining, steady, losing, _ = drive_parts(distance, before, after, rates)
     result: Real = gaining + losing + steady
     return result
@@ -121,25 +122,28 @@ def drive_parts(
 def forward_parts(
     distance: Real, before: Any, after: Any, rates: Bounds
 ) -> tuple[Real, Real, Real, Real]:
-    """Return `drive_parts` of drives that accelerate first, or keep their speed, and brake at the end.
+    """Return `drive_parts` of drives that first accelerate, or keep their speed, and then brake.
 
     If the speed is negative at an end, it changes there at the lower of both accelerations, as it
     is both lost and gained in the other direction.
     """
-    a, brake, slow = rates.a, rates.brake, min(rates.a, rates.brake)
-    reverse1, reverse2 = before < 0.0, after < 0.0
-    up, down = where(reverse1, slow, a), where(reverse2, slow, brake)
+    a = rates.a
+    brake = rates.brake
+    slow = min(rates.a, rates.brake)
+    reverse1 = before < 0.0
+    reverse2 = after < 0.0
+    up = where(reverse1, slow, a)
+    down = where(reverse2, slow, brake)
     # Choosing reciprocals is faster than dividing.
-    per_up, per_down = (
-        where(reverse1, 1.0 / slow, 1.0 / a),
-        where(reverse2, 1.0 / slow, 1.0 / brake),
-    )
+    per_up = where(reverse1, 1.0 / slow, 1.0 / a)
+    per_down = where(reverse2, 1.0 / slow, 1.0 / brake)
     per_both = where(
         reverse1,
         where(reverse2, 1.0 / (slow + slow), 1.0 / (slow + brake)),
         where(reverse2, 1.0 / (a + slow), 1.0 / (a + brake)),
     )
-    square1, square2 = before * before, after * after
+    square1 = before * before
+    square2 = after * after
     square = (down * square1 + up * square2 + (2.0 * up * down) * distance) * per_both
     most = greatest(greatest(before, after), 0.0)
     square = least(greatest(square, most * most), rates.v * rates.v)

@@ -75,7 +75,8 @@ class BaseEstimate:
 
         For turning the lower one of gaining and losing speed.
         """
-        v, w = self.driving.response, self.turning.response
+        v = self.driving.response
+        w = self.turning.response
         return Limits(v=v.limit, w=w.limit, a=v.gain, brake=v.loss, aw=min(w.gain, w.loss))
 
 
@@ -94,12 +95,14 @@ def identify(samples: Sequence[DriveSample]) -> BaseEstimate:
 def check_plausible(estimate: BaseEstimate) -> None:
     """Raise DriveError if an estimate cannot be right; the message names it and the remedy."""
     for name, axis, unit in (("v", estimate.driving, "m/s"), ("w", estimate.turning, "rad/s")):
-        response, least = axis.response, _FAR_BELOW * axis.commanded
+        response = axis.response
+        least = _FAR_BELOW * axis.commanded
         slower, faster = sorted(axis.reached)
         if 0.0 < slower < (1.0 - _ALIKE) * faster:
             raise DriveError(
-                f"response of {name}: expected like speeds in both directions, got {axis.reached[0]:.2f} "
-                f"and {axis.reached[1]:.2f} {unit}; give a --{name} that the base reaches in both, or "
+                f"response of {name}: expected like speeds in both directions, "
+                f"got {axis.reached[0]:.2f} and {axis.reached[1]:.2f} {unit}; "
+                f"give a --{name} that the base reaches in both, or "
                 "correct its driver"
             )
         if axis.error > _UNFIT * response.limit:
@@ -110,7 +113,8 @@ def check_plausible(estimate: BaseEstimate) -> None:
             )
         if not axis.limited and response.limit < least:
             raise DriveError(
-                f"limits.{name}: expected at least half of the commanded {axis.commanded:.2f} {unit}, "
+                f"limits.{name}: expected at least half of the commanded "
+                f"{axis.commanded:.2f} {unit}, "
                 f"got {response.limit:.2f} {unit} while the base still accelerated; "
                 f"give more --space, or a lower --{name}"
             )
@@ -131,7 +135,7 @@ def check_plausible(estimate: BaseEstimate) -> None:
 
 
 def _point(spins: Sequence[DriveSample]) -> tuple[float, float]:
-    """Return where the point whose pose odometry gives lies, in m ahead and to the left of the axle.
+    """Return where odometry's point lies, in m ahead and to the left of the axle.
 
     In turns on the spot, with no drive between them, it moves in a circle around the middle of the
     axle; the circle is fitted by least squares. (0, 0) if the robot hardly turned.
@@ -139,7 +143,10 @@ def _point(spins: Sequence[DriveSample]) -> tuple[float, float]:
     yaws = np.unwrap([sample.robot.pose.yaw for sample in spins])
     if len(yaws) < _FEWEST or float(np.ptp(yaws)) < _LEAST_TURN:
         return 0.0, 0.0
-    cos, sin, one, zero = np.cos(yaws), np.sin(yaws), np.ones_like(yaws), np.zeros_like(yaws)
+    cos = np.cos(yaws)
+    sin = np.sin(yaws)
+    one = np.ones_like(yaws)
+    zero = np.zeros_like(yaws)
     # x = center_x + ahead cos(yaw) - left sin(yaw), y = center_y + ahead sin(yaw) + left cos(yaw)
     rows = np.concatenate(
         (
@@ -169,8 +176,8 @@ def _axis(
     top = float(np.abs(speeds).max())
     if top == 0.0:
         raise DriveError(
-            f"odometry: expected the speed of a base that moves in the part {sprint.value}, got 0 in all "
-            "messages; correct a bias of the twist, which looks like motion"
+            f"odometry: expected the speed of a base that moves in the part {sprint.value}, "
+            "got 0 in all messages; correct a bias of the twist, which looks like motion"
         )
     response = _fitted(times, commands, speeds)
     fitted = response.speeds(times, commands.tolist())
@@ -198,7 +205,7 @@ def _reached(times: Sequence[float], speeds: FloatArray) -> float:
 def _is_held(
     response: AxisResponse, times: Sequence[float], commands: FloatArray, noise: float
 ) -> bool:
-    """Return whether the limit held the base back: without it the fit would have gone on to gain speed."""
+    """Return whether the limit held the base back: the fit would go on to gain speed without it."""
     unlimited = replace(response, limit=_FASTEST).speeds(times, commands.tolist())
     least = response.limit + max(_NEAR * response.limit, noise)
     beyond = (np.abs(unlimited) > least) & (np.abs(commands) > response.limit)
@@ -206,7 +213,7 @@ def _is_held(
 
 
 def _fitted(times: Sequence[float], commands: FloatArray, speeds: FloatArray) -> AxisResponse:
-    """Fit a response by least squares from the best of several starts, as latency and lag are similar."""
+    """Fit a response by least squares from several starts, as latency and lag are similar."""
     sent = commands.tolist()
 
     def errors(values: FloatArray) -> FloatArray:

@@ -1,4 +1,4 @@
-"""A manoeuvre: straight entry, turn, straight drive, turn, straight exit, each as fast as the limits allow.
+"""A manoeuvre: straight entry, turn, straight drive, turn, straight exit, as fast as limits allow.
 
 The functions are compiled, since a plan checks thousands of manoeuvres.
 """
@@ -22,7 +22,7 @@ from ator_ros.bases.differential.durations import (
 )
 from ator_ros.bases.differential.turns import NODES, turn_end, write_headings
 from ator_ros.compiled import compiled
-from ator_ros.geometry import FloatArray, Pose
+from ator_ros.geometry import FloatArray, Pose, Record
 
 _TOLERANCE = 1e-7
 """Distance in m within which the drive of a closed manoeuvre meets the last turn."""
@@ -30,9 +30,10 @@ _STEPS = 12
 """Steps of the secant method after which no manoeuvre is assumed to exist."""
 _BACKWARD = -1e-6
 """Speed in m/s below which a robot drives backward."""
-SPEED_PIECES, TURN_PIECES = 13, 9
-"""Pieces of a manoeuvre's velocities: three of a straight and two (speed) or three (rate) of a turn; while
-the robot drives straight, its turn rate has one."""
+SPEED_PIECES = 13
+"""Pieces of a manoeuvre's speed: three of each straight and two of each turn."""
+TURN_PIECES = 9
+"""Pieces of its turn rate: one of each straight and three of each turn."""
 
 
 class Side(NamedTuple):
@@ -43,6 +44,10 @@ class Side(NamedTuple):
     speed: float  # m/s; between the straight part and the turn
     change: float  # m/s^2; constant change of speed in the turn, until the limit
     rate: float  # rad/s; greatest turn rate
+
+
+SIDE = np.dtype([(name, float) for name in Side._fields])
+"""A `Side` as a record, for compiled code and for arrays of candidates."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,8 +73,9 @@ class Manoeuvre:
 
         See `write_pieces`.
         """
-        speeds, turns = np.empty((SPEED_PIECES, 3)), np.empty((TURN_PIECES, 3))
-        entry, exit_ = np.array((self.entry, self.exit), dtype=float)
+        speeds = np.empty((SPEED_PIECES, 3))
+        turns = np.empty((TURN_PIECES, 3))
+        entry, exit_ = np.array([self.entry, self.exit], dtype=SIDE)
         rates = rates_of(self.limits)
         duration = write_pieces(
             speeds, turns, self.first, self.last, self.distance, entry, exit_, rates
@@ -78,14 +84,15 @@ class Manoeuvre:
 
 
 @compiled
-def pose_after_turn(start: Pose, angle: float, side: FloatArray, bounds: Rates) -> Pose:
-    """Return the pose after the straight part and the turn by `angle` (rad) of a `Side`, shape (5,)."""
+def pose_after_turn(start: Pose, angle: float, side: Record, bounds: Rates) -> Pose:
+    """Return the pose after the straight part and the turn by `angle` (rad) of a `SIDE`."""
     headings = np.empty((2, len(NODES)))
-    time = write_headings(angle, side[4], bounds.aw, headings)
-    x, y = turn_end(time, headings, side[2], side[3], bounds.v)
-    x += side[0]
-    c, s = math.cos(start.yaw), math.sin(start.yaw)
-    return Pose(start.x + c * x - s * y, start.y + s * x + c * y, start.yaw + angle)
+    time = write_headings(angle, side.rate, bounds.aw, headings)
+    x, y = turn_end(time, headings, side.speed, side.change, bounds.v)
+    x += side.length
+    cos = math.cos(start.yaw)
+    sin = math.sin(start.yaw)
+    return Pose(start.x + cos * x - sin * y, start.y + sin * x + cos * y, start.yaw + angle)
 
 
 @compiled
@@ -94,15 +101,17 @@ def _gap(
     last: float,
     start: Pose,
     goal: Pose,
-    entry: FloatArray,
-    leaving: FloatArray,
+    entry: Record,
+    leaving: Record,
     bounds: Rates,
 ) -> tuple[float, float]:
-    """Return the lateral error of the straight drive at the last turn, and its length, both in m."""
+    """Return the lateral error of the straight drive at the last turn, and its length, in m."""
     begin = pose_after_turn(start, first, entry, bounds)
     end = pose_after_turn(Pose(goal.x, goal.y, goal.yaw + math.pi), -last, leaving, bounds)
-    dx, dy = end.x - begin.x, end.y - begin.y
-    c, s = math.cos(begin.yaw), math.sin(begin.yaw)
+    dx = end.x - begin.x
+    dy = end.y - begin.y
+    c = math.cos(begin.yaw)
+    s = math.sin(begin.yaw)
     return c * dy - s * dx, c * dx + s * dy
 
 
@@ -112,15 +121,17 @@ def close(
     last: float,
     start: Pose,
     goal: Pose,
-    entry: FloatArray,
-    leaving: FloatArray,
+    entry: Record,
+    leaving: Record,
     bounds: Rates,
 ) -> tuple[float, float, float, bool]:
-    """Solve for the first turn with which a manoeuvre ends at its goal, by the secant method from `first`.
+    """Solve for the first turn of a manoeuvre to its goal, by the secant method from `first`.
 
     Returns both turns in rad, the drive in m, and whether the method converged.
     """
-    x0, x1, total = first, first + 1e-4, first + last
+    total = first + last
+    x0 = first
+    x1 = first + 1e-4
     f0, distance = _gap(x0, total - x0, start, goal, entry, leaving, bounds)
     f1, distance = _gap(x1, total - x1, start, goal, entry, leaving, bounds)
     for _ in range(_STEPS):
@@ -129,7 +140,8 @@ def close(
         if f1 == f0:
             break
         change = min(max(-f1 * (x1 - x0) / (f1 - f0), -0.2), 0.2)
-        x0, f0 = x1, f1
+        x0 = x1
+        f0 = f1
         x1 += change
         f1, distance = _gap(x1, total - x1, start, goal, entry, leaving, bounds)
     return x1, total - x1, distance, False
@@ -142,27 +154,26 @@ def write_pieces(
     first: float,
     last: float,
     distance: float,
-    entry: FloatArray,
-    leaving: FloatArray,
+    entry: Record,
+    leaving: Record,
     bounds: Rates,
 ) -> float:
     """Write the velocities of a manoeuvre over time; return its duration in s.
 
     `speeds` (m/s) and `turns` (rad/s), shapes (SPEED_PIECES, 3) and (TURN_PIECES, 3), become linear
-    pieces: duration in s, values at both ends. `entry` and `leaving` are `Side`s as arrays, see
-    `Manoeuvre`.
+    pieces: duration in s, values at both ends. `entry` and `leaving` are `SIDE`s, see `Manoeuvre`.
     """
     ramp, held, v1 = _ramp(first, entry, bounds)
-    _straight(speeds, 0, entry[0], entry[1], entry[2], bounds)
-    speeds[3] = ramp, entry[2], v1
+    _straight(speeds, 0, entry.length, entry.outer_speed, entry.speed, bounds)
+    speeds[3] = ramp, entry.speed, v1
     speeds[4] = held, v1, v1
     ramp, held, v2 = _ramp(last, leaving, bounds)
     _straight(speeds, 5, distance, v1, v2, bounds)
     speeds[8] = held, v2, v2
-    speeds[9] = ramp, v2, leaving[2]
-    _straight(speeds, 10, leaving[0], leaving[2], leaving[1], bounds)
-    _turn(turns, 1, first, entry[4], bounds.aw)
-    _turn(turns, 5, last, leaving[4], bounds.aw)
+    speeds[9] = ramp, v2, leaving.speed
+    _straight(speeds, 10, leaving.length, leaving.speed, leaving.outer_speed, bounds)
+    _turn(turns, 1, first, entry.rate, bounds.aw)
+    _turn(turns, 5, last, leaving.rate, bounds.aw)
     for at in range(3):
         straight = speeds[5 * at, 0] + speeds[5 * at + 1, 0] + speeds[5 * at + 2, 0]
         turns[4 * at] = straight, 0.0, 0.0
@@ -174,7 +185,7 @@ def write_pieces(
 
 @compiled
 def is_forward(speeds: FloatArray, distance: float, bounds: Rates) -> bool:
-    """Return whether the robot never drives backward and the drive is long enough for its change of speed."""
+    """Return whether no piece is backward, and the drive suffices for its change of speed."""
     for piece in range(SPEED_PIECES):
         if speeds[piece, 0] > 0.0 and speeds[piece, 2] < _BACKWARD:
             return False
@@ -193,14 +204,14 @@ def _straight(
 
 
 @compiled
-def _ramp(angle: float, side: FloatArray, bounds: Rates) -> tuple[float, float, float]:
-    """Return how long the speed changes in a turn and how long it is constant, in s, and its final value."""
-    total = turn_time(angle, side[4], bounds.aw)
+def _ramp(angle: float, side: Record, bounds: Rates) -> tuple[float, float, float]:
+    """Return how long the speed changes in a turn, and is constant, in s, and its final value."""
+    total = turn_time(angle, side.rate, bounds.aw)
     ramp = total
-    if side[3] != 0.0:
-        bound = math.copysign(bounds.v, side[3])
-        ramp = min(total, max(0.0, (bound - side[2]) / side[3]))
-    return ramp, total - ramp, side[2] + side[3] * ramp
+    if side.change != 0.0:
+        bound = math.copysign(bounds.v, side.change)
+        ramp = min(total, max(0.0, (bound - side.speed) / side.change))
+    return ramp, total - ramp, side.speed + side.change * ramp
 
 
 @compiled

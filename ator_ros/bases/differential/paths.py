@@ -23,10 +23,10 @@ from ator_ros.bases.differential.durations import (
     rates_of,
     turn_time,
 )
-from ator_ros.bases.differential.manoeuvre import Side
+from ator_ros.bases.differential.manoeuvre import SIDE, Side
 from ator_ros.bases.differential.turns import STEP, WIDEST, TurnTable, look_up, turn_table
 from ator_ros.compiled import compiled, inlined
-from ator_ros.geometry import FloatArray, Pose
+from ator_ros.geometry import FloatArray, Pose, Records
 
 RealArray = NDArray[np.floating[Any]]
 
@@ -87,7 +87,7 @@ def lowest(bits: int) -> int:
 def drive_between(
     one: Turn, two: Turn, cos: float, sin: float, offset: Offset, rates: Rates
 ) -> tuple[float, float, float]:
-    """Return the length (m; negative: backward) of the drive between two turns, and both speeds (m/s).
+    """Return the length (m; negative: backward) of the drive between two turns, and its end speeds.
 
     `cos` and `sin` are those of its heading.
     """
@@ -107,40 +107,45 @@ def drive_between(
 class Ends(NamedTuple):
     """Candidates for one end of a path."""
 
-    sides: FloatArray  # shape (n, 5), a column for each field of `Side`
+    sides: Records  # shape (n,), of `SIDE`
     times: FloatArray  # s, shape (n,); of the straight parts
     turns: TurnTable  # displacements by their turns
 
 
 def entries_of(sides: Sequence[Side], limits: Limits) -> Ends:
-    """Return the candidates for the start of paths: straight to the speed of the turn, then the turn."""
+    """Return candidates for the start of paths: straight to the turn's speed, then the turn."""
     rows = _rows(sides)
-    length, outer, speed = rows[:, :3].T
-    return Ends(rows, drive_time(length, outer, speed, limits), turn_table(rows[:, 2:], limits))
+    times = drive_time(rows["length"], rows["outer_speed"], rows["speed"], limits)
+    return Ends(rows, times, _turns_of(rows, limits))
 
 
 def exits_of(sides: Sequence[Side], limits: Limits) -> Ends:
-    """Return the candidates for the end of paths, seen from the goal: a turn, then straight to the goal."""
+    """Return candidates for the end of paths, seen from the goal: a turn, then straight to it."""
     rows = _rows(sides)
-    length, outer, speed = rows[:, :3].T
-    return Ends(rows, drive_time(length, speed, outer, limits), turn_table(rows[:, 2:], limits))
+    times = drive_time(rows["length"], rows["speed"], rows["outer_speed"], limits)
+    return Ends(rows, times, _turns_of(rows, limits))
 
 
-def _rows(sides: Sequence[Side]) -> FloatArray:
-    """Return the sides as rows, those with the same turn rate together."""
-    rows = sorted(sides, key=lambda side: side.rate)
-    return np.array(rows, dtype=float).reshape(-1, len(Side._fields))
+def _rows(sides: Sequence[Side]) -> Records:
+    """Return the sides as records, those with the same turn rate together."""
+    return np.array(sorted(sides, key=lambda side: side.rate), dtype=SIDE)
 
 
-class Paths(NamedTuple):
-    """Paths between two poses, fastest first: arrays of shape (n,)."""
+def _turns_of(rows: Records, limits: Limits) -> TurnTable:
+    return turn_table(np.stack([rows["speed"], rows["change"], rows["rate"]], axis=1), limits)
 
-    times: FloatArray  # s; durations
-    entries: NDArray[np.intp]  # indices of their candidates
-    exits: NDArray[np.intp]
-    firsts: FloatArray  # rad; the first turns
-    lasts: FloatArray  # rad; the last turns
-    drives: FloatArray  # m; the straight drives, negative: backward
+
+PATH = np.dtype(
+    [
+        ("time", float),  # s; duration
+        ("entry", np.intp),  # index of its candidate
+        ("exit", np.intp),
+        ("first", float),  # rad; the first turn
+        ("last", float),  # rad; the last turn
+        ("drive", float),  # m; the straight drive, negative: backward
+    ]
+)
+"""A path between two poses."""
 
 
 def find_paths(
@@ -153,87 +158,100 @@ def find_paths(
     forward: bool = False,
     longest: float = math.inf,
     most: int = 10_000,
-) -> Paths:
-    """Find the `most` fastest paths from `start` to `goal` with these candidates, of up to `longest` s.
+) -> Records:
+    """Find the `most` fastest paths of up to `longest` s between two poses, with these candidates.
 
-    With `forward`, paths whose drive is too short for its change of speed are left out, and some
-    others on which the robot drives backward in a turn.
+    Returns an array of `PATH`, fastest first. With `forward`, paths whose drive is too short for
+    its change of speed are left out, and some others on which the robot drives backward in a turn.
     """
     end = Pose(*map(float, start.relative(goal)))
-    found = _search(end, entries, exits, rates_of(limits), forward, float(longest))
-    columns = ranked(found, most).T.copy()
-    return Paths(columns[0], columns[1].astype(np.intp), columns[2].astype(np.intp), *columns[3:])
+    return ranked(_search(end, entries, exits, rates_of(limits), forward, float(longest)), most)
 
 
-def ranked(found: FloatArray, most: int) -> FloatArray:
-    """Return the `most` rows, or fewer, whose first column, the time, is least, in ascending order."""
+def ranked(found: Records, most: int) -> Records:
+    """Return the `most` records, or fewer, whose time is least, in ascending order."""
     if len(found) > most:
-        found = found[np.argpartition(found[:, 0], most - 1)[:most]]
-    return found[np.argsort(found[:, 0], kind="stable")]
+        found = found[np.argpartition(found["time"], most - 1)[:most]]
+    return found[np.argsort(found["time"], kind="stable")]
 
 
 @compiled
 def _search(
     end: Pose, entries: Ends, exits: Ends, rates: Rates, forward: bool, longest: float
-) -> FloatArray:
-    """Return time, entry, exit, first turn, last turn and drive of each path, shape (n, 6)."""
-    found, count = np.empty((1024, 6)), 0
+) -> Records:
+    """Return all paths, of `PATH`, to a goal at `end` as seen from the start."""
+    found = np.empty(1024, dtype=PATH)
+    count = 0
     steps = np.empty(_POINTS, dtype=np.intp)
     near = np.empty((len(entries.times), _POINTS), dtype=np.float32)
     far = np.empty((len(exits.times), _POINTS), dtype=np.float32)
     # Local names avoid reference counting at each access.
-    sides1, sides2, times1, times2 = entries.sides, exits.sides, entries.times, exits.times
-    (along1, across1), (along2, across2) = entries.turns, exits.turns
-    (x, y, turn), cos, sin = end, math.cos(end.yaw), math.sin(end.yaw)
-    _write_parts(near, entries, 0.0, x, y)
+    sides1 = entries.sides
+    sides2 = exits.sides
+    times1 = entries.times
+    times2 = exits.times
+    along1, across1 = entries.turns
+    along2, across2 = exits.turns
+    end_cos = math.cos(end.yaw)
+    end_sin = math.sin(end.yaw)
+    _write_parts(near, entries, 0.0, end.x, end.y)
     for around in range(-1, 2):
         # The whole change of heading may be in either direction, or a full turn more.
-        total = turn + around * math.tau
+        total = end.yaw + around * math.tau
         _write_parts(far, exits, total, 0.0, 0.0)
-        for entry in range(len(times1)):
-            speed1, change1, rate1 = sides1[entry, 2], sides1[entry, 3], sides1[entry, 4]
-            for exit_ in range(len(times2)):
-                speed2, change2, rate2 = sides2[exit_, 2], sides2[exit_, 3], sides2[exit_, 4]
+        for entry in range(len(sides1)):
+            side1 = sides1[entry]
+            for exit_ in range(len(sides2)):
+                side2 = sides2[exit_]
                 straight = times1[entry] + times2[exit_]
-                if straight + turn_time(abs(total), max(rate1, rate2), rates.aw) > longest:
+                fastest = turn_time(abs(total), max(side1.rate, side2.rate), rates.aw)
+                if straight + fastest > longest:
                     continue
-                back = sides2[exit_, 0]
-                offset = Offset(x - sides1[entry, 0] - back * cos, y - back * sin, 0.0)
+                back = side2.length
+                x = end.x - side1.length - back * end_cos
+                offset = Offset(x, end.y - back * end_sin, 0.0)
                 for root in range(_write_steps(steps, near, far, entry, exit_, not forward)):
                     at = steps[root]
-                    low, gap = _GRID[at], near[entry, at] + far[exit_, at]
-                    first = low + _GRID_STEP * (
-                        gap / (gap - near[entry, at + 1] - far[exit_, at + 1])
-                    )
+                    low = _GRID[at]
+                    gap = near[entry, at] + far[exit_, at]
+                    next_gap = near[entry, at + 1] + far[exit_, at + 1]
+                    first = low + _GRID_STEP * (gap / (gap - next_gap))
                     if not abs(total - first) < WIDEST:  # or it is NaN
                         continue
                     # A secant step from there, whose cosine and sine are the first terms of series.
-                    c, s = math.cos(first), math.sin(first)
-                    now = c * offset.y - s * offset.x
+                    cos = math.cos(first)
+                    sin = math.sin(first)
+                    now = cos * offset.y - sin * offset.x
                     now -= look_up(across1, entry, first) + look_up(across2, exit_, first - total)
                     if now != gap:
                         change = now * (first - low) / (gap - now)
                         change = min(max(change, low - first), low + _GRID_STEP - first)
                         square = change * change
-                        cosine, sine = 1.0 - 0.5 * square, change * (1.0 - square * (1.0 / 6.0))
-                        first, c, s = first + change, c * cosine - s * sine, s * cosine + c * sine
+                        by_cos = 1.0 - 0.5 * square
+                        by_sin = change * (1.0 - square * (1.0 / 6.0))
+                        first += change
+                        cos, sin = cos * by_cos - sin * by_sin, sin * by_cos + cos * by_sin
                     last = total - first
-                    turn1 = turn_time(abs(first), rate1, rates.aw)
-                    turn2 = turn_time(abs(last), rate2, rates.aw)
-                    one = Turn(speed1, change1, turn1, look_up(along1, entry, first))
+                    turn1 = turn_time(abs(first), side1.rate, rates.aw)
+                    turn2 = turn_time(abs(last), side2.rate, rates.aw)
+                    one = Turn(side1.speed, side1.change, turn1, look_up(along1, entry, first))
                     # as seen from the goal
-                    two = Turn(speed2, change2, turn2, look_up(along2, exit_, -last))
-                    drive, before, after = drive_between(one, two, c, s, offset, rates)
+                    two = Turn(side2.speed, side2.change, turn2, look_up(along2, exit_, -last))
+                    drive, before, after = drive_between(one, two, cos, sin, offset, rates)
                     time = straight + drive_time(drive, before, after, rates) + turn1 + turn2
-                    if time > longest or (
-                        forward and drive < change_distance(before, after, rates)
-                    ):
+                    if time > longest:
+                        continue
+                    if forward and drive < change_distance(before, after, rates):
                         continue
                     if count == len(found):
-                        shorter, found = found, np.empty((2 * count, 6))
-                        found[:count] = shorter
-                    found[count, 0], found[count, 1], found[count, 2] = time, entry, exit_
-                    found[count, 3], found[count, 4], found[count, 5] = first, last, drive
+                        found = np.append(found, np.empty_like(found))
+                    path = found[count]
+                    path.time = time
+                    path.entry = entry
+                    path.exit = exit_
+                    path.first = first
+                    path.last = last
+                    path.drive = drive
                     count += 1
     return found[:count]
 
@@ -259,16 +277,19 @@ def _write_steps(
 
 @compiled
 def _write_parts(parts: RealArray, ends: Ends, total: float, x: float, y: float) -> None:
-    """Write the parts of the candidates in the gaps in m, shape (n, _POINTS); NaN if a turn is too wide.
+    """Write the candidates' parts in the gaps in m, shape (n, _POINTS); NaN if a turn is too wide.
 
     The turns go from `total` (rad) to each heading of the grid, displaced by (x, y) in m.
     """
-    sides, across = ends.sides, ends.turns.across
+    sides = ends.sides
+    across = ends.turns.across
     for step in range(_POINTS):
         angle = _GRID[step] - total
         if not abs(angle) < WIDEST:
             parts[:, step] = np.nan
             continue
-        cos, sin = math.cos(angle), math.sin(angle)
+        cos = math.cos(angle)
+        sin = math.sin(angle)
         for end in range(len(parts)):
-            parts[end, step] = cos * y - sin * (x - sides[end, 0]) - look_up(across, end, angle)
+            ahead = x - sides[end].length
+            parts[end, step] = cos * y - sin * ahead - look_up(across, end, angle)

@@ -1,4 +1,4 @@
-"""A short drive that shows the response of a base: creeping, sprints to and fro, spins in both directions."""
+"""A short drive that shows the response of a base: creeping, sprints to and fro, spins."""
 
 from __future__ import annotations
 
@@ -65,7 +65,9 @@ class ProbeDrive:
 
     def __init__(self, *, v: float, w: float, space: float, backward: bool = True) -> None:
         self.samples: list[DriveSample] = []
-        self._greatest, self._space, self._backward = Command(v, w), space, backward
+        self._greatest = Command(v, w)
+        self._space = space
+        self._backward = backward
         self._commands = self._drive()
         self._states: deque[tuple[float, RobotState]] = deque()
         self._part = DrivePart.CREEP_V
@@ -112,8 +114,9 @@ class ProbeDrive:
             )
 
     def _sprint(self, top: Command) -> Iterator[Command]:
-        """Gain speed until it is steady or half of the space is used, then brake to a part of it."""
-        start, (began, _) = self._now.pose, self._states[-1]
+        """Gain speed until it is steady or half of the space is used; brake to a part of it."""
+        start = self._now.pose
+        (began, _) = self._states[-1]
         while not self._steady and self._time - began < _TIMEOUT:
             if self._now.pose.distance(start) > _SHARE * self._space:
                 break
@@ -170,14 +173,15 @@ class ProbeDrive:
 
     @property
     def _steady(self) -> bool:
-        """Whether the commanded axis moved for the whole window, at the same mean speed in both halves."""
+        """Whether the axis moved for the whole window, at the same mean speed in both halves."""
         half = len(self._states) // 2
         # s; up to one period of odometry less than the window
         covered = self._time - self._states[0][0]
         if covered < _WINDOW - _LONGEST_PERIOD or not half:
             return False
         speeds = [self._speed(state) for _, state in self._states]
-        before, after = fmean(speeds[:half]), fmean(speeds[half:])
+        before = fmean(speeds[:half])
+        after = fmean(speeds[half:])
         # Of a base that has just started, the mean of the window is small, whatever it accelerates.
         if not all(map(self._moves, (speeds[0], before, speeds[half], speeds[-1]))):
             return False

@@ -16,7 +16,7 @@ from ator_ros.world.state import RobotState
 
 @dataclass(frozen=True, slots=True)
 class Opening:
-    """The phase before a manoeuvre in which the robot stops turning, at constant speed or to a stop."""
+    """The phase before a manoeuvre: the robot stops turning, at constant speed or to a stop."""
 
     start: RobotState
     end: RobotState  # does not turn
@@ -46,7 +46,7 @@ DT = 0.01
 
 @compiled
 def most_states(duration: float, interval: float) -> int:
-    """Return an upper bound for the number of states of a motion of `duration` s, `interval` s apart."""
+    """Return an upper bound for the number of states `interval` s apart in `duration` s."""
     return int(duration / interval) + 3
 
 
@@ -60,15 +60,22 @@ def write_states(
     goal: Pose,
     interval: float,
 ) -> int:
-    """Write x, y (m), yaw (rad), v (m/s), w (rad/s) every `interval` s and at the end; return their number.
+    """Write the states every `interval` s and at the end; return their number.
 
-    `states` has the shape (most_states(duration, interval), 5); for `speeds` and `turns` see
-    `write_pieces`. The error of integration at the goal is distributed over the motion.
+    A state is x, y (m), yaw (rad), v (m/s) and w (rad/s). `states` has the shape
+    (most_states(duration, interval), 5); for `speeds` and `turns` see `write_pieces`. The
+    error of integration at the goal is distributed over the motion.
     """
     piece = turn = index = 0
-    piece_end, turn_end = speeds[0, 0], turns[0, 0]
-    x, y, yaw, v, w, time = start.x, start.y, start.yaw, speeds[0, 1], turns[0, 1], 0.0
-    c, s, heading = math.cos(yaw), math.sin(yaw), yaw
+    piece_end = speeds[0, 0]
+    turn_end = turns[0, 0]
+    x, y, yaw = start
+    v = speeds[0, 1]
+    w = turns[0, 1]
+    time = 0.0
+    c = math.cos(yaw)
+    s = math.sin(yaw)
+    heading = yaw
     states[0] = x, y, yaw, v, w
     while time < duration:
         index += 1
@@ -88,20 +95,26 @@ def write_states(
                 until = piece_end
             if time < turn_end < until:
                 until = turn_end
-            step, time = until - time, until
-            next_v, next_w = (
-                _value(speeds, piece, piece_end, time),
-                _value(turns, turn, turn_end, time),
-            )
+            step = until - time
+            time = until
+            next_v = _value(speeds, piece, piece_end, time)
+            next_w = _value(turns, turn, turn_end, time)
             turned = 0.5 * (w + next_w) * step
             middle = yaw + 0.5 * turned
             if middle != heading:
-                c, s, heading = math.cos(middle), math.sin(middle), middle
+                c = math.cos(middle)
+                s = math.sin(middle)
+                heading = middle
             chord = 0.5 * (v + next_v) * step * (1.0 - turned * turned * (1.0 / 24.0))
-            x, y, yaw, v, w = x + chord * c, y + chord * s, yaw + turned, next_v, next_w
+            x += chord * c
+            y += chord * s
+            yaw += turned
+            v = next_v
+            w = next_w
         states[index] = x, y, yaw, v, w
     span = max(duration, interval)
-    off_x, off_y = (goal.x - x) / span, (goal.y - y) / span
+    off_x = (goal.x - x) / span
+    off_y = (goal.y - y) / span
     off_yaw = ((goal.yaw - yaw + math.pi) % math.tau - math.pi) / span
     for at in range(index + 1):
         time = min(interval * at, duration)
@@ -123,7 +136,7 @@ def _value(pieces: FloatArray, piece: int, end: float, time: float) -> float:
 
 
 class Trajectory:
-    """An opening, a closed manoeuvre that starts where it ends, or only one of them, sampled every 10 ms.
+    """An opening, a closed manoeuvre that starts at its end, or one of both, sampled every 10 ms.
 
     Attributes
     ----------
@@ -132,16 +145,20 @@ class Trajectory:
     """
 
     def __init__(self, manoeuvre: Manoeuvre | None, opening: Opening | None = None) -> None:
-        pieces, poses = list[tuple[FloatArray, FloatArray]](), list[Pose]()
+        pieces = list[tuple[FloatArray, FloatArray]]()
+        poses = list[Pose]()
         if opening is not None:
-            time, first, last = opening.duration, opening.start, opening.end
+            time = opening.duration
+            first = opening.start
+            last = opening.end
             pieces.append((np.array([[time, first.v, last.v]]), np.array([[time, first.w, 0.0]])))
             poses += [first.pose, last.pose]
         if manoeuvre is not None:
             pieces.append(manoeuvre.pieces()[:2])
             poses += [manoeuvre.start, manoeuvre.goal]
         speeds, turns = map(np.concatenate, zip(*pieces, strict=True))
-        start, goal = poses[0], poses[-1]
+        start = poses[0]
+        goal = poses[-1]
         self.duration: float = sum(speeds[:, 0].tolist())
         states = np.empty((most_states(self.duration, DT), 5))
         count = write_states(states, speeds, turns, self.duration, start, goal, DT)

@@ -31,7 +31,8 @@ WIDEST = (HALF + 0.99) * STEP
 _PER_ANGLE = FINE / STEP  # entries per rad
 
 _POINTS, _OVER_TWO = np.polynomial.legendre.leggauss(16)
-NODES, WEIGHTS = (_POINTS + 1.0) / 2.0, _OVER_TWO / 2.0
+NODES = (_POINTS + 1.0) / 2.0
+WEIGHTS = _OVER_TWO / 2.0
 """Gauss-Legendre over [0, 1]; 16 nodes give the displacement of a full turn to 0.1 mm."""
 
 
@@ -41,7 +42,8 @@ def write_headings(angle: float, rate: float, aw: float, headings: FloatArray) -
 
     Returns its time in s, at up to `rate` (rad/s) which changes by `aw` (rad/s^2).
     """
-    size, side = abs(angle), math.copysign(1.0, angle)
+    size = abs(angle)
+    side = math.copysign(1.0, angle)
     ramp, steady = turn_parts(size, rate, aw)
     whole = 2.0 * ramp + steady
     for node in range(len(NODES)):
@@ -62,7 +64,7 @@ def write_headings(angle: float, rate: float, aw: float, headings: FloatArray) -
 def turn_end(
     time: float, headings: FloatArray, speed: float, acceleration: float, v: float
 ) -> tuple[float, float]:
-    """Return the displacement by a turn of `time` s, forward and to the left in m; see `write_headings`.
+    """Return the displacement by a turn of `time` s, in m forward and left; see `write_headings`.
 
     It starts at `speed` (m/s), which changes by `acceleration` (m/s^2), up to the limit `v`.
     """
@@ -87,7 +89,7 @@ class TurnTable(NamedTuple):
 
 
 def turn_table(turns: FloatArray, limits: Bounds) -> TurnTable:
-    """Compute the table of `turns`, shape (rows, 3), of which `limits` bound speed and turn acceleration.
+    """Compute the table of `turns`, shape (rows, 3), within limits of speed and turn acceleration.
 
     A row holds the initial speed (m/s), its constant change (m/s^2) and the greatest turn rate
     (rad/s).
@@ -103,8 +105,11 @@ def _write_table(
 ) -> None:
     headings = np.empty((2, len(NODES)))
     for entry in range(EDGE + 1):
-        angle, rate, time = entry / _PER_ANGLE, math.nan, 0.0
-        c, s = math.cos(angle), math.sin(angle)
+        angle = entry / _PER_ANGLE
+        rate = math.nan
+        time = 0.0
+        c = math.cos(angle)
+        s = math.sin(angle)
         for row in range(len(turns)):
             if turns[row, 2] != rate:  # often it is that of the row before
                 rate = turns[row, 2]
@@ -113,7 +118,8 @@ def _write_table(
             # A turn to the right is the mirror image of one to the left.
             beyond = c * x + s * y - turns[row, 0] * time
             along[row, EDGE + entry] = along[row, EDGE - entry] = beyond
-            across[row, EDGE + entry], across[row, EDGE - entry] = c * y - s * x, s * x - c * y
+            across[row, EDGE + entry] = c * y - s * x
+            across[row, EDGE - entry] = s * x - c * y
 
 
 @inlined

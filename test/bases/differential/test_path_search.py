@@ -12,7 +12,7 @@ from ator_ros.bases.differential.manoeuvre import Manoeuvre, Side, close
 from ator_ros.bases.differential.paths import Ends, entries_of, exits_of, find_paths
 from ator_ros.bases.differential.shapes import Rules, drawn_ends, fastest_paths, shape_set
 from ator_ros.bases.differential.trajectory import Trajectory
-from ator_ros.geometry import Pose
+from ator_ros.geometry import FloatArray, Pose, Records
 from ator_ros.performance.driving import free_shapes, plain_driving
 
 START = Pose(0.5, -1.0, 2.0)
@@ -25,6 +25,12 @@ def ends(limits: Limits, speed: float) -> tuple[Ends, Ends]:
     begins = [Side(0.0, speed, speed, change, limits.w) for change in changes]
     runs = [Side(0.2, 0.1, 0.3 * limits.v, change, 0.8 * limits.w) for change in changes]
     return entries_of(begins, limits), exits_of(runs, limits)
+
+
+def speed_after(sides: Records, turns: FloatArray, limits: Limits) -> FloatArray:
+    """Return the speeds in m/s at the inner ends of turns in rad."""
+    times = turn_time(turns, sides["rate"], limits.aw)
+    return np.clip(sides["speed"] + sides["change"] * times, -limits.v, limits.v)
 
 
 def goals(count: int) -> list[Pose]:
@@ -42,8 +48,8 @@ def test_each_path_leads_to_its_goal_in_the_stated_time(robot: Robot) -> None:
     off = []
     for goal in goals(20):
         paths = find_paths(START, goal, entries, exits, limits, most=10)
-        assert (np.diff(paths.times) >= 0.0).all()
-        for time, entry, exit_, first, last, drive in zip(*paths, strict=True):
+        assert (np.diff(paths["time"]) >= 0.0).all()
+        for time, entry, exit_, first, last, drive in paths.tolist():
             rows = entries.sides[entry], exits.sides[exit_]
             first, last, drive, met = close(first, last, START, goal, *rows, rates_of(limits))
             assert met
@@ -63,19 +69,17 @@ def test_paths_are_forward_and_within_a_time_if_requested() -> None:
     entries, exits = ends(limits, 0.0)
     for goal in goals(20):
         free = find_paths(START, goal, entries, exits, limits)
-        bound = float(np.median(free.times))
+        bound = float(np.median(free["time"]))
         kept = find_paths(START, goal, entries, exits, limits, longest=bound)
-        assert kept.times.tolist() == free.times[free.times <= bound].tolist()
+        assert kept.tolist() == free[free["time"] <= bound].tolist()
         forward = find_paths(START, goal, entries, exits, limits, forward=True)
-        one, two = entries.sides[free.entries].T, exits.sides[free.exits].T
-        before = one[2] + one[3] * turn_time(free.firsts, one[4], limits.aw)
-        after = two[2] + two[3] * turn_time(free.lasts, two[4], limits.aw)
-        before, after = (np.clip(speed, -limits.v, limits.v) for speed in (before, after))
-        suffices = free.drives >= change_distance(before, after, limits)
-        drives_forward = set(free.times[suffices & (before >= 0.0) & (after >= 0.0)])
-        assert set() < drives_forward <= set(forward.times) <= set(free.times[suffices])
+        before = speed_after(entries.sides[free["entry"]], free["first"], limits)
+        after = speed_after(exits.sides[free["exit"]], free["last"], limits)
+        suffices = free["drive"] >= change_distance(before, after, limits)
+        drives_forward = set(free["time"][suffices & (before >= 0.0) & (after >= 0.0)])
+        assert set() < drives_forward <= set(forward["time"]) <= set(free["time"][suffices])
         few = find_paths(START, goal, entries, exits, limits, most=7)
-        assert few.times.tolist() == free.times[:7].tolist()
+        assert few.tolist() == free[:7].tolist()
 
 
 @pytest.mark.parametrize("robot", [PIONEER, PLAIN, OTHERS[-1]], ids=lambda robot: robot.name)

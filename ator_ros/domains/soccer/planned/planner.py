@@ -13,6 +13,7 @@ from ator_ros.actions.base import ActionError
 from ator_ros.bases.description import Limits, Robot
 from ator_ros.bases.differential.durations import Rates, rates_of
 from ator_ros.bases.differential.manoeuvre import (
+    SIDE,
     SPEED_PIECES,
     TURN_PIECES,
     Manoeuvre,
@@ -21,11 +22,11 @@ from ator_ros.bases.differential.manoeuvre import (
     is_forward,
     write_pieces,
 )
-from ator_ros.bases.differential.paths import Ends, Paths, entries_of, exits_of, find_paths
+from ator_ros.bases.differential.paths import Ends, entries_of, exits_of, find_paths
 from ator_ros.bases.differential.trajectory import most_states, write_states
 from ator_ros.compiled import compiled, elementwise
 from ator_ros.domains.soccer.field import BALL, box_distance, field_of, touches_goals, wall_distance
-from ator_ros.geometry import FloatArray, Pose
+from ator_ros.geometry import FloatArray, Pose, Record, Records
 from ator_ros.world.state import ObjectState
 
 # s between the states that are checked, coarse and fine: 6 cm at full speed
@@ -226,15 +227,15 @@ def is_clear(
     first: float,
     last: float,
     drive: float,
-    entry: FloatArray,
-    leaving: FloatArray,
+    entry: Record,
+    leaving: Record,
     around: Surroundings,
     forward: bool,
 ) -> bool:
     """Return whether a manoeuvre is clear and, if `forward`, never drives backward.
 
     The parameters are those of a `Manoeuvre`: turns `first` and `last` in rad, `drive` in m, and
-    the sides `entry` and `leaving`, shape (5,). Poses are relative to the center of the area.
+    the sides `entry` and `leaving`, of `SIDE`. Poses are relative to the center of the area.
     """
     speeds = np.empty((SPEED_PIECES, 3))
     turns = np.empty((TURN_PIECES, 3))
@@ -423,8 +424,8 @@ def fastest(
             f"expected a free path from ({start.x:.2f}, {start.y:.2f}) m "
             f"to ({goal.x:.2f}, {goal.y:.2f}) m, found none{_only_forward(limits)}"
         )
-    entry = entries.sides[paths.entries[found]]
-    exit_ = exits.sides[paths.exits[found]]
+    entry = entries.sides[paths[found]["entry"]]
+    exit_ = exits.sides[paths[found]["exit"]]
     sides = Side(*entry.tolist()), Side(*exit_.tolist())
     return Manoeuvre(start, goal, *sides, first, last, drive, limits)
 
@@ -459,12 +460,12 @@ def turn_on_spot(
     """
     turn = Side(0.0, 0.0, 0.0, 0.0, limits.w)
     goal = start._replace(yaw=yaw)
-    table = np.array(turn)
+    side = np.array([turn], dtype=SIDE)[0]
     around = surroundings(robot, limits, obstacles)
     begin = from_center(start, robot)
     end = from_center(goal, robot)
     angle = float(start.relative(goal).yaw)
-    if not is_clear(begin, end, angle, 0.0, 0.0, table, table, around, False):
+    if not is_clear(begin, end, angle, 0.0, 0.0, side, side, around, False):
         raise ActionError(
             f"expected room to turn at ({start.x:.2f}, {start.y:.2f}) m, there is none"
         )
@@ -475,21 +476,22 @@ def turn_on_spot(
 def _first_clear(
     start: Pose,
     goal: Pose,
-    paths: Paths,
-    entries: FloatArray,
-    exits: FloatArray,
+    paths: Records,
+    entries: Records,
+    exits: Records,
     around: Surroundings,
     forward: bool,
 ) -> tuple[int, float, float, float]:
     """Return the index of the first clear path, its turns and drive after closing; -1: none."""
     speeds = np.empty((SPEED_PIECES, 3))
     turns = np.empty((TURN_PIECES, 3))
-    for index in range(len(paths.times)):
-        entry = entries[paths.entries[index]]
-        leaving = exits[paths.exits[index]]
-        first = paths.firsts[index]
-        last = paths.lasts[index]
-        drive = paths.drives[index]
+    for index in range(len(paths)):
+        path = paths[index]
+        entry = entries[path.entry]
+        leaving = exits[path.exit]
+        first = path.first
+        last = path.last
+        drive = path.drive
         if is_clear(start, goal, first, last, drive, entry, leaving, around, forward):
             first, last, drive, found = close(
                 first,
@@ -510,7 +512,7 @@ def _first_clear(
                 leaving,
                 around.rates,
             )
-            if not (found and time < paths.times[index] + _LONGER):
+            if not (found and time < path.time + _LONGER):
                 continue
             if is_clear(start, goal, first, last, drive, entry, leaving, around, forward):
                 return index, first, last, drive

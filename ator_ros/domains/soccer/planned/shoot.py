@@ -12,7 +12,7 @@ import numpy as np
 from ator_ros.actions.base import ActionError, Goal, Status, Step, finished
 from ator_ros.bases.description import Limits, Robot
 from ator_ros.bases.differential.durations import Rates, drive_time, rates_of, turn_time
-from ator_ros.bases.differential.manoeuvre import Manoeuvre, Side, pose_after_turn
+from ator_ros.bases.differential.manoeuvre import SIDE, Manoeuvre, Side, pose_after_turn
 from ator_ros.bases.differential.paths import Ends, ranked
 from ator_ros.bases.differential.turns import WIDEST, look_up
 from ator_ros.compiled import compiled, inlined
@@ -26,7 +26,7 @@ from ator_ros.domains.soccer.planned.planner import (
     is_clear,
     surroundings,
 )
-from ator_ros.geometry import FloatArray, Pose
+from ator_ros.geometry import FloatArray, Pose, Record, Records
 from ator_ros.world.state import World
 
 _SLANT = math.radians(60.0)  # greatest angle between a shot and the goal's axis
@@ -84,29 +84,33 @@ def _run_up(
     index = _first_clear_run_up(from_center(start, robot), found, entries.sides, around)
     if index < 0:
         return None
-    entry, turn, pushed, released = found[index, [1, 3, 4, 5]].tolist()
-    side = Side(*entries.sides[int(entry)].tolist())._replace(length=float(found[index, 2]))
-    goal = _end_of(
-        start,
-        found[index],
-        np.array(side),
-        around.rates,
-    )
+    _, entry, lead, turn, pushed, released = found[index].tolist()
+    side = entries.sides[entry].copy()
+    side["length"] = lead
+    goal = _end_of(start, found[index], side, around.rates)
     release = Side(0.0, released, released, 0.0, limits.w)
-    return Manoeuvre(start, goal, side, release, turn, 0.0, pushed, limits)
+    return Manoeuvre(start, goal, Side(*side.tolist()), release, turn, 0.0, pushed, limits)
+
+
+_RUN_UP = np.dtype(
+    [
+        ("time", float),  # s; until the ball is in
+        ("entry", np.intp),  # number of the entry
+        ("lead", float),  # m; length of its straight part
+        ("turn", float),  # rad
+        ("pushed", float),  # m; length of the last straight
+        ("released", float),  # m/s; speed at its end
+    ]
+)
 
 
 @compiled
-def _run_ups(start: Pose, entries: Ends, shooting: _Shooting) -> FloatArray:
-    """Return all run-ups on the grid from a pose relative to the goal's mouth, shape (n, 6).
-
-    Columns: time in s until the ball is in, number of the entry, length of its lead in m, turn in
-    rad, length of the last straight in m, speed at its end in m/s.
-    """
+def _run_ups(start: Pose, entries: Ends, shooting: _Shooting) -> Records:
+    """Return all run-ups on the grid from a pose relative to the goal's mouth."""
     rates = shooting.rates
     sides = entries.sides
     along, across = entries.turns
-    found = np.empty((len(_TURNS) * len(sides) * len(_LEADS), 6))
+    found = np.empty(len(_TURNS) * len(sides) * len(_LEADS), dtype=_RUN_UP)
     count = 0
     cos = math.cos(start.yaw)
     sin = math.sin(start.yaw)
@@ -119,30 +123,28 @@ def _run_ups(start: Pose, entries: Ends, shooting: _Shooting) -> FloatArray:
         ahead = math.cos(start.yaw + turn)
         aside = math.sin(start.yaw + turn)
         for entry in range(len(sides)):
-            outer = sides[entry, 1]
-            begin = sides[entry, 2]
-            change = sides[entry, 3]
-            rate = sides[entry, 4]
-            turning = turn_time(turn, rate, rates.aw)
-            speed = min(max(begin + change * turning, -rates.v), rates.v)
-            forth = look_up(along, entry, turn) + begin * turning
+            side = sides[entry]
+            turning = turn_time(turn, side.rate, rates.aw)
+            speed = min(max(side.speed + side.change * turning, -rates.v), rates.v)
+            forth = look_up(along, entry, turn) + side.speed * turning
             left = look_up(across, entry, turn)
             turned_x = start.x + ahead * forth - aside * left
             turned_y = start.y + aside * forth + ahead * left
             for further in _LEADS:
-                lead = sides[entry, 0] + further
+                lead = side.length + further
                 x = turned_x + lead * cos
                 y = turned_y + lead * sin
                 pushed, released, time = _release(x, y, c, s, speed, shooting)
                 if time == np.inf:
                     continue
-                time += turning + drive_time(lead, outer, begin, rates)
-                found[count, 0] = time
-                found[count, 1] = entry
-                found[count, 2] = lead
-                found[count, 3] = turn
-                found[count, 4] = pushed
-                found[count, 5] = released
+                time += turning + drive_time(lead, side.outer_speed, side.speed, rates)
+                run_up = found[count]
+                run_up.time = time
+                run_up.entry = entry
+                run_up.lead = lead
+                run_up.turn = turn
+                run_up.pushed = pushed
+                run_up.released = released
                 count += 1
     return found[:count]
 
@@ -191,19 +193,20 @@ def _rolling_time(deceleration: float, speed: float, distance: float) -> float:
 
 
 @compiled
-def _first_clear_run_up(
-    start: Pose, found: FloatArray, entries: FloatArray, around: Surroundings
-) -> int:
+def _first_clear_run_up(start: Pose, found: Records, entries: Records, around: Surroundings) -> int:
     """Return the index of the first run-up that is clear of walls; -1 if none is."""
+    sides = np.zeros(2, dtype=SIDE)
+    entry = sides[0]
+    leaving = sides[1]
+    leaving.rate = around.rates.w
     for index in range(len(found)):
-        entry = entries[int(found[index, 1])].copy()
-        entry[0] = found[index, 2]
-        turn = found[index, 3]
-        pushed = found[index, 4]
-        released = found[index, 5]
-        leaving = np.array((0.0, released, released, 0.0, around.rates.w))
-        goal = _end_of(start, found[index], entry, around.rates)
-        if is_clear(start, goal, turn, 0.0, pushed, entry, leaving, around, False):
+        run_up = found[index]
+        sides[0] = entries[run_up.entry]
+        entry.length = run_up.lead
+        leaving.outer_speed = run_up.released
+        leaving.speed = run_up.released
+        goal = _end_of(start, run_up, entry, around.rates)
+        if is_clear(start, goal, run_up.turn, 0.0, run_up.pushed, entry, leaving, around, False):
             return index
     return -1
 
@@ -211,18 +214,15 @@ def _first_clear_run_up(
 @compiled
 def _end_of(
     start: Pose,
-    run_up: FloatArray,
-    entry: FloatArray,
+    run_up: Record,
+    entry: Record,
     rates: Rates,
 ) -> Pose:
-    """Return the pose at the end of a run-up; see `_run_ups`."""
-    x, y, heading = pose_after_turn(start, run_up[3], entry, rates)
-    pushed = run_up[4]
-    return Pose(
-        x + pushed * math.cos(heading),
-        y + pushed * math.sin(heading),
-        heading,
-    )
+    """Return the pose at the end of a run-up."""
+    x, y, heading = pose_after_turn(start, run_up.turn, entry, rates)
+    ahead = run_up.pushed * math.cos(heading)
+    aside = run_up.pushed * math.sin(heading)
+    return Pose(x + ahead, y + aside, heading)
 
 
 def _release_poses(robot: Robot, mouth: Pose, limits: Limits) -> list[Pose]:

@@ -12,11 +12,11 @@ from functools import lru_cache
 
 from ator_ros.actions.base import Action, Goal, Status, Step, finished
 from ator_ros.bases.description import Robot
-from ator_ros.examples.navfn import NavFn
-from ator_ros.examples.pursuit import Law, Pursuit
-from ator_ros.examples.rotate_drive_rotate import Phase, RotateDriveRotate, State
 from ator_ros.world.grid_map import GridMap
 from ator_ros.world.state import STOP, Command, World
+from ator_ros_examples.navfn import NavFn
+from ator_ros_examples.pursuit import Law, Pursuit
+from ator_ros_examples.rotate_drive_rotate import Phase, RotateDriveRotate, State
 
 
 class DriveToStandIn(Action):

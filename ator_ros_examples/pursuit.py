@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ator_ros.examples.navfn import Grid, NavFn
-from ator_ros.examples.rotate_drive_rotate import ENDED, Phase, RotateDriveRotate, State
+from ator_ros_examples.navfn import Grid, NavFn
+from ator_ros_examples.rotate_drive_rotate import ENDED, Phase, RotateDriveRotate, State
 
 
 @dataclass(frozen=True)
