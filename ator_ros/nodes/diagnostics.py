@@ -16,18 +16,17 @@ from rclpy.node import Node
 from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
-from ator_ros.nodes.inputs import GAPS, MOST_NAMED, Subscriptions
+from ator_ros.nodes.inputs import GAPS, MOST_NAMED, WARNING_PERIOD, Subscriptions
 from ator_ros.nodes.qos import RESULTS
 from ator_ros.printable import listed, one_line, printable
 from ator_ros.world.messages import FrameError, SendersError, second_parent
 
 STEADY = Clock(clock_type=ClockType.STEADY_TIME)  # of timers that are independent of simulated time
-WARNING_PERIOD = 2.0  # s between two warnings that one line of code logs
-_PERIOD = 1.0  # s
+_PERIOD = 1.0  # s, as usual for /diagnostics
 # reports in a row after which a problem is logged: inputs are also missing at the start
 _PERSISTENT = 5
 _LONGEST = 500  # characters of a status, which may join the messages of several problems
-_TICKS = 1000
+_TICKS = 1000  # newest ticks that count: 50 s at 20 a second
 
 
 @dataclass(frozen=True, slots=True)

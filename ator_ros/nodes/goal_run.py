@@ -33,7 +33,7 @@ from ator_ros.world.delay import Delay
 from ator_ros.world.messages import MessageError
 from ator_ros.world.state import World
 
-_FEEDBACK_PERIOD = 0.1  # s on odometry's clock
+_FEEDBACK_PERIOD = 0.1  # s on odometry's clock, if neither step nor phase changes
 # real s in which DDS connects to a refinement node that is there
 _DISCOVERY = 0.5
 _INTERRUPTED = (Ending.CANCELED, Ending.PREEMPTED, Ending.SHUTDOWN, Ending.REFUSED)

@@ -42,9 +42,12 @@ from ator_ros.world.transforms import Placement, Transforms
 
 # takes a frame's stamp in s and its placement in another frame
 Take = Callable[[float, Placement], None]
-GAPS = 5  # last gaps between messages whose median counts: one or two may be lost or late messages
-_WARNING_PERIOD = 2.0  # s
-MOST_NAMED = 8  # frames or nodes in a message
+GAPS = 5
+"""Last gaps between messages whose median counts: one or two may be lost or late messages."""
+MOST_NAMED = 8
+"""Frames or nodes in a message, which is one line."""
+WARNING_PERIOD = 2.0
+"""Real s between two warnings that one line of code logs."""
 
 
 class TfListener:
@@ -121,7 +124,7 @@ class TfListener:
                 self.transforms.add(*transform_from(transform), fixed=fixed)
             except MessageError as error:
                 logger = self._node.get_logger()
-                logger.warning(f"ignored: {error}", throttle_duration_sec=_WARNING_PERIOD)
+                logger.warning(f"ignored: {error}", throttle_duration_sec=WARNING_PERIOD)
 
 
 TYPES: dict[str, Any] = {

@@ -22,7 +22,8 @@ from ator_ros.learning.gains import chain_gain
 from ator_ros.learning.learner import Learner
 from ator_ros.learning.process import RoundProcess
 from ator_ros.learning.sets import digest_of_start
-from ator_ros.nodes.diagnostics import STEADY, WARNING_PERIOD, Diagnostics, Health
+from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health
+from ator_ros.nodes.inputs import WARNING_PERIOD
 from ator_ros.nodes.maps import FollowedMap
 from ator_ros.nodes.parameters import (
     FRAME,
@@ -52,11 +53,9 @@ PARAMETERS = (
     Parameter("records", ["performance/action"], "topics of the records, of one or several robots"),
     Parameter("chains", ["performance/chain"], "topics of their chain records"),
     Parameter("batch", 20, "new records after which to learn again", 5, 10_000),
-    Parameter(
-        "most_episodes", 20_000, "episodes of each action set that are kept", 1000, 1_000_000
-    ),
 )
-_PERIOD = 0.25  # s
+_PERIOD = 0.25  # real s between two looks at the round under way
+_MOST_EPISODES = 20_000  # of each action set that are kept: 28 hours of drives of 5 s
 _DEFAULT_FOLDER = "~/.ros/ator_ros/learned"
 
 
@@ -98,7 +97,7 @@ class LearningNode(Node):
                 self._start_round,
                 start=digest_of_start(models, self._domain.action_sets),
                 batch=settings["batch"],
-                most=settings["most_episodes"],
+                most=_MOST_EPISODES,
             )
         except (FileError, OSError) as error:
             raise SetupError(f"parameter learned: {error}") from error

@@ -15,7 +15,7 @@ from ator_ros.experience.parallel import end_with_parent
 from ator_ros.learning.round import Source, learn
 from ator_ros.nodes.path_planner import planned_by
 
-_NICE = 15
+_NICE = 15  # of 19: every other program goes first
 
 
 def main() -> None:

@@ -12,7 +12,8 @@ from rclpy.node import Node
 from ator_ros.bases.description import Robot
 from ator_ros.domains.domain import Domain
 from ator_ros.files import FileError
-from ator_ros.nodes.diagnostics import STEADY, WARNING_PERIOD
+from ator_ros.nodes.diagnostics import STEADY
+from ator_ros.nodes.inputs import WARNING_PERIOD
 from ator_ros.nodes.messages import grid_from
 from ator_ros.nodes.parameters import SetupError, map_topic
 from ator_ros.nodes.qos import LATCHED

@@ -16,7 +16,7 @@ THIS_MACHINE = "LOCALHOST"
 PROFILES = "FASTRTPS_DEFAULT_PROFILES_FILE"
 _OPEN = ("SUBNET", "SYSTEM_DEFAULT")
 _ELSEWHERE = ("ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER")
-_DOMAINS = 100
+_DOMAINS = 100  # greatest ROS domain whose ports are outside the ephemeral ones of Linux
 # UDP ports in the DDS standard: the first one of domain 0, and the number of ports of a domain
 _FIRST_PORT = 7400
 _PORTS = 250

@@ -24,9 +24,9 @@ from ator_ros.execution.fence import Fence
 from ator_ros.execution.predictions import warm_up_refinement
 from ator_ros.learning.gains import Gains
 from ator_ros.nodes import messages
-from ator_ros.nodes.diagnostics import WARNING_PERIOD, Diagnostics, Health
+from ator_ros.nodes.diagnostics import Diagnostics, Health
 from ator_ros.nodes.drawing import LazyPublisher, marker_array
-from ator_ros.nodes.inputs import TfListener
+from ator_ros.nodes.inputs import WARNING_PERIOD, TfListener
 from ator_ros.nodes.maps import FollowedMap
 from ator_ros.nodes.models import LEARNED, LearnedSets, ModelSet
 from ator_ros.nodes.parameters import (
@@ -62,7 +62,7 @@ from ator_ros.world.grid_map import PATHS_OF
 from ator_ros.world.messages import MessageError, count, pose_from, world_from
 from ator_ros.world.state import World
 
-_LONGEST_DEADLINE = 60.0  # s
+_LONGEST_DEADLINE = 60.0  # s, as the longest `refinement_timeout` of the executor
 
 PARAMETERS = (
     FRAME,

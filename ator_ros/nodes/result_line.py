@@ -8,7 +8,7 @@ from typing import Any
 
 from ator_ros.printable import listed, one_line, printable
 
-_MOST_CHANGES = 4
+_MOST_CHANGES = 4  # in the line; "and 2 more" stands for the others
 _MOST_REASON = 150  # characters
 
 

@@ -23,6 +23,7 @@ VIOLET: Color = (0.6, 0.45, 0.75)
 YELLOW: Color = (1.0, 0.82, 0.24)
 WHITE: Color = (0.93, 0.94, 0.95)
 
+# widths of lines in m
 _LEG_WIDTH = 0.015
 _ALTERNATIVE_WIDTH = 0.008
 _LINE_WIDTH = 0.03

@@ -80,9 +80,9 @@ _COMMON = (
 )
 _ERRORS = tuple(field.name for field in dataclasses.fields(ObjectErrors))
 _ASIDE = 1.0  # m between the default starts of objects, and of robots
-_FASTEST_PERIOD = 0.0005
-_LONGEST_PERIOD = 60.0
-_PAUSED_PERIOD = 0.05
+_FASTEST_PERIOD = 0.0005  # real s between ticks as fast as possible: less than a tick takes
+_LONGEST_PERIOD = 60.0  # real s between ticks, so that a smaller factor can still be changed
+_PAUSED_PERIOD = 0.05  # real s between two messages of a paused world
 _REAL_TIME_TICKS = round(5.0 / TICK)  # ticks at real-time speed after the last command has expired
 _WORLD_FRAME = "world"  # in which the robots of one simulation start
 
