@@ -223,7 +223,7 @@ class Subscriptions:
                 f"parameter robot_frame: expected another frame than frame, got {robot_frame}"
             )
         else:
-            velocity = RobotVelocity(robot.limits.v, robot.limits.w)
+            velocity = RobotVelocity(robot.greatest_speed(), robot.greatest_turn_rate)
             transforms = self.tf.transforms
 
             def read(stamp: float, placement: Placement) -> tuple[float, RobotState]:

@@ -302,7 +302,7 @@ class WaypointsNode(Node):
     def _take_goal(self, kind: Any, handle: ServerGoalHandle) -> None:
         """Start to execute an accepted goal; the order of these calls decides which is newer."""
         self._arrived[bytes(handle.goal_id.uuid)] = WaypointGoal(
-            handle, kind, pace=1.0 / self._robot.limits.v, number=next(self._numbers)
+            handle, kind, pace=1.0 / self._robot.greatest_speed(), number=next(self._numbers)
         )
         handle.execute()
 

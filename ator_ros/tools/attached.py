@@ -20,7 +20,7 @@ from ator_ros.domains.declared import DeclaredPlace, Places
 from ator_ros.domains.domain import Domain, DomainError
 from ator_ros.execution.chain_executor import Ending
 from ator_ros.execution.fence import Fence
-from ator_ros.experience.collect import episode_generator
+from ator_ros.experience.simulated import episode_generator
 from ator_ros.experience.table import ExperienceError
 from ator_ros.files import FileError, read_yaml
 from ator_ros.geometry import Pose

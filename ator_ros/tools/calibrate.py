@@ -22,16 +22,10 @@ import yaml
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
-from ator_ros.bases.description import (
-    GREATEST,
-    KIND,
-    Limits,
-    Robot,
-    least_torque,
-    load_robot,
-    robot_of,
-)
+from ator_ros.bases.description import KIND, load_robot, robot_of
+from ator_ros.bases.differential.description import DifferentialRobot, differential, least_torque
 from ator_ros.bases.differential.identification import BaseEstimate, check_plausible, identify
+from ator_ros.bases.differential.limits import GREATEST, Limits
 from ator_ros.bases.differential.probe_drive import DriveError, ProbeDrive
 from ator_ros.files import header, portable_command, write_text
 from ator_ros.nodes.commands import CommandPublisher
@@ -59,7 +53,7 @@ def calibrate(options: argparse.Namespace, words: Sequence[str]) -> None:
     Raises DriveError if odometry is missing, another program commands the base, the base does not
     move, or an estimate cannot be right: then nothing is written.
     """
-    template = load_robot(options.robot)
+    template = differential(load_robot(options.robot))
     v, w = options.v or _FACTOR * template.limits.v, options.w or _FACTOR * template.limits.w
     backward = template.limits.backward > 0.0
     drive = ProbeDrive(v=v, w=w, space=options.space, backward=backward)
@@ -90,7 +84,7 @@ def calibrate(options: argparse.Namespace, words: Sequence[str]) -> None:
     print("\n".join((*lines, f"written to {options.out}")))
 
 
-def described(template: Robot, estimate: BaseEstimate) -> Robot:
+def described(template: DifferentialRobot, estimate: BaseEstimate) -> DifferentialRobot:
     """Return the template with the estimated limits and lag; `v_back` is that of the template.
 
     The motors' torque is raised if it is too weak for the estimated accelerations.
@@ -137,7 +131,7 @@ class _Driver:
     """Publishes a command of the drive for each odometry message."""
 
     def __init__(
-        self, node: Node, drive: ProbeDrive, robot: Robot, options: argparse.Namespace
+        self, node: Node, drive: ProbeDrive, robot: DifferentialRobot, options: argparse.Namespace
     ) -> None:
         self._node, self._drive = node, drive
         self._commands = CommandPublisher(node, stamped=options.stamped, frame="base_link")

@@ -21,7 +21,7 @@ from ator_ros.bases.description import Robot
 from ator_ros.domains.domain import Domain
 from ator_ros.domains.trials import possible_actions
 from ator_ros.evaluation.toolset import ToolsetSource
-from ator_ros.experience import collect as simulated
+from ator_ros.experience import simulated
 from ator_ros.experience.json_lines import PartialResults
 from ator_ros.experience.parallel import progress
 from ator_ros.experience.table import (
@@ -32,7 +32,7 @@ from ator_ros.experience.table import (
     write_experience,
 )
 from ator_ros.files import FileError
-from ator_ros.geometry import wrap_angles
+from ator_ros.geometry import FloatArray, wrap_angles
 from ator_ros.printable import one_line
 from ator_ros.tools.command_line import (
     RESUMES,
@@ -211,7 +211,7 @@ def _remarks(starts: pd.DataFrame, robot: Robot) -> list[str]:
         return remarks
     ratio = float(np.median(starts.loc[good, "duration"] / straight))
     if ratio > _LONG:
-        limits = f"v {robot.limits.v:g} m/s, w {robot.limits.w:g} rad/s"
+        limits = ", ".join(f"{axis.name} {axis.limit:g} {axis.unit}" for axis in robot.axes)
         remarks.append(
             f"drives took {ratio:.0f} times as long as the limits of {robot.name} allow ({limits}): "
             "check the limits, or the speed of the server"
@@ -219,19 +219,14 @@ def _remarks(starts: pd.DataFrame, robot: Robot) -> list[str]:
     return remarks
 
 
-def _straight_times(starts: pd.DataFrame, robot: Robot) -> pd.Series:
-    """Return times in s of straight drives with turns before and after, at the robot's limits.
-
-    Speeding up and braking are included.
-    """
-    limits = robot.limits
+def _straight_times(starts: pd.DataFrame, robot: Robot) -> FloatArray:
+    """Return times in s of straight drives with turns before and after, at the robot's limits."""
     dx, dy = starts["xg"] - starts["x"], starts["yg"] - starts["y"]
     distance, direction = np.hypot(dx, dy), np.arctan2(dy, dx)
-    turns = np.abs(wrap_angles(direction - starts["yaw"])) + np.abs(
-        wrap_angles(starts["yawg"] - direction)
-    )
-    changes = 0.5 * limits.v * (1.0 / limits.a + 1.0 / limits.brake)
-    return distance / limits.v + turns / limits.w + changes
+    none = np.zeros(len(starts))
+    first_turn = np.abs(wrap_angles(direction - starts["yaw"]))
+    last_turn = np.abs(wrap_angles(starts["yawg"] - direction))
+    return robot.route_time(distance.to_numpy(), (first_turn, none, last_turn), none, none)
 
 
 def arguments() -> argparse.ArgumentParser:

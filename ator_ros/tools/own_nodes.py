@@ -21,9 +21,9 @@ from ator_ros.bases.description import Robot
 from ator_ros.domains.declared import DeclaredServer
 from ator_ros.domains.domain import Domain, domain_for
 from ator_ros.evaluation.toolset import ToolsetSource
-from ator_ros.experience.collect import episode_generator
 from ator_ros.experience.records import ENDED, episode_of
-from ator_ros.experience.table import ExperienceError, episode_frame
+from ator_ros.experience.simulated import episode_generator
+from ator_ros.experience.table import ExperienceError
 from ator_ros.nodes.network import (
     RANGE,
     THIS_MACHINE,
@@ -276,6 +276,6 @@ def episode_row(
     if record.outcome.code not in ENDED:
         return None, record.outcome.reason
     try:
-        return episode_frame(number, episode_of(record, domain, robot), domain.objects), ""
+        return episode_of(record, domain, robot).rows(number, domain.objects), ""
     except MessageError as error:
         return None, str(error)

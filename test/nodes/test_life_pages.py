@@ -57,7 +57,9 @@ class Calls:
 
     def missing(self, page: list[str]) -> list[str]:
         """Return the functions of a page that no call reaches in its order: the fewest of all calls."""
-        return min((_missing(page, iter(calls)) for calls in list(self.found)), key=len, default=page)
+        return min(
+            (_missing(page, iter(calls)) for calls in list(self.found)), key=len, default=page
+        )
 
 
 def _missing(page: list[str], calls: Iterator[str]) -> list[str]:
