@@ -17,7 +17,6 @@ from refinement_requests import refine, request_of_the_paper
 from ros_client import Client
 
 import ator_ros
-from ator_interfaces.msg import Outcome
 from ator_ros.geometry import Pose
 
 CLIENT = {"silent": True}
@@ -87,7 +86,7 @@ def test_a_tick_calls_the_functions_of_its_page_in_order(
     host("executor", odom_timeout=10.0)
     base = MovingBase(client)
     base.set_pace(0.2)  # tracing makes ticks slow
-    sent = ChainClient(client, None).send([call("goToPose", Pose(1.0, 0.5, 0.0))])
+    ChainClient(client, None).send([call("goToPose", Pose(1.0, 0.5, 0.0))])
     client.eventually(lambda: not calls.missing(page), "a tick as on the page")
 
 
