@@ -172,7 +172,7 @@ def planner_name(node: Node, settings: Mapping[str, Any], domain: Domain) -> str
         raise SetupError("parameter planner: expected a map, too; set the parameter map")
     try:
         action_type(_TYPE)
-        return node.resolve_topic_name(name)
+        return str(node.resolve_topic_name(name))
     except RemoteError as error:
         raise SetupError(f"parameter planner: {error}") from error
     except (ValueError, RuntimeError) as error:
