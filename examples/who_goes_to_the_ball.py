@@ -58,7 +58,7 @@ def to_ball(world: World) -> TopCall:
 
 def predicted(worlds: Sequence[World]) -> tuple[list[float], list[float]]:
     """Return the predicted time to the ball and its standard deviation for each robot, in s."""
-    found = predict_durations(worlds, [to_ball(world) for world in worlds], ROBOT, MODELS)
+    found = predict_durations(worlds, [to_ball(world) for world in worlds], MODELS)
     return np.diag(found.durations).tolist(), np.diag(found.spreads).tolist()
 
 

@@ -37,7 +37,6 @@ from ator_ros.geometry import FloatArray, IntArray, Pose, wrap_angle, wrap_angle
 from ator_ros.printable import printable, quoted
 from ator_ros.tops.chain import Top
 from ator_ros.tops.objects import held_first, held_last, is_held
-from ator_ros.world.estimation import JUMP, TWIST_TOLERANCE, RobotVelocity
 from ator_ros.world.messages import (
     MessageError,
     ObjectReader,
@@ -47,6 +46,8 @@ from ator_ros.world.messages import (
     robot_from_placement,
     transform_from,
 )
+from ator_ros.world.robot_velocity import TWIST_TOLERANCE, RobotVelocity
+from ator_ros.world.sightings import JUMP
 from ator_ros.world.state import ObjectState, RobotState, Standstill, World
 from ator_ros.world.transforms import Transforms
 

@@ -67,9 +67,9 @@ from ator_ros.nodes.remote_actions import RemoteServers
 from ator_ros.nodes.running import run_node, spin_out
 from ator_ros.printable import one_line
 from ator_ros.tops.objects import missing_in
-from ator_ros.world.estimation import ObjectTracker, Sightings
 from ator_ros.world.inputs import ClockJumpError, Inputs
 from ator_ros.world.messages import MessageError
+from ator_ros.world.sightings import ObjectTracker, Sightings
 from ator_ros.world.state import STOP, Command, ObjectState, RobotState, World
 
 # real s; DDS may still be connecting cmd_vel to a base that has just started

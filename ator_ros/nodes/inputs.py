@@ -24,7 +24,6 @@ from ator_ros.geometry import Pose
 from ator_ros.nodes.parameters import STATE, SetupError
 from ator_ros.nodes.qos import LATCHED_BY_MANY, RESULTS, SENSOR_DATA
 from ator_ros.printable import listed, one_line, printable, quoted
-from ator_ros.world.estimation import RobotVelocity, StampError
 from ator_ros.world.messages import (
     MessageError,
     ObjectReader,
@@ -37,6 +36,8 @@ from ator_ros.world.messages import (
     second_parent,
     transform_from,
 )
+from ator_ros.world.robot_velocity import RobotVelocity
+from ator_ros.world.sightings import StampError
 from ator_ros.world.state import ObjectState, RobotState
 from ator_ros.world.transforms import Placement, Transforms
 

@@ -296,9 +296,7 @@ class RefinementNode(Node):
         ]
         calls = messages.calls_from(request.calls, self._libraries[name], frame=self._frame)
         reason = "" if self._robot.grid is None else one_line(f"map {self._robot.grid}")
-        found = await self._predict_in_blocks(
-            worlds, calls, self._robot, self._sets.present[name].models
-        )
+        found = await self._predict_in_blocks(worlds, calls, self._sets.present[name].models)
         durations, spreads, success = (values.ravel().tolist() for values in found)
         return PredictDurations.Response(
             accepted=True, reason=reason, durations=durations, spreads=spreads, success=success
@@ -308,7 +306,6 @@ class RefinementNode(Node):
         self,
         worlds: Sequence[World],
         calls: Sequence[TopCall],
-        robot: Robot,
         models: Mapping[str, PerformanceModel],
     ) -> Durations:
         """Predict steps from situations, in blocks that take about `_BLOCK_TIME`."""
@@ -319,7 +316,7 @@ class RefinementNode(Node):
             while first < len(worlds):
                 started = time.monotonic()
                 last = first + size
-                block = predict_durations(worlds[first:last], [call], robot, models)
+                block = predict_durations(worlds[first:last], [call], models)
                 for values, part in zip(found, block, strict=True):
                     values[first:last, column] = part[:, 0]
                 pace = _BLOCK_TIME / max(time.monotonic() - started, 1e-3)

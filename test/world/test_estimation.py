@@ -7,12 +7,9 @@ import numpy as np
 import pytest
 
 from ator_ros.geometry import Pose
-from ator_ros.world.estimation import (
-    ObjectTracker,
-    RobotVelocity,
-    SenderCheck,
-    VelocityCheck,
-)
+from ator_ros.world.robot_velocity import RobotVelocity
+from ator_ros.world.senders import SenderCheck
+from ator_ros.world.sightings import ObjectTracker, VelocityCheck
 from ator_ros.world.state import ObjectState
 
 TICK = 0.05
