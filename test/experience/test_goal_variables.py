@@ -1,4 +1,4 @@
-"""Goal variables that an action declares, from the specification to experience, model and refinement."""
+"""Goal variables of an action, from specification to experience, model and refinement."""
 
 import dataclasses
 from pathlib import Path

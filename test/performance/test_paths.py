@@ -1,4 +1,4 @@
-"""Times of paths: limits and turns read from odometry, and the driving style that a model stores."""
+"""Times of paths: limits and turns by odometry, and the driving style that a model stores."""
 
 import dataclasses
 import math

@@ -143,7 +143,7 @@ def probed(
     response: Callable[[Command], Command] = lambda command: command,
     bias: tuple[float, float] = (0.0, 0.0),
 ) -> Sequence[DriveSample]:
-    """Return the samples of a base that ramps its speeds without a lag; accelerations in m/s^2, rates in Hz.
+    """Return samples of a base that ramps its speeds without a lag; in m/s^2 and Hz.
 
     Its odometry is that of a `point` in m ahead and to the left of the axle; its speeds have a
     `bias` in m/s and rad/s.
