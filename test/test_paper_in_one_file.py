@@ -56,13 +56,16 @@ def learned(rows: pd.DataFrame) -> example.Node:
 
 
 def differences(experience: Mapping[str, pd.DataFrame]) -> FloatArray:
-    """Return by how much naive and refined headings (rad) differ from the product's, shape (40, 2)."""
+    """Return by how much naive and refined headings (rad) differ from the product's.
+
+    Shape (20, 2).
+    """
     refiner = Refiner(
         ROBOT, {a: train(a, rows, ROBOT, features=PAPER_11) for a, rows in experience.items()}
     )
     models = {action: learned(rows) for action, rows in experience.items()}
     found = []
-    for index in range(40):
+    for index in range(20):
         trial = random_trial(SOCCER, "dribble", LIBRARY, seed=77, index=index)
         task = example.Task(trial.world, *(call.goal for call in trial.chain.calls))
         naive = refiner.naive(trial.world, trial.chain)
@@ -93,6 +96,7 @@ def test_its_observations_are_those_of_the_product(action: str) -> None:
     assert situation[:6] == pytest.approx([*drawn.robot.pose, *drawn.goal.pose])
 
 
+@pytest.mark.long
 def test_it_prints_rules_and_table_1() -> None:
     command = [sys.executable, example.__file__]
     command += ["--episodes", "30", "--situations", "2"]

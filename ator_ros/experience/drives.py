@@ -37,7 +37,6 @@ from ator_ros.geometry import FloatArray, IntArray, Pose, wrap_angle, wrap_angle
 from ator_ros.printable import printable, quoted
 from ator_ros.tops.chain import Top
 from ator_ros.tops.objects import held_first, held_last, is_held
-from ator_ros.world.estimation import JUMP, TWIST_TOLERANCE, RobotVelocity
 from ator_ros.world.messages import (
     MessageError,
     ObjectReader,
@@ -47,6 +46,8 @@ from ator_ros.world.messages import (
     robot_from_placement,
     transform_from,
 )
+from ator_ros.world.robot_velocity import TWIST_TOLERANCE, RobotVelocity
+from ator_ros.world.sightings import JUMP
 from ator_ros.world.state import ObjectState, RobotState, Standstill, World
 from ator_ros.world.transforms import Transforms
 
@@ -82,7 +83,7 @@ _LEAST_TIME = 1.0
 _SEGMENT = 100  # numbers that need as much memory as a segment without messages
 _JUMPS = "the pose jumps during the drive"
 _TOO_LONG = f"expected at most {_LONGEST:.0f} s"
-_WIDTH = 6  # columns of odometry
+_WIDTH = 7  # columns of odometry
 _ROUNDING = 1e-6  # s; stamps since 1970 are rounded to 0.24 us
 _DIGITS = 6  # of times in s, likewise
 
@@ -122,9 +123,12 @@ class Rows:
 
 @dataclass
 class Segment:
-    """Recorded without a gap: odom (t, x, y, yaw, v, w), commands (t, v, w), objects (t, x, y)."""
+    """Recorded without a gap: rows of odometry, commands and objects.
 
-    odom: Rows = field(default_factory=lambda: Rows(6))
+    odom: t, x, y, yaw, v, w, vy; cmd_vel: t, speed, w; objects: t, x, y of each.
+    """
+
+    odom: Rows = field(default_factory=lambda: Rows(_WIDTH))
     cmd_vel: Rows = field(default_factory=lambda: Rows(3))
     objects: dict[str, Rows] = field(default_factory=lambda: defaultdict(lambda: Rows(3)))
 
@@ -200,7 +204,7 @@ class Reader:
             elif role == CMD_VEL:
                 command = command_from(message, CMD_VEL)
                 if newest.odom:  # a Twist has no stamp: it gets that of the last odometry message
-                    newest.cmd_vel.append(now, command.v, command.w)
+                    newest.cmd_vel.append(now, math.hypot(command.vx, command.vy), command.w)
                     self._numbers += 3
             elif role == RECORDS:
                 self.records.append(episode_of(message, self._domain, self._robot))
@@ -374,8 +378,8 @@ class Reader:
         if odom and not 0.0 <= time - last <= SILENCE:
             self.segments.append(Segment())
             self._numbers += _SEGMENT
-        self.segments[-1].odom.append(time, *robot.pose, robot.v, robot.w)
-        self._numbers += 6
+        self.segments[-1].odom.append(time, *robot.pose, robot.vx, robot.w, robot.vy)
+        self._numbers += _WIDTH
 
     def _add_transforms(self, message: Any, *, fixed: bool) -> None:
         for transform in message.transforms:
@@ -438,8 +442,8 @@ class Track:
 
     Attributes
     ----------
-    odom : ndarray, shape (n, 6)
-        t, x, y, yaw, v, w in the order of time, with unwrapped yaw.
+    odom : ndarray, shape (n, 7)
+        t, x, y, yaw, v, w, vy in the order of time, with unwrapped yaw.
     begin, end : float
         Times in s of the first and the last odometry.
     objects : mapping of str to ndarray, shape (n, 3)
@@ -474,7 +478,7 @@ class Track:
     def states(self, times: FloatArray) -> FloatArray:
         """Return the states at times (n,) in s, which increase.
 
-        A row has t, x, y, yaw, v, w, then x and y of each object, NaN before its first message.
+        A row has t, x, y, yaw, v, w, vy, then x and y of each object, NaN before its first message.
         """
         since = np.round(times - self.begin, _DIGITS)
         columns = [
@@ -485,17 +489,17 @@ class Track:
         states = np.column_stack([times, *columns])
         x, y, yaw = self._odom_pose
         turn = np.array([[math.cos(yaw), math.sin(yaw)], [-math.sin(yaw), math.cos(yaw)]])
-        for first in (1, *range(6, states.shape[1], 2)):
+        for first in (1, *range(_WIDTH, states.shape[1], 2)):
             states[:, first : first + 2] = states[:, first : first + 2] @ turn + (x, y)
         states[:, 3] = wrap_angles(states[:, 3] + yaw)
         return states
 
     def world(self, time: float) -> World:
         """Return the state at `time` (s), with the objects that had a message by then."""
-        _, x, y, yaw, v, w, *places = self.states(np.array([time]))[0].tolist()
+        _, x, y, yaw, vx, w, vy, *places = self.states(np.array([time]))[0].tolist()
         found = zip(self.objects, places[::2], places[1::2], strict=True)
         objects = {name: ObjectState(*place) for name, *place in found if not math.isnan(place[0])}
-        return World(time, RobotState(Pose(x, y, yaw), v, w), objects)
+        return World(time, RobotState(Pose(x, y, yaw), vx, w, vy=vy), objects)
 
     def samples(self, begin: float, end: float, objects: Collection[str]) -> FloatArray:
         """Return the samples of an episode from `begin` to `end` (s); see `Episode`."""
@@ -533,7 +537,7 @@ class Track:
         """Return whether the robot stood at any time between two (s)."""
         times = self._times
         during = self.odom[np.searchsorted(times, since, "right") : np.searchsorted(times, until)]
-        return bool(NOT_DRIVEN.holds(during[:, 4], during[:, 5]).any())
+        return bool(NOT_DRIVEN.holds(np.hypot(during[:, 4], during[:, 6]), during[:, 5]).any())
 
 
 def _around(table: FloatArray, times: FloatArray) -> FloatArray:
@@ -682,7 +686,7 @@ def _spans(commands: FloatArray, track: Track) -> Iterator[tuple[float, float]]:
 def _rest(track: Track, ceased: float) -> float:
     """Return when (s) the robot came to rest after its commands ceased; `ceased` if it did not."""
     after = track.between(ceased, ceased + PAUSE + _ROUNDING)
-    still = NOT_DRIVEN.holds(after[:, 4], after[:, 5])
+    still = NOT_DRIVEN.holds(np.hypot(after[:, 4], after[:, 6]), after[:, 5])
     return float(after[still][0, 0]) if still.any() else ceased
 
 

@@ -12,7 +12,7 @@ from turning_action import TurnDriveTurn
 from ator_ros.actions.base import Goal, Point
 from ator_ros.actions.situation import ActionSpec, Situation
 from ator_ros.bases.description import Robot, load_robot
-from ator_ros.bases.differential.drive_parts import DriveParts
+from ator_ros.bases.drive_parts import DriveParts
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import BALL
 from ator_ros.domains.soccer.tops import GO_TO_BALL, GO_TO_POSE
