@@ -14,7 +14,7 @@ import numpy as np
 from ator_ros.actions.base import Action, ActionError, Goal, Status, Step, finished
 from ator_ros.actions.situation import ActionSpec
 from ator_ros.bases.description import Limits, Robot
-from ator_ros.domains.soccer import situations
+from ator_ros.domains.soccer import samplers
 from ator_ros.domains.soccer.field import (
     BALL,
     ball_of,
@@ -701,8 +701,8 @@ class BezierShoot(_BezierHolding):
 
 _PAPER = names_of(PAPER_11)
 ACTIONS = (
-    ActionSpec("goToPose", BezierGoToPose, situations.go_to_pose, _PAPER),
-    ActionSpec("dribbleBall", BezierDribbleBall, situations.dribble_ball, _PAPER),
-    ActionSpec("shoot", BezierShoot, situations.shoot, _PAPER),
+    ActionSpec("goToPose", BezierGoToPose, samplers.go_to_pose, _PAPER),
+    ActionSpec("dribbleBall", BezierDribbleBall, samplers.dribble_ball, _PAPER),
+    ActionSpec("shoot", BezierShoot, samplers.shoot, _PAPER),
 )
 """The paper's action set; its models have the paper's eleven features."""

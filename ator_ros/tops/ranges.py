@@ -41,25 +41,38 @@ class Range:
         An angle may have any finite value.
         """
         slack = 1e-9 * (self.high - self.low) + 1e-15 * max(abs(self.low), abs(self.high))
-        return math.isfinite(value) and (
-            self.periodic or self.low - slack <= value <= self.high + slack
-        )
+        inside = self.low - slack <= value <= self.high + slack
+        return math.isfinite(value) and (self.periodic or inside)
 
 
 Ranges = Mapping[str, Callable[[Robot, Goal], Range]]
-"""Goal variable to its range, given the robot and the goal; a variable without one is never free."""
+"""Goal variable to its range, given robot and goal; a variable without one is never free."""
 
 
 def _heading(robot: Robot, goal: Goal) -> Range:  # noqa: ARG001
-    return Range(-math.pi, math.pi, 36, periodic=True)
-
-
-def arrival_speed(robot: Robot, goal: Goal, *, most: float = math.inf) -> Range:
-    """Return the range of an arrival speed: from rest to what the robot can do, and to `most` m/s."""
-    limits = (
-        robot.holder_for("a goal of the hold").limits if goal.point is Point.HOLD else robot.limits
+    return Range(
+        -math.pi,
+        math.pi,
+        36,
+        periodic=True,
     )
-    return Range(0.0, min(limits.v, most), 6, rest=0.0)
+
+
+def arrival_speed(
+    robot: Robot,
+    goal: Goal,
+    *,
+    most: float = math.inf,
+) -> Range:
+    """Return the range of an arrival speed: from rest to the robot's limit, and to `most` m/s."""
+    holds = goal.point is Point.HOLD
+    limits = robot.holder_for("a goal of the hold").limits if holds else robot.limits
+    return Range(
+        0.0,
+        min(limits.v, most),
+        6,
+        rest=0.0,
+    )
 
 
 def _x(robot: Robot, goal: Goal) -> Range:  # noqa: ARG001
@@ -77,9 +90,18 @@ USUAL_RANGES: Ranges = MappingProxyType({"x": _x, "y": _y, "yaw": _heading, "spe
 
 
 def declared_ranges(variables: Iterable[GoalVariable]) -> Ranges:
-    """Return the ranges of goal variables that actions declare, which are the same for all goals."""
+    """Return the ranges of goal variables that actions declare: the same for all goals."""
     return {variable.name: functools.partial(_declared, variable) for variable in variables}
 
 
-def _declared(variable: GoalVariable, robot: Robot, goal: Goal) -> Range:  # noqa: ARG001
-    return Range(variable.low, variable.high, variable.steps, rest=variable.rest)
+def _declared(
+    variable: GoalVariable,
+    robot: Robot,  # noqa: ARG001
+    goal: Goal,  # noqa: ARG001
+) -> Range:
+    return Range(
+        variable.low,
+        variable.high,
+        variable.steps,
+        rest=variable.rest,
+    )

@@ -12,7 +12,7 @@ from ator_ros.actions import DEFAULT_SET
 from ator_ros.actions.situation import ActionSpec
 from ator_ros.bases.description import Robot
 from ator_ros.domains.domain import Domain
-from ator_ros.domains.soccer import situations
+from ator_ros.domains.soccer import samplers
 from ator_ros.domains.soccer.chains import CHAINS
 from ator_ros.domains.soccer.field import BALL, field_in, field_lines, field_of
 from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
@@ -61,9 +61,9 @@ _SHOOTING = (*names_of(SHOT), "v", *names_of(PATHS))
 ACTION_SETS: Mapping[str, tuple[ActionSpec, ...]] = MappingProxyType(
     {
         DEFAULT_SET: (
-            ActionSpec("goToPose", GoToPose, situations.go_to_pose),
-            ActionSpec("dribbleBall", DribbleBall, situations.dribble_ball),
-            ActionSpec("shoot", Shoot, situations.shoot_with_room, _SHOOTING),
+            ActionSpec("goToPose", GoToPose, samplers.go_to_pose),
+            ActionSpec("dribbleBall", DribbleBall, samplers.dribble_ball),
+            ActionSpec("shoot", Shoot, samplers.shoot_with_room, _SHOOTING),
         ),
     }
 )
