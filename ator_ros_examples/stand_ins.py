@@ -1,4 +1,4 @@
-"""Stand-ins for the example servers: actions that drive in simulations without ROS as the servers do.
+"""Stand-ins for the example servers: actions that drive as these do, without ROS.
 
 A *control law* computes the velocity command of an action server from the state of the robot. A
 *stand-in* is an action with the control law of a server, and with its delays over ROS. So drives of

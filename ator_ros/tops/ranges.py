@@ -65,11 +65,10 @@ def arrival_speed(
     most: float = math.inf,
 ) -> Range:
     """Return the range of an arrival speed: from rest to the robot's limit, and to `most` m/s."""
-    holds = goal.point is Point.HOLD
-    limits = robot.holder_for("a goal of the hold").limits if holds else robot.limits
+    speed = robot.greatest_speed(holding=goal.point is Point.HOLD)
     return Range(
         0.0,
-        min(limits.v, most),
+        min(speed, most),
         6,
         rest=0.0,
     )
