@@ -70,7 +70,7 @@ class Top:
         at = "hold" if holds else "robot"
         other = "robot" if holds else "hold"
         beside = {f"{other}.{axis}": (axis, "yaw") for axis in "xy"}
-        robot = {"robot.yaw": ("yaw",), "robot.v": ("speed",), "robot.w": ()}
+        robot = {"robot.yaw": ("yaw",), "robot.vx": ("speed",), "robot.vy": (), "robot.w": ()}
         return {f"{at}.x": ("x",), f"{at}.y": ("y",), **beside, **robot}
 
     def unmet(
@@ -215,9 +215,8 @@ def projected(
     state = call.top.post.apply(state_of(world, robot), goal_values(call.goal))
     if not call.top.arrives and any(name.startswith("robot.") for name in variables):
         pose = Pose(state["robot.x"], state["robot.y"], state["robot.yaw"])
-        world = dataclasses.replace(
-            world, robot=RobotState(pose, state["robot.v"], state["robot.w"])
-        )
+        vx, vy, w = (state[f"robot.{name}"] for name in ("vx", "vy", "w"))
+        world = dataclasses.replace(world, robot=RobotState(pose, vx, w, vy=vy))
     for name in sorted(call.top.post.objects()):
         x = state.get(f"{name}.x")
         y = state.get(f"{name}.y")

@@ -165,7 +165,7 @@ def test_other_headings_are_along_the_approach() -> None:
     (chain,) = planned(statements_of("robot.yaw=1"), situation())
     (turn,) = chain.calls
     assert turn.goal.pose == Pose(START.x, START.y, 1.0)
-    already = statements_of("robot.x=-2", "robot.y=1", "robot.v=0")
+    already = statements_of("robot.x=-2", "robot.y=1", "robot.vx=0")
     assert planned(already, situation()) == []
 
 

@@ -65,14 +65,14 @@ def test_a_drive_changes_the_robot_within_its_tolerances() -> None:
     values = facts.after(DRIVE, {"x": 1.0, "yaw": 0.5})
     assert values["robot.x"] == Value(1.0, -0.1, 0.1)
     assert values["robot.yaw"] == Value(0.5, -0.2, 0.2)
-    assert values["robot.v"] == Value(0.0, -math.inf, math.inf)
+    assert values["robot.vx"] == Value(0.0, -math.inf, math.inf)
     assert values["robot.w"] == Value(0.0, -math.inf, math.inf)
     assert facts.is_chosen(values["robot.y"].symbol)
     assert not facts.is_chosen(values["robot.x"].symbol)
     assert not facts.is_chosen("cup.x")
     assert values["hold.x"].symbol != values["robot.x"].symbol  # it also depends on the heading
     assert "cup.x" not in values
-    assert facts.after(DRIVE, {"speed": 0.5})["robot.v"].symbol == 0.5
+    assert facts.after(DRIVE, {"speed": 0.5})["robot.vx"].symbol == 0.5
 
 
 def test_what_is_placed_relative_to_what_moved_has_both_tolerances() -> None:
@@ -110,7 +110,7 @@ def test_symbols_differ_by_a_number_or_in_an_unknown_way(
     st.sampled_from([DRIVE, FETCH, CARRY, THROW, OPEN]),
     st.tuples(coordinates, coordinates, st.floats(-3.0, 3.0)),
     st.sampled_from(
-        ["robot.x", "robot.y", "robot.yaw", "robot.v", "hold.x", "cup.x", "cup.y", "tray.x"]
+        ["robot.x", "robot.y", "robot.yaw", "robot.vx", "hold.x", "cup.x", "cup.y", "tray.x"]
     ),
     st.floats(-5.0, 5.0),
     st.floats(0.0, 3.0),
@@ -150,8 +150,8 @@ def test_facts_that_hold_after_a_top_hold_in_the_projected_world(
         (Region("robot.x", 0.5, 0.4, 0.55), True, False),
         (Region("robot.x", 0.5, 0.45, 0.55), False, True),
         (Region("robot.x", 1.5, 0.4, 0.6, outward=True), False, False),
-        (Term("robot.v", 0.0, 0.1), True, False),  # no condition bounds it
-        (Term("robot.v", 0.0, 0.1), False, True),
+        (Term("robot.vx", 0.0, 0.1), True, False),  # no condition bounds it
+        (Term("robot.vx", 0.0, 0.1), False, True),
         (Term("robot.x", "cup.x", 9.0), False, False),
         (Term("cup.x", "cup.x", 0.1), True, True),
         (Distance("robot", "goal", 0.0, 1.0), False, True),

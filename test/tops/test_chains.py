@@ -62,7 +62,7 @@ def test_an_object_with_one_coordinate_placed_keeps_the_other() -> None:
 
 
 def test_a_robot_that_does_not_arrive_has_the_variables_of_the_post_condition() -> None:
-    post = Condition((Term("robot.yaw", 1.0, 0.1), Term("robot.v", 0.3, 0.1)))
+    post = Condition((Term("robot.yaw", 1.0, 0.1), Term("robot.vx", 0.3, 0.1)))
     after = projected(HERE, TopCall(Top("turn", "turn", Condition(), post), GOAL), ROBOT)
     assert after.robot == RobotState(Pose(0.0, 0.0, 1.0), 0.3, 0.0)
 
@@ -128,7 +128,7 @@ def test_what_names_the_hold_needs_a_holder(top: Top, lacks: bool) -> None:
 def test_tolerances_along_x_add_up() -> None:
     assert DRIVE.place_tolerance == 0.1
     assert CARRY.place_tolerance == pytest.approx(0.25)
-    wide = Condition((Region("cup.x", "goal.x", 0.0, 1.0), Term("robot.v", 0.0, 5.0)))
+    wide = Condition((Region("cup.x", "goal.x", 0.0, 1.0), Term("robot.vx", 0.0, 5.0)))
     assert Top("wide", "go", Condition(), wide).place_tolerance == 0.0
 
 

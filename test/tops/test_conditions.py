@@ -40,7 +40,13 @@ def test_the_state_of_a_world_has_the_named_variables() -> None:
     state = state_of(WORLD, ROBOT)
     assert tuple(state) == state_variables(["cup"])
     assert tuple(state_of(WORLD, PLAIN)) == state_variables(["cup"], holder=False)
-    robot = {"robot.x": 1.0, "robot.y": 2.0, "robot.yaw": math.pi / 2.0, "robot.v": 0.3}
+    robot = {
+        "robot.x": 1.0,
+        "robot.y": 2.0,
+        "robot.yaw": math.pi / 2.0,
+        "robot.vx": 0.3,
+        "robot.vy": 0.0,
+    }
     cup = {"cup.x": 3.0, "cup.y": 4.0, "cup.vx": 0.5, "cup.vy": -0.5}
     hold = {"hold.x": 1.0, "hold.y": 2.0 + ROBOT.hold}
     assert state == pytest.approx({**robot, "robot.w": -0.2, **hold, **cup})
@@ -54,7 +60,7 @@ def test_a_robot_that_has_arrived_is_at_its_goal(
     state = state_of(there, ROBOT)
     at = "hold" if point is Point.HOLD else "robot"
     assert (state[f"{at}.x"], state[f"{at}.y"]) == pytest.approx((x, y))
-    assert (state["robot.yaw"], state["robot.v"], state["robot.w"]) == (yaw, speed, 0.0)
+    assert (state["robot.yaw"], state["robot.vx"], state["robot.w"]) == (yaw, speed, 0.0)
     assert there.objects == WORLD.objects
 
 
