@@ -18,9 +18,9 @@ from typing import Any
 
 import numpy as np
 
+from ator_ros.domains.trials import random_trial
 from ator_ros.evaluation.chain_run import ChainRun, run_chain
 from ator_ros.evaluation.toolset import ToolsetSource, tools_of
-from ator_ros.evaluation.trials import random_trial
 from ator_ros.experience.parallel import progress, run_tasks, workers
 from ator_ros.performance.accuracy import mean_ci95
 

@@ -24,10 +24,10 @@ import numpy as np
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.actions.situation import Situation
 from ator_ros.domains.domain import Domain, find_domain
+from ator_ros.domains.trials import Trial, random_trial
 from ator_ros.evaluation.chain_run import run_chain
 from ator_ros.evaluation.policies import arrive
 from ator_ros.evaluation.toolset import Toolset
-from ator_ros.evaluation.trials import Trial, random_trial
 from ator_ros.execution.chain_executor import ActionRecord, ChainExecutor, Ending
 from ator_ros.experience.episode import Episode, sample_of
 from ator_ros.experience.store import StoreInfo

@@ -19,9 +19,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import differential_evolution
 
+from ator_ros.domains.trials import Trial, open_places, open_speeds, random_trial
 from ator_ros.evaluation.chain_run import run_chain
 from ator_ros.evaluation.toolset import Toolset, ToolsetSource, tools_of
-from ator_ros.evaluation.trials import Trial, open_places, open_speeds, random_trial
 from ator_ros.geometry import BoolArray, FloatArray
 from ator_ros.performance.accuracy import mean_ci95
 from ator_ros.refinement.chain_prediction import ChainModel, predict_chain

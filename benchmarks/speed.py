@@ -25,8 +25,8 @@ from ator_ros.bases.differential.response import ramped
 from ator_ros.bases.routes import Routes
 from ator_ros.domains.domain import find_domain
 from ator_ros.domains.soccer.field import BALL, ball_of, field_of, objects_of
+from ator_ros.domains.trials import open_places, open_speeds, random_trial
 from ator_ros.evaluation.toolset import ToolsetSource, tools_of
-from ator_ros.evaluation.trials import open_places, open_speeds, random_trial
 from ator_ros.geometry import BoolArray, FloatArray, Pose
 from ator_ros.planning.planner import chains_for
 from ator_ros.simulation.simulation import CONTROL_RATE, Simulation

@@ -1,6 +1,6 @@
 """Measure what refinement gains with and without the gate, with models from few drives.
 
-scripts/run python scripts/few_drives.py --domains pursuit tour --oracle-jointly --work few_drives
+scripts/run python scripts/few_drives.py --domains pursuit tour --work few_drives
 
 The same with `--domains building --drives 200` measures the domain with a map.
 
@@ -18,8 +18,8 @@ from pathlib import Path
 from typing import Any
 
 from ator_ros.domains.domain import find_domain
+from ator_ros.evaluation.comparison import Settings
 from ator_ros.evaluation.running import KIND, RESULT
-from ator_ros.evaluation.situation import Settings
 from ator_ros.evaluation.toolset import ToolsetSource
 from ator_ros.files import load, write_text
 from ator_ros.tools.collect import collect
@@ -83,7 +83,6 @@ def measured(
         oracle=options.oracle if first else 0,
         oracle_margin=0.3 if first else None,
         source=source,
-        joint_oracle=first and options.oracle_jointly,
     )
     others = None if first else work / f"{name}_{most}" / "evaluation"
     evaluate(settings, out, command=command, situations=options.chains, oracle_from=others)
@@ -132,7 +131,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--robot", type=Path, help="file of a robot (default: the domain's)")
     parser.add_argument("--chains", type=int, default=500)
     parser.add_argument("--oracle", type=int, default=12)
-    parser.add_argument("--oracle-jointly", action="store_true", help="as for evaluate")
     parser.add_argument("--seed", type=int, default=6040)
     parser.add_argument("--work", type=Path, required=True)
     parser.add_argument("--out", type=Path, help="file of the table (default: printed)")

@@ -28,10 +28,7 @@ import numpy as np
 
 from ator_ros.actions.goal_variables import goal_values
 from ator_ros.domains.domain import find_domain
-from ator_ros.evaluation.chain_run import run_chain
-from ator_ros.evaluation.policies import POLICIES, naive
-from ator_ros.evaluation.toolset import ToolsetSource, tools_of
-from ator_ros.evaluation.trials import (
+from ator_ros.domains.trials import (
     Trial,
     open_places,
     open_speeds,
@@ -39,6 +36,9 @@ from ator_ros.evaluation.trials import (
     reopened,
     with_headings,
 )
+from ator_ros.evaluation.chain_run import run_chain
+from ator_ros.evaluation.policies import POLICIES, naive
+from ator_ros.evaluation.toolset import ToolsetSource, tools_of
 from ator_ros.experience.collect import collect
 from ator_ros.experience.table import join
 from ator_ros.files import write_text

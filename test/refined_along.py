@@ -6,9 +6,9 @@ An instance replaces the chain executor in `ator_ros.evaluation.chain_run.run_ch
 from executions import execution
 
 from ator_ros.actions.base import Status, Step
+from ator_ros.domains.trials import Trial
 from ator_ros.evaluation.policies import POLICIES
 from ator_ros.evaluation.toolset import Toolset
-from ator_ros.evaluation.trials import Trial
 from ator_ros.execution.chain_executor import ActionRecord, Ending
 from ator_ros.execution.refining import AGAIN_AFTER
 from ator_ros.execution.supervisor import Deadlines

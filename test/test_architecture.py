@@ -60,6 +60,15 @@ def test_imports_point_down(layer: str) -> None:
     assert not upward
 
 
+def test_only_tools_import_the_laboratory() -> None:
+    importing = {
+        layer_of(file)
+        for file in FILES
+        if any(name.startswith("ator_ros.evaluation") for name in imports(file))
+    }
+    assert importing == {"evaluation", "tools"}
+
+
 def test_the_paper_in_one_file_imports_only_simulation_and_actions() -> None:
     layers = {name.split(".")[1] for name in imports(PAPER) if name.startswith("ator_ros.")}
     assert layers == {"actions", "domains", "geometry", "simulation", "world"}

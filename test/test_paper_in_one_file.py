@@ -11,7 +11,7 @@ import pytest
 
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import BALL
-from ator_ros.evaluation.trials import random_trial
+from ator_ros.domains.trials import random_trial
 from ator_ros.experience.episode import Episode, run_episode, sample_of
 from ator_ros.experience.table import episode_frame
 from ator_ros.geometry import FloatArray, wrap_angle

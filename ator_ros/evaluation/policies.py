@@ -8,16 +8,17 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from types import MappingProxyType, SimpleNamespace
+from types import MappingProxyType
 from typing import Any
 
 from ator_ros.bases.description import Robot
+from ator_ros.domains.trials import Trial, open_places, open_speeds, reopened, with_headings
 from ator_ros.evaluation.toolset import Toolset
-from ator_ros.evaluation.trials import Trial, open_places, open_speeds, reopened, with_headings
 from ator_ros.geometry import Pose
 from ator_ros.performance.derived import Geometry
 from ator_ros.performance.driving import DrivingStyle
 from ator_ros.performance.features import PATHS, ROUTE_TIME
+from ator_ros.performance.model import Prediction
 from ator_ros.refinement.chain_prediction import ChainPrediction
 from ator_ros.refinement.refiner import Refinement
 from ator_ros.tops.chain import TopChain
@@ -68,7 +69,7 @@ class PathTime:
         direct: Mapping[str, Any],
         measures: Any = (),  # noqa: ARG002
         signs: Any = None,  # noqa: ARG002
-    ) -> Any:
+    ) -> Prediction:
         """Return durations in s, shape (n,), and an error of 0, as none was measured.
 
         `direct` are the direct variables of n situations. `measures` and `signs` are for models
@@ -76,7 +77,7 @@ class PathTime:
         """
         geometry = Geometry(direct, self.robot, self.driving)
         duration = geometry.path[0] if self.robot.grid is None else ROUTE_TIME.compute(geometry)
-        return SimpleNamespace(duration=duration, error_of_sum=(0.0, 0.0))
+        return Prediction(duration, error_of_sum=(0.0, 0.0))
 
 
 def naive(tools: Toolset, trial: Trial) -> Choice:
@@ -168,7 +169,6 @@ POLICIES: Mapping[str, Policy] = MappingProxyType(
         "face_goal": face_goal,
         "analytic": partial(refined, learned=False),
         "analytic_speed": partial(refined, learned=False, opened=open_speeds),
-        "analytic_place": partial(refined, learned=False, opened=open_places),
         "refined": refined,
         "gated": partial(refined, gated=True),
         "refined_speed": partial(refined, opened=open_speeds),
@@ -177,6 +177,6 @@ POLICIES: Mapping[str, Policy] = MappingProxyType(
     }
 )
 """The policies by name. The oracle is no policy, as it executes chains."""
-_UNUSUAL = ("fixed", "arrive", "analytic_place", "refined_place")
+_UNUSUAL = ("fixed", "arrive", "refined_place")
 USUAL = tuple(name for name in POLICIES if name not in _UNUSUAL)
 """The default policies: a place is free in few chains, and few chains have waypoints only."""

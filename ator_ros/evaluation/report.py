@@ -30,7 +30,6 @@ MEANING: Mapping[str, str] = {
     "face_goal": "bearing of the next goal, from each subgoal",
     "analytic": "search of headings with path times of the observed driving, without trees",
     "analytic_speed": "search of headings and arrival speeds with path times",
-    "analytic_place": "search of headings, arrival speeds and places with path times",
     "refined": "subgoal refinement, headings only",
     "gated": "subgoal refinement where the gate accepts the predicted gain, headings only",
     "refined_speed": "refinement of headings and arrival speeds",

@@ -8,7 +8,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-from ator_ros.evaluation.situation import Record, Settings, evaluate_trial
+from ator_ros.evaluation.comparison import Record, Settings, evaluate_trial
 from ator_ros.evaluation.statistics import prediction_errors, summarize
 from ator_ros.experience.json_lines import PartialResults
 from ator_ros.experience.parallel import progress, run_tasks

@@ -11,8 +11,8 @@ from pathlib import Path
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.bases.description import Robot
 from ator_ros.domains import DEFAULT
-from ator_ros.domains.domain import Domain, find_domain
-from ator_ros.evaluation.trials import EvaluationError, random_trial
+from ator_ros.domains.domain import Domain, DomainError, find_domain
+from ator_ros.domains.trials import random_trial
 from ator_ros.performance.model_file import load_model, load_models, models_folder
 from ator_ros.refinement.chain_prediction import ChainPrediction, PredictsPerformance, predict_chain
 from ator_ros.refinement.gate import NO_GATE, Gate
@@ -102,7 +102,7 @@ class ToolsetSource:
 
         Raises
         ------
-        EvaluationError
+        DomainError
             The simulator cannot execute an action.
         FileError
             A model cannot be used.
@@ -114,7 +114,7 @@ class ToolsetSource:
         specs = domain.actions(self.action_set)
         for action in dict.fromkeys(call.top.action for call in trial.chain.calls):
             if why := specs[action].over_ros_only:
-                raise EvaluationError(f"chain {chain}: {why}")
+                raise DomainError(f"chain {chain}: {why}")
             load_model(self.folder() / f"{action}.json", robot, domain.known_features)
 
 

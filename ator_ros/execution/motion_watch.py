@@ -486,7 +486,7 @@ class MotionWatch:
         self._robot, self._latency = robot, latency
         self._driving, self._turning = Thresholds.of(robot)
         self.foresight = Foresight(robot, latency)
-        self._point = OdometryPoint()
+        self._point = OdometryPoint(robot.reach)
         self._forget()
 
     def reset(self) -> None:
@@ -516,7 +516,7 @@ class MotionWatch:
         )
         self._commands = Commands(), Commands()
         self._last = STOP
-        self._faulty, self._late = False, False
+        self._faulty, self._is_driving_faulty, self._late = False, False, False
         self._states: deque[tuple[float, RobotState]] = deque()
         self._received, self._answered = -math.inf, math.inf
 
@@ -533,8 +533,10 @@ class MotionWatch:
 
     @property
     def cause(self) -> str:
-        """The cause of a fault that the motion after it shows; else empty."""
-        return f"the base {self._lateness}" if self._late else ""
+        """The cause of a fault that the motion before and after it shows; else empty."""
+        if self._late and not self._point.remark:
+            return f"the base {self._lateness}"
+        return self._point.suspicion() if self._is_driving_faulty else self._point.remark
 
     @property
     def _lateness(self) -> str:
@@ -560,7 +562,8 @@ class MotionWatch:
 
         Return the fault in words, or None.
         """
-        self._point.update(time, robot.pose)
+        (commanded,) = self._commands[0].between(time, time)
+        self._point.update(time, robot.pose, commanded)
         last = self._states[-1] if self._states else (time, robot)
         if time < last[0]:
             self._forget()
@@ -589,9 +592,13 @@ class MotionWatch:
             faults = late if self._late and Fault.EARLY not in faults else faults
         for commands in self._commands:
             commands.forget(time - max(2.0 * self._driving.window, _COMPARED + _LATEST))
-        message = self._message(robot, faults)
-        contradiction = self._contradiction(time) if message is not None else None
-        return self._frozen(time, robot) or contradiction or message
+        # Where the poses contradict the twist they decide: see `TwistCheck`.
+        trusted = [
+            None if fault is not None and self._contradicts(time, number) else fault
+            for number, fault in enumerate(faults)
+        ]
+        self._is_driving_faulty |= trusted[0] is not None
+        return self._frozen(time, robot) or self._message(robot, trusted)
 
     def _delay_late_answer(self, gap: Gap) -> None:
         """Let a command that was sent late in a long gap act later.
@@ -643,25 +650,19 @@ class MotionWatch:
                 )
         return None
 
-    def _contradiction(self, time: float) -> str | None:
-        """Return that the last poses and velocities contradict each other, which explains a fault."""
+    def _contradicts(self, time: float, axis: int) -> bool:
+        """Return whether the last poses move in contradiction to the velocities of an axis."""
         recent = self._since(time - _CONTRADICTS)
         if not recent:
-            return None
+            return False
         (began, first), (_, last) = recent[0], recent[-1]
-        for axis, part, unit in ((0, "linear.x", "m/s"), (1, "angular.z", "rad/s")):
-            tolerance = (self._driving, self._turning)[axis].tolerance
-            moved = _moved(first, last)[axis] / (time - began)
-            # The last velocities: one that jumped may have done so at any time between two messages.
-            speeds = [(state.v, state.w)[axis] for _, state in recent[1:]]
-            reported = min(max(moved, min(speeds)), max(speeds))
-            greatest = max(abs(moved), abs(reported))
-            if abs(moved - reported) >= max(tolerance, 0.5 * greatest) and moved:
-                return (
-                    f"odometry contradicts itself: its poses show {moved:.2f} {unit}, its "
-                    f"twist.{part} {reported:.2f} {unit}: check the unit, sign and frame of the twist"
-                )
-        return None
+        tolerance = (self._driving, self._turning)[axis].tolerance
+        moved = _moved(first, last)[axis] / (time - began)
+        # The last velocities: one that jumped may have done so at any time between two messages.
+        speeds = [(state.v, state.w)[axis] for _, state in recent[1:]]
+        reported = min(max(moved, min(speeds)), max(speeds))
+        greatest = max(abs(moved), abs(reported))
+        return abs(moved - reported) >= max(tolerance, 0.5 * greatest) and moved != 0.0
 
     def _is_late(self, time: float, axis: int) -> bool:
         """Return whether the base follows the commands of an axis, but later than `latency`."""

@@ -1,4 +1,4 @@
-"""Which point of the robot odometry describes: in turns, any but the axle's middle moves sideways."""
+"""Which point of the robot odometry describes: in turns, any but the axle's middle moves otherwise."""
 
 from __future__ import annotations
 
@@ -7,59 +7,125 @@ from collections import deque
 
 import numpy as np
 
-from ator_ros.geometry import Pose, wrap_angle
+from ator_ros.geometry import FloatArray, Pose, wrap_angle
 
-_STEP = 0.1  # rad; turn after which the sideways motion is measured: noise of 5 mm counts as 5 cm
-_LARGEST_STEP = 0.6  # rad; above it, messages are missing, or the pose was reset
-# m; in longer steps the curvature may change, which looks like sideways motion: with `_STEP`, arcs
-# of a radius up to 1.5 m are measured
-_LONGEST_STEP = 0.15
-_SLOWEST_STEP = 0.5  # s; the same for the time of a step, if the robot hardly turns
-_KEPT = 40  # greatest number of steps whose median counts
-_FEWEST = 10  # least number of steps: a turn by 1 rad
-_LEAST_AHEAD = 0.06  # m; with 0.05 m drives arrive, with 0.1 m some do not
+_STEP = 0.04  # s; least time of a step: two messages at 50 Hz, as the noise of a pose is constant
+_LONGEST_STEP = 0.3  # s; in longer steps, messages are missing
+_LEAST_TURN = 0.02  # rad; in smaller steps, 5 mm of noise count as 0.25 m
+_LARGEST_TURN = 0.6  # rad; above it, messages are missing, or the pose was reset
+_KEPT = 100  # greatest number of steps: 5 s of turning at 20 Hz
+_LEAST_TURNED = 0.3  # rad that all steps must have: as far as a base turns until a fault ends it
+_FEWEST = 6  # least number of steps, twice that of the unknowns
+_LEAST_OFFSET = 0.06  # m; with 0.05 m drives arrive, with 0.1 m some do not
+# standard errors by which an offset must differ from 0: of a base at half of the described
+# acceleration it is up to 8
+_SURE = 8.0
+_NOISE = 0.001  # m; least standard deviation of a step: encoders resolve about as much
 _ROUNDED = 0.05  # m; so that the sentence rarely changes
+# least number of steps, and greatest share of the unexplained motion, of a suspicion after a fault:
+# 0.2 m beside the axle leave 0.01 (turns on the spot) to 0.49 (arcs), wheels that are stuck 0.57
+_FEWEST_SUSPECT, _UNEXPLAINED = 3, 0.5
 
 
 class OdometryPoint:
-    """Estimates how far ahead of the axle the point lies whose pose odometry gives.
+    """Estimates where the point whose pose odometry gives lies, from the axle's middle.
 
-    `remark` is a sentence on odometry of another point than the axle's middle, else empty.
+    `reach` is the distance in m from the axle to the farthest point of the robot. `remark` is a
+    sentence on odometry of another point than the axle's middle, else empty.
 
     While a base with two driven wheels turns by an angle, the middle of its axle moves along the
-    mean heading. A point d m ahead of it moves sideways by 2 d sin(angle / 2), too.
+    mean heading, as commanded. A point d m ahead of it moves sideways by 2 d sin(angle / 2), too,
+    and one l m to its left backward by 2 l sin(angle / 2). Both are fitted by least squares, beside
+    the share and the delay with which the base follows its commands.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, reach: float) -> None:
+        self._reach = reach
         self._begin: tuple[float, Pose] | None = None
-        self._found: deque[float] = deque(maxlen=_KEPT)
+        self._driven, self._commanded = 0.0, 0.0  # m as commanded since then, m/s last
+        # each: chord of the turn, m as commanded, change of command in m/s, m ahead, m to the left
+        self._steps: deque[tuple[float, float, float, float, float]] = deque(maxlen=_KEPT)
+        self._last = -math.inf  # s
         self.remark = ""
 
-    def update(self, time: float, pose: Pose) -> None:
-        """Process odometry of `time` (s)."""
-        if self._begin is None:
-            self._begin = time, pose
+    def update(self, time: float, pose: Pose, commanded: float) -> None:
+        """Process odometry of `time` (s), and the speed in m/s at which the base should drive then."""
+        elapsed = time - self._last
+        self._last = time
+        if self._begin is None or not 0.0 <= elapsed <= _LONGEST_STEP:
+            self._restart(time, pose, commanded)
             return
+        self._driven += commanded * elapsed
         since, before = self._begin
+        if time - since < _STEP:
+            return
         turned = wrap_angle(pose.yaw - before.yaw)
-        far = before.distance(pose) > _LONGEST_STEP or abs(turned) > _LARGEST_STEP
-        if far or not 0.0 <= time - since <= _SLOWEST_STEP:
-            self._begin = time, pose
-        elif abs(turned) >= _STEP:
-            middle = before._replace(yaw=before.yaw + 0.5 * turned)
-            self._found.append(middle.relative(pose).y / (2.0 * math.sin(0.5 * turned)))
-            self._begin = time, pose
+        if _LEAST_TURN <= abs(turned) <= _LARGEST_TURN:
+            moved = before._replace(yaw=before.yaw + 0.5 * turned).relative(pose)
+            chord = 2.0 * math.sin(0.5 * turned)
+            change = commanded - self._commanded
+            self._steps.append((chord, self._driven, change, moved.x, moved.y))
             self.remark = self._remark()
+        self._restart(time, pose, commanded)
+
+    def _restart(self, time: float, pose: Pose, commanded: float) -> None:
+        self._begin = time, pose
+        self._driven, self._commanded = 0.0, commanded
+
+    def suspicion(self) -> str:
+        """Return the point that would explain why a base seems to drive otherwise; empty if none.
+
+        A fault ends a goal before enough steps are known for `remark`.
+        """
+        if self.remark or len(self._steps) < _FEWEST_SUSPECT:
+            return self.remark
+        chords, driven, _, along, _ = np.array(self._steps).T
+        off = along - driven
+        left = -float(off @ chords) / float(chords @ chords)
+        rest = float(np.linalg.norm(off + left * chords))
+        is_possible = _LEAST_OFFSET <= abs(left) <= self._reach
+        if not is_possible or rest > _UNEXPLAINED * float(np.linalg.norm(off)):
+            return ""
+        return f"or odometry describes a point {_beside(left)} (`calibrate` measures it)"
 
     def _remark(self) -> str:
-        if len(self._found) < _FEWEST:
+        if len(self._steps) < _FEWEST:
             return ""
-        low, ahead, high = np.quantile(self._found, (0.25, 0.5, 0.75)).tolist()
-        if not (low > _LEAST_AHEAD or high < -_LEAST_AHEAD):
+        chords, driven, changes, along, sideways = np.array(self._steps).T
+        if np.abs(chords).sum() < _LEAST_TURNED:
             return ""
-        side = "ahead of" if ahead > 0.0 else "behind"
-        distance = _ROUNDED * round(abs(ahead) / _ROUNDED)
+        ahead = _offset(np.transpose([chords]), sideways)
+        left = _offset(np.transpose([-chords, driven, changes]), along)
+        found = ([_before(ahead)] if ahead else []) + ([_beside(left)] if left else [])
+        if not found:
+            return ""
         return (
-            f"odometry seems to describe a point about {distance:.2f} m {side} the axle, but drives "
-            "need the pose of the axle's middle (`calibrate` measures it)"
+            f"odometry seems to describe a point {' and '.join(found)}, but drives need the pose of "
+            "the axle's middle (`calibrate` measures it)"
         )
+
+
+def _before(ahead: float) -> str:
+    return f"about {_rounded(ahead):.2f} m {'ahead of' if ahead > 0.0 else 'behind'} the axle"
+
+
+def _beside(left: float) -> str:
+    side = "left" if left > 0.0 else "right"
+    return f"about {_rounded(left):.2f} m to the {side} of the axle's middle"
+
+
+def _rounded(offset: float) -> float:
+    return _ROUNDED * round(abs(offset) / _ROUNDED)
+
+
+def _offset(columns: FloatArray, moved: FloatArray) -> float:
+    """Return the factor in m of the first of `columns` (n, k) that explains motions (n,) in m.
+
+    0 if it is small or uncertain.
+    """
+    found, _, rank, _ = np.linalg.lstsq(columns, moved, rcond=1e-6)
+    freedom = len(moved) - int(rank)
+    noise = max(_NOISE, float(np.sqrt(((moved - columns @ found) ** 2).sum() / freedom)))
+    error = noise * math.sqrt(float(np.linalg.pinv(columns.T @ columns, rcond=1e-9)[0, 0]))
+    offset = float(found[0])
+    return offset if abs(offset) > max(_LEAST_OFFSET, _SURE * error) else 0.0

@@ -1,4 +1,4 @@
-"""Monitoring of states during one goal: whether they are late, and whether objects are in the robot."""
+"""Monitoring of states during one goal: whether they are late, and whether objects are where they can be."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import math
 from ator_ros.bases.description import Robot
 from ator_ros.geometry import Pose
 from ator_ros.tops.chain import Top
-from ator_ros.tops.objects import followed, objects_in
+from ator_ros.tops.objects import followed, is_at_front, objects_in
 from ator_ros.world.delay import Delay
 from ator_ros.world.state import World
 
@@ -23,6 +23,14 @@ _LEAST_LOSS = 0.1
 _PERSISTS = 0.5
 # s between two states above which the first is forgotten: so at least three states are wrong
 _LONGEST_GAP = 0.4
+# m by which a place beside the robot may differ: noise of cameras
+_FIXED = 0.05
+# s by which detections may be late: then the place differs with the robot's speed
+_FIXED_TIME = 0.1
+# An object that rolls or walks may by chance keep its place while the robot drives evenly.
+_SPEED_CHANGE = 0.4  # share of the greatest speed by which the speed must vary, or
+_TURN = 1.0  # rad by which the robot must turn
+_DRIVEN = 3.0  # lengths of the robot that it must drive meanwhile
 
 
 class Timeliness(enum.Enum):
@@ -90,24 +98,32 @@ class DelayWatch:
         return Timeliness.IN_TIME
 
 
-class OverlapWatch:
-    """Detects objects that are seen where the robot is.
+class ObjectWatch:
+    """Detects objects that are seen where they cannot be.
 
-    A described object has a size. Other ones may be marks on the floor, unless the robot drives to
-    them and they move along with it.
+    An object cannot be inside the robot's body. A described object has a size; other ones may be
+    marks on the floor, unless the robot drives to them and they move along with it. Nor can an
+    object to which the robot drives keep its place beside the robot while the robot speeds up,
+    brakes or turns: then its detector sees a part of the robot.
     """
 
     def __init__(self, robot: Robot) -> None:
         self._robot = robot
         self._inside: dict[str, World] = {}  # the first of the states in which an object is inside
+        self._fixed: _FixedObject | None = None
         self._last = -math.inf  # s; time of the last state
 
     def fault(self, world: World, top: Top) -> str | None:
         """Process a state; return which object of `top` cannot be where it is seen, or None."""
-        robot = self._robot
         if world.time - self._last > _LONGEST_GAP:
             self._inside = {}
+            self._fixed = None
         self._last = world.time
+        return self._overlap(world, top) or self._companion(world, followed(top))
+
+    def _overlap(self, world: World, top: Top) -> str | None:
+        """Return which object is inside the robot, or None."""
+        robot = self._robot
         inside = {name for name in objects_in(top) if self._is_inside(world, name)}
         self._inside = {name: self._inside.get(name, world) for name in sorted(inside)}
         for name, first in self._inside.items():
@@ -115,13 +131,28 @@ class OverlapWatch:
             moved = world.robot.pose.distance(first.robot.pose)
             moves_along = name == followed(top) and moved > robot.front + robot.rear
             if stays and (robot.scene.radius(name) > 0.0 or moves_along):
-                there = _relative(world, name)
                 return (
                     f"the {name} cannot be at the robot: expected it outside the robot's body, got it "
-                    f"{there.x:.2f} m ahead of the middle of the axle and {there.y:.2f} m to the left; "
-                    "check what detects it"
+                    f"{_place(world, name)}; check what detects it"
                 )
         return None
+
+    def _companion(self, world: World, name: str | None) -> str | None:
+        """Return that the followed object moves with the robot, without being pushed, or None."""
+        if name is None or name not in world.objects or is_at_front(world, self._robot, name):
+            self._fixed = None
+            return None
+        fixed = self._fixed
+        if fixed is None or not fixed.continues(world, name):
+            self._fixed = _FixedObject(world, name)
+            return None
+        if not fixed.moves_with(self._robot):
+            return None
+        return (
+            f"the {name} moves with the robot: expected another place beside it after it drove "
+            f"{fixed.driven:.1f} m, got the same {_place(world, name)}; its detector may see a part "
+            "of the robot"
+        )
 
     def _is_inside(self, world: World, name: str) -> bool:
         """Return whether the center of an object is in the robot's body."""
@@ -130,6 +161,41 @@ class OverlapWatch:
         there = _relative(world, name)
         is_beside = abs(there.y) >= self._robot.half_width
         return -self._robot.rear < there.x < self._robot.front and not is_beside
+
+
+class _FixedObject:
+    """An object that has been at one place in the robot's frame since `first`."""
+
+    def __init__(self, first: World, name: str) -> None:
+        self.driven = 0.0  # m
+        self._name, self._place = name, _relative(first, name)
+        self._last = first
+        self._turned = 0.0  # rad
+        self._slowest = self._fastest = first.robot.v  # m/s
+
+    def continues(self, world: World, name: str) -> bool:
+        """Process the next state; return whether the object `name` is still at that place."""
+        robot, before = world.robot, self._last.robot
+        self._last = world
+        self.driven += before.pose.distance(robot.pose)
+        self._turned += before.pose.relative(robot.pose).yaw
+        self._slowest = min(self._slowest, robot.v)
+        self._fastest = max(self._fastest, robot.v)
+        off = self._place.distance(_relative(world, name))
+        return name == self._name and off <= _FIXED + _FIXED_TIME * abs(robot.v)
+
+    def moves_with(self, robot: Robot) -> bool:
+        """Return whether the robot has moved so that no other object could have kept its place."""
+        maneuvers = (
+            self._fastest - self._slowest >= _SPEED_CHANGE * robot.limits.v
+            or abs(self._turned) >= _TURN
+        )
+        return maneuvers and self.driven >= _DRIVEN * (robot.front + robot.rear)
+
+
+def _place(world: World, name: str) -> str:
+    there = _relative(world, name)
+    return f"{there.x:.2f} m ahead of the middle of the axle and {there.y:.2f} m to the left"
 
 
 def _relative(world: World, name: str) -> Pose:

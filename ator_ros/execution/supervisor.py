@@ -14,7 +14,7 @@ from ator_ros.execution.fence import Fence, FenceWatch
 from ator_ros.execution.predictions import Forecast, Predictor
 from ator_ros.execution.refining import AGAIN_AFTER, Question, Refining
 from ator_ros.execution.rolling import Rolling
-from ator_ros.execution.state_watch import DelayWatch, OverlapWatch, Timeliness
+from ator_ros.execution.state_watch import DelayWatch, ObjectWatch, Timeliness
 from ator_ros.geometry import FloatArray
 from ator_ros.printable import printable
 from ator_ros.tops.chain import Top, TopChain
@@ -144,7 +144,7 @@ class Supervisor:
         self._plans, self._robot, self._deadlines = plans, library.robot, deadlines
         self._area, self._fence = fence, FenceWatch(fence, library.robot, deadlines.longest_gap)
         self._delays = DelayWatch(library.robot, deadlines.odom, delay or Delay())
-        self._overlaps = OverlapWatch(library.robot)
+        self._objects = ObjectWatch(library.robot)
         self._missing: str | None = None  # an object that the last state lacked
         self._newest: World | None = None
         self._accepted, self._odom_at = now, math.inf
@@ -284,7 +284,7 @@ class Supervisor:
         fault = self._fence.fault(world, self.executor.call)
         if fault is not None:
             self.end(Ending.OUT_OF_BOUNDS, fault)
-        impossible = self._overlaps.fault(world, top)
+        impossible = self._objects.fault(world, top)
         if impossible is not None:
             self.end(Ending.INPUT_LOST, impossible)
         if self._is_late(world):

@@ -19,7 +19,7 @@ from ator_ros.domains.domain import Domain
 from ator_ros.experience.store import NUMBER, action_sets_in, read_records
 from ator_ros.experience.table import library_versions
 from ator_ros.files import FileError
-from ator_ros.learning.judging import RoundVerdict, constant_tree, judge, training_data
+from ator_ros.learning.judging import RoundVerdict, constant_tree, judge
 from ator_ros.learning.sets import (
     RECORDS,
     Manifest,
@@ -30,9 +30,8 @@ from ator_ros.learning.sets import (
     sets_in,
 )
 from ator_ros.performance.driving import plain_driving
-from ator_ros.performance.error_process import fit_error_process
 from ator_ros.performance.features import PATHS, Feature, declared_by, names_of
-from ator_ros.performance.model import MEASURES, UNOBSERVED, PerformanceModel
+from ator_ros.performance.model import MEASURES, PerformanceModel
 from ator_ros.performance.model_file import (
     RobotMismatchWarning,
     load_model,
@@ -43,7 +42,8 @@ from ator_ros.performance.model_file import (
 from ator_ros.performance.observation import backward_above
 from ator_ros.performance.training import (
     duration_features,
-    error_features,
+    error_process,
+    examples_of,
     observed_arrival,
     routed,
 )
@@ -68,76 +68,67 @@ def _improved(
 ) -> tuple[Verdicts, PerformanceModel | None]:
     """Judge each tree of an action's model on the newest records.
 
-    Return a model if some tree is better.
+    Return a model if some tree is better. `rows` are the starts of episodes, oldest first, with
+    `NUMBER`; `seen` is the number from which on they are new, by measure; `former` are models that
+    were in use before.
     """
-    # `rows` are starts of its episodes, oldest first, with `NUMBER`. `seen` and `former` are as for
-    # `judge`: `seen` by measure, `former` with models instead of trees.
     rows = _usable(rows, features)
     rows = rows[routed(rows, robot, features)]
+    succeeded = rows[rows["success"]]
+    driving = None
     if current is not None:
         driving = current.driving
-    else:
-        driving = plain_driving(robot) if set(features) & set(PATHS) else None
-    if (
-        driving is not None
-        and driving.backward_above == math.pi
-        and len(rows) >= _RECORDS_FOR_ANGLE
-    ):
+    elif set(features) & set(PATHS):
+        driving = plain_driving(robot)
+    learns_angle = driving is not None and driving.backward_above == math.pi
+    if driving is not None and learns_angle and len(rows) >= _RECORDS_FOR_ANGLE:
         # Present trees have no features of the straight, which depend on this angle.
-        driving = dataclasses.replace(
-            driving, backward_above=backward_above(rows[rows["success"]], robot)
-        )
-    present = [current] if current is not None else []
+        above = backward_above(succeeded, robot)
+        driving = dataclasses.replace(driving, backward_above=above)
     former = {name: model for name, model in former.items() if model.driving == driving}
-    of_durations = duration_features(features, rows[rows["success"]], driving)
+    of_durations = duration_features(features, succeeded, driving)
     known = {feature.name: feature for feature in of_durations}
-    for model in (*former.values(), *present):
-        known |= model.features
-    data = training_data(rows, robot, tuple(known.values()), driving)
-    trees = dict(current.trees) if current is not None else {}
-    verdicts = {
-        measure: judge(
-            data[measure],
-            names_of(of_durations if measure == "duration" else features),
+    for other in (*former.values(), *([current] if current is not None else [])):
+        known |= other.features
+    with np.errstate(all="ignore"):  # records may be of any situation
+        examples = examples_of(rows, robot, tuple(known.values()), driving)
+    trees = {} if current is None else dict(current.trees)
+    verdicts: Verdicts = {}
+    for measure, found in examples.items():
+        names = names_of(of_durations if measure == "duration" else features)
+        new = rows[NUMBER].to_numpy()[found.rows] >= seen[measure]
+        verdicts[measure] = judge(
+            found,
+            names,
+            new=int(new.sum()),
             current=trees.get(measure),
-            seen=seen.get(measure, 0),
-            former={name: m.trees[measure] for name, m in former.items() if measure in m.trees},
+            former={
+                name: model.trees[measure]
+                for name, model in former.items()
+                if measure in model.trees
+            },
         )
-        for measure in MEASURES
-    }
-    better = {
-        measure: verdict.tree for measure, verdict in verdicts.items() if verdict.tree is not None
-    }
+    better = {name: found.tree for name, found in verdicts.items() if found.tree is not None}
     if current is None and "duration" not in better:  # a model needs a tree of durations
-        kept = {
-            name: dataclasses.replace(found, kind="", tree=None) for name, found in verdicts.items()
-        }
-        return kept, None
+        for name, verdict in verdicts.items():
+            verdicts[name] = dataclasses.replace(verdict, kind="", tree=None)
+        return verdicts, None
     if not better:
         return verdicts, None
     if current is None:  # measures without a better tree are predicted by their means
-        counted = {
-            name: found for name, found in data.items() if len(found.values) >= _LEAST_RECORDS
-        }
-        trees = {name: constant_tree(found.table, found.values) for name, found in counted.items()}
+        for name, found in examples.items():
+            if len(found.values) >= _LEAST_RECORDS:
+                trees[name] = constant_tree(found.table, found.values)
     trees |= better
-    chosen = {measure: trees[measure] for measure in MEASURES if measure in trees}
-    at_goal = current.at_goal if current is not None else UNOBSERVED
-    errors, found = current.errors if current is not None else None, verdicts["duration"]
-    if found.errors is not None:
-        names = error_features(chosen["duration"], known)
-        tested = data["duration"].table[names].to_numpy()[found.tested]
-        errors = fit_error_process(names, tested, found.errors)
-    arrival = observed_arrival(rows[rows["success"]], robot)
-    return verdicts, PerformanceModel(
-        action,
-        robot,
-        chosen,
-        known,
-        driving=driving,
-        at_goal=at_goal,
-        errors=errors,
-        arrival=arrival,
+    model = current or PerformanceModel(action, robot, trees, known)
+    errors = model.errors
+    judged = verdicts["duration"]
+    if judged.tree is not None and judged.errors is not None:
+        tested = examples["duration"].table.iloc[judged.tested]
+        errors = error_process(judged.tree, tested, judged.errors)
+    arrival = observed_arrival(succeeded, robot)
+    return verdicts, dataclasses.replace(
+        model, trees=trees, features=known, driving=driving, errors=errors, arrival=arrival
     )
 
 

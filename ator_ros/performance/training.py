@@ -5,7 +5,8 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import math
-from collections.abc import Callable, Container, Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -14,11 +15,11 @@ import pandas as pd
 from ator_ros.actions.goal_variables import direct_name
 from ator_ros.bases.description import Robot
 from ator_ros.experience.table import ExperienceError, goal_variables_of_columns
-from ator_ros.geometry import BoolArray, FloatArray, wrap_angles
+from ator_ros.geometry import BoolArray, FloatArray, IntArray, wrap_angles
 from ator_ros.performance.derived import ANGLE_BETWEEN, RESTS, Geometry
 from ator_ros.performance.direct import DIRECT_VARIABLES
 from ator_ros.performance.driving import DrivingStyle
-from ator_ros.performance.error_process import fit_error_process
+from ator_ros.performance.error_process import ErrorProcess, fit_error_process
 from ator_ros.performance.features import (
     CANDIDATES,
     GENERAL,
@@ -70,16 +71,17 @@ _FASTER_SHARE = 0.05
 _FASTER_BY = 0.25
 # Whole durations are learned if the mean error by parts is more than this multiple of theirs.
 _MOST_BY_PARTS = 4.0 / 3.0
-OUTCOMES = {
+_COLUMNS = {
+    "duration": "duration",
     "success": "success",
     "accuracy": "position_error",
     "heading": "heading_error",
 }
-"""The column of an experience table for each measure except the duration."""
+"""The column of an experience table for each of `MEASURES`."""
 LEAST_EPISODES = 20
 """Least number of successful episodes that a model is learned from."""
 SMALL_LEAF = 50
-"""Least number of episodes at a leaf of the trees of `OUTCOMES`."""
+"""Least number of episodes at a leaf of the trees of other measures than the duration."""
 _NEAREST = 0.01  # m; shorter distances count as this in a deceleration
 _AT_GOAL = ((0.02, 0.05), (0.03, 0.08))  # m and rad to the goal that may count as being there
 _LEAST_AT_GOAL = 3  # episodes that show how long an action takes there
@@ -139,23 +141,21 @@ def train(
             f"got {len(good_starts)} of {len(starts)}{remarks}"
         )
     driving = observed_driving(rows, robot) if set(features) & set(PATHS) else None
-    table = partial(features_of, robot=robot, driving=driving)
-    durations = good_starts["duration"].to_numpy(dtype=float)
     of_durations = duration_features(features, good_starts, driving)
-    good = table(good_starts, features=of_durations)
-    parts = part_times(good_starts) if robot.grid is None else None
-    duration, errors = duration_tree(good, durations, parts)
-    happened = starts["success"].to_numpy(dtype=float)
-    success = _success_tree(happened, table(starts, features=features))
-    trees = {"duration": duration, "success": success}
-    for measure in ("accuracy", "heading"):
-        values = good_starts[OUTCOMES[measure]].to_numpy(dtype=float)
-        known = np.isfinite(values)
-        if known.sum() >= LEAST_EPISODES:
-            trees[measure] = small_tree(good.loc[known, list(names_of(features))], values[known])
+    examples = examples_of(starts, robot, of_durations, driving)
+    good = examples["duration"]
+    duration, errors = duration_tree(good.table, good.values, good.parts)
+    trees = {"duration": duration}
+    for measure in ("success", "accuracy", "heading"):
+        values = examples[measure].values
+        table = examples[measure].table[list(names_of(features))]
+        if measure == "success":
+            trees[measure] = _success_tree(values, table)
+        elif len(values) >= LEAST_EPISODES:
+            trees[measure] = small_tree(table, values)
     named = {feature.name: feature for feature in of_durations}
-    names = error_features(duration, named)
-    counted = _far_from_goal(good) if _stands(good) else np.full(len(good), True)
+    every = np.full(len(good.values), True)
+    counted = _far_from_goal(good.table) if _stands(good.table) else every
     return PerformanceModel(
         action,
         robot,
@@ -164,8 +164,69 @@ def train(
         driving=driving,
         at_goal=_observed_at_goal(good_starts, robot),
         arrival=observed_arrival(good_starts, robot),
-        errors=fit_error_process(names, good.loc[counted, names].to_numpy(), errors[counted]),
+        errors=error_process(duration, good.table[counted], errors[counted]),
     )
+
+
+@dataclass(frozen=True, eq=False)
+class Examples:
+    """Examples of one of `MEASURES`.
+
+    Attributes
+    ----------
+    measure : str
+        The measure.
+    rows : ndarray of int, shape (n,)
+        Positions of the examples among the starts.
+    table : pandas.DataFrame
+        Their features, in SI units.
+    values : ndarray, shape (n,)
+        Their values of the measure, in its unit.
+    parts : ndarray, shape (n, 3), or None
+        Times of the parts of the drives, see `part_times`; None on a map, and for other measures
+        than the duration.
+    """
+
+    measure: str
+    rows: IntArray
+    table: pd.DataFrame
+    values: FloatArray
+    parts: FloatArray | None
+
+
+def examples_of(
+    starts: pd.DataFrame,
+    robot: Robot,
+    features: Sequence[Feature],
+    driving: DrivingStyle | None,
+) -> dict[str, Examples]:
+    """Return the examples of each measure: of success all, of the others those that succeeded.
+
+    Parameters
+    ----------
+    starts : pandas.DataFrame
+        First rows of episodes of an action, see `ator_ros.experience.table`.
+    robot : Robot
+        The robot of the experience.
+    features : sequence of Feature
+        The features to compute.
+    driving : DrivingStyle or None
+        How the action drives, if features depend on it.
+    """
+    table = features_of(starts, robot, features, driving)
+    succeeded = starts["success"].to_numpy(dtype=bool)
+    found = {}
+    for measure, column in _COLUMNS.items():
+        values = starts[column].to_numpy(dtype=float)
+        used = np.isfinite(values)
+        if measure != "success":
+            used &= succeeded
+        has_parts = measure == "duration" and robot.grid is None
+        parts = part_times(starts[used]) if has_parts else None
+        rows = np.flatnonzero(used)
+        of_measure = table[used].reset_index(drop=True)
+        found[measure] = Examples(measure, rows, of_measure, values[used], parts)
+    return found
 
 
 def without_errors(action: str, rows: pd.DataFrame) -> list[str]:
@@ -230,13 +291,23 @@ def duration_features(
     return tuple(features)
 
 
-def error_features(tree: ModelTree, known: Container[str]) -> list[str]:
-    """Return the names of the features of an error process.
+def error_process(tree: ModelTree, table: pd.DataFrame, errors: FloatArray) -> ErrorProcess:
+    """Return the process of the errors of a tree of durations.
 
-    These are the features of the tree, and those of `known` that durations rise with.
+    Its features are those of the tree, and those that durations rise with.
+
+    Parameters
+    ----------
+    tree : ModelTree
+        The tree.
+    table : pandas.DataFrame
+        Features of n episodes that succeeded; those of the tree are among them.
+    errors : array of float, shape (n,)
+        Actual less predicted durations in s, by trees that were learned without the episode.
     """
-    rising = filter(known.__contains__, rising_in(known))
-    return list(dict.fromkeys((*tree.names, *rising)))
+    rising = filter(table.columns.__contains__, rising_in(table.columns))
+    names = list(dict.fromkeys((*tree.names, *rising)))
+    return fit_error_process(names, table[names].to_numpy(), errors)
 
 
 def features_of(

@@ -19,8 +19,8 @@ import pandas as pd
 from ator_ros.actions import TIME_LIMIT
 from ator_ros.bases.description import Robot
 from ator_ros.domains.domain import Domain
+from ator_ros.domains.trials import possible_actions
 from ator_ros.evaluation.toolset import ToolsetSource
-from ator_ros.evaluation.trials import possible_actions
 from ator_ros.experience import collect as simulated
 from ator_ros.experience.json_lines import PartialResults
 from ator_ros.experience.parallel import progress

@@ -18,7 +18,6 @@ from ator_ros.bases.differential.probe_drive import DriveError
 from ator_ros.compiled import is_cached
 from ator_ros.domains.domain import Domain, DomainError, domain_for
 from ator_ros.evaluation.toolset import ToolsetSource
-from ator_ros.evaluation.trials import EvaluationError
 from ator_ros.experience.parallel import BackendError, workers
 from ator_ros.experience.table import ExperienceError
 from ator_ros.files import FileError, portable_command
@@ -38,7 +37,6 @@ _EXPECTED_ERRORS: tuple[type[Exception], ...] = (
         ConfigError,
         DomainError,
         DriveError,
-        EvaluationError,
         ExperienceError,
         FileError,
     ),

@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 
 from ator_ros.bases.description import Robot
 from ator_ros.domains.domain import Domain
-from ator_ros.evaluation.trials import Trial, open_speeds, random_trial
+from ator_ros.domains.trials import Trial, open_speeds, random_trial
 from ator_ros.files import atomic_write
 from ator_ros.nodes.segments import surroundings
 from ator_ros.refinement.refiner import ITS_DEADLINE

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ator_ros.domains.domain import Domain
+from ator_ros.evaluation.comparison import Settings
 from ator_ros.evaluation.policies import POLICIES, USUAL
 from ator_ros.evaluation.report import policy_table, prediction_table, write_report
 from ator_ros.evaluation.running import (
@@ -16,9 +17,7 @@ from ator_ros.evaluation.running import (
     run_situations,
     write_result,
 )
-from ator_ros.evaluation.situation import Settings
 from ator_ros.evaluation.toolset import tools_of
-from ator_ros.evaluation.trials import EvaluationError
 from ator_ros.tools.command_line import (
     RESUMES,
     add_models,
@@ -70,19 +69,13 @@ def arguments() -> argparse.ArgumentParser:
     )
     oracle_source = parser.add_mutually_exclusive_group()
     oracle_source.add_argument(
-        "--oracle", type=whole(), metavar="K", help="also execute K headings of the first open step"
+        "--oracle", type=whole(), metavar="K", help="also execute K headings of each open step"
     )
     oracle_source.add_argument(
         "--oracle-from", type=Path, metavar="DIR",
         help="use the oracle of an earlier evaluation of the same situations, perhaps with other models",
     )  # fmt: skip
-    oracle_grid = parser.add_mutually_exclusive_group()
-    oracle_grid.add_argument(
-        "--oracle-jointly",
-        action="store_true",
-        help="combine K headings of every open step, for robots that stop between two actions",
-    )
-    oracle_grid.add_argument(
+    parser.add_argument(
         "--oracle-speeds",
         type=number(0.0, 10.0),
         nargs="+",
@@ -106,7 +99,7 @@ def arguments() -> argparse.ArgumentParser:
         nargs="+",
         choices=tuple(POLICIES),
         metavar="NAME",
-        help="default: all but fixed, arrive, analytic_place and refined_place",
+        help="default: all but fixed, arrive and refined_place",
     )
     add_models(parser)
     add_parallel_options(parser)
@@ -114,9 +107,8 @@ def arguments() -> argparse.ArgumentParser:
 
 
 def _run(options: argparse.Namespace, _: Domain, command: str) -> None:
-    for name in ("oracle_jointly", "oracle_speeds", "oracle_margin"):
-        if getattr(options, name) not in (None, False, []) and options.oracle is None:
-            raise EvaluationError(f"--{name.replace('_', '-')}: expected --oracle, too")
+    if options.oracle is None and (options.oracle_speeds or options.oracle_margin is not None):
+        arguments().error("--oracle-speeds, --oracle-margin: expected --oracle, too")
     source = source_of(options)
     source.require_executable(options.chain)
     wanted = {"naive", *(options.policies or USUAL)}
@@ -128,7 +120,6 @@ def _run(options: argparse.Namespace, _: Domain, command: str) -> None:
         oracle_margin=options.oracle_margin,
         oracle_speeds=tuple(options.oracle_speeds),
         source=source,
-        joint_oracle=options.oracle_jointly,
     )
     evaluate(
         settings, options.out, command=command, situations=options.situations,

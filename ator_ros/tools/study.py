@@ -14,18 +14,17 @@ from typing import Any
 
 import pandas as pd
 
-from ator_ros.domains.domain import Domain
-from ator_ros.evaluation.running import KIND as EVALUATION
-from ator_ros.evaluation.running import RESULT
-from ator_ros.evaluation.situation import Settings
-from ator_ros.evaluation.study import open_variables, study_page
-from ator_ros.evaluation.toolset import ToolsetSource, tools_of
-from ator_ros.evaluation.trials import (
-    EvaluationError,
+from ator_ros.domains.domain import Domain, DomainError
+from ator_ros.domains.trials import (
     possible_actions,
     possible_chain,
     random_trial,
 )
+from ator_ros.evaluation.comparison import Settings
+from ator_ros.evaluation.running import KIND as EVALUATION
+from ator_ros.evaluation.running import RESULT
+from ator_ros.evaluation.study_report import open_variables, study_page
+from ator_ros.evaluation.toolset import ToolsetSource, tools_of
 from ator_ros.experience.json_lines import PartialResults
 from ator_ros.experience.table import join, read_experience
 from ator_ros.files import load, save, write_text
@@ -68,7 +67,7 @@ def study(options: argparse.Namespace, domain: Domain, command: str) -> None:
     robot, action_set = source.described(), source.action_set
     actions, left_out = possible_actions(domain, action_set, robot)
     if not actions:
-        raise EvaluationError(
+        raise DomainError(
             "; ".join(dict.fromkeys(left_out.values())) or f"{domain.name}: no actions"
         )
     for name, reason in left_out.items():
@@ -189,7 +188,7 @@ def arguments() -> argparse.ArgumentParser:
     parser.add_argument("--chain", metavar="NAME", help="to evaluate (default: the domain's first)")
     parser.add_argument(
         "--oracle", type=whole(), default=24, metavar="K",
-        help="headings of the first subgoal that the oracle executes (default: %(default)s)",
+        help="headings of each subgoal that the oracle executes (default: %(default)s)",
     )  # fmt: skip
     add_parallel_options(parser)
     parser.add_argument(

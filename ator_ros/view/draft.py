@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Mapping
 
 from ator_ros.domains.domain import Domain
-from ator_ros.evaluation.trials import open_speeds, possible_chain, random_trial
+from ator_ros.domains.trials import open_speeds, possible_chain, random_trial
 from ator_ros.geometry import Pose
 from ator_ros.refinement.refiner import MOST_ALTERNATIVES
 from ator_ros.tops.chain import TopCall, TopChain

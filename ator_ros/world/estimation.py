@@ -305,7 +305,7 @@ _FASTEST_V, _FASTEST_W = 20.0, 50.0  # m/s, rad/s
 # excess of contradicting over agreeing windows before a report: one may be a corrected pose
 _CONFIRMED = 3
 _SIGN_SPAN = 0.1  # s over which the signs of both motions are compared
-_LEAST_SIGNED = 0.003  # m or rad in that time: more than the noise of a robot at rest
+_LEAST_SIGNED = 0.003  # m or rad in one step: more than the noise of a robot at rest
 _MEDIAN_OF = 3  # steps between poses whose median is the velocity: one may be a corrected pose
 
 
@@ -313,20 +313,25 @@ class TwistCheck:
     """Replaces velocities in a robot's odometry that contradict its poses.
 
     A velocity with the wrong sign is corrected at once. Other ones are derived from the poses once
-    they have been wrong for 1.5 s, until they agree again.
+    three steps in a row of at least 0.04 s contradict them. If the poses hardly move in these
+    steps, wheels may slip: then the poses decide after 1.5 s. The twist is used again once both
+    agree for half a second.
     """
 
     def __init__(self) -> None:
         self._last: tuple[float, RobotState] | None = None
         self._reported = False
         self._windows = [0, 0]  # of driving and of turning
+        self._contradictions = _Contradictions(), _Contradictions()
         self._restart()
 
     def _restart(self) -> None:
         # rows: by poses, by twist; columns: m, rad
         self._elapsed, self._motion = 0.0, np.zeros((2, 2))
-        # s and such motions, of the last steps
-        self._steps: deque[tuple[float, FloatArray]] = deque(maxlen=_KEPT_POSES)
+        self._step = _MotionStep(0.0, np.zeros((2, 2)))
+        self._steps: deque[_MotionStep] = deque(maxlen=_MEDIAN_OF)
+        for contradictions in self._contradictions:
+            contradictions.restart()
 
     def check(self, time: float, robot: RobotState) -> tuple[RobotState, str]:
         """Process odometry of `time` (s); return the state to use, and a remark.
@@ -349,12 +354,24 @@ class TwistCheck:
             return robot, ""
         reported = 0.5 * elapsed * np.array([before.v + robot.v, before.w + robot.w])
         motion = np.array([(_arc(moved)[0], moved.yaw), reported])
-        self._steps.append((elapsed, motion))
+        self._add_step(elapsed, motion)
         self._elapsed += elapsed
         self._motion = self._motion + motion
         remark = self._judge() if self._elapsed >= _WINDOW - _ROUNDING else ""
         v, w = (self._velocity(axis, value) for axis, value in enumerate((robot.v, robot.w)))
         return dataclasses.replace(robot, v=v, w=w), remark
+
+    def _add_step(self, elapsed: float, motion: FloatArray) -> None:
+        """Add the motion between two messages; the noise of shorter steps would be too large."""
+        step = _MotionStep(self._step.elapsed + elapsed, self._step.motion + motion)
+        self._step = step
+        if step.elapsed < _ROBOT_SPAN - _ROUNDING:
+            return
+        self._step = _MotionStep(0.0, np.zeros((2, 2)))
+        self._steps.append(step)
+        for axis, contradictions in enumerate(self._contradictions):
+            by_pose, by_twist = step.motion[:, axis].tolist()
+            contradictions.add(by_pose, by_twist)
 
     def _judge(self) -> str:
         """Compare both motions of a window; return a remark, once."""
@@ -365,8 +382,11 @@ class TwistCheck:
             return ""  # a robot at rest
         off = np.abs(motion[0] - motion[1]) - TWIST_TOLERANCE * sizes
         for axis in (0, 1):
-            change = 1 if off[axis] > _MOST_OFF else -1
+            contradicts = bool(off[axis] > _MOST_OFF)
+            change = 1 if contradicts else -1
             self._windows[axis] = min(max(0, self._windows[axis] + change), _CONFIRMED)
+            if not contradicts and sizes[axis] > _LEAST_MOTION:
+                self._contradictions[axis].confirmed = False
         axis = int(off.argmax())
         if self._reported or self._windows[axis] < _CONFIRMED:
             return ""
@@ -380,23 +400,60 @@ class TwistCheck:
 
     def _velocity(self, axis: int, reported: float) -> float:
         """Return the velocity of driving (0) or turning (1) in m/s or rad/s."""
-        if self._windows[axis] == _CONFIRMED:
-            recent = list(self._steps)[-_MEDIAN_OF:]
-            return float(np.median([motion[0, axis] / elapsed for elapsed, motion in recent]))
+        if self._contradictions[axis].confirmed or self._windows[axis] == _CONFIRMED:
+            speeds = [step.motion[0, axis] / step.elapsed for step in self._steps]
+            return float(np.median(speeds)) if speeds else reported
         return -reported if reported and self._has_wrong_sign(axis) else reported
 
     def _has_wrong_sign(self, axis: int) -> bool:
         """Return whether the robot has moved as far as reported, but in the other direction."""
         span, moved, reported = 0.0, 0.0, 0.0
-        for elapsed, motion in reversed(self._steps):
-            by_pose, by_twist = motion[:, axis]
+        for step in reversed(self._steps):
+            by_pose, by_twist = step.motion[:, axis]
             if by_pose * by_twist >= 0.0:
                 return False
-            span, moved, reported = span + elapsed, moved + by_pose, reported + by_twist
+            span, moved, reported = span + step.elapsed, moved + by_pose, reported + by_twist
             if span >= _SIGN_SPAN - _ROUNDING:
                 least, most = sorted((abs(moved), abs(reported)))
                 return bool(least >= _LEAST_SIGNED and least >= 0.5 * most)
         return False
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class _MotionStep:
+    """The motion of a robot during some messages."""
+
+    elapsed: float  # s
+    motion: FloatArray  # rows: by poses, by twist; columns: m, rad
+
+
+class _Contradictions:
+    """The last steps in a row in which poses and twist contradict each other on one axis."""
+
+    def __init__(self) -> None:
+        self.confirmed = False
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget these steps."""
+        self._steps = 0
+        self._off = 0.0  # sum of the differences in m or rad
+        self._moved = 0.0  # sum of the motion by poses
+
+    def add(self, by_pose: float, by_twist: float) -> None:
+        """Add the motion of a step in m or rad."""
+        off = by_pose - by_twist
+        contradicts = abs(off) > TWIST_TOLERANCE * max(abs(by_pose), abs(by_twist))
+        if not contradicts or off * self._off < 0.0:
+            self.restart()
+        if not contradicts:
+            return
+        self._steps += 1
+        self._off += off
+        self._moved += by_pose
+        moves = abs(self._moved) >= _LEAST_SIGNED * self._steps
+        if self._steps >= _CONFIRMED and abs(self._off) >= _LEAST_MOTION and moves:
+            self.confirmed = True
 
 
 # m/s^2; standard deviation of the acceleration of a moving object, a tenth of it at rest

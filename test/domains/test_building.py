@@ -12,7 +12,7 @@ from ator_ros.actions.base import Goal, Status
 from ator_ros.bases.routes import routes_of
 from ator_ros.domains.domain import find_domain
 from ator_ros.domains.stand_ins import PursuitStandIn
-from ator_ros.evaluation.trials import random_trial
+from ator_ros.domains.trials import random_trial
 from ator_ros.examples.navfn import NavFn
 from ator_ros.examples.pursuit import Pursuit
 from ator_ros.examples.rotate_drive_rotate import Phase, State

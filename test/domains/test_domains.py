@@ -8,7 +8,7 @@ from domain_files import install
 from ator_ros.bases.description import ConfigError, load_robot
 from ator_ros.domains.domain import DomainError, find_domain
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.evaluation.trials import possible_actions, possible_chain, random_trial
+from ator_ros.domains.trials import possible_actions, possible_chain, random_trial
 from ator_ros.performance.features import GENERAL
 
 

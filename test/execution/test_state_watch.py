@@ -11,7 +11,7 @@ from ator_ros.domains.soccer.field import BALL
 from ator_ros.execution.chain_executor import Ending
 from ator_ros.execution.fence import Fence
 from ator_ros.execution.motion_watch import MotionWatch
-from ator_ros.execution.state_watch import DelayWatch, OverlapWatch, Timeliness
+from ator_ros.execution.state_watch import DelayWatch, ObjectWatch, Timeliness
 from ator_ros.execution.supervisor import Phase, Supervisor
 from ator_ros.geometry import Pose
 from ator_ros.tops.chain import TopChain
@@ -169,6 +169,39 @@ def test_an_object_that_is_seen_inside_the_robot_ends_the_goal(there: Pose) -> N
     assert driven < 1.5
 
 
+@pytest.mark.parametrize("there", [Pose(0.6, 0.0, 0.0), Pose(0.4, 0.5, 0.0), Pose(-0.5, 0.0, 0.0)])
+def test_an_object_that_moves_with_the_robot_ends_the_goal(there: Pose) -> None:
+    ending, reason, driven = place(there)
+    assert ending is Ending.INPUT_LOST
+    assert reason.startswith("the ball moves with the robot: expected another place beside it")
+    assert f"{there.x:.2f} m ahead of the middle of the axle" in reason
+    assert driven < 4.5
+
+
+def test_a_ball_that_rolls_ahead_of_the_robot_does_not_move_with_it() -> None:
+    """It has the robot's speed, and the place beside the robot changes by less than 5 cm."""
+    watch, top = ObjectWatch(ROBOT), LIBRARY["goToBall"]
+    for tick in range(80):
+        pose = Pose(0.05 * tick, 0.0, 0.0)
+        ball = ObjectState(0.0495 * tick + 1.0, 0.0, 0.99)
+        assert watch.fault(World(0.05 * tick, RobotState(pose, 1.0), {BALL: ball}), top) is None
+
+
+@pytest.mark.parametrize("turning", [True, False])
+def test_a_robot_that_speeds_up_or_turns_leaves_the_objects_beside_it(turning: bool) -> None:
+    watch, top, pose, faults = ObjectWatch(ROBOT), LIBRARY["goToBall"], Pose(0.0, 0.0, 0.0), []
+    for tick in range(60):
+        v = 1.0 if turning else 0.02 * tick
+        w = 0.5 if turning else 0.0
+        ball = pose.compose(Pose(0.5, 0.6, 0.0))
+        objects = {BALL: ObjectState(ball.x, ball.y)}
+        faults.append(watch.fault(World(0.05 * tick, RobotState(pose, v, w), objects), top))
+        pose = pose.compose(Pose(0.05 * v, 0.0, 0.05 * w))
+    assert faults[0] is None
+    assert "moves with the robot" in (faults[-1] or "")
+    assert "moves with the robot" not in (faults[20] or "")
+
+
 def test_an_object_in_the_holder_is_where_it_can_be() -> None:
     ending, reason, _ = place(Pose(ROBOT.hold, 0.0, 0.0))
     assert ending is not Ending.INPUT_LOST, reason
@@ -176,7 +209,7 @@ def test_an_object_in_the_holder_is_where_it_can_be() -> None:
 
 def inside(*times: float) -> list[str | None]:
     """Return the faults of states at `times` in s that have a ball in the middle of the robot."""
-    watch, top = OverlapWatch(ROBOT), LIBRARY["goToBall"]
+    watch, top = ObjectWatch(ROBOT), LIBRARY["goToBall"]
     robot = RobotState(Pose(0.0, 0.0, 0.0))
     return [watch.fault(World(t, robot, {BALL: ObjectState(0.0, 0.0)}), top) for t in times]
 

@@ -38,7 +38,7 @@ def test_an_unchanged_robot_keeps_its_models(tmp_path: Path, shipped: Path, roun
         stored(folder / RECORDS, episodes(150, seed=seed + 10))
         result = round_of(folder, shipped)
         switched += bool(result["actions"][NAME]["kind"])
-        assert "on 100 records" in result["actions"][NAME]["reason"]
+        assert "on 50 records" in result["actions"][NAME]["reason"]
     assert switched <= rounds // 8
 
 

@@ -40,8 +40,8 @@ REFUSED = [
         "argument --oracle-from: not allowed with argument --oracle",
     ),
     (
-        "evaluate --oracle=3 --oracle-jointly --oracle-speeds 0.1",
-        "argument --oracle-speeds: not allowed with argument --oracle-jointly",
+        "evaluate --oracle-speeds 0.1",
+        "--oracle-speeds, --oracle-margin: expected --oracle, too",
     ),
     ("demo --situations=-1", NUMBER.format("situations")),
     *(("view --attach --robots " + name, NAMESPACE) for name in ("a-b", "../x")),

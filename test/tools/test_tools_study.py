@@ -12,9 +12,9 @@ import pytest
 from experience_rows import uncertain
 
 from ator_ros.bases.description import load_robot
-from ator_ros.evaluation.study import open_variables, study_page
+from ator_ros.domains.trials import Trial, random_trial
+from ator_ros.evaluation.study_report import open_variables, study_page
 from ator_ros.evaluation.toolset import Toolset, ToolsetSource, tools_of
-from ator_ros.evaluation.trials import Trial, random_trial
 from ator_ros.files import read_json
 from ator_ros.resources import resource_path
 from ator_ros.tools.study import main

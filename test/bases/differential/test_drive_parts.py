@@ -7,8 +7,8 @@ import pytest
 
 from ator_ros.bases.differential.drive_parts import DriveParts, parts_of_drive
 from ator_ros.domains.domain import find_domain
+from ator_ros.domains.trials import random_trial
 from ator_ros.evaluation.chain_run import run_chain
-from ator_ros.evaluation.trials import random_trial
 from ator_ros.execution.chain_executor import ChainExecutor
 
 TIMES = np.arange(0.0, 8.0, 0.1)

@@ -8,10 +8,10 @@ from refinement_fakes import LIBRARY, ROBOT, models
 
 from ator_ros.actions import TIME_LIMIT
 from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.trials import Trial, open_places, random_trial, with_headings
 from ator_ros.evaluation.chain_run import run_chain
 from ator_ros.evaluation.policies import POLICIES
 from ator_ros.evaluation.toolset import Toolset
-from ator_ros.evaluation.trials import Trial, open_places, random_trial, with_headings
 
 
 def trial(index: int = 0, chain: str = "dribble") -> Trial:

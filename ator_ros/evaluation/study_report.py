@@ -8,9 +8,9 @@ from typing import Any
 
 import pandas as pd
 
+from ator_ros.domains.trials import Trial, open_speeds, reopened
 from ator_ros.evaluation.report import Part, page, policy_table
 from ator_ros.evaluation.toolset import Toolset
-from ator_ros.evaluation.trials import Trial, open_speeds, reopened
 from ator_ros.refinement.refiner import Refinement
 
 NO_EFFECT = 0.02

@@ -12,21 +12,16 @@ from ator_ros.actions.goal_variables import wrong_values
 from ator_ros.actions.situation import drawn_until
 from ator_ros.bases.description import ConfigError, Robot
 from ator_ros.bases.routes import reachable
-from ator_ros.domains.domain import Domain
+from ator_ros.domains.domain import Domain, DomainError
 from ator_ros.geometry import Pose
-from ator_ros.printable import ReadableError
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import LeftOutError, TopLibrary
 from ator_ros.world.state import World
 
 
-class EvaluationError(ReadableError, ValueError):
-    """An evaluation cannot be executed; the message has the expected and the actual value."""
-
-
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """One situation of an evaluation: initial state, and plan with open variables."""
+    """One situation: initial state, and plan with open variables."""
 
     world: World
     chain: TopChain
@@ -53,11 +48,11 @@ def random_trial(
     library : TopLibrary
         TOPs and actions of the chain.
     seed, index : int
-        Seed of the evaluation, and number of the situation.
+        Seed of the situations, and number of the situation.
 
     Raises
     ------
-    EvaluationError
+    DomainError
         A goal lacks a variable that its action declares, or has an undeclared one.
     LeftOutError
         The chain needs a TOP whose action the library's set lacks.
@@ -73,7 +68,7 @@ def random_trial(
         raise LeftOutError(f"chain {chain} of {domain.name}: {error}") from None
     for step, call in enumerate(plan.calls, start=1):
         if wrong := wrong_values(call.goal, library.goal_variables(call.top)):
-            raise EvaluationError(
+            raise DomainError(
                 f"chain {chain} of {domain.name}: step {step} ({call.top.name}): {wrong}"
             )
     return Trial(world, plan)
