@@ -5,24 +5,41 @@ from pathlib import Path
 from setuptools import find_packages, setup
 
 PACKAGE = "ator_ros"
+EXAMPLES = "ator_ros_examples"
 DATA_FOLDERS = ("config", "launch", "models", "rviz", "security", "urdf")
 EXECUTABLES = {
-    "examples": ("drive_to_server", "pursuit_server"),
-    "nodes": ("simulation", "executor", "refinement", "learning", "goal_pose", "waypoints"),
-    "tools": ("collect", "train", "evaluate", "calibrate", "study", "demo", "view", "plan"),
+    EXAMPLES: ("drive_to_server", "pursuit_server"),
+    f"{PACKAGE}.nodes": (
+        "simulation",
+        "executor",
+        "refinement",
+        "learning",
+        "goal_pose",
+        "waypoints",
+    ),
+    f"{PACKAGE}.tools": (
+        "collect",
+        "train",
+        "evaluate",
+        "calibrate",
+        "study",
+        "demo",
+        "view",
+        "plan",
+    ),
 }
 DOMAINS = {
-    "building": f"{PACKAGE}.domains.tour:BUILDING",
+    "building": f"{EXAMPLES}.tour:BUILDING",
     "drive": f"{PACKAGE}.domains.drive:DRIVE",
-    "pursuit": f"{PACKAGE}.domains.tour:PURSUIT",
+    "pursuit": f"{EXAMPLES}.tour:PURSUIT",
     "soccer": f"{PACKAGE}.domains.soccer.domain:SOCCER",
-    "tour": f"{PACKAGE}.domains.tour:TOUR",
+    "tour": f"{EXAMPLES}.tour:TOUR",
 }
 STAND_INS = {
-    "drive_to": f"{PACKAGE}.domains.stand_ins:DriveToStandIn",
-    "pursue": f"{PACKAGE}.domains.stand_ins:PursuitStandIn",
+    "drive_to": f"{EXAMPLES}.stand_ins:DriveToStandIn",
+    "pursue": f"{EXAMPLES}.stand_ins:PursuitStandIn",
 }
-PLANNERS = {"navfn": f"{PACKAGE}.domains.stand_ins:navfn"}
+PLANNERS = {"navfn": f"{EXAMPLES}.stand_ins:navfn"}
 
 
 def data_files() -> list[tuple[str, list[str]]]:
@@ -44,9 +61,10 @@ def data_files() -> list[tuple[str, list[str]]]:
 setup(
     name=PACKAGE,
     version="0.2.0",
-    description="Refines the subgoals of action chains with performance models learned from experience",
+    description="Refines the subgoals of action chains with performance models learned from "
+    "experience",
     license="Apache-2.0",
-    packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
+    packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*", EXAMPLES]),
     package_data={PACKAGE: ["py.typed"]},
     data_files=data_files(),
     install_requires=["setuptools"],
@@ -54,8 +72,8 @@ setup(
     zip_safe=False,
     entry_points={
         "console_scripts": [
-            f"{name} = {PACKAGE}.{folder}.{name}:main"
-            for folder, names in EXECUTABLES.items()
+            f"{name} = {module}.{name}:main"
+            for module, names in EXECUTABLES.items()
             for name in names
         ],
         f"{PACKAGE}.domains": [f"{name} = {value}" for name, value in DOMAINS.items()],

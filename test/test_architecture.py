@@ -10,14 +10,15 @@ import pytest
 
 PACKAGE = Path(__file__).resolve().parents[1] / "ator_ros"
 LAYERS = [
-    "geometry", "printable", "resources", "schema", "files", "compiled", "examples", "world", "bases",
+    "geometry", "printable", "resources", "schema", "files", "compiled", "world", "bases",
     "actions", "tops", "simulation", "experience", "performance", "refinement", "execution",
     "domains", "planning", "evaluation", "learning", "nodes", "view", "tools",
 ]  # fmt: skip
-"""Modules and folders of the package, lowest layer first; each imports only from itself and lower ones."""
-WITH_ROS = {"examples", "nodes", "tools", "view"}
+"""Modules and folders of the package, lowest first; each imports from itself and lower ones."""
+WITH_ROS = {"nodes", "tools", "view"}
 ROS = {
-    "action_msgs", "ator_interfaces", "builtin_interfaces", "diagnostic_msgs", "geometry_msgs", "launch",
+    "action_msgs", "ator_interfaces", "builtin_interfaces", "diagnostic_msgs", "geometry_msgs",
+    "launch",
     "launch_ros", "nav_msgs", "rcl_interfaces", "rclpy", "rosgraph_msgs", "sensor_msgs", "std_msgs",
     "std_srvs", "tf2_msgs", "unique_identifier_msgs", "visualization_msgs",
 }  # fmt: skip
@@ -58,6 +59,19 @@ def test_imports_point_down(layer: str) -> None:
         if name.startswith("ator_ros.") and name.split(".")[1] not in allowed
     }
     assert not upward
+
+
+@pytest.mark.parametrize("file", FILES, ids=lambda file: str(file.relative_to(PACKAGE)))
+def test_nothing_imports_the_examples(file: Path) -> None:
+    assert not [name for name in imports(file) if name.split(".")[0].endswith("examples")]
+
+
+@pytest.mark.parametrize("law", ["navfn", "pursuit", "rotate_drive_rotate"])
+def test_control_laws_are_independent_of_ator_ros(law: str) -> None:
+    names = set(imports(PACKAGE.parent / "ator_ros_examples" / f"{law}.py"))
+    ours = {name for name in names if name.startswith("ator_ros.")}
+    assert not ours - {"ator_ros.compiled"}
+    assert not {name.split(".")[0] for name in names} & ROS
 
 
 def test_only_tools_import_the_laboratory() -> None:

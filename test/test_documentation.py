@@ -7,6 +7,7 @@ import os
 import re
 import shlex
 import shutil
+import statistics
 import subprocess
 import time
 from pathlib import Path
@@ -16,6 +17,9 @@ import pytest
 from documentation import PAGES, ROOT, TOOLS, Printed, commands
 
 from ator_ros.experience.table import read_experience
+from scripts.reproduce import Sizes, steps
+from scripts.tables import PAGES as PAGES_WITH_TABLES
+from scripts.tables import write_tables
 
 BIN = ROOT / "install" / "lib" / "ator_ros"
 SMALL = {
@@ -29,13 +33,13 @@ SMALL = {
 _VIEW = "nodes/test_view_node.py"
 _ROS = "nodes/test_documented_commands.py"
 BY_TEST = {
-    r"make demo": "nodes/test_demo_node.py::test_it_prints_the_gain",
-    r"(PARTS=\w+ )?make reproduce": "test_documentation.py::test_all_results_can_be_reproduced",
-    r"(ros2 run ator_ros )?calibrate( .*)?": "nodes/test_calibrate_node.py::test_a_description_is_written",
-    r"(ros2 run ator_ros )?study .*": "tools/test_tools_study.py::test_a_study_reports_actions_and_ref",
+    r"make demo( ARGS='--animation .*')?": "nodes/test_demo_node.py::test_it_prints_the_gain",
+    r"make reproduce( ARGS=.*)?": "test_documentation.py::test_all_results_can_be_reproduced",
+    r"(ros2 run ator_ros )?calibrate( .*)?": "nodes/test_calibrate_node.py::test_a_description_is_",
+    r"(ros2 run ator_ros )?study .*": "tools/test_tools_study.py::test_a_study_reports_actions_and",
     r"make view|(ros2 run ator_ros )?view": f"{_VIEW}::test_the_page_runs_a_race",
-    r"view --attach --robots ann bob": "nodes/test_view_backend.py::test_two_robots_of_one_simulation_",
-    r"scripts/run python scripts/golden\.py .*": "golden/test_golden.py::test_the_command_writes_and_",
+    r"view --attach --robots ann bob": "nodes/test_view_backend.py::test_two_robots_of_one_simulat",
+    r"scripts/run python scripts/golden\.py .*": "golden/test_golden.py::test_the_command_writes_a",
     r"make docs": "test_site.py::test_the_site_is_built_without_warnings",
     r"make setup": "test_documentation.py::test_set_up_has_nothing_to_do",
     r"make clean": "test_documentation.py::test_clean_leaves_the_sources",
@@ -47,35 +51,35 @@ BY_TEST = {
     r"ros2 (service|action) \w+": "nodes/test_call_example.py::test_a_service_is_",
     r"make run EXE=\w+ .*my_config.*": f"{_ROS}::test_a_copy_of_the_configuration_is_used",
     r"ros2 action send_goal /execute_chain .*": f"{_ROS}::test_the_printed_requests",
-    r"make run EXE=(simulation|executor|refinement)( .*factor.*)?": f"{_ROS}::test_nodes_run_without_",
-    r"ros2 service call /(refine_subgoal|reset|place_ball) .*": f"{_ROS}::test_the_printed_requests",
+    r"make run EXE=(simulation|executor|refinement)( .*factor.*)?": f"{_ROS}::test_nodes_run_witho",
+    r"ros2 service call /(refine_subgoal|reset|place_ball) .*": f"{_ROS}::test_the_printed_request",
     r"ros2 service call /plan_chains .*": f"{_ROS}::test_the_printed_requests",
     r"ros2 action send_goal --feedback .*": f"{_ROS}::test_the_printed_requests",
     r"ros2 action send_goal /(ann|bob)/.*": f"{_ROS}::test_two_robots_drive_at_the_same_time",
     r"ros2 run ator_ros simulation .*robots:=.*": f"{_ROS}::test_two_robots_drive_at_the_same_time",
-    r"ros2 run ator_ros \w+ .*__ns:=/(ann|bob) .*": f"{_ROS}::test_two_robots_drive_at_the_same_time",
+    r"ros2 run ator_ros \w+ .*__ns:=/(ann|bob) .*": f"{_ROS}::test_two_robots_drive_at_the_same_ti",
     r"ros2 topic echo .*/performance/(action|chain) .*": f"{_ROS}::test_the_printed_requests",
     r"ros2 launch ator_ros .*real_time_factor.*": f"{_ROS}::test_the_printed_requests",
-    r"ros2 launch ator_ros .*learning:=.*": "test_launch_file.py::test_it_starts_the_nodes_in_one_namespace",
-    r"(cp -rL|ros2 launch ator_ros) .*my_config": f"{_ROS}::test_a_copy_of_the_configuration_is_used",
+    r"ros2 launch ator_ros .*learning:=.*": "test_launch_file.py::test_it_starts_the_nodes_in_one_",
+    r"(cp -rL|ros2 launch ator_ros) .*my_config": f"{_ROS}::test_a_copy_of_the_configuration_is_us",
     r"cd ~/ws && git clone .*": f"{_ROS}::test_a_workspace_is_built",
     r"colcon build --base-paths .*": f"{_ROS}::test_a_workspace_is_built",
     r"\. install/setup\.sh && .*": f"{_ROS}::test_a_workspace_is_built",
     r"(scripts/run python -m )?colcon build": f"{_ROS}::test_a_checkout_is_built_by_hand",
-    r"export ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET": "nodes/test_network.py::test_user_settings_are_kept",
+    r"export ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET": "nodes/test_network.py::test_user_settings_are",
     r"ros2 run ator_ros \w+ .*nav2\.yaml.*": "nodes/test_nav2_files.py::test_nodes_start",
     r"ros2 service call /predict_durations .*": "nodes/test_rounds_page.py::test_a_round_is_",
     r"ros2 run ator_ros \w+ .*domain:=drive.*": "nodes/test_rounds_page.py::test_a_round_is_",
     r"ros2 run ator_ros waypoints .*": "nodes/test_waypoints_node.py::test_waypoints_are_followed_",
-    r"(ros2 run ator_ros )?collect .*--attach.*": "nodes/test_attached.py::test_drives_are_kept_on_",
-    r"ros2 run ator_ros train .*--planner .*": "nodes/test_path_planner.py::test_models_are_learned_from_",
-    r"ros2 run ator_ros train .*--map .*": "performance/test_route_features.py::test_a_model_learned_with_",
-    r"ros2 action send_goal -f /execute_chain .*x: 4.*": "domains/test_remote_documentation.py::test_the_",
+    r"(ros2 run ator_ros )?collect .*--attach.*": "nodes/test_attached.py::test_drives_are_kept_on",
+    r"ros2 run ator_ros train .*--planner .*": "nodes/test_path_planner.py::test_models_are_learne",
+    r"ros2 run ator_ros train .*--map .*": "performance/test_route_features.py::test_a_model_learn",
+    r"ros2 action send_goal -f /execute_chain .*x: 4.*": "domains/test_remote_documentation.py::te",
     r"ros2 action send_goal -f /execute_chain .*": "nodes/test_own_server.py::test_own_",
-    r"ros2 run ator_ros collect --domain building .*": "domains/test_building.py::test_drives_on_",
+    r"ros2 run ator_ros collect --domain building .*": "examples/test_building.py::test_drives_on_",
     r"ros2 run .* domain:=building": "nodes/test_map_node.py::test_a_tour_of_the_",
     r"ros2 run ator_ros learning": "nodes/test_learning_node.py::test_learning_can_be_frozen_and_",
-    r"scripts/run pip install .* \./my_package": "nodes/test_outside_domain.py::test_a_domain_from_another_",
+    r"scripts/run pip install .* \./my_package": "nodes/test_outside_domain.py::test_a_domain_from",
     r".* examples/paper_in_one_file\.py": "test_paper_in_one_file.py::test_it_prints_",
     r".* examples/who_goes_to_the_ball\.py .*": "test_programs.py::test_both_decisions_are_",
     r".* examples/plan_with_durations\.py .*": "test_programs.py::test_stations_are_divided_",
@@ -84,24 +88,24 @@ BY_TEST = {
     r".* examples/refine_and_execute\.py": "nodes/test_client_example.py::test_it_drives_the_",
     r"make run EXE=\w+ ARGS='.*/ws/src/shuttle/.*'": "nodes/test_own_server.py::test_own_",
     r"scripts/run python ~/ws/src/shuttle/server\.py": "nodes/test_own_server.py::test_own_",
-    r"ros2 run ator_ros train rosbag2_.*": "nodes/test_recording_node.py::test_the_installed_train_learns_",
+    r"ros2 run ator_ros train rosbag2_.*": "nodes/test_recording_node.py::test_the_installed_train",
 }
-"""Commands, as regular expressions, and the test that executes them, shortened or in another folder."""
+"""Commands, as regular expressions, and the test that executes them, perhaps shortened."""
 
 NOT_HERE = {
-    r"make (test|test-long|lint|format|test-apt-versions)": "runs these tests and checks themselves",
+    r"make (test|test-long|lint|format|test-apt-versions)": "runs these tests and checks",
     r"scripts/run python -m colcon test": "runs these tests themselves",
     r"make setup PYTHON=python3\.12": "compiles pybullet, nine minutes, over this very environment",
-    r"(sudo )?apt install .*|rosdep install .*|export PIP_BREAK_.*": "changes the system; needs ROS from apt",
+    r"(sudo )?apt install .*|rosdep install .*|export PIP_BREAK_.*": "changes the system",
     r"python3 -m pip install --user .*|pip install distributed": "changes the user's packages",
     r"python3 scripts/lock\.py": "asks the package registry for every version again",
     r"ros2 run ator_ros NAME ARGS|make run EXE=\w+ ARGS='(ARGS|…)'": "shows the form of others",
     r"mkdir -p ~/ws/src .*|cd ~/ws && ~/ator_ros/.*|\. ~/ws/install/.*": "see test_environment.py",
     r"ros2 action info -t": "ros2cli is not among the wheels",
-    r"ros2 bag (record|play)( .*)?": "rosbag2 is not among the wheels; test_recording_node.py writes it",
+    r"ros2 bag (record|play)( .*)?": "rosbag2 is not among the wheels; see test_recording_node.py",
     r"(ros2 security .*|ros2 security|keystore=.*|policy=.*|for node in .*|done)": "needs SROS2",
     r"export ROS_SECURITY_.*|ros2 run .* --enclave .*": "needs Fast DDS with the security plugins",
-    r"ros2 launch ator_ros ator\.launch\.xml (view|rviz):=true": "needs ros2 launch; test_launch_file.py",
+    r"ros2 launch ator_ros ator\.launch\.xml (view|rviz):=true": "see test_launch_file.py",
     r"ros2 (run|launch)( ator_ros …)?|python -m": "a name in a sentence",
 }
 """Commands, as regular expressions, that no test executes, and why."""
@@ -109,20 +113,12 @@ NOT_HERE = {
 
 @functools.cache
 def reproduced() -> list[set[str]]:
-    """Return the words of each full-size command of scripts/reproduce, with paths reduced to names."""
-    text = (ROOT / "scripts" / "reproduce").read_text(encoding="utf-8").replace("\\\n", " ")
-    values = dict(re.findall(r"^(\w+)=\$\{\w+:-(\S+)\}$", text, flags=re.MULTILINE))
-    text = re.sub(r"\$\{\w+:?-(\d+|--.*?)\}", r"\1", text)
-    text = re.sub(r"\$(\w+)", lambda found: values.get(found[1], found[1]), text)
-    text = re.sub(r"^ *part \S+ +", "", text, flags=re.MULTILINE)
-    lines = [
-        shlex.split(line) for line in text.splitlines() if line.startswith(('"bin/', "python "))
-    ]
-    return [{Path(word).name for word in line} for line in lines]
+    """Return the words of each command of scripts/reproduce.py, with paths reduced to names."""
+    return [{Path(word).name for word in step.command.split()} for step in steps(Sizes())]
 
 
 def is_reproduced(text: str) -> bool:
-    """Return whether a command, possibly abbreviated with `…`, is in scripts/reproduce."""
+    """Return whether a command, possibly abbreviated with `…`, is in scripts/reproduce.py."""
     text = text.removeprefix("scripts/run ")
     words = {Path(word).name for word in text.split() if word != "…" and not word.isupper()}
     return len(words) > 1 and any(words <= line for line in reproduced())
@@ -153,7 +149,7 @@ def runnable() -> list[str]:
 def coverage_of(printed: Printed) -> list[str]:
     """Return how a command is executed, or why not; empty if it is not covered."""
     found = [how for key, how in (BY_TEST | NOT_HERE).items() if re.fullmatch(key, printed.text)]
-    found += ["scripts/reproduce"] * is_reproduced(printed.text)
+    found += ["scripts/reproduce.py"] * is_reproduced(printed.text)
     found += ["test_a_printed_tool_runs"] * (printed.text in runnable())
     found += ["a name in a sentence"] * (printed.text in TOOLS)
     return found
@@ -227,22 +223,19 @@ def make(*words: str, cwd: Path = ROOT, **variables: str) -> subprocess.Complete
 
 @pytest.mark.long
 def test_all_results_can_be_reproduced(tmp_path: Path) -> None:
-    """Run scripts/reproduce at a small size; it writes most of the shipped files."""
-    script = (ROOT / "scripts" / "reproduce").read_text(encoding="utf-8")
-    (small,) = re.findall(r"^#     (EPISODES=.*) make reproduce$", script, flags=re.MULTILINE)
-    sizes = dict(word.split("=") for word in small.split())
-    places = {name: str(tmp_path / name.lower()) for name in ("MODELS", "DOCS", "OUT")}
-    assert set(sizes) >= {"MODELS", "DOCS"}
-    done = make("reproduce", **(sizes | places))
-    assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-4000:]
+    """Run scripts/reproduce.py at a small size; it writes what ships, and resumes."""
+    words = f"ARGS=--small --out {tmp_path}"
+    done = make("reproduce", words)
+    assert done.returncode == 0, done.stdout[-4000:] + done.stderr[-4000:]
     made = {file.relative_to(tmp_path).as_posix() for file in tmp_path.rglob("*") if file.is_file()}
+    folders = [ROOT / "models", *(ROOT / "docs").glob("evaluation*"), ROOT / "docs" / "studies"]
     shipped = {
-        f"models/{file.relative_to(ROOT / 'models')}" for file in (ROOT / "models").rglob("*.json")
+        file.relative_to(ROOT).as_posix() for folder in folders for file in folder.rglob("*.*")
     }
-    assert shipped <= made
-    assert {"models/accuracy.md", "docs/evaluation/report.html", "docs/figure6.svg"} <= made
-    # as with PARTS=bezier
-    assert {"docs/evaluation_bezier/report.html", "docs/figure6_bezier.svg"} <= made
+    assert shipped | {"docs/figure6.svg", "docs/figure6_bezier.svg"} <= made
+    again = make("reproduce", words)
+    assert again.returncode == 0
+    assert " done in " not in again.stdout
 
 
 @pytest.mark.long
@@ -296,7 +289,8 @@ def test_links_on_a_page_lead_to_files_and_headings(page: Path) -> None:
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_a_page_is_short_and_in_the_index(page: Path) -> None:
-    lines = page.read_text(encoding="utf-8").splitlines()
+    text = page.read_text(encoding="utf-8")
+    lines = [line for line in text.splitlines() if not line.startswith("<!--")]
     assert len(lines) <= 150
     not_prose = ("    ", "|", "![")
     assert [line for line in lines if len(line) > 100 and not line.startswith(not_prose)] == []
@@ -304,30 +298,18 @@ def test_a_page_is_short_and_in_the_index(page: Path) -> None:
     assert page.parent != ROOT / "docs" or page.name == "README.md" or f"({page.name})" in index
 
 
-def test_tables_of_gains_agree_with_the_reports() -> None:
-    """Compare each row of a table below a link to a report with the policies of that report."""
-    page = (ROOT / "docs" / "results.md").read_text(encoding="utf-8")
-    sections = re.findall(
-        r"\((evaluation\w*)/report\.html\)(.*?)(?=^## )", page, re.MULTILINE | re.DOTALL
-    )
-    printed = r"\| (\S+) s \| (\S+) % \((\S+) to (\S+)\) \|"
-    rows = {name: re.findall(printed, text) for name, text in sections if "gain over naive" in text}
-    for name, found in rows.items():
-        content = json.loads((ROOT / "docs" / name / "evaluation.json").read_text(encoding="utf-8"))
-        policies = [policy for policy in content["summary"].values() if isinstance(policy, dict)]
-        measured = [
-            (p["mean_duration_s"], p["improvement_percent"], *p["improvement_ci95"])
-            for p in policies
-        ]
-        for row in found:
-            assert any(
-                tuple(map(float, row)) == pytest.approx(values, abs=0.06) for values in measured
-            ), row
-    readme = (ROOT / "README.md").read_text(encoding="utf-8")
-    gains = [row for found in rows.values() for row in found]
-    shown = re.findall(printed, readme)
-    assert len(shown) == 5
-    assert set(shown) <= set(gains)
+def test_tables_are_those_of_the_reports(tmp_path: Path) -> None:
+    for page in PAGES_WITH_TABLES:
+        (tmp_path / page).parent.mkdir(exist_ok=True)
+        shutil.copy(ROOT / page, tmp_path / page)
+    write_tables(tmp_path, ROOT / "docs")
+    for page in PAGES_WITH_TABLES:
+        written = (tmp_path / page).read_text(encoding="utf-8")
+        assert written == (ROOT / page).read_text(encoding="utf-8"), "run scripts/tables.py"
+    results = (ROOT / "docs" / "results.md").read_text(encoding="utf-8")
+    assert set(re.findall(r"begin (evaluation\w*)", results)) == {
+        folder.name for folder in (ROOT / "docs").glob("evaluation*")
+    }
 
 
 def test_the_predicted_times_of_the_readme_agree_with_the_report() -> None:
@@ -335,7 +317,7 @@ def test_the_predicted_times_of_the_readme_agree_with_the_report() -> None:
     policies = json.loads(file.read_text(encoding="utf-8"))["runs"]["policies"]
 
     def means(policy: str) -> list[float]:
-        return [sum(policies[policy][name]) / 200 for name in ("predicted", "duration")]
+        return [statistics.fmean(policies[policy][name]) for name in ("predicted", "duration")]
 
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
     predicted, driven = re.findall(r"take (\S+) s and took (\S+) s, on average of", readme)[0]
@@ -344,9 +326,21 @@ def test_the_predicted_times_of_the_readme_agree_with_the_report() -> None:
     assert list(map(float, formulas)) == pytest.approx(means("analytic"), abs=0.06)
 
 
+def test_the_layout_names_every_folder_and_its_files() -> None:
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8").partition("## The layout")[2]
+    package = ROOT / "ator_ros"
+    folders = {folder.name for folder in package.iterdir() if any(folder.glob("*.py"))}
+    rows = re.findall(r"^\| (.*?) \| (.*) \|$", text, flags=re.MULTILINE)
+    assert folders == {name for row in rows for name in re.findall(r"`(\w+)/`", row[0])}
+    files = {name for row in rows for name in re.findall(r"`(\w+/[\w/]+\.py)`", row[1])}
+    assert len(files) >= 10
+    assert [name for name in files if not (package / name).is_file()] == []
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_source_files_named_on_a_page_exist(page: Path) -> None:
-    folders = (ROOT / name for name in ("ator_ros", "test", "benchmarks", "scripts"))
+    names = ("ator_ros", "ator_ros_examples", "test", "benchmarks", "scripts")
+    folders = (ROOT / name for name in names)
     paths = [f"/{file.relative_to(ROOT)}" for folder in folders for file in folder.rglob("*.py")]
     named = re.findall(r"`((?:[\w.]+/)*\w+\.py)", page.read_text(encoding="utf-8"))
     assert [name for name in named if not any(path.endswith(f"/{name}") for path in paths)] == []

@@ -27,7 +27,7 @@ CONTROL_PERIOD = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Standstill:
-    """Speeds up to which a robot or an object counts as standing still, with a level for each use."""
+    """Speeds up to which a robot or an object counts as standing still, one for each use."""
 
     v: float  # m/s
     w: float = math.inf  # rad/s; infinite if turning does not matter

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import pytest
 
 from ator_ros.actions.base import Action, Goal, Point, Status, Step
-from ator_ros.bases.description import Limits, load_robot
+from ator_ros.bases.description import load_robot
+from ator_ros.bases.differential.limits import Limits
 from ator_ros.domains.soccer.field import BALL
 from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
 from ator_ros.geometry import Pose
@@ -21,7 +22,7 @@ ROBOTS = {
     "weak": dataclasses.replace(PIONEER, limits=Limits(_V, _W, 0.7 * _A, _BRAKE, 0.7 * _AW)),
     "lagging": dataclasses.replace(PIONEER, motor_time_constant=0.12),
 }
-"""As described; with motors that accelerate by 70 % of that, and brake as hard; with a lag of 0.12 s."""
+"""As described; with motors that accelerate by 70 % of that; with a lag of 0.12 s."""
 
 
 @dataclass(frozen=True)

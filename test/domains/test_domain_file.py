@@ -17,12 +17,12 @@ from ator_ros.bases.description import load_robot
 from ator_ros.domains.declared import DeclaredServer
 from ator_ros.domains.domain import Domain, DomainError, find_domain
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.domains.stand_ins import DriveToStandIn
 from ator_ros.geometry import Pose
 from ator_ros.tops.chain import Top
 from ator_ros.tops.conditions import Condition, Region, Term
 from ator_ros.tops.ranges import USUAL_RANGES
 from ator_ros.world.messages import ObjectSource
+from ator_ros_examples.stand_ins import DriveToStandIn
 
 ROBOT = load_robot()
 

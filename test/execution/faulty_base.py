@@ -1,4 +1,4 @@
-"""A kinematic base that can fail on one axis, and goals executed on it as the executor node executes them."""
+"""A kinematic base that can fail on one axis, and goals executed on it as by the executor node."""
 
 import copy
 import math
@@ -143,7 +143,7 @@ class Goal:
     states: list[tuple[float, RobotState]] = field(default_factory=list)
     commands: list[Command] = field(default_factory=list)
     late: float = 0.0
-    """The longest interval in which odometry differed from that of a healthy base with the same commands."""
+    """The longest interval in which odometry differed from that of a healthy base."""
     ended: float | None = None
 
     @property

@@ -13,7 +13,8 @@ from faulty_base import Failure, Goal, KinematicBase, execute
 from selection import few
 
 from ator_ros.actions.base import Goal as ActionGoal
-from ator_ros.bases.description import Limits, Robot, load_robot
+from ator_ros.bases.description import Robot, load_robot
+from ator_ros.bases.differential.limits import Limits
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import BALL
 from ator_ros.execution.chain_executor import Ending
@@ -80,7 +81,7 @@ def failures(axis: str, limit: float, since: float) -> list[Failure]:
 def stops(
     robot: Robot, speeds: tuple[float, ...], names: tuple[str, ...]
 ) -> dict[str, tuple[float, str]]:
-    """Return for each failure the longest time in s from the first difference to the stop, and its case."""
+    """Return for each failure the longest time in s from its first effect to the stop."""
     library, worst = SOCCER.library(robot), dict[str, tuple[float, str]]()
     for speed in speeds:
         for name in names:
@@ -195,7 +196,8 @@ def test_a_base_that_follows_raises_no_fault(kind: str, odometry: str, noise: bo
         done = execute(
             SOCCER.library(robot), go(robot, Pose(1.0, -0.5, 2.5)), base,
             rate=rate, jitter=jitter, dropped=dropped,
-            latency=0.1 if kind == "late" else 0.0, longest=25.0, **({"sense": noisy(1)} if noise else {}),
+            latency=0.1 if kind == "late" else 0.0, longest=25.0,
+            **({"sense": noisy(1)} if noise else {}),
         )  # fmt: skip
         assert done.ending is not Ending.BASE_FAULT, done.execution.reason
 

@@ -1,4 +1,4 @@
-"""The motion watch: bases that do not follow commands are detected in time, without false alarms."""
+"""The motion watch detects bases that do not follow commands, in time and without false alarms."""
 
 import dataclasses
 from dataclasses import dataclass
@@ -19,8 +19,8 @@ from ator_ros.geometry import Pose
 from ator_ros.simulation.sensors import SensorConfig, Sensors
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
-from ator_ros.world.estimation import RobotVelocity, TwistCheck
 from ator_ros.world.messages import robot_from_placement
+from ator_ros.world.robot_velocity import RobotVelocity, TwistCheck
 from ator_ros.world.state import STOP, Command, RobotState, World
 from ator_ros.world.transforms import HERE, Placement, Transforms
 
@@ -117,7 +117,7 @@ def test_a_twist_that_is_smoothed_ends_no_goal(lag: float) -> None:
 
 @pytest.mark.parametrize("rate", [20.0, 30.0, 50.0])
 def test_wheels_that_slip_for_a_moment_end_no_goal(rate: float) -> None:
-    """They turn as commanded while the pose, as of a filter with a camera, is constant for 0.3 s."""
+    """They turn as commanded while the pose, as of a filter, is constant for 0.3 s."""
     before = shown = Pose(0.0, 0.0, 0.0)
 
     def slips(time: float, state: RobotState) -> RobotState:
@@ -234,7 +234,7 @@ KINDS = {
 
 
 class Watched(ChainExecutor):
-    """Executes a chain on a kind of base; keeps the faults that the motion watch and the fence raise.
+    """Executes a chain on a kind of base; keeps the faults of motion watch and fence.
 
     They are kept until the robot collides: it decelerates five times as fast as it can brake. With
     the paper's actions, a base with slow motors may hit a goal post.
@@ -322,7 +322,7 @@ def test_commands_in_transit_count_when_another_goal_takes_over(preempts: bool) 
 
 
 def fault_of_coasting(deceleration: float) -> str | None:
-    """Return the fault of a base that is commanded to stop at full speed and decelerates by this (m/s^2)."""
+    """Return the fault of a base that is to stop at full speed and decelerates by this (m/s^2)."""
     watch, x, v, fault = MotionWatch(ROBOT, 0.0), 0.0, ROBOT.limits.v, None
     for tick in range(80):
         fault = fault or watch.fault(tick * TICK, RobotState(Pose(x, 0.0, 0.0), v), tick * TICK)
@@ -393,7 +393,7 @@ def test_a_delayed_command_counts_from_when_it_was_sent() -> None:
 
 @pytest.mark.parametrize("in_odometry", [True, False])
 def test_corrections_of_the_pose_in_tf_are_not_motion(in_odometry: bool) -> None:
-    """A localization shifts odometry's frame in the map by 5 cm twice a second, dated ahead as by AMCL."""
+    """A localization shifts odometry's frame by 5 cm twice a second, dated ahead as by AMCL."""
     known, estimate, watch = Transforms(), RobotVelocity(1.2, 2.4), MotionWatch(ROBOT, 0.0)
     faults: set[str | None] = set()
     for tick in range(100):

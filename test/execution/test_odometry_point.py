@@ -21,7 +21,7 @@ def driven(
     own_twist: bool = False,
     base: KinematicBase | None = None,
 ) -> Goal:
-    """Drive to a pose with odometry of a point that is `offset` m ahead and to the left of the axle.
+    """Drive to a pose with odometry of a point `offset` m ahead and to the left of the axle.
 
     The poses have `noise` in m and rad; the twist is the axle's, or with `own_twist` the point's.
     """

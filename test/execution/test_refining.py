@@ -250,7 +250,8 @@ def test_the_answer_changes_the_goal_without_a_stop(drive: Drive) -> None:
     assert drive.to_the_end() is Ending.SUCCEEDED
     assert (drive.run.refining.refined, drive.run.refining.refined_again) == (True, 1)
     assert drive.run.refining.reason == (
-        "the first answer; refined again after 1.20 s, as the ball comes to rest 0.50 m from the forecast: "
+        "the first answer; refined again after 1.20 s, as the ball comes to rest 0.50 m from the "
+        "forecast: "
         "0.5 s faster"
     )
     outcomes = [(record.index, record.ending) for record in drive.run.executor.records]

@@ -18,8 +18,7 @@ from ator_ros.bases.differential.drive_parts import DriveParts
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import BALL, ball_of, field_of
 from ator_ros.domains.soccer.tops import GO_TO_BALL, GO_TO_POSE
-from ator_ros.experience.collect import collect
-from ator_ros.experience.episode import run_episode
+from ator_ros.experience.simulated import collect, run_episode
 from ator_ros.experience.table import (
     Experience,
     ExperienceError,
@@ -84,7 +83,7 @@ def starts(action: Action, situation: Situation) -> bool:
 @every_robot
 @pytest.mark.parametrize("action", list(SOCCER.actions()))
 def test_drawn_starts_are_feasible(action: str, robot: Robot) -> None:
-    """A large robot may have no path to an arrival at speed beside the fence, which is a recorded failure."""
+    """A large robot may have no path to an arrival at speed beside the fence."""
     factory = SOCCER.actions()[action].factory
     impossible = [s for s in draw(action, robot, 10) if not starts(factory(robot), s)]
     assert len(impossible) <= (0 if robot is PIONEER else 1)

@@ -75,7 +75,7 @@ class ChainClient:
             self.ros.eventually(lambda name=topic: self.ros.node.count_publishers(name), topic)
 
     def place(self, robot: Pose) -> None:
-        """Place the robot, and the ball at (0, 0), and wait until the executor has received that."""
+        """Place the robot, and the ball at (0, 0), and wait until the executor received that."""
         self.ros.place(robot=robot, ball=(0.0, 0.0))
         self.ros.eventually(
             lambda: self.standing() and self.ros.robot().pose.distance(robot) < 0.01

@@ -45,7 +45,7 @@ class MovingBase:
         self.commanded = message.twist if isinstance(message, TwistStamped) else message
 
     def set_pace(self, rate: float) -> None:
-        """Let time pass `rate` times as fast as in reality: by its stamps a tick still takes PERIOD."""
+        """Let time pass `rate` times as fast as real time: by stamps a tick still takes PERIOD."""
         self.timer.timer_period_ns = round(1e9 * PERIOD / rate)
 
     def state(self) -> RobotState:

@@ -7,12 +7,9 @@ import numpy as np
 import pytest
 
 from ator_ros.geometry import Pose
-from ator_ros.world.estimation import (
-    ObjectTracker,
-    RobotVelocity,
-    SenderCheck,
-    VelocityCheck,
-)
+from ator_ros.world.robot_velocity import RobotVelocity
+from ator_ros.world.senders import SenderCheck
+from ator_ros.world.sightings import ObjectTracker, VelocityCheck
 from ator_ros.world.state import ObjectState
 
 TICK = 0.05
@@ -136,7 +133,7 @@ def senders(
     uneven: float = 0.0,
     jump_every: int = 10**9,
 ) -> float:
-    """Return the distance that is found after 3 s at 40 Hz; one message in `every` is `distance` m off.
+    """Return the distance after 3 s at 40 Hz; one message in `every` is `distance` m off.
 
     `every` below 1 is the probability of such a message.
 

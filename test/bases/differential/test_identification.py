@@ -7,8 +7,9 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import pytest
 
-from ator_ros.bases.description import Limits, Robot, load_robot
+from ator_ros.bases.description import Robot, load_robot
 from ator_ros.bases.differential.identification import BaseEstimate, check_plausible, identify
+from ator_ros.bases.differential.limits import Limits
 from ator_ros.bases.differential.probe_drive import DriveError, DrivePart, DriveSample, ProbeDrive
 from ator_ros.geometry import Pose
 from ator_ros.simulation.sensors import SensorConfig, Sensors
@@ -140,7 +141,7 @@ def probed(
     response: Callable[[Command], Command] = lambda command: command,
     bias: tuple[float, float] = (0.0, 0.0),
 ) -> Sequence[DriveSample]:
-    """Return the samples of a base that ramps its speeds without a lag; accelerations in m/s^2, rates in Hz.
+    """Return samples of a base that ramps its speeds without a lag; in m/s^2 and Hz.
 
     Its odometry is that of a `point` in m ahead and to the left of the axle; its speeds have a
     `bias` in m/s and rad/s.

@@ -1,4 +1,4 @@
-"""Stand-ins for the example servers: actions that drive in simulations without ROS as the servers do.
+"""Stand-ins for the example servers: actions that drive as these do, without ROS.
 
 A *control law* computes the velocity command of an action server from the state of the robot. A
 *stand-in* is an action with the control law of a server, and with its delays over ROS. So drives of
@@ -12,11 +12,11 @@ from functools import lru_cache
 
 from ator_ros.actions.base import Action, Goal, Status, Step, finished
 from ator_ros.bases.description import Robot
-from ator_ros.examples.navfn import NavFn
-from ator_ros.examples.pursuit import Law, Pursuit
-from ator_ros.examples.rotate_drive_rotate import Phase, RotateDriveRotate, State
 from ator_ros.world.grid_map import GridMap
 from ator_ros.world.state import STOP, Command, World
+from ator_ros_examples.navfn import NavFn
+from ator_ros_examples.pursuit import Law, Pursuit
+from ator_ros_examples.rotate_drive_rotate import Phase, RotateDriveRotate, State
 
 
 class DriveToStandIn(Action):

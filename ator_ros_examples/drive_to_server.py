@@ -22,8 +22,8 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.task import Future
 
 from ator_interfaces.action import DriveTo
-from ator_ros.examples.pursuit import Law
-from ator_ros.examples.rotate_drive_rotate import Phase, RotateDriveRotate, State
+from ator_ros_examples.pursuit import Law
+from ator_ros_examples.rotate_drive_rotate import Phase, RotateDriveRotate, State
 
 _FEEDBACK_PERIOD = 0.5
 _CODES = {

@@ -13,9 +13,9 @@ from nav_msgs.msg import OccupancyGrid
 from rclpy.action import GoalResponse
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
-from ator_ros.examples.drive_to_server import DriveToServer, serve, yaw_of
-from ator_ros.examples.navfn import NavFn
-from ator_ros.examples.pursuit import Pursuit
+from ator_ros_examples.drive_to_server import DriveToServer, serve, yaw_of
+from ator_ros_examples.navfn import NavFn
+from ator_ros_examples.pursuit import Pursuit
 
 _FREE = 25  # percent
 

@@ -7,13 +7,13 @@ import pytest
 
 from ator_ros.actions.base import Goal, Status
 from ator_ros.domains.domain import find_domain
-from ator_ros.domains.stand_ins import DriveToStandIn
-from ator_ros.examples.rotate_drive_rotate import ENDED, Phase, RotateDriveRotate, State
 from ator_ros.geometry import Pose
 from ator_ros.simulation.run import place, run_action
 from ator_ros.simulation.simulation import Simulation
 from ator_ros.tools import train
 from ator_ros.world.state import Command, RobotState, World
+from ator_ros_examples.rotate_drive_rotate import ENDED, Phase, RotateDriveRotate, State
+from ator_ros_examples.stand_ins import DriveToStandIn
 
 ROBOT = find_domain("tour").robot()
 

@@ -11,18 +11,18 @@ from maps import hall, write_map
 from ator_ros.actions.base import Goal, Status
 from ator_ros.bases.routes import routes_of
 from ator_ros.domains.domain import find_domain
-from ator_ros.domains.stand_ins import PursuitStandIn
 from ator_ros.domains.trials import random_trial
-from ator_ros.examples.navfn import NavFn
-from ator_ros.examples.pursuit import Pursuit
-from ator_ros.examples.rotate_drive_rotate import Phase, State
-from ator_ros.experience.collect import episode_generator
+from ator_ros.experience.simulated import episode_generator
 from ator_ros.experience.table import read_experience
 from ator_ros.geometry import Pose
 from ator_ros.simulation.run import place, run_action
 from ator_ros.simulation.simulation import Simulation
 from ator_ros.tools import collect
 from ator_ros.world.state import Command, RobotState, World
+from ator_ros_examples.navfn import NavFn
+from ator_ros_examples.pursuit import Pursuit
+from ator_ros_examples.rotate_drive_rotate import Phase, State
+from ator_ros_examples.stand_ins import PursuitStandIn
 
 DOMAIN = find_domain("building")
 ROBOT = DOMAIN.robot()
