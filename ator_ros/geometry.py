@@ -92,3 +92,8 @@ def yaw_from_quaternion(
 def quaternion_from_yaw(yaw: float) -> tuple[float, float, float, float]:
     """Return the unit quaternion (x, y, z, w) of a heading in rad."""
     return 0.0, 0.0, math.sin(yaw / 2.0), math.cos(yaw / 2.0)
+
+
+def clip(value: float, bound: float) -> float:
+    """Return `value` clipped to [-bound, bound]."""
+    return max(-bound, min(bound, value))

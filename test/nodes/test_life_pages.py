@@ -1,117 +1,105 @@
-"""The pages that follow a tick and a request name the files in the order in which they run."""
+"""The pages "Life of a tick" and "Life of a request" name the functions that are called, in order.
 
-import itertools
+A step of these pages names functions as `Class.method` in `folder/file.py`.
+"""
+
+import contextlib
 import re
-import sys
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import FrameType
 
 import pytest
 from chain_client import ChainClient, call
 from conftest import Host
-from documentation import ROOT
 from moving_base import MovingBase
+from refinement_requests import refine, request_of_the_paper
 from ros_client import Client
 
-from ator_interfaces.msg import ObjectState
-from ator_interfaces.srv import RefineSubgoal
+import ator_ros
 from ator_ros.geometry import Pose
 
-PACKAGE = ROOT / "ator_ros"
 CLIENT = {"silent": True}
+DOCS = Path(__file__).resolve().parents[2] / "docs"
+PACKAGE = f"{Path(ator_ros.__file__).resolve().parent}/"
+FUNCTION = re.compile(r"`([\w.]+)`\s+in\s+`([\w/]+\.py)`")
+LEAST = 15
+"""Functions that each page names at least."""
 
 
-class Entered:
-    """The files of the package whose functions are called, in order, while `recording`."""
+def functions(page: str) -> list[str]:
+    """Return the functions that a page names, in order, as FILE: NAME."""
+    found = FUNCTION.findall((DOCS / page).read_text(encoding="utf-8"))
+    return [f"{file}: {name}" for name, file in found]
 
-    def __init__(self) -> None:
-        self.recording = False
-        self.files: list[str] = []
-        self._names: dict[str, str] = {}
+
+class Calls:
+    """The functions of the package that are called within each call of one of them, in order."""
+
+    def __init__(self, outermost: str) -> None:
+        self._outermost = outermost
+        self._is_within = False
+        self.found: list[list[str]] = []
 
     def __call__(self, frame: FrameType, event: str, _: object) -> None:
-        if self.recording and event == "call":
-            name = self._name(frame.f_code.co_filename)
-            if name and name != (self.files or [""])[-1]:
-                self.files.append(name)
+        """Take an event of a profiled thread."""
+        code = frame.f_code
+        if event not in ("call", "return") or not code.co_filename.startswith(PACKAGE):
+            return
+        name = f"{code.co_filename.removeprefix(PACKAGE)}: {code.co_qualname}"
+        if name == self._outermost:
+            self._is_within = event == "call"
+            if self._is_within:
+                self.found.append([])
+        if self._is_within and event == "call":
+            self.found[-1].append(name)
 
-    def _name(self, file: str) -> str:
-        if file not in self._names:
-            path = Path(file).resolve()
-            inside = path.is_relative_to(PACKAGE)
-            self._names[file] = path.relative_to(PACKAGE).as_posix() if inside else ""
-        return self._names[file]
+    def missing(self, page: list[str]) -> list[str]:
+        """Return the functions of a page that no call reaches in its order: the fewest of all calls."""
+        return min(
+            (_missing(page, iter(calls)) for calls in list(self.found)), key=len, default=page
+        )
+
+
+def _missing(page: list[str], calls: Iterator[str]) -> list[str]:
+    return next((page[number:] for number, name in enumerate(page) if name not in calls), [])
 
 
 @pytest.fixture
-def entered() -> Iterator[Entered]:
-    """Yield what the threads that are started from now on enter."""
-    found = Entered()
-    former = threading.getprofile()
-    threading.setprofile(found)
-    yield found
-    threading.setprofile(former)
-    assert sys.getprofile() is None
+def traced() -> Iterator[Callable[[str], Calls]]:
+    """Yield a function that records calls in threads which start later."""
+
+    def trace(outermost: str) -> Calls:
+        calls = Calls(outermost)
+        threading.setprofile(calls)
+        return calls
+
+    yield trace
+    threading.setprofile(None)
 
 
-def steps_of(page: str) -> list[list[str]]:
-    """Return the files that each numbered step of a page names."""
-    text = (ROOT / "docs" / page).read_text(encoding="utf-8")
-    steps = re.split(r"^\d+\. ", text, flags=re.MULTILINE)[1:]
-    return [re.findall(r"`((?:\w+/)+\w+\.py)`", step) for step in steps]
-
-
-def check(page: str, entered: Sequence[str]) -> None:
-    """Check that the files of a page are entered, and the first ones of its steps in this order."""
-    steps = steps_of(page)
-    assert {name for step in steps for name in step} <= set(entered)
-    latest = -1
-    named: set[str] = set()
-    for number, (first, *_) in enumerate(steps, start=1):
-        place = entered.index(first)
-        if first in named:  # a file to which the last steps return
-            place = len(entered) - 1 - entered[::-1].index(first)
-        assert place > latest, f"{page}: step {number}: {first} is entered before the step above"
-        latest = place
-        named.add(first)
-
-
-def test_a_tick_enters_the_files_of_its_page(entered: Entered, host: Host, client: Client) -> None:
-    host("executor")
-    base = MovingBase(client)
-    sent = ChainClient(client).send([call("goToPose", Pose(2.0, 0.0, 0.0))])
-    client.eventually(lambda: base.pose.x > 0.3, "the robot drives")
-    entered.recording = True
-    driven = base.received
-    client.eventually(lambda: base.received > driven + 5, "further commands")
-    entered.recording = False
-    sent.cancel()
-    sent.outcome()
-    files = entered.files
-    received = [
-        place
-        for place, pair in enumerate(itertools.pairwise(files))
-        if pair == ("nodes/inputs.py", "world/messages.py")
-    ]
-    assert len(received) > 2
-    check("life_of_a_tick.md", files[received[1] : received[2]])
-
-
-def test_a_request_enters_the_files_of_its_page(
-    entered: Entered, host: Host, client: Client
+def test_a_tick_calls_the_functions_of_its_page_in_order(
+    host: Host, client: Client, traced: Callable[[str], Calls]
 ) -> None:
-    host("refinement")
-    request = RefineSubgoal.Request()
-    request.situation.robot.position.x = -2.0
-    request.situation.objects = [ObjectState(name="ball")]
-    request.chain.calls = [
-        call("goToBall", Pose(0.0, 0.0, 0.0), opened=("yaw",)),
-        call("dribbleBall", Pose(0.0, 2.0, 1.57)),
-    ]
-    entered.recording = True
-    answer = client.call(RefineSubgoal, "refine_subgoal", request)
-    entered.recording = False
-    assert answer.accepted, answer.reason
-    check("life_of_a_request.md", entered.files)
+    page = functions("life_of_a_tick.md")
+    calls = traced(page[0])
+    host("executor", odom_timeout=10.0)
+    base = MovingBase(client)
+    base.set_pace(0.2)  # tracing makes ticks slow
+    ChainClient(client, None).send([call("goToPose", Pose(1.0, 0.5, 0.0))])
+    with contextlib.suppress(AssertionError):  # the comparison shows what is missing
+        client.eventually(lambda: not calls.missing(page), "a tick as on the page")
+    assert calls.missing(page) == []
+    assert len(page) >= LEAST
+
+
+def test_a_request_calls_the_functions_of_its_page_in_order(
+    host: Host, client: Client, traced: Callable[[str], Calls]
+) -> None:
+    page = functions("life_of_a_request.md")
+    calls = traced(page[0])
+    host("refinement", deadline=20.0)
+    assert refine(client, request_of_the_paper()).accepted
+    assert calls.missing(page) == []
+    assert len(page) >= LEAST

@@ -305,7 +305,7 @@ class Shoot(HoldingAction):
         entries = entries_with_ball(
             robot,
             limits,
-            round(max(0.0, world.robot.v), 3),
+            round(max(0.0, world.robot.vx), 3),
         )
         best = _run_up(robot, start, mouth, entries, limits)
         soonest = math.inf
