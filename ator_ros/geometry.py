@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -14,7 +15,15 @@ IntArray = NDArray[np.intp]
 Records = NDArray[np.void]
 """An array of records."""
 Record: TypeAlias = Any
-"""One record, whose fields compiled code reads and writes as attributes."""
+"""One record of such an array; its fields are attributes, see `record_type`."""
+
+
+def record_type(fields: Sequence[tuple[Any, ...]]) -> np.dtype[np.void]:
+    """Return the type of records with these fields: name, type and, for an array, its shape.
+
+    Fields are read and written as attributes of a record, in compiled code as in Python.
+    """
+    return np.dtype((np.record, [*fields]))
 
 
 class Pose(NamedTuple):
