@@ -296,7 +296,7 @@ class Geometry:
         hold = self.robot.hold if held else 0.0
         shapes = driving.approach_paths if held else driving.drive_paths
         paths = fastest_paths(self.ends, shapes, hold=hold)
-        if driving.approaches and 0 < held < len(holding):
+        if 0 < held < len(holding):
             drives = fastest_paths(self.ends, driving.drive_paths, hold=hold)
             paths = np.where(holding, paths, drives)
         _write_paths(self.rows, paths, driving.limits.w, driving.limits.aw)
