@@ -50,8 +50,8 @@ class Sizes:
     on_the_job: int = 100  # chains, while learning
     actions: int = 50
     study_episodes: int = 200
-    oracle: int = 24
-    tour_oracle: int = 12
+    oracle: int = 24  # headings of one subgoal
+    tour_oracle: int = 12  # headings of each of several subgoals
 
 
 SMALL = Sizes(
@@ -121,8 +121,8 @@ def steps(sizes: Sizes) -> Iterator[Step]:
     )
     yield Step(
         "default:shoot",
-        f"{evaluate} --seed 4142 --situations {n.chains} --chain shoot {grid} 0.5 "
-        "--out docs/evaluation_shoot",
+        f"{evaluate} --seed 4142 --situations {n.chains} --chain shoot "
+        f"--oracle {n.tour_oracle} --oracle-margin 0.5 --out docs/evaluation_shoot",
         ("default:train",),
     )
     yield Step(
