@@ -256,7 +256,14 @@ def _turns(rows: pd.DataFrame, limits: Limits) -> _Turns:
     starts, end_speeds, gains, losses, rates, angles = np.array(found, dtype=float).reshape(-1, 6).T
     # rad in which the base reaches its turn rate and stops again
     full = angles > limits.w**2 / limits.aw
-    return _Turns(starts, end_speeds, gains, losses, rates, full)
+    return _Turns(
+        starts,
+        end_speeds,
+        gains,
+        losses,
+        rates,
+        full,
+    )
 
 
 def _share_of_limit(change: Any, limits: Limits) -> Any:

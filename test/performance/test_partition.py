@@ -8,7 +8,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ator_ros.geometry import FloatArray
-from ator_ros.performance.model import narrowed
 from ator_ros.performance.tree.linear_models import Standardized
 from ator_ros.performance.tree.model_tree import ModelTreeRegressor
 from ator_ros.performance.tree.nodes import Hinge, ModelTree, leaves
@@ -165,7 +164,7 @@ def test_irrelevant_features_are_not_used_and_a_narrowed_tree_predicts_the_same(
     wide = np.column_stack([rng.normal(size=len(X)), X])
     learned = ModelTreeRegressor(min_samples_leaf=40, smoothing=0.0).fit(wide, y).tree_
     assert learned.used_features() == ("x1", "x2")
-    narrow = narrowed(learned)
+    narrow = learned.narrowed()
     assert narrow.names == ("x1", "x2")
     assert (narrow.predict(X) == learned.predict(wide)).all()
     assert learned.constant is None
@@ -176,7 +175,7 @@ def test_a_tree_of_a_constant_needs_no_features() -> None:
     learned = ModelTreeRegressor().fit(X, np.full(len(X), 4.5)).tree_
     assert learned.constant == pytest.approx(4.5)
     assert learned.used_features() == ()
-    assert len(narrowed(learned).names) == 1
+    assert len(learned.narrowed().names) == 1
     with_base = dataclasses.replace(learned, base=(Hinge("x0", 0.0, 1.0),))
     assert with_base.constant is None
     assert with_base.used_features() == ("x0",)
