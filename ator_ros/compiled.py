@@ -54,9 +54,12 @@ def code_digest(module: str, name: str) -> str:
         if (module, name) in seen or module.partition(".")[0] not in packages:
             continue
         seen.add((module, name))
+        file = _file_of(module)
         submodule = f"{module}.{name}"
-        if _file_of(submodule) is not None:
-            module, name = submodule, _ANY
+        # Looking for a submodule imports the module, which only a package needs.
+        if file is not None and file.stem == "__init__" and _file_of(submodule) is not None:
+            module = submodule
+            name = _ANY
         definitions = _definitions(module)
         code, references = definitions.get(name, definitions[_ANY])
         digest.update(code.encode())
@@ -133,7 +136,9 @@ def _defined(statement: ast.stmt) -> set[str]:
 
 
 def _definition(
-    module: str, name: str, table: dict[str, list[ast.stmt]]
+    module: str,
+    name: str,
+    table: dict[str, list[ast.stmt]],
 ) -> tuple[str, list[tuple[str, str]]]:
     """Return the digest of the statements that define a name, and what they refer to."""
     digest = hashlib.sha256()
@@ -228,12 +233,17 @@ def compiled(function: Function, **options: bool) -> Function:
 
 
 def inlined(function: Function) -> Function:
-    """Return `function` compiled into its callers: passing many arguments would take longer than the call."""
+    """Return `function` compiled into its callers.
+
+    Passing many arguments would take longer than the call.
+    """
     return compiled(function, forceinline=True)
 
 
 def elementwise(function: Function) -> Function:
-    """Return `function` compiled for compiled callers only; Python calls it with arrays of any shape.
+    """Return `function` compiled for compiled callers only.
+
+    Python calls it with arrays of any shape.
 
     Compiling each combination of shapes would take seconds, and numpy is as fast with arrays. The
     results are bitwise equal.
@@ -252,7 +262,11 @@ def greatest(one: Any, other: Any) -> Any:
     return np.maximum(one, other)
 
 
-def where(which: Any, one: Any, other: Any) -> Any:
+def where(
+    which: Any,
+    one: Any,
+    other: Any,
+) -> Any:
     """Return `one` where `which` holds, else `other`."""
     return np.where(which, one, other)[()]  # a number if all are numbers
 
@@ -260,4 +274,6 @@ def where(which: Any, one: Any, other: Any) -> Any:
 # Unlike numpy's functions, these forms allow compiled loops to be vectorized.
 overload(least)(lambda one, other: lambda one, other: min(one, other))  # noqa: ARG005
 overload(greatest)(lambda one, other: lambda one, other: max(one, other))  # noqa: ARG005
-overload(where)(lambda which, one, other: lambda which, one, other: one if which else other)  # noqa: ARG005
+overload(where)(
+    lambda which, one, other: lambda which, one, other: one if which else other  # noqa: ARG005
+)

@@ -1,4 +1,4 @@
-"""Files: atomic writing, reading with limits, and `save` and `load` for the formats of this package.
+"""Files: atomic writing, reading with limits, `save` and `load` for the formats of this package.
 
 Such a file is a JSON object whose first fields are ``format`` ("ator_ros study") and
 ``schema_version``; the others are the fields of a dataclass, see `ator_ros.schema`.
@@ -27,7 +27,8 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 VERSION = 1  # of all formats
-_FORMAT, _VERSION = "format", "schema_version"
+_FORMAT = "format"
+_VERSION = "schema_version"
 _LONGEST_NUMBER = 100  # characters; the decimals of a double have 17 digits
 LARGEST_JSON = 20_000_000  # bytes; the largest model that ships has 40 kB
 _LONGEST_NAME = 100  # characters; file systems allow 255 bytes
@@ -169,7 +170,11 @@ def save(
     write_text(path, "{\n" + ",\n".join(lines) + "\n}\n")
 
 
-def load(path: Path | str, kind: str, schema: type[T]) -> T:
+def load(
+    path: Path | str,
+    kind: str,
+    schema: type[T],
+) -> T:
     """Read a file of this kind, see `save`.
 
     Raises FileError, and DamagedFileError if it does not fit the schema.
@@ -193,7 +198,7 @@ def content_of(data: object, kind: str) -> dict[str, Any]:
 
 
 def content_with_optional_header(data: object, kind: str) -> object:
-    """Return the fields as `content_of` does, or `data` if it has no header: users write such files."""
+    """Return the fields as `content_of` does, or `data` without a header, as users write it."""
     has_header = isinstance(data, dict) and not data.keys().isdisjoint(header(kind))
     return content_of(data, kind) if has_header else data
 
@@ -254,7 +259,7 @@ def _problem_of(error: Exception) -> str:
 
 
 class _PlainLoader(yaml.SafeLoader):
-    """Reject aliases, which expand a few lines to billions of values, duplicate keys, and long numbers."""
+    """Reject duplicate keys, long numbers, and aliases, which expand a few lines to billions."""
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
         """Reject an alias."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -14,7 +15,15 @@ IntArray = NDArray[np.intp]
 Records = NDArray[np.void]
 """An array of records."""
 Record: TypeAlias = Any
-"""One record, whose fields compiled code reads and writes as attributes."""
+"""One record of such an array; its fields are attributes, see `record_type`."""
+
+
+def record_type(fields: Sequence[tuple[Any, ...]]) -> np.dtype[np.void]:
+    """Return the type of records with these fields: name, type and, for an array, its shape.
+
+    Fields are read and written as attributes of a record, in compiled code as in Python.
+    """
+    return np.dtype((np.record, [*fields]))
 
 
 class Pose(NamedTuple):
@@ -25,8 +34,9 @@ class Pose(NamedTuple):
     yaw: float  # heading in rad, counter-clockwise from the x axis
 
     def compose(self, local: Pose) -> Pose:
-        """Return the pose `local`, given relative to this pose, in the frame that this pose is given in."""
-        c, s = math.cos(self.yaw), math.sin(self.yaw)
+        """Return the pose `local`, which is relative to this pose, in the frame of this pose."""
+        c = math.cos(self.yaw)
+        s = math.sin(self.yaw)
         return Pose(
             self.x + c * local.x - s * local.y,
             self.y + s * local.x + c * local.y,
@@ -35,8 +45,10 @@ class Pose(NamedTuple):
 
     def relative(self, other: Pose) -> Pose:
         """Return the pose `other`, given in the same frame as this pose, relative to this pose."""
-        dx, dy = other.x - self.x, other.y - self.y
-        c, s = math.cos(self.yaw), math.sin(self.yaw)
+        dx = other.x - self.x
+        dy = other.y - self.y
+        c = math.cos(self.yaw)
+        s = math.sin(self.yaw)
         return Pose(c * dx + s * dy, -s * dx + c * dy, wrap_angle(other.yaw - self.yaw))
 
     def ahead(self, distance: float) -> Pose:
@@ -76,7 +88,12 @@ def wrap_angles(angles: Any) -> FloatArray:
     return np.asarray((np.asarray(angles, dtype=float) + np.pi) % (2.0 * np.pi) - np.pi)
 
 
-def yaw_from_quaternion(x: float, y: float, z: float, w: float) -> float:
+def yaw_from_quaternion(
+    x: float,
+    y: float,
+    z: float,
+    w: float,
+) -> float:
     """Return the heading in rad of a unit quaternion."""
     return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 
@@ -84,3 +101,8 @@ def yaw_from_quaternion(x: float, y: float, z: float, w: float) -> float:
 def quaternion_from_yaw(yaw: float) -> tuple[float, float, float, float]:
     """Return the unit quaternion (x, y, z, w) of a heading in rad."""
     return 0.0, 0.0, math.sin(yaw / 2.0), math.cos(yaw / 2.0)
+
+
+def clip(value: float, bound: float) -> float:
+    """Return `value` clipped to [-bound, bound]."""
+    return max(-bound, min(bound, value))

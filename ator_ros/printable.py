@@ -15,11 +15,11 @@ _MORE = re.compile(r"; and (\d{1,9}) more$")  # at the end of a list that was cu
 
 
 def printable(text: object, most: int = 60) -> str:
-    """Return at most `most` characters of a text; those that are not printable are escaped as in Python.
+    """Return at most `most` characters of a text, escaped as in Python if they are not printable.
 
     A shortened text ends with the full length. Every text from outside passes through here, or
-    through `quoted` or `listed`, on its way into a log, an answer or a page: names of frames, nodes,
-    topics, objects, TOPs, files and keys, and reasons of other programs.
+    through `quoted` or `listed`, on its way into a log, an answer or a page: names of frames,
+    nodes, topics, objects, TOPs, files and keys, and reasons of other programs.
     """
     whole = text if isinstance(text, str) else _written(text, str)
     shown = "".join(
@@ -31,8 +31,16 @@ def printable(text: object, most: int = 60) -> str:
     return shown
 
 
-def listed(texts: Iterable[object], most: int = 5, *, separator: str = ", ") -> str:
-    """Return at most `most` texts, each `printable`, and the number of the others: `a, b, … and 12 more`."""
+def listed(
+    texts: Iterable[object],
+    most: int = 5,
+    *,
+    separator: str = ", ",
+) -> str:
+    """Return at most `most` texts, each `printable`, and the number of the others.
+
+    Such as `a, b, … and 12 more`.
+    """
     every = list(texts)
     shown = [printable(text, _LISTED) for text in every[:most]]
     if len(every) > most:
@@ -65,7 +73,7 @@ def one_line(text: object, most: int = _LONGEST) -> str:
 
 
 class ReadableError(Exception):
-    """An error whose text is a message for users of at most `longest` characters, see `one_line`."""
+    """An error whose text is a message for users of at most `longest` characters: `one_line`."""
 
     longest: ClassVar[int] = _LONGEST
 
@@ -83,7 +91,7 @@ def quoted(value: object) -> str:
 
 
 def _written(value: object, write: Callable[[object], str]) -> str:
-    """Return `write(value)`; a description of a value with an integer of too many digits for Python."""
+    """Return `write(value)`, or a description if an integer has too many digits for Python."""
     try:
         return write(value)
     except ValueError:

@@ -73,7 +73,7 @@ NOT_EMPTY = Must("at least one", bool)
 
 
 def structured(data: object, schema: type[T]) -> T:
-    """Return parsed data as an instance of `schema`, a dataclass or a type that contains dataclasses.
+    """Return parsed data as `schema`, which is a dataclass or a type that contains dataclasses.
 
     Raises SchemaError if the data does not fit; the message names the first wrong field.
     """
@@ -105,7 +105,12 @@ def _plain(value: Any) -> Any:
     return [_plain(item) for item in value] if isinstance(value, tuple | list) else value
 
 
-def require(holds: bool, path: str, expected: str, value: object) -> None:
+def require(
+    holds: bool,
+    path: str,
+    expected: str,
+    value: object,
+) -> None:
     """Raise SchemaError about the field at `path` unless `holds`; also for ``__post_init__``."""
     if not holds:
         raise _error(path, f"expected {expected}; got {quoted(value)}")
@@ -123,7 +128,11 @@ _WORDS: Mapping[Any, str] = {
 }
 
 
-def _read(value: Any, kind: Any, path: str) -> Any:
+def _read(
+    value: Any,
+    kind: Any,
+    path: str,
+) -> Any:
     """Return the value at a path of the data as the annotated type `kind`."""
     if kind is float:
         number = isinstance(value, int | float) and not isinstance(value, bool)
@@ -135,7 +144,8 @@ def _read(value: Any, kind: Any, path: str) -> Any:
         return value
     if is_dataclass(kind):
         return _table(value, kind, path)
-    origin, inner = get_origin(kind), get_args(kind)
+    origin = get_origin(kind)
+    inner = get_args(kind)
     if origin is tuple:
         require(isinstance(value, list), path, "a list", value)
         return tuple(
@@ -166,9 +176,14 @@ def _hints(schema: Any) -> dict[str, Any]:
     return {item.name: hints[item.name] for item in fields(schema)}
 
 
-def _table(value: Any, schema: Any, path: str) -> Any:
+def _table(
+    value: Any,
+    schema: Any,
+    path: str,
+) -> Any:
     """Return a table as a dataclass; wrong fields are reported before missing and unknown ones."""
-    names, hints = _names_of_fields(schema), _hints(schema)
+    names = _names_of_fields(schema)
+    hints = _hints(schema)
     require(isinstance(value, Mapping), path, f"a table with {names}", value)
     read = {
         name: _read(value[name], kind, f"{path}.{name}" if path else name)
@@ -201,8 +216,12 @@ def _names_of_fields(schema: Any) -> str:
     return f"{', '.join(sorted(required))}{f' [{optional}]' if optional else ''}"
 
 
-def _either(value: Any, kinds: tuple[Any, ...], path: str) -> Any:
-    """Return a value as the first schema that has all its fields, else as the first type that fits."""
+def _either(
+    value: Any,
+    kinds: tuple[Any, ...],
+    path: str,
+) -> Any:
+    """Return a value as the first schema with all its fields, else as the first type that fits."""
     if value is None and NoneType in kinds:
         return None
     kinds = tuple(kind for kind in kinds if kind is not NoneType)

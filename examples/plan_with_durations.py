@@ -50,7 +50,7 @@ def durations_between(places: Sequence[Pose]) -> dict[str, FloatArray]:
     """Return three estimates of the durations of drives between n places, in s, shape (n, n)."""
     worlds = [World(0.0, RobotState(pose)) for pose in places]
     calls = [TopCall(LIBRARY["goToPose"], Goal(pose)) for pose in places]
-    predicted = predict_durations(worlds, calls, ROBOT, MODELS).durations
+    predicted = predict_durations(worlds, calls, MODELS).durations
     fastest = (
         np.array([[start.distance(goal) for goal in places] for start in places])
         / ROBOT.greatest_speed()

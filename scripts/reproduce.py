@@ -46,7 +46,7 @@ class Sizes:
     situations: int = 200  # of the dribble, whose gain is smallest
     chains: int = 60  # that are longer, or gain more
     tours: int = 40  # with models from few drives
-    rounds: int = 20  # in the building
+    rounds: int = 15  # in the building
     on_the_job: int = 100  # chains, while learning
     actions: int = 50
     study_episodes: int = 200
@@ -85,7 +85,7 @@ class Step:
 
 
 def steps(sizes: Sizes) -> Iterator[Step]:
-    """Yield all steps. Paths are relative to the working folder, where models/ and docs/ are made."""
+    """Yield all steps. Paths are relative to the working folder, which gets models/ and docs/."""
     n = sizes
     scripts = f"python {ROOT}/scripts"
     benchmarks = f"python {ROOT}/benchmarks"
@@ -103,6 +103,8 @@ def steps(sizes: Sizes) -> Iterator[Step]:
         yield Step(f"{part}:figures", figures, trained)
         actions = f"{benchmarks}/actions.py {action_set}--situations {n.actions}"
         yield Step(f"{part}:actions", f"{actions} --out actions_{part}.md")
+    race = "demo --models models --out demo.png --animation docs/race.gif"
+    yield Step("default:race", race, ("default:train",))
     both = ("default:train", "bezier:train")
     page = f"{scripts}/accuracy.py --models models --out models/accuracy.md"
     yield Step("accuracy:models", page, both)
@@ -189,15 +191,15 @@ def steps(sizes: Sizes) -> Iterator[Step]:
     # Few drives of other servers, learning on the job, other robots: docs/results_conditions.md.
     drives = " ".join(map(str, n.few))
     servers = (
-        ("tour", drives, n.tours),
-        ("pursuit", drives, n.tours),
-        ("building", str(n.few[-1]), n.rounds),
+        ("tour", drives, n.tours, n.tour_oracle),
+        ("pursuit", drives, n.tours, n.tour_oracle),
+        ("building", str(n.few[-1]), n.rounds, n.tour_oracle // 2),
     )
-    for domain, numbers, chains in servers:
+    for domain, numbers, chains, headings in servers:
         yield Step(
             f"few_drives:{domain}",
             f"{scripts}/few_drives.py --domains {domain} --drives {numbers} --chains {chains} "
-            f"--oracle {n.tour_oracle} --work few_drives --out few_{domain}.md",
+            f"--oracle {headings} --work few_drives --out few_{domain}.md",
         )
     job = f"{benchmarks}/on_the_job.py --domain pursuit --chains {n.on_the_job} --seed 2041"
     yield Step("few_drives:on_the_job", f"{job} --work on_the_job")
@@ -347,7 +349,7 @@ class Run:
 
 
 def publish(work: Path, out: Path) -> None:
-    """Copy models, reports and figures to `out`; write the tables of the pages if they ship there."""
+    """Copy models, reports and figures to `out`; write the pages' tables if they ship there."""
     for folder in ("models", "docs"):
         shutil.copytree(work / folder, out / folder, dirs_exist_ok=True)
     for study in work.glob("studies/*/study.json"):

@@ -12,7 +12,7 @@ import dataclasses
 import math
 from array import array
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -23,7 +23,6 @@ from ator_ros.actions import DEFAULT_SET
 from ator_ros.actions.base import Goal, Point
 from ator_ros.actions.situation import Situation
 from ator_ros.bases.description import Robot
-from ator_ros.experience.episode import Episode
 from ator_ros.experience.records import ENDED, FASTEST, Vocabulary, episode_of, fault_in
 from ator_ros.experience.server_goals import (
     GOAL_POSE,
@@ -33,11 +32,11 @@ from ator_ros.experience.server_goals import (
     ServerGoals,
     status_topics,
 )
+from ator_ros.experience.table import Episode
 from ator_ros.geometry import FloatArray, IntArray, Pose, wrap_angle, wrap_angles
 from ator_ros.printable import printable, quoted
 from ator_ros.tops.chain import Top
 from ator_ros.tops.objects import held_first, held_last, is_held
-from ator_ros.world.estimation import JUMP, TWIST_TOLERANCE, RobotVelocity
 from ator_ros.world.messages import (
     MessageError,
     ObjectReader,
@@ -47,6 +46,8 @@ from ator_ros.world.messages import (
     robot_from_placement,
     transform_from,
 )
+from ator_ros.world.robot_velocity import TWIST_TOLERANCE, RobotVelocity
+from ator_ros.world.sightings import JUMP
 from ator_ros.world.state import ObjectState, RobotState, Standstill, World
 from ator_ros.world.transforms import Transforms
 
@@ -80,6 +81,7 @@ _LEAST_TIME = 1.0
 _SEGMENT = 100  # numbers that need as much memory as a segment without messages
 _JUMPS = "the pose jumps during the drive"
 _TOO_LONG = f"expected at most {_LONGEST:.0f} s"
+_WIDTH = 7  # columns of odometry
 _ROUNDING = 1e-6  # s; stamps since 1970 are rounded to 0.24 us
 _DIGITS = 6  # of times in s, likewise
 
@@ -119,9 +121,9 @@ class Rows:
 
 @dataclass
 class Segment:
-    """Recorded without a gap: odom (t, x, y, yaw, v, w), commands (t, v, w), objects (t, x, y)."""
+    """Recorded without a gap: odom (t, x, y, yaw, v, w, vy), commands (t, speed, w), objects (t, x, y)."""
 
-    odom: Rows = field(default_factory=lambda: Rows(6))
+    odom: Rows = field(default_factory=lambda: Rows(_WIDTH))
     cmd_vel: Rows = field(default_factory=lambda: Rows(3))
     objects: dict[str, Rows] = field(default_factory=lambda: defaultdict(lambda: Rows(3)))
 
@@ -196,7 +198,7 @@ class Reader:
             elif role == CMD_VEL:
                 command = command_from(message, CMD_VEL)
                 if newest.odom:  # a Twist has no stamp: it gets that of the last odometry message
-                    newest.cmd_vel.append(now, command.v, command.w)
+                    newest.cmd_vel.append(now, math.hypot(command.vx, command.vy), command.w)
                     self._numbers += 3
             elif role == RECORDS:
                 self.records.append(episode_of(message, self._domain, self._robot))
@@ -244,20 +246,21 @@ class Reader:
 
     def _accepted(self, what: str, found: Iterable[tuple[str, Episode | str]]) -> list[Episode]:
         """Return the episodes among what was found for each action, and note why others are left out."""
-        episodes = list[Episode]()
-        rejected, total = Counter[tuple[str, str]](), Counter[str]()
-        spare = _MOST_SAMPLES
+        episodes: list[Episode] = []
+        total: Counter[str] = Counter()
+        rejected: Counter[tuple[str, str]] = Counter()
+        hours = _MOST_SAMPLES * PERIOD / 3600.0
+        count = 0
         for name, each in found:
             total[name] += 1
             if isinstance(each, str):
                 rejected[name, each] += 1
-            elif len(each.samples) > spare:
-                hours = _MOST_SAMPLES * PERIOD / 3600.0
-                rejected[
-                    name, f"expected at most {hours:.0f} h of driving: split the recording"
-                ] += 1
+                continue
+            count += 0 if each.samples is None else len(each.samples)
+            if count > _MOST_SAMPLES:
+                too_long = f"expected at most {hours:.0f} h of driving: split the recording"
+                rejected[name, too_long] += 1
             else:
-                spare -= len(each.samples)
                 episodes.append(each)
         for (name, reason), count in rejected.most_common():
             of = f" of {name}" if name else ""
@@ -345,13 +348,13 @@ class Reader:
         situation = Situation(
             goal.action, start.robot, start.objects, Goal(goal.pose, 0.0, top.point)
         )
-        success, reason = goal.status == "succeeded", f"recorded: its server reported {goal.status}"
-        samples, duration = (
-            track.samples(goal.begin, goal.end),
-            round(goal.end - goal.begin, _DIGITS),
-        )
         episode = Episode(
-            situation, samples, duration, success, reason, *errors, tuple(track.objects)
+            situation,
+            round(goal.end - goal.begin, _DIGITS),
+            goal.status == "succeeded",
+            f"recorded: its server reported {goal.status}",
+            *errors,
+            samples=track.samples(goal.begin, goal.end, start.objects),
         )
         too_far = fault_in(episode, top, robot)
         return "the goal is farther than the robot drives in its duration" if too_far else episode
@@ -366,8 +369,8 @@ class Reader:
         if odom and not 0.0 <= time - last <= SILENCE:
             self.segments.append(Segment())
             self._numbers += _SEGMENT
-        self.segments[-1].odom.append(time, *robot.pose, robot.v, robot.w)
-        self._numbers += 6
+        self.segments[-1].odom.append(time, *robot.pose, robot.vx, robot.w, robot.vy)
+        self._numbers += _WIDTH
 
     def _add_transforms(self, message: Any, *, fixed: bool) -> None:
         for transform in message.transforms:
@@ -430,8 +433,8 @@ class Track:
 
     Attributes
     ----------
-    odom : ndarray, shape (n, 6)
-        t, x, y, yaw, v, w in the order of time, with unwrapped yaw.
+    odom : ndarray, shape (n, 7)
+        t, x, y, yaw, v, w, vy in the order of time, with unwrapped yaw.
     begin, end : float
         Times in s of the first and the last odometry.
     objects : mapping of str to ndarray, shape (n, 3)
@@ -463,7 +466,7 @@ class Track:
         return other
 
     def states(self, times: FloatArray) -> FloatArray:
-        """Return the states at times (n,) in s, one a row: t, x, y, yaw, v, w, then x, y of each object.
+        """Return the states at times (n,) in s, one a row: t, x, y, yaw, v, w, vy, then x, y of each object.
 
         Objects are NaN before their first message. The times increase.
         """
@@ -475,24 +478,27 @@ class Track:
         ]
         states, (x, y, yaw) = np.column_stack([times, *columns]), self._odom_pose
         turn = np.array([[math.cos(yaw), math.sin(yaw)], [-math.sin(yaw), math.cos(yaw)]])
-        for first in (1, *range(6, states.shape[1], 2)):
+        for first in (1, *range(_WIDTH, states.shape[1], 2)):
             states[:, first : first + 2] = states[:, first : first + 2] @ turn + (x, y)
         states[:, 3] = wrap_angles(states[:, 3] + yaw)
         return states
 
     def world(self, time: float) -> World:
         """Return the state at `time` (s), with the objects that had a message by then."""
-        _, x, y, yaw, v, w, *places = self.states(np.array([time]))[0].tolist()
+        _, x, y, yaw, vx, w, vy, *places = self.states(np.array([time]))[0].tolist()
         found = zip(self.objects, places[::2], places[1::2], strict=True)
         objects = {name: ObjectState(*place) for name, *place in found if not math.isnan(place[0])}
-        return World(time, RobotState(Pose(x, y, yaw), v, w), objects)
+        return World(time, RobotState(Pose(x, y, yaw), vx, w, vy=vy), objects)
 
-    def samples(self, begin: float, end: float) -> FloatArray:
-        """Return the samples of an episode from `begin` to `end` (s); see `Episode`."""
-        times: FloatArray = PERIOD * np.arange(
-            int((end - begin - _ROUNDING) / PERIOD) + 1, dtype=float
-        )
-        return np.column_stack([times, self.states(begin + times)[:, 1:]])
+    def samples(self, begin: float, end: float, objects: Collection[str]) -> FloatArray:
+        """Return the samples of an episode from `begin` to `end` (s) with some objects; see `Episode`."""
+        count = int((end - begin - _ROUNDING) / PERIOD) + 1
+        times: FloatArray = PERIOD * np.arange(count, dtype=float)
+        states = self.states(begin + times)
+        of_robot = np.full(_WIDTH, True)
+        of_objects = np.repeat([name in objects for name in self.objects], 2)
+        states[:, 0] = times
+        return states[:, np.append(of_robot, of_objects).astype(bool)]
 
     def jump(self, robot: Robot, since: float, until: float) -> str:
         """Return that the pose jumps between two times (s); empty if it does not.
@@ -520,7 +526,7 @@ class Track:
         """Return whether the robot stood at any time between two (s)."""
         times = self._times
         during = self.odom[np.searchsorted(times, since, "right") : np.searchsorted(times, until)]
-        return bool(NOT_DRIVEN.holds(during[:, 4], during[:, 5]).any())
+        return bool(NOT_DRIVEN.holds(np.hypot(during[:, 4], during[:, 6]), during[:, 5]).any())
 
 
 def _around(table: FloatArray, times: FloatArray) -> FloatArray:
@@ -628,15 +634,15 @@ def drives(segment: Segment, robot: Robot, domain: Vocabulary) -> Iterator[Episo
             top = top_between(domain.tops, _held(robot, start), _held(robot, at_goal))
             if top is not None:
                 place = robot.hold_point(goal_pose) if top.point is Point.HOLD else goal_pose
-                goal, why = (
-                    Goal(place, 0.0, top.point),
-                    "recorded: its goal is where it came to rest",
-                )
-                situation = Situation(top.action, start.robot, start.objects, goal)
-                samples, duration = track.samples(begin, end), round(end - begin, _DIGITS)
-                unknown = math.nan, math.nan
+                goal = Goal(place, 0.0, top.point)
                 yield Episode(
-                    situation, samples, duration, True, why, *unknown, tuple(track.objects)
+                    Situation(top.action, start.robot, start.objects, goal),
+                    round(end - begin, _DIGITS),
+                    True,
+                    "recorded: its goal is where it came to rest",
+                    math.nan,
+                    math.nan,
+                    samples=track.samples(begin, end, start.objects),
                 )
 
 
@@ -668,7 +674,7 @@ def _spans(commands: FloatArray, track: Track) -> Iterator[tuple[float, float]]:
 def _rest(track: Track, ceased: float) -> float:
     """Return when (s) the robot came to rest after its commands ceased; `ceased` if it did not."""
     after = track.between(ceased, ceased + PAUSE + _ROUNDING)
-    still = NOT_DRIVEN.holds(after[:, 4], after[:, 5])
+    still = NOT_DRIVEN.holds(np.hypot(after[:, 4], after[:, 6]), after[:, 5])
     return float(after[still][0, 0]) if still.any() else ceased
 
 

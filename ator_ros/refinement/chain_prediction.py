@@ -1,4 +1,4 @@
-"""The predicted performance of a whole chain as a function of its free variables (paper, section 4.3).
+"""The predicted performance of a whole chain, given its free variables (paper, section 4.3).
 
 `StepRows` computes the situations in which the actions of a chain start and end: at the subgoals
 (paper, section 4.1), or as far short of them as the action usually stops. `ChainModel` predicts the
@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -18,20 +18,9 @@ import numpy as np
 from ator_ros.actions.base import Goal, Point
 from ator_ros.actions.goal_variables import direct_name, goal_values
 from ator_ros.bases.description import Robot
+from ator_ros.bases.direct import DIRECT_VARIABLES, XG, YG, DirectTable
 from ator_ros.bases.routes import arrival_heading, routes_of
 from ator_ros.geometry import FloatArray, wrap_angles
-from ator_ros.performance.direct import (
-    DIRECT_VARIABLES,
-    SPEEDG,
-    XG,
-    YAW,
-    YAWG,
-    YG,
-    DirectTable,
-    V,
-    X,
-    Y,
-)
 from ator_ros.performance.model import Arrival
 from ator_ros.refinement.objective import Objective
 from ator_ros.refinement.search import Pairs, StepCosts
@@ -40,10 +29,6 @@ from ator_ros.world.state import World
 
 REPORTED = ("duration", "spread", "success", "accuracy")
 """Fields predicted for every action regardless of the objective."""
-
-_START_ROWS = {"x": X, "y": Y, "yaw": YAW, "speed": V}
-_GOAL_ROWS = {"x": XG, "y": YG, "yaw": YAWG, "speed": SPEEDG}
-"""Rows of the goal variables in the table of the step after their goal, and of the step that leads to it."""
 
 
 class PredictsPerformance(Protocol):
@@ -58,7 +43,10 @@ class PredictsPerformance(Protocol):
         """Direct variables that the prediction depends on."""
 
     def predict(
-        self, direct: Mapping[str, Any], measures: tuple[str, ...], signs: FloatArray | None
+        self,
+        direct: Mapping[str, Any],
+        measures: tuple[str, ...],
+        signs: FloatArray | None,
     ) -> Any:
         """Return a prediction whose fields named in `measures` are arrays of shape (n,).
 
@@ -71,16 +59,57 @@ class PredictsPerformance(Protocol):
 
 
 def columns_after(
-    goal: Mapping[str, Any], point: Point, robot: Robot
+    goal: Mapping[str, Any],
+    point: Point,
+    robot: Robot,
 ) -> dict[str, float | FloatArray]:
-    """Return the start variables x, y, yaw, v, w of the action after a subgoal that is reached exactly.
+    """Return the start variables x, y, yaw, v, w, vy after a subgoal that is reached exactly.
 
     They are numbers, or arrays (n,) for n candidates, as the variables of the goal are.
     """
-    x, y, yaw = goal["x"], goal["y"], goal["yaw"]
+    x = goal["x"]
+    y = goal["y"]
+    yaw = goal["yaw"]
     if point is Point.HOLD:
-        x, y = x - robot.hold * np.cos(yaw), y - robot.hold * np.sin(yaw)
-    return {"x": x, "y": y, "yaw": yaw, "v": goal["speed"], "w": 0.0}
+        x = x - robot.hold * np.cos(yaw)
+        y = y - robot.hold * np.sin(yaw)
+    return {"x": x, "y": y, "yaw": yaw, "v": goal["speed"], "w": 0.0, "vy": 0.0}
+
+
+@dataclass(frozen=True, slots=True)
+class _Subgoal:
+    """A subgoal, the names of its free variables, and how the next action starts there.
+
+    `arrival` is how far short of the subgoal the robot stops, None: not at all. `bearing` is the
+    direction in rad in which it comes there.
+    """
+
+    goal: Goal
+    names: Sequence[str]
+    robot: Robot
+    arrival: Arrival | None
+    bearing: float
+
+    def start(self, candidates: FloatArray) -> dict[str, Any]:
+        """Return the start variables of the next action for candidates (..., k) of this subgoal."""
+        goal = with_candidates(self.goal, self.names, candidates)
+        start = columns_after(goal, self.goal.point, self.robot)
+        if self.arrival is not None:
+            start["x"] = start["x"] - self.arrival.dist * math.cos(self.bearing)
+            start["y"] = start["y"] - self.arrival.dist * math.sin(self.bearing)
+            turned = wrap_angles(start["yaw"] - self.bearing)
+            start["yaw"] = start["yaw"] - turned.clip(-self.arrival.angle, self.arrival.angle)
+        return start
+
+
+def with_candidates(
+    goal: Goal,
+    names: Sequence[str],
+    candidates: FloatArray,
+) -> dict[str, float | FloatArray]:
+    """Return the variables of a goal; of those with these names, columns of candidates (..., k)."""
+    columns = {name: candidates[..., column] for column, name in enumerate(names)}
+    return {**goal_values(goal), **columns}
 
 
 class StepRows:
@@ -88,77 +117,36 @@ class StepRows:
 
     Parameters
     ----------
-    start : sequence of float
-        Start variables x, y, yaw, v, w of the step, if candidates of `previous` do not change them.
-    goal, names : Goal, sequence of str
-        The subgoal that the step leads to, and its free variables.
-    previous, previous_names : Goal or None, sequence of str
-        The subgoal at which the step starts, and its free variables; None for the first step.
-    hold : float
-        Distance in m from the axle to the hold.
-    arrival : Arrival or None
-        How far short of `previous` its action stops.
-    bearing : float
-        Direction in rad in which the robot comes to `previous`.
+    start : callable
+        Returns the start variables x, y, yaw, v, w, vy for candidates of the subgoal before the step.
+    goal, free : Goal, sequence of str
+        The subgoal that the step leads to, and the names of its free variables.
     """
 
     def __init__(
         self,
-        start: Sequence[Any],
+        start: Callable[[FloatArray], Mapping[str, Any]],
         goal: Goal,
-        names: Sequence[str],
-        previous: Goal | None,
-        previous_names: Sequence[str],
-        hold: float,
-        arrival: Arrival | None = None,
-        bearing: float = 0.0,
+        free: Sequence[str],
     ) -> None:
-        declared = sorted(goal.values)
-        self.names = (*DIRECT_VARIABLES, *map(direct_name, declared))
-        values = goal.speed, goal.point is Point.HOLD, *(goal.values[name] for name in declared)
-        self._fixed = np.array([*start, *goal.pose, *values], dtype=float)
-        self._of_goal = [
-            (
-                _GOAL_ROWS[name] if name in _GOAL_ROWS else self.names.index(direct_name(name)),
-                column,
-            )
-            for column, name in enumerate(names)
-        ]
-        self._of_start = [
-            (_START_ROWS[name], column)
-            for column, name in enumerate(previous_names)
-            if name in _START_ROWS
-        ]
-        self._held = (
-            previous.pose if previous is not None and previous.point is Point.HOLD else None
-        )
-        self._hold = hold
-        self._arrival, self._bearing = arrival, bearing
+        self.names = (*DIRECT_VARIABLES, *map(direct_name, sorted(goal.values)))
+        self._start = start
+        self._goal = goal
+        self._free = free
 
     def values(self, before: FloatArray, after: FloatArray) -> FloatArray:
-        """Return the direct variables, shape (names, ...), for candidates (..., k), broadcast together.
+        """Return the direct variables, shape (names, ...), for candidates (..., k), broadcast.
 
         They are of the subgoals before and after the step; those that change no variable count as
         one.
         """
-        columns: dict[int, Any] = {row: before[..., column] for row, column in self._of_start}
-        if self._held is not None and columns:
-            yaw = columns.get(YAW, self._fixed[YAW])
-            columns[X] = columns.get(X, self._held.x) - self._hold * np.cos(yaw)
-            columns[Y] = columns.get(Y, self._held.y) - self._hold * np.sin(yaw)
-        if self._arrival is not None:
-            x, y, yaw = (columns.get(row, self._fixed[row]) for row in (X, Y, YAW))
-            dist, angle = self._arrival.dist, self._arrival.angle
-            columns[X], columns[Y] = (
-                x - dist * math.cos(self._bearing),
-                y - dist * math.sin(self._bearing),
-            )
-            columns[YAW] = yaw - wrap_angles(yaw - self._bearing).clip(-angle, angle)
-        columns |= {row: after[..., column] for row, column in self._of_goal}
-        table = np.empty((len(self._fixed), *np.broadcast(*columns.values()).shape))
-        table.T[:] = self._fixed
-        for row, values in columns.items():
-            table[row] = values
+        goal = with_candidates(self._goal, self._free, after)
+        columns = {direct_name(name): value for name, value in goal.items()}
+        columns["hold"] = float(self._goal.point is Point.HOLD)
+        columns.update(self._start(before))
+        table = np.empty((len(self.names), *np.broadcast(*columns.values()).shape))
+        for row, name in enumerate(self.names):
+            table[row] = columns[name]
         return table
 
 
@@ -173,32 +161,40 @@ def step_rows(
 
     `names` are the subgoals' free variables.
     """
-    state, rows = world.robot, []
-    start: Sequence[Any] = (*state.pose, state.v, state.w)
-    previous: Goal | None = None
-    before: Sequence[str] = ()
-    arrival, bearing = None, 0.0
+    rows = []
+    start = _present(world)
+    place = world.robot.pose[:2]
     stays = any(not call.top.arrives for call in chain.calls[:-1])
-    for index, call in enumerate(chain.calls):
-        rows.append(
-            StepRows(start, call.goal, names[index], previous, before, robot.hold, arrival, bearing)
-        )
+    for call, free in zip(chain.calls, names, strict=True):
+        rows.append(StepRows(start, call.goal, free))
         if stays:
             world = projected(world, call, robot)
         if call.top.arrives:
-            previous, before = call.goal, names[index]
+            goal = call.goal
             model = models.get(call.top.action)
-            arrival = model.arrival if model is not None and previous.point is Point.AXLE else None
-            bearing = arrival_heading(start[:2], previous.pose, robot)
-            start = tuple(columns_after(goal_values(previous), previous.point, robot).values())
+            arrival = model.arrival if model is not None and goal.point is Point.AXLE else None
+            bearing = arrival_heading(place, goal.pose, robot)
+            start = _Subgoal(goal, free, robot, arrival, bearing).start
+            there = columns_after(goal_values(goal), goal.point, robot)
+            place = (float(there["x"]), float(there["y"]))
         else:  # the robot is where the post-condition puts it
-            previous, before, arrival = None, (), None
-            start = (*world.robot.pose, world.robot.v, world.robot.w)
+            start = _present(world)
+            place = world.robot.pose[:2]
     return rows
 
 
+def _present(world: World) -> Callable[[FloatArray], Mapping[str, Any]]:
+    """Return a function for the start variables of the robot's state, whatever the candidates."""
+    state = world.robot
+    columns = {**state.pose._asdict(), "v": state.vx, "w": state.w, "vy": state.vy}
+    return lambda _: columns
+
+
 def chain_situations(
-    world: World, chain: TopChain, robot: Robot, models: Mapping[str, PredictsPerformance]
+    world: World,
+    chain: TopChain,
+    robot: Robot,
+    models: Mapping[str, PredictsPerformance],
 ) -> list[DirectTable]:
     """Return the direct variables of each action of `chain` with its own values."""
     rows = step_rows(world, chain, robot, [()] * len(chain.calls), models)
@@ -234,12 +230,12 @@ class ChainPrediction:
 
     @property
     def spread(self) -> float:
-        """Standard deviation in s of the summed duration, the actions' errors taken as independent."""
+        """Standard deviation in s of the summed duration; errors count as independent."""
         return math.hypot(*(action.get("spread", 0.0) for action in self.actions))
 
 
 class ChainModel:
-    """The cost of the steps of one chain, from one state of the world, for candidates of its free variables.
+    """The cost of the steps of one chain, from one state, for candidates of its free variables.
 
     `given` are the chain's own values of the free variables of each subgoal, shapes (k,).
 
@@ -266,7 +262,8 @@ class ChainModel:
         objective: Objective,
     ) -> None:
         self.names = names
-        self._robot, self._routes = robot, routes_of(robot)
+        self._robot = robot
+        self._routes = routes_of(robot)
         self.rows = step_rows(world, chain, robot, self.names, models)
         self._actions = [call.top.action for call in chain.calls]
         self._models = {action: models.get(action) for action in self._actions}
@@ -279,16 +276,12 @@ class ChainModel:
     def step_costs(self, steps: Sequence[Pairs]) -> list[FloatArray]:
         """Return the costs of actions, see `ator_ros.refinement.search.StepCosts`."""
         tables = [(index, self.rows[index].values(before, after)) for index, before, after in steps]
-        # an action without a model costs nothing
-        costs = [np.zeros(table.shape[1:]) for _, table in tables]
-        for places, prediction in self._predictions(tables, self.objective.needs, None):
-            cost = self._cost(prediction)
-            for place in places:
-                (index, table), size = tables[place], costs[place].size
-                costs[place], cost = cost[:size].reshape(table.shape[1:]), cost[size:]
-                if self._routes is not None and {"x", "y"} & set(self.names[index]):
-                    has_room = self._routes.clearance(table[XG], table[YG]) >= self._robot.reach
-                    costs[place] = np.where(has_room, costs[place], np.inf)
+        predicted, _ = self._predicted(tables, self.objective.needs)
+        costs = [step["cost"] for step in predicted]
+        for place, (index, table) in enumerate(tables):
+            if self._routes is not None and {"x", "y"} & set(self.names[index]):
+                has_room = self._routes.clearance(table[XG], table[YG]) >= self._robot.reach
+                costs[place] = np.where(has_room, costs[place], np.inf)
         return costs
 
     def costs_of_step(self, index: int) -> StepCosts:
@@ -300,64 +293,48 @@ class ChainModel:
 
         Its cost is infinite if that of a step is NaN.
         """
-        return self._predicted((self.given,), None)[0][0]
+        steps, _ = self._predicted(self._tables(self.given), self._reported)
+        return _summed(steps)
 
     def compare(
         self, before: Sequence[FloatArray], after: Sequence[FloatArray]
     ) -> tuple[ChainPrediction, ChainPrediction, float]:
-        """Return the predictions of two chains, and the uncertainty of the second's gain in duration (s).
+        """Return the predictions of two chains, and the uncertainty (s) of the second's gain.
 
         It is the error of the models, from their errors on episodes that they were not learned
         from; the difference between single runs is `ChainPrediction.spread`.
         """
-        (first, second), uncertainty = self._predicted(
-            (before, after), np.repeat((1.0, -1.0), len(before))
-        )
-        return first, second, uncertainty
+        count = len(before)
+        tables = self._tables(before) + self._tables(after)
+        signs = np.repeat((1.0, -1.0), count)
+        steps, uncertainty = self._predicted(tables, self._reported, signs)
+        return _summed(steps[:count]), _summed(steps[count:]), uncertainty
+
+    @property
+    def _reported(self) -> tuple[str, ...]:
+        return tuple(dict.fromkeys(REPORTED + self.objective.needs))
+
+    def _tables(self, values: Sequence[FloatArray]) -> list[tuple[int, FloatArray]]:
+        """Return each step's index and direct variables, for values (k,) of each subgoal."""
+        pairs = itertools.pairwise((np.zeros(0), *values))
+        return [(index, self.rows[index].values(*pair)) for index, pair in enumerate(pairs)]
 
     def _predicted(
-        self, chains: Sequence[Sequence[FloatArray]], signs: FloatArray | None
-    ) -> tuple[list[ChainPrediction], float]:
-        """Return the predictions, and the uncertainty in s of the sum of all durations with these signs."""
-        error = variance = 0.0
-        count = len(self._actions)
-        pairs = [pair for chain in chains for pair in itertools.pairwise((np.zeros(0), *chain))]
-        tables = [
-            (at % count, self.rows[at % count].values(*pair)) for at, pair in enumerate(pairs)
-        ]
-        actions: list[dict[str, float]] = [{} for _ in tables]
-        costs = np.zeros(len(tables))
-        fields = tuple(dict.fromkeys(REPORTED + self.objective.needs))
-        for places, prediction in self._predictions(tables, fields, signs):
-            if signs is not None:
-                error, variance = (
-                    error + prediction.error_of_sum[0],
-                    variance + prediction.error_of_sum[1],
-                )
-            columns = {name: getattr(prediction, name, None) for name in fields}
-            known = {name: each.tolist() for name, each in columns.items() if each is not None}
-            costs[places] = self._cost(prediction)
-            for row, place in enumerate(places):
-                actions[place] = {name: each[row] for name, each in known.items()}
-        sums = costs.reshape(-1, count).sum(axis=1).tolist()
-        parts = [tuple(actions[first : first + count]) for first in range(0, len(tables), count)]
-        predictions = [ChainPrediction(*each) for each in zip(parts, sums, strict=True)]
-        return predictions, math.sqrt(error**2 + variance)
-
-    def _predictions(
         self,
         tables: Sequence[tuple[int, FloatArray]],
         fields: tuple[str, ...],
-        signs: FloatArray | None,
-    ) -> Iterator[tuple[list[int], Any]]:
-        """Yield for each action which of the tables are its own, and the prediction for all of them.
+        signs: FloatArray | None = None,
+    ) -> tuple[list[dict[str, FloatArray]], float]:
+        """Return the predicted fields and the cost for each table, in its shape.
 
-        `tables` are indices of steps and their direct variables.
+        With the signs of the tables, also the uncertainty in s of the sum of all durations.
         """
-        actions = [self._actions[step] for step, _ in tables]
+        predicted = [{"cost": np.zeros(table.shape[1:])} for _, table in tables]
+        error = variance = 0.0
+        actions = [self._actions[index] for index, _ in tables]
         for action in dict.fromkeys(actions):
             model = self._models[action]
-            if model is None:
+            if model is None:  # it costs nothing
                 continue
             # One prediction for all steps of a model takes hardly longer than for one step.
             places = [place for place, other in enumerate(actions) if other == action]
@@ -366,10 +343,29 @@ class ChainModel:
             direct = DirectTable(names, np.concatenate(parts, axis=1))
             with np.errstate(all="ignore"):
                 prediction = model.predict(direct, fields, None if signs is None else signs[places])
-            yield places, prediction
+            if signs is not None:
+                error += prediction.error_of_sum[0]
+                variance += prediction.error_of_sum[1]
+            columns = {name: getattr(prediction, name, None) for name in fields}
+            columns["cost"] = np.fmin(self.objective.cost(prediction), np.inf)  # NaN: infinite
+            known = {name: values for name, values in columns.items() if values is not None}
+            last = 0
+            for place, part in zip(places, parts, strict=True):
+                first = last
+                last = last + part.shape[1]
+                shape = tables[place][1].shape[1:]
+                predicted[place] = {
+                    name: values[first:last].reshape(shape) for name, values in known.items()
+                }
+        return predicted, math.sqrt(error**2 + variance)
 
-    def _cost(self, prediction: Any) -> FloatArray:
-        return np.asarray(np.fmin(self.objective.cost(prediction), np.inf))  # NaN becomes infinite
+
+def _summed(steps: Sequence[Mapping[str, FloatArray]]) -> ChainPrediction:
+    """Return the prediction of a chain from those of its steps."""
+    actions = tuple(
+        {name: float(value) for name, value in step.items() if name != "cost"} for step in steps
+    )
+    return ChainPrediction(actions, float(np.sum([step["cost"] for step in steps])))
 
 
 def predict_chain(

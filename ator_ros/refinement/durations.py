@@ -7,9 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ator_ros.bases.description import Robot
+from ator_ros.bases.direct import DirectTable
 from ator_ros.geometry import FloatArray
-from ator_ros.performance.direct import DirectTable
 from ator_ros.refinement.chain_prediction import PredictsPerformance, StepRows
 from ator_ros.tops.chain import TopCall
 from ator_ros.world.state import World
@@ -34,7 +33,6 @@ class Durations(NamedTuple):
 def predict_durations(
     worlds: Sequence[World],
     calls: Sequence[TopCall],
-    robot: Robot,
     models: Mapping[str, PredictsPerformance],
 ) -> Durations:
     """Predict each of m steps from each of n situations.
@@ -46,8 +44,6 @@ def predict_durations(
         counts.
     calls : sequence of TopCall
         The m steps, with their own goals; pre-conditions are not checked.
-    robot : Robot
-        The robot in all situations.
     models : mapping of str to PredictsPerformance
         By action; an action may lack one.
 
@@ -56,25 +52,30 @@ def predict_durations(
     Durations
         Arrays of shape (n, m).
     """
-    found = Durations(*np.full((3, len(worlds), len(calls)), np.nan))
-    starts = np.array([(*world.robot.pose, world.robot.v, world.robot.w) for world in worlds])
-    for action in dict.fromkeys(call.top.action for call in calls):
-        model = models.get(action)
-        if model is None or not worlds:
+    fields = ("duration", "spread", "success")
+    found = Durations(*np.full((len(fields), len(worlds), len(calls)), np.nan))
+    if not worlds:
+        return found
+    robots = [world.robot for world in worlds]
+    poses = np.array([robot.pose for robot in robots])
+    start = {
+        "x": poses[:, 0],
+        "y": poses[:, 1],
+        "yaw": poses[:, 2],
+        "v": np.array([robot.vx for robot in robots]),
+        "w": np.array([robot.w for robot in robots]),
+        "vy": np.array([robot.vy for robot in robots]),
+    }
+    nothing = np.zeros(0)
+    for column, call in enumerate(calls):
+        model = models.get(call.top.action)
+        if model is None:
             continue
-        columns = [number for number, call in enumerate(calls) if call.top.action == action]
-        tables = [_situations(starts, calls[number], robot) for number in columns]
-        table = DirectTable(tables[0].names, np.hstack([each.table for each in tables]))
-        prediction = model.predict(table, ("duration", "spread", "success"), None)
-        for values, name in zip(found, ("duration", "spread", "success"), strict=True):
-            if (predicted := getattr(prediction, name)) is not None:
-                values[:, columns] = predicted.reshape(len(columns), len(worlds)).T
+        rows = StepRows(lambda _: start, call.goal, ())
+        direct = DirectTable(rows.names, rows.values(nothing, nothing))
+        prediction = model.predict(direct, fields, None)
+        for values, name in zip(found, fields, strict=True):
+            predicted = getattr(prediction, name)
+            if predicted is not None:
+                values[:, column] = predicted
     return found
-
-
-def _situations(starts: FloatArray, call: TopCall, robot: Robot) -> DirectTable:
-    """Return the direct variables of a step for starts x, y, yaw, v, w, shape (n, 5)."""
-    rows = StepRows(starts[0].tolist(), call.goal, (), None, (), robot.hold)
-    table = rows.values(np.zeros(0), np.zeros(0))[:, None].repeat(len(starts), axis=1)
-    table[: starts.shape[1]] = starts.T
-    return DirectTable(rows.names, table)

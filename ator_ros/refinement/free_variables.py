@@ -1,4 +1,4 @@
-"""The free variables of a chain's subgoals and their bounds (paper, section 4.2): computed, not listed.
+"""The free variables of a chain's subgoals and their bounds, computed (paper, section 4.2).
 
 A goal variable is free if the plan opens it, it has a range, no condition binds it, every action
 whose performance it may change has a performance model, and one of these models uses a direct
@@ -14,6 +14,7 @@ import dataclasses
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,21 +22,23 @@ import numpy as np
 from ator_ros.actions.base import Point
 from ator_ros.actions.goal_variables import GOAL_VARIABLES, direct_name, goal_values
 from ator_ros.bases.description import Robot
+from ator_ros.bases.direct import DirectTable
 from ator_ros.geometry import BoolArray, FloatArray, Pose, wrap_angle
 from ator_ros.refinement.chain_prediction import (
     PredictsPerformance,
     chain_situations,
     columns_after,
+    with_candidates,
 )
 from ator_ros.refinement.search import Allowed, spread_points
 from ator_ros.tops.bindings import bindings
-from ator_ros.tops.chain import EVERYTHING, InvalidChainError, TopChain, projected
+from ator_ros.tops.chain import EVERYTHING, InvalidChainError, TopCall, TopChain, projected
 from ator_ros.tops.conditions import Condition, Distance, Region, Relation, state_of
 from ator_ros.tops.ranges import USUAL_RANGES, Range, Ranges
 from ator_ros.world.state import World
 
 NEGLIGIBLE = 0.02
-"""Share of a range below which a cut is ignored: random starts never reach the ends of their ranges."""
+"""Share of a range below which a cut is ignored: random starts rarely reach its ends."""
 _POINTS = 2048
 # m, rad or m/s by which a value may leave the experience, besides `_ROOM` of its range
 _SLACK = 0.05
@@ -89,7 +92,7 @@ def names_of(chain: TopChain, free: Sequence[FreeVariable]) -> list[tuple[str, .
 
 
 def _start_variables(name: str, point: Point) -> frozenset[str]:
-    """Return the direct variables of the next action's start that the goal variable `name` changes."""
+    """Return the direct variables of the next action's start that a goal variable changes."""
     if name not in GOAL_VARIABLES:
         return frozenset()
     if name == "yaw" and point is Point.HOLD:
@@ -119,15 +122,11 @@ def analyze(
         known = list(goal_values(call.goal))
         opened = known if EVERYTHING in call.open else [name for name in known if name in call.open]
         for name in opened + sorted(call.open - {EVERYTHING, *known}):
-            reason = bound.get((index, name))
-            if reason is None and name not in known:
-                reason = f"no goal variable, expected one of {', '.join(known)}"
-            elif reason is None and not call.opens(name):
-                by = f"the post-condition of {call.top.name}"
-                reason = f'named by {by}: "{EVERYTHING}" leaves it, its own name opens it'
-            elif reason is None and name not in ranges:
-                reason = "without a range"
-            reason = reason or _why_unknown(chain, index, name, models)
+            reason = (
+                bound.get((index, name))
+                or _why_fixed(call, name, known, ranges)
+                or _why_unknown(chain, index, name, models)
+            )
             if reason is None:
                 free.append(FreeVariable(index, name, ranges[name](robot, call.goal)))
             else:
@@ -135,8 +134,26 @@ def analyze(
     return Analysis(tuple(free), tuple(not_free))
 
 
+def _why_fixed(
+    call: TopCall,
+    name: str,
+    known: Sequence[str],
+    ranges: Ranges,
+) -> str | None:
+    """Return why the call does not allow a variable to change."""
+    if name not in known:
+        return f"no goal variable, expected one of {', '.join(known)}"
+    if not call.opens(name):
+        by = f"the post-condition of {call.top.name}"
+        return f'named by {by}: "{EVERYTHING}" leaves it, its own name opens it'
+    return None if name in ranges else "without a range"
+
+
 def _why_unknown(
-    chain: TopChain, index: int, name: str, models: Mapping[str, PredictsPerformance]
+    chain: TopChain,
+    index: int,
+    name: str,
+    models: Mapping[str, PredictsPerformance],
 ) -> str | None:
     """Return why the effect of a variable on the performance is unknown."""
     changed = {index: frozenset({direct_name(name)})}
@@ -147,7 +164,8 @@ def _why_unknown(
     lacking = [step for step, action in actions.items() if action not in models]
     if lacking:
         step = lacking[0]
-        return f"of unknown effect: step {step + 1} ({actions[step]}), which it may change, has no model"
+        affected = f"step {step + 1} ({actions[step]})"
+        return f"of unknown effect: {affected}, which it may change, has no model"
     if any(changed[step] & models[actions[step]].used_variables for step in changed):
         return None
     return "used by no performance model of a neighboring action"
@@ -194,16 +212,22 @@ class Regions:
         names: Sequence[tuple[str, ...]],
         models: Mapping[str, Any],
     ) -> None:
-        self._world, self._models = world, models
-        self._robot, self._names, self._calls = robot, names, chain.calls
-        self._states: list[Mapping[str, float]] = []
-        bounded = _may_bound(chain, names)  # most chains have no regions: this is much faster
-        for call in chain.calls if bounded else ():
-            self._states.append(state_of(world, robot))
-            world = projected(world, call, robot)
-        self._bounds = [
-            self._bounds_of(index) if bounded else [] for index in range(len(chain.calls))
-        ]
+        self._world = world
+        self._models = models
+        self._robot = robot
+        self._names = names
+        self._chain = chain
+        self._bounds = [self._bounds_of(index) for index in range(len(chain.calls))]
+
+    @cached_property
+    def _states(self) -> list[Mapping[str, float]]:
+        """The state variables before each step: most chains have no regions that need them."""
+        states: list[Mapping[str, float]] = []
+        world = self._world
+        for call in self._chain.calls:
+            states.append(state_of(world, self._robot))
+            world = projected(world, call, self._robot)
+        return states
 
     def allowing(self) -> Allowed | None:
         """Return the predicate for candidates of the chain's subgoals.
@@ -212,7 +236,12 @@ class Regions:
         """
         return self.allowed if any(self._bounds) else None
 
-    def of_subgoal(self, chain: TopChain, index: int, names: tuple[str, ...]) -> Allowed | None:
+    def of_subgoal(
+        self,
+        chain: TopChain,
+        index: int,
+        names: tuple[str, ...],
+    ) -> Allowed | None:
         """Return the predicate for candidates of one subgoal, if only `names` of it are searched.
 
         The subgoals before it are fixed as in `chain`; those after it keep their free variables.
@@ -235,7 +264,11 @@ class Regions:
         return good
 
     def _clearance(
-        self, rule: _Rule, index: int, after: Mapping[str, Any], own: Mapping[str, Any]
+        self,
+        rule: _Rule,
+        index: int,
+        after: Mapping[str, Any],
+        own: Mapping[str, Any],
     ) -> Any:
         state = self._states[index] if rule.before else after
         margin = rule.bound.clearance(state, own if rule.goal is None else rule.goal)
@@ -243,78 +276,67 @@ class Regions:
 
     def _bounds_of(self, index: int) -> list[_Rule]:
         """Return the bounds that the free variables of a subgoal decide on."""
-        if not self._names[index]:
+        count = len(self._names[index])
+        rules = list(self._rules(index)) if count else []
+        if not rules:
             return []
-        rules = list(self._rules(index))
         # A bound that does not depend on the candidates cannot limit them.
-        probe = np.stack([np.zeros(len(self._names[index])), np.ones(len(self._names[index]))])
-        after, own = self._after(index, probe)
+        after, own = self._after(index, np.stack([np.zeros(count), np.ones(count)]))
         return [rule for rule in rules if np.ndim(self._clearance(rule, index, after, own)) > 0]
 
     def _rules(self, index: int) -> Iterator[_Rule]:
-        """Yield the bounds by the step that leads to a subgoal, and by the step that starts at it."""
-        call = self._calls[index]
+        """Yield the bounds by the step that leads to a subgoal, and by the step after it."""
+        calls = self._chain.calls
+        call = calls[index]
         step = f"of step {index + 1} ({call.top.name})"
-        yield from (_Rule(f"post-condition {step}", bound) for bound in _bounds_in(call.top.post))
-        if not (index and _PLACE & set(self._names[index - 1])):  # else the start is not known yet
+        for bound in _bounds_in(call.top.post):
+            yield _Rule(f"post-condition {step}", bound)
+        start_is_known = index == 0 or not _PLACE & set(self._names[index - 1])
+        if start_is_known:
             for bound in _bounds_in(call.top.pre):
                 yield _Rule(f"pre-condition {step}", bound, before=True)
             distances = experience_of(self._models.get(call.top.action)).get("way")
-            if distances is not None:
-                bound = Distance(
-                    "hold" if call.goal.point is Point.HOLD else "robot", "goal", *distances
-                )
+            if distances is not None and _PLACE & set(self._names[index]):
+                start = "hold" if call.goal.point is Point.HOLD else "robot"
+                bound = Distance(start, "goal", *distances)
                 yield _Rule(f"experience of {call.top.action}", bound, before=True)
-        if index + 1 == len(self._calls):
+        if index + 1 == len(calls):
             return
-        following = self._calls[index + 1]
+        following = calls[index + 1]
         source = f"pre-condition of step {index + 2} ({following.top.name})"
-        room, goal = call.top.place_tolerance, goal_values(following.goal)
-        free = _PLACE & set(self._names[index + 1])
+        room = call.top.place_tolerance
+        goal = goal_values(following.goal)
+        goal_is_free = bool(_PLACE & set(self._names[index + 1]))
         for bound in _bounds_in(following.top.pre):
             if isinstance(bound, Region):
                 is_place = bound.variable.endswith((".x", ".y"))
                 yield _Rule(source, bound, room if is_place else 0.0, goal)
-            elif not (free and "goal" in bound.places):
+            elif not (goal_is_free and "goal" in bound.places):
                 yield _Rule(source, bound, room, goal)
 
     def _after(self, index: int, values: FloatArray) -> tuple[dict[str, Any], dict[str, Any]]:
         """Return state and goal variables after a step whose goal has these free values (n, k)."""
-        call, post = self._calls[index], self._calls[index].top.post
-        goal: dict[str, Any] = dict(goal_values(call.goal))
-        for name, column in zip(self._names[index], values.T, strict=True):
-            goal[name] = column if len(values) > 1 else float(column[0])
-        arrival: dict[str, Any] = {}
-        if call.top.arrives:
-            there = columns_after(goal, call.goal.point, self._robot)
-            arrival = {f"robot.{name}": value for name, value in there.items()}
-            at_goal = call.goal.point is Point.HOLD  # whatever the heading
-            arrival |= (
-                {"hold.x": goal["x"], "hold.y": goal["y"]} if at_goal else self._hold(arrival)
-            )
-        state = post.apply({**self._states[index], **arrival}, goal) | arrival
-        if not call.top.arrives and any(term.variable.startswith("robot.") for term in post.terms):
-            state |= self._hold(state)
-        return state, goal
+        call = self._chain.calls[index]
+        goal = with_candidates(call.goal, self._names[index], values)
+        before = self._states[index]
+        if not call.top.arrives:
+            state = call.top.post.apply(before, goal)
+            moves = any(term.variable.startswith("robot.") for term in call.top.post.terms)
+            return state | (self._hold(state) if moves else {}), goal
+        there = columns_after(goal, call.goal.point, self._robot)
+        arrival = {f"robot.{name}": value for name, value in there.items()}
+        if call.goal.point is Point.HOLD:  # the hold is at the goal, whatever the heading
+            arrival |= {"hold.x": goal["x"], "hold.y": goal["y"]}
+        else:
+            arrival |= self._hold(arrival)
+        return call.top.post.apply({**before, **arrival}, goal) | arrival, goal
 
     def _hold(self, state: Mapping[str, Any]) -> dict[str, Any]:
-        yaw, hold = state["robot.yaw"], self._robot.hold
+        yaw = state["robot.yaw"]
+        hold = self._robot.hold
         ahead = {"hold.x": hold * np.cos(yaw), "hold.y": hold * np.sin(yaw)}
         places = {name: state[f"robot.{name[-1]}"] + offset for name, offset in ahead.items()}
         return places if self._robot.holder is not None else {}
-
-
-def _may_bound(chain: TopChain, names: Sequence[tuple[str, ...]]) -> bool:
-    """Return whether anything may bound a subgoal's candidates: a free place, or a condition next to it."""
-    pairs = zip(names, chain.calls, [*chain.calls[1:], None], strict=True)
-    return any(
-        _PLACE & set(free)
-        or _bounds_in(call.top.pre)
-        or _bounds_in(call.top.post)
-        or (after is not None and _bounds_in(after.top.pre))
-        for free, call, after in pairs
-        if free
-    )
 
 
 def _bounds_in(condition: Condition) -> list[Bound]:
@@ -326,45 +348,82 @@ def _bounds_in(condition: Condition) -> list[Bound]:
 
 
 def experience_of(model: Any) -> Mapping[str, tuple[float, float]]:
-    """Return the ranges of the episodes that a performance model was trained on, as far as it has them."""
+    """Return the ranges of the episodes that a performance model was trained on, if it has them."""
     ranges: Mapping[str, tuple[float, float]] = getattr(model, "experience", {})
     return ranges
 
 
+class _Quantity(NamedTuple):
+    """A quantity of a step that is compared with the experience of its action.
+
+    Open variables of the subgoals before and after the step with these names change it.
+    """
+
+    name: str  # in the experience
+    label: str
+    unit: str
+    before: frozenset[str]
+    after: frozenset[str]
+
+
+_HEADING = frozenset({"yaw"})
+_SPEED = frozenset({"speed"})
+_QUANTITIES = (
+    _Quantity("way", "distance", "m", _PLACE, _PLACE),
+    _Quantity("turn", "turn", "rad", _HEADING, _HEADING),
+    _Quantity("v", "speed at the start", "m/s", _SPEED, frozenset()),
+    _Quantity("speedg", "arrival speed", "m/s", frozenset(), _SPEED),
+)
+
+
 def _outside_experience(
-    world: World, chain: TopChain, models: Mapping[str, PredictsPerformance], robot: Robot
+    world: World,
+    chain: TopChain,
+    models: Mapping[str, PredictsPerformance],
+    robot: Robot,
 ) -> tuple[list[str], set[int]]:
-    """Return sentences about quantities outside the experience, and the steps whose distance is outside."""
-    found, far, opened = list[str](), set[int](), frozenset[str]()
+    """Return sentences about what is outside the experience, and the steps whose distance is."""
+    sentences = []
+    far = set()
+    opened_before: frozenset[str] = frozenset()
     situations = chain_situations(world, chain, robot, models)
     for step, (call, direct) in enumerate(zip(chain.calls, situations, strict=True)):
         known = experience_of(models.get(call.top.action))
-        opens = frozenset(name for name in ("x", "y", "yaw", "speed") if call.opens(name))
-        numbers = dict(zip(direct.names, direct.table[:, 0].tolist(), strict=True))
-        quantities = []  # name, label, value and unit of those that no open variable changes
-        if not {"x", "y"} & (opened | opens):
-            ahead = robot.hold * numbers["hold"] if robot.holder is not None else 0.0
-            hold = Pose(numbers["x"], numbers["y"], numbers["yaw"]).ahead(ahead)
-            distance = math.hypot(numbers["xg"] - hold.x, numbers["yg"] - hold.y)
-            quantities.append(("way", "distance", distance, "m"))
-        if "yaw" not in opened | opens:
-            turn = abs(wrap_angle(numbers["yawg"] - numbers["yaw"]))
-            quantities.append(("turn", "turn", turn, "rad"))
-        if "speed" not in opened:
-            quantities.append(("v", "speed at the start", numbers["v"], "m/s"))
-        if "speed" not in opens:
-            quantities.append(("speedg", "arrival speed", numbers["speedg"], "m/s"))
-        for name, label, value, unit in quantities:
-            low, high = known.get(name, (-math.inf, math.inf))
-            slack = _SLACK + (_ROOM * (high - low) if math.isfinite(high - low) else 0.0)
-            if not low - slack <= value <= high + slack:
-                found.append(
-                    f"step {step + 1} ({call.top.name}): {label} {value:.1f} {unit} is outside the "
-                    f"experience of {low:.1f} to {high:.1f} {unit}"
-                )
-                far |= {step} if name == "way" else set()
-        opened = opens
-    return found, far
+        opened = frozenset(name for name in GOAL_VARIABLES if call.opens(name))
+        values = _quantities(direct, robot)
+        for name, label, unit, before, after in _QUANTITIES:
+            is_open = before & opened_before or after & opened
+            if is_open or name not in known or _is_near(values[name], *known[name]):
+                continue
+            low, high = known[name]
+            sentences.append(
+                f"step {step + 1} ({call.top.name}): {label} {values[name]:.1f} {unit} is outside "
+                f"the experience of {low:.1f} to {high:.1f} {unit}"
+            )
+            if name == "way":
+                far.add(step)
+        opened_before = opened
+    return sentences, far
+
+
+def _quantities(direct: DirectTable, robot: Robot) -> dict[str, float]:
+    """Return the values of `_QUANTITIES` in one situation."""
+    numbers = {name: float(values[0]) for name, values in direct.items()}
+    ahead = robot.hold * numbers["hold"] if robot.holder is not None else 0.0
+    start = Pose(numbers["x"], numbers["y"], numbers["yaw"]).ahead(ahead)
+    way = math.hypot(numbers["xg"] - start.x, numbers["yg"] - start.y)
+    turn = abs(wrap_angle(numbers["yawg"] - numbers["yaw"]))
+    return {"way": way, "turn": turn, "v": numbers["v"], "speedg": numbers["speedg"]}
+
+
+def _is_near(
+    value: float,
+    low: float,
+    high: float,
+) -> bool:
+    """Return whether a value is in the experience, or hardly outside."""
+    slack = _SLACK + (_ROOM * (high - low) if math.isfinite(high - low) else 0.0)
+    return low - slack <= value <= high + slack
 
 
 def within_experience(
@@ -381,7 +440,8 @@ def within_experience(
     speeds that no open variable changes are compared with those at the starts of the episodes.
     """
     outside, far = _outside_experience(world, chain, models, robot)
-    free, not_free = [], list(analysis.not_free)
+    free = []
+    not_free = list(analysis.not_free)
     for variable in analysis.free:
         steps = [step for step in (variable.subgoal, variable.subgoal + 1) if step in far]
         if steps:
@@ -401,7 +461,9 @@ def within_experience(
 
 
 def _experience_bounds(
-    variable: FreeVariable, chain: TopChain, models: Mapping[str, PredictsPerformance]
+    variable: FreeVariable,
+    chain: TopChain,
+    models: Mapping[str, PredictsPerformance],
 ) -> Iterator[tuple[float, float, str]]:
     """Yield the bounds of a variable by experience: low, high and a description.
 
@@ -438,7 +500,11 @@ def _experience_bounds(
         )
 
 
-def within_regions(analysis: Analysis, regions: Regions, chain: TopChain) -> Analysis:
+def within_regions(
+    analysis: Analysis,
+    regions: Regions,
+    chain: TopChain,
+) -> Analysis:
     """Return `analysis` with the ranges narrowed to the candidates that the regions allow.
 
     If a region allows none, the variables of the subgoal are not free.
@@ -472,12 +538,16 @@ def within_regions(analysis: Analysis, regions: Regions, chain: TopChain) -> Ana
 
 
 def _narrowed(
-    variable: FreeVariable, low: float, high: float, limits: tuple[str, ...]
+    variable: FreeVariable,
+    low: float,
+    high: float,
+    limits: tuple[str, ...],
 ) -> FreeVariable:
     """Return the variable with its range cut to `low` to `high`, unless the cut is negligible."""
     domain = variable.domain
     width = domain.high - domain.low
-    low, high = max(low, domain.low), min(high, domain.high)
+    low = max(low, domain.low)
+    high = min(high, domain.high)
     cut = max(low - domain.low, domain.high - high)
     if cut <= NEGLIGIBLE * width or low >= high:
         return variable
@@ -492,7 +562,10 @@ def _narrowed(
 
 
 def allowed_changes(
-    plan: TopChain, refined: TopChain, robot: Robot, ranges: Ranges
+    plan: TopChain,
+    refined: TopChain,
+    robot: Robot,
+    ranges: Ranges,
 ) -> list[dict[str, float]]:
     """Return, step by step, the goal variables that `refined` changes, with their new values.
 
@@ -508,7 +581,8 @@ def allowed_changes(
         if old.goal.values.keys() != new.goal.values.keys():
             where = f"step {step + 1} ({old.top.name})"
             raise InvalidChainError(f"{where}: expected the goal variables of the question")
-        planned, values = goal_values(old.goal), goal_values(new.goal)
+        planned = goal_values(old.goal)
+        values = goal_values(new.goal)
         values = {
             name: value
             for name, value in values.items()
@@ -532,7 +606,11 @@ def allowed_changes(
     return changes
 
 
-def same_value(name: str, old: float, new: float) -> bool:
+def same_value(
+    name: str,
+    old: float,
+    new: float,
+) -> bool:
     """Return whether two values of a goal variable are the same, headings up to whole turns."""
     difference = new - old if math.isfinite(new) else math.inf
     return (

@@ -7,7 +7,9 @@ from dataclasses import dataclass
 
 from ator_ros.world.state import CONTROL_PERIOD
 
-_FEWEST_REFINED, _FEWEST_COMPARED = 10, 3  # chains from which on a measured gain can close the gate
+# chains from which on a measured gain can close the gate: with fewer its interval is too wide
+_FEWEST_REFINED = 10
+_FEWEST_COMPARED = 3
 _REQUIRED = 0.5  # share of the predicted gain that the measured one has to reach
 KEPT_NAIVE = "kept naive"
 KEPT_AS_SENT = "kept as sent"
@@ -52,7 +54,8 @@ class MeasuredGain:
                 "two of each needed"
             )
         return (
-            f"{self.mean:.2f} s ({self.low:.2f} to {self.high:.2f}), predicted {self.predicted:.2f} s, "
+            f"{self.mean:.2f} s ({self.low:.2f} to {self.high:.2f}), "
+            f"predicted {self.predicted:.2f} s, "
             f"from {self.refined} refined chains and {self.compared} naive ones"
             f"{'; too low: the gate is closed' if self.too_low else ''}"
         )
@@ -88,13 +91,16 @@ class Gate:
     drawn: bool = False
 
     def pays(self, gain: float, uncertainty: float | None) -> bool:
-        """Return whether a predicted gain is expected to pay; the arguments are those of `decide`."""
+        """Return whether a predicted gain is expected to pay; the arguments are as in `decide`."""
         if uncertainty is None:
             return gain > self.least_share
         return gain > self.least and (self.factor == 0.0 or gain > self.factor * uncertainty)
 
     def decide(
-        self, gain: float, uncertainty: float | None, kept: str = KEPT_NAIVE
+        self,
+        gain: float,
+        uncertainty: float | None,
+        kept: str = KEPT_NAIVE,
     ) -> tuple[bool, str]:
         """Return whether to refine a chain with a predicted gain, and why in words.
 
@@ -114,7 +120,8 @@ class Gate:
         refine = pays and self.drawn == self.measured.too_low
         if uncertainty is None:
             amount = f"gain {100.0 * gain:.1f} % of the cost, of unknown uncertainty"
-            is_certain, least = True, f"{100.0 * self.least_share:g} %"
+            is_certain = True
+            least = f"{100.0 * self.least_share:g} %"
         else:
             amount = f"gain {gain:.2f} s ± {uncertainty:.2f} s"
             is_certain = gain > self.factor * uncertainty

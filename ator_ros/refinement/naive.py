@@ -1,4 +1,4 @@
-"""Naive values of a chain's open variables without models: what they are when there is no time to search."""
+"""Naive values of a chain's open variables without models, for when there is no time to search."""
 
 from __future__ import annotations
 
@@ -16,8 +16,13 @@ from ator_ros.world.state import World
 _AT_GOAL = 0.01  # m up to which a robot is at its goal, and arrives there in its present heading
 
 
-def naive_on_paths(world: World, chain: TopChain, robot: Robot, ranges: Ranges) -> TopChain:
-    """Return `chain` with the open headings in which the robot comes along a straight line or route.
+def naive_on_paths(
+    world: World,
+    chain: TopChain,
+    robot: Robot,
+    ranges: Ranges,
+) -> TopChain:
+    """Return `chain` with open headings in which the robot comes along a straight line or route.
 
     These are the fastest headings of a path that turns, drives and turns, for each action alone.
     Open variables with a rest value (arrival speed: 0) take it. The others keep their values, and
@@ -57,7 +62,11 @@ def naive_on_paths(world: World, chain: TopChain, robot: Robot, ranges: Ranges) 
     return naive
 
 
-def _arrival(start: Pose, call: TopCall, robot: Robot) -> float:
+def _arrival(
+    start: Pose,
+    call: TopCall,
+    robot: Robot,
+) -> float:
     """Return the heading in rad in which the robot comes from `start` to the goal of a step."""
     goal = call.goal.pose
     if math.hypot(goal.x - start.x, goal.y - start.y) <= _AT_GOAL:

@@ -1,4 +1,4 @@
-"""The objective: a weighted sum of measures of performance, given with each request (paper, section 6)."""
+"""The objective: a weighted sum of measures, given with each request (paper, section 6)."""
 
 from __future__ import annotations
 
@@ -13,8 +13,12 @@ from ator_ros.geometry import FloatArray
 from ator_ros.refinement import RefinementError
 
 MEASURES = ("accuracy", "duration", "success")
-"""Fields of a prediction that may have a weight: m, s, and a probability, whose complement is the cost."""
-LEAST_WEIGHT, MOST_WEIGHT = 1e-6, 1e6
+"""Fields of a prediction that may have a weight: in m, in s, and a probability.
+
+Its complement is the cost.
+"""
+LEAST_WEIGHT = 1e-6
+MOST_WEIGHT = 1e6
 """Smaller or greater costs would be lost in rounding, or overflow, in a sum with others."""
 
 
@@ -58,7 +62,7 @@ class Objective:
 
     @property
     def of_unknown_uncertainty(self) -> tuple[str, ...]:
-        """The required measures of which the errors of predictions are unknown: all but duration."""
+        """The required measures whose errors of prediction are unknown: all but duration."""
         return tuple(
             name for name in self.needs if name != "duration" and name not in self.where_predicted
         )

@@ -53,7 +53,7 @@ ITS_DEADLINE = "its deadline"
 
 @dataclass(frozen=True, slots=True)
 class SubgoalCurve:
-    """The `SearchCurve` of a subgoal (from 0): values in m, rad, m/s of its free variables `names`."""
+    """The `SearchCurve` of a subgoal (from 0): values (m, rad, m/s) of its variables `names`."""
 
     subgoal: int
     names: tuple[str, ...]
@@ -169,7 +169,7 @@ class Refiner:
         placeholders: bool = False,
         deadline: Deadline = no_deadline,
     ) -> Refinement:
-        """Find the best free variables of `chain` from the state `world`; the gate decides about the change.
+        """Find the best free variables of `chain` from the state `world`; the gate decides.
 
         Raises RefinementError if the chain is empty or too long, or no candidate has a finite
         prediction.
@@ -221,7 +221,7 @@ class Refiner:
         return self._answer(world, chain, analysis, model, optimum, work, compared, kept)
 
     def naive(self, world: World, chain: TopChain) -> TopChain:
-        """Return the paper's reference: each subgoal is optimal for the action that leads to it alone.
+        """Return the paper's reference: each subgoal is optimal for the action that leads to it.
 
         Free variables with a rest value (arrival speed: 0) take it. The others take the value at
         which the action is predicted to be fastest. Where no model predicts that, the value is that
@@ -239,7 +239,7 @@ class Refiner:
         deadline: Deadline,
         work: Work,
     ) -> TopChain:
-        """Return `chain` with naive values of its open variables: until the deadline those of the models."""
+        """Return `chain` with naive values of its open variables, by models until the deadline."""
         chain = naive_on_paths(world, chain, self.robot, self.ranges)
         for variable in free:
             if variable.domain.rest is not None:
@@ -259,7 +259,8 @@ class Refiner:
         for index, alone in alone_at.items():
             if deadline():
                 break
-            part, objective = TopChain(chain.calls[: index + 1]), Objective()
+            part = TopChain(chain.calls[: index + 1])
+            objective = Objective()
             names = names_of(part, alone)
             model = ChainModel(
                 world, part, self.robot, models=self.models, names=names, objective=objective
@@ -357,7 +358,12 @@ class Refiner:
             comparison=comparison,
         )
 
-    def _left_alone(self, chain: TopChain, analysis: Analysis, model: ChainModel) -> Refinement:
+    def _left_alone(
+        self,
+        chain: TopChain,
+        analysis: Analysis,
+        model: ChainModel,
+    ) -> Refinement:
         """Return the answer if no variable is free."""
         prediction = model.predict()
         reason = "nothing is open: the plan commits to every goal variable"
@@ -379,7 +385,12 @@ class Refiner:
             step for step, call in enumerate(chain.calls) if call.top.action not in self.models
         )
 
-    def _remarks(self, chain: TopChain, analysis: Analysis, not_free: Sequence[NotFree]) -> str:
+    def _remarks(
+        self,
+        chain: TopChain,
+        analysis: Analysis,
+        not_free: Sequence[NotFree],
+    ) -> str:
         """Return remarks to add to the reason; empty, or they begin with a semicolon."""
         # Variables opened by "*" appear only in `Refinement.not_free`: few of them are expected to
         # be free.
@@ -397,7 +408,11 @@ class Refiner:
         return text
 
 
-def _gain(before: ChainPrediction, after: ChainPrediction, objective: Objective) -> float:
+def _gain(
+    before: ChainPrediction,
+    after: ChainPrediction,
+    objective: Objective,
+) -> float:
     """Return the gain in s of duration, whatever the scale of the weights.
 
     As a share of the cost where durations do not dominate it.
@@ -409,14 +424,18 @@ def _gain(before: ChainPrediction, after: ChainPrediction, objective: Objective)
 
 
 def _in_seconds(before: ChainPrediction, objective: Objective) -> bool:
-    """Return whether durations dominate the cost, as far as it does not consist of the usual times."""
+    """Return whether durations dominate the cost; the usual cost of failures is a time, too."""
     weight = objective.weights.get("duration", 0.0)
     if not weight or not objective.of_unknown_uncertainty:
         return weight > 0.0
     return weight * before.duration >= _DOMINANT * before.cost
 
 
-def replaced(chain: TopChain, index: int, values: Mapping[str, float]) -> TopChain:
+def replaced(
+    chain: TopChain,
+    index: int,
+    values: Mapping[str, float],
+) -> TopChain:
     """Return the chain with some goal variables of a subgoal replaced."""
     return chain.with_goal(index, with_values(chain.calls[index].goal, values))
 
@@ -424,7 +443,8 @@ def replaced(chain: TopChain, index: int, values: Mapping[str, float]) -> TopCha
 def _described(chain: TopChain, not_free: Sequence[NotFree]) -> str:
     return _listed(
         [
-            f"{each.name} of step {each.subgoal + 1} ({chain.calls[each.subgoal].top.name}) is {each.reason}"
+            f"{each.name} of step {each.subgoal + 1} "
+            f"({chain.calls[each.subgoal].top.name}) is {each.reason}"
             for each in not_free
         ]
     )

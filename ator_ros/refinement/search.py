@@ -1,4 +1,4 @@
-"""The search for the best subgoals of a whole chain (paper, section 4.3, for any number of variables).
+"""The search for the best subgoals of a whole chain (paper, section 4.3, for any variables).
 
 The cost of a chain is a sum of terms, each of which depends on two neighboring subgoals only.
 Dynamic programming therefore finds the best path through sets of candidates exactly, one set for
@@ -30,7 +30,7 @@ from ator_ros.geometry import BoolArray, FloatArray
 from ator_ros.tops.ranges import Range
 
 Pairs = tuple[int, FloatArray, FloatArray]
-"""Index of a step, and candidates of the subgoals before and after it, shapes (n, 1, k) and (m, k)."""
+"""Index of a step, and candidates of the subgoals around it, shapes (n, 1, k) and (m, k)."""
 StepCosts = Callable[[Sequence[Pairs]], Sequence[FloatArray]]
 """Returns the costs of steps for all pairs of candidates, shapes that broadcast to (n, m)."""
 Allowed = Callable[[int, FloatArray], BoolArray]
@@ -39,28 +39,23 @@ Deadline = Callable[[], bool]
 """Returns whether time is up."""
 
 BLOCK = 512
-"""Pairs of candidates evaluated between two checks of the deadline: 1 to 2 ms with the shipped models."""
+"""Pairs of candidates evaluated between two checks of the deadline: 1 to 2 ms as shipped."""
 
-# By the number of a subgoal's free variables, from 0; the last entry is for all that have more
+# Numbers of candidates by the number of a subgoal's free variables, from 0; the last entry is for
+# all that have more. benchmarks/search.py compares what the search finds with them to references.
 _FIRST_ALONE = (1, 40, 108, 256, 400)  # first candidates: 9 degrees of an angle
-# beside another subgoal with free variables: all pairs are evaluated
-_FIRST_BESIDE = (1, 30, 24, 36, 48)
+_FIRST_BESIDE = (1, 30, 24, 36, 48)  # beside another free subgoal: all pairs are evaluated
 _IN_WINDOW = (0, 6, 10, 15, 20)  # candidates of a window, besides its center
 _ROUNDS = 4  # most rounds for each free variable of a subgoal: more variables need more moves
-# free variables up to which the first candidates form a grid, which has the ends of ranges
-_ON_GRID = 2
+_ON_GRID = 2  # free variables up to which the first candidates form a grid, with ends of ranges
 _LEAST_STEPS = 3  # of a grid in each direction
 _APART = 0.5  # least distance between the two candidates that have windows, in half widths
-# least gain of a round that counts, as a share of the mean cost of a step: 5 ms of 5 s
-_GAIN = 1e-3
+_GAIN = 1e-3  # least gain of a round, as a share of the mean cost of a step: 5 ms of 5 s
 _SHRINKS = 0.5  # least factor by which a window shrinks in a round
-# least half width of a window in multiples of the last move: windows follow a bent valley
-_REACH = 2.0
+_REACH = 2.0  # least half width of a window in last moves: windows follow a bent valley
 _TRIES = 40  # points tested for each candidate in a region, of _POINTS
 _POINTS = 1 << 13
-_CALL = (
-    40  # pairs that take as long as a call without pairs: 60 us, and 1.5 us, with shipped models
-)
+_CALL = 40  # pairs that take as long as a call without pairs: 60 us, and 1.5 us, as shipped
 
 
 class NoCandidateError(ValueError):
@@ -146,8 +141,6 @@ class Optimum:
         First candidates, by subgoal.
     rows : sequence of int
         Row of the best candidate among the last ones of each subgoal.
-    costs : sequence of ndarray, shapes (n, m)
-        Cost of each step with the last candidates of the subgoals before (n) and after it (m).
     complete : bool
         False if the deadline ended the search.
     """
@@ -156,7 +149,6 @@ class Optimum:
     cost: float
     curves: Sequence[SearchCurve]
     rows: Sequence[int] = ()
-    costs: Sequence[FloatArray] = ()
     complete: bool = True
 
     @property
@@ -198,47 +190,36 @@ def search(
     if work is not None:
         step_costs = _counted(step_costs, work)
     free = [0, *map(len, axes), 0]
-    windows = [
-        _Windows(index, domains, allowed, beside=bool(free[index] or free[index + 2]))
-        for index, domains in enumerate(axes)
-    ]
+    windows = []
+    for index, domains in enumerate(axes):
+        beside = free[index] > 0 or free[index + 2] > 0
+        windows.append(_Windows(index, domains, allowed, beside=beside))
     candidates = [window.first for window in windows]
     if given is not None:
-        pairs = zip(given, candidates, strict=True)
-        candidates = [
-            np.vstack((values, others)) if len(values) else others for values, others in pairs
-        ]
+        for index, values in enumerate(given):
+            if len(values):
+                candidates[index] = np.vstack((values, candidates[index]))
     elif not all(map(len, candidates)):
         raise NoCandidateError("expected candidates of every subgoal, got none")
     path = least_path(step_costs, candidates, deadline if given is not None else no_deadline)
     curves = path.curves
-    turns = _turns(free)
+    cycle = _turns(free) * max(free)  # most valleys are narrow in one variable only
     without_gain = 0
-    for number in range(turns * _ROUNDS * max(free)):
-        if without_gain == turns * max(free):
-            # most valleys are narrow in one variable only, which the last rounds may have missed
+    for number in range(cycle * _ROUNDS):
+        if without_gain == cycle:
             break
         if not path.complete or deadline():
             return dataclasses.replace(path, curves=curves, complete=False)
-        centers, cost = path.values, path.cost
-        candidates = []
-        # costs of steps between subgoals that get no new candidates
-        known: list[FloatArray | None] = []
-        before, keeps_before = [0], True
-        for window, row, curve, costs in zip(
-            windows, path.rows, path.curves, path.costs, strict=True
-        ):
-            best, keeps = window.best(row, curve), not window.has_new(number)
-            known.append(
-                costs.take(before, axis=0).take(best, axis=1) if keeps and keeps_before else None
-            )
-            around = curve.values.take(best, axis=0)
-            candidates.append(around if keeps else window.around(around, number))
-            before, keeps_before = best, keeps
-        path = least_path(step_costs, candidates, deadline, known)
-        for window, start, end in zip(windows, centers, path.values, strict=True):
+        candidates = [
+            window.candidates(row, curve, number)
+            for window, row, curve in zip(windows, path.rows, path.curves, strict=True)
+        ]
+        former = path
+        path = least_path(step_costs, candidates, deadline)
+        for window, start, end in zip(windows, former.values, path.values, strict=True):
             window.shrink(start, end, number)
-        without_gain = 0 if cost - path.cost > _GAIN * abs(cost) / len(axes) else without_gain + 1
+        gains = former.cost - path.cost > _GAIN * abs(former.cost) / len(axes)
+        without_gain = 0 if gains else without_gain + 1
     return dataclasses.replace(path, curves=curves)
 
 
@@ -264,18 +245,14 @@ def least_path(
     step_costs: StepCosts,
     candidates: Sequence[FloatArray],
     deadline: Deadline = no_deadline,
-    known: Sequence[FloatArray | None] = (),
 ) -> Optimum:
-    """Find the best candidate of each subgoal; after the deadline, later subgoals keep the first one.
-
-    `known` are the costs (n, m) of each step, None where they must be evaluated; by default all
-    must be.
-    """
-    costs = _evaluated(step_costs, candidates, known or [None] * len(candidates), deadline)
-    late = len(candidates) - len(costs)
-    if late:
-        candidates = [*candidates[:-late], *(each[:1] for each in candidates[-late:])]
-        costs = _evaluated(step_costs, candidates, [*costs, *[None] * late], no_deadline)
+    """Find the best candidate of each subgoal; after the deadline, later ones keep the first."""
+    costs = _evaluated(step_costs, candidates, 0, deadline)
+    in_time = len(costs)
+    if in_time < len(candidates):
+        first_only = [each[:1] for each in candidates[in_time:]]
+        candidates = [*candidates[:in_time], *first_only]
+        costs += _evaluated(step_costs, candidates, in_time, no_deadline)
     forward = [costs[0][0]]
     origins = []
     for cost in costs[1:]:
@@ -286,80 +263,115 @@ def least_path(
     for cost in reversed(costs[1:]):
         backward.insert(0, (cost + backward[0]).min(axis=1))
     row = int(forward[-1].argmin())
-    total, path = float(forward[-1][row]), [row]
+    total = float(forward[-1][row])
+    rows = [row]
     for origin in reversed(origins):
-        path.insert(0, int(origin[path[0]]))
-    values = [c[i] for c, i in zip(candidates, path, strict=True)]
-    curves = [SearchCurve(c, f + b) for c, f, b in zip(candidates, forward, backward, strict=True)]
-    return Optimum(values, total, curves, path, costs, complete=not late)
+        rows.insert(0, int(origin[rows[0]]))
+    values = []
+    curves = []
+    for index, among in enumerate(candidates):
+        values.append(among[rows[index]])
+        curves.append(SearchCurve(among, forward[index] + backward[index]))
+    return Optimum(values, total, curves, rows, complete=in_time == len(candidates))
 
 
 def _evaluated(
     evaluate: StepCosts,
-    offered: Sequence[FloatArray],
-    known: Sequence[FloatArray | None],
+    candidates: Sequence[FloatArray],
+    start: int,
     deadline: Deadline,
 ) -> list[FloatArray]:
-    """Return the costs (n, m) of each step, evaluated if they are not known.
-
-    Of fewer if time is up.
-    """
-    found: list[FloatArray] = []
-    blocks: list[list[Pairs]] = []
-    parts: list[FloatArray] = []  # of `found`, for the pairs in the blocks
-    room = 0  # pairs for which the last block has room
-    for index, (after, cost) in enumerate(zip(offered, known, strict=True)):
-        before = offered[index - 1] if index else np.zeros((1, 0))
-        found.append(np.empty((len(before), len(after))) if cost is None else cost)
-        size = max(1, BLOCK // len(after))
-        for first in range(0, len(before) if cost is None else 0, size):
-            some = slice(first, first + size)
-            parts.append(found[index][some])
-            room -= parts[-1].size
-            if room < 0:
-                blocks.append([])
-                room = BLOCK - parts[-1].size
-            blocks[-1].append((index, before[some, None], after))
-    for block in blocks:
+    """Return the costs (n, m) of each step from `start` on, of fewer if time is up."""
+    costs: list[FloatArray] = []
+    block: list[Pairs] = []
+    parts: list[FloatArray] = []  # of the costs, for the pairs in the block
+    blocks = [(block, parts)]
+    size = 0  # pairs in the block
+    for index in range(start, len(candidates)):
+        before = candidates[index - 1] if index else np.zeros((1, 0))
+        after = candidates[index]
+        costs.append(np.empty((len(before), len(after))))
+        rows = max(1, BLOCK // len(after))
+        for first in range(0, len(before), rows):
+            part = costs[-1][first : first + rows]
+            if block and size + part.size > BLOCK:
+                block = []
+                parts = []
+                size = 0
+                blocks.append((block, parts))
+            block.append((index, before[first : first + rows, None], after))
+            parts.append(part)
+            size += part.size
+    for pairs, results in blocks:
         if deadline():
-            return found[: block[0][0]]
-        for cost in evaluate(block):
-            parts.pop(0)[:] = cost
-    return found
+            return costs[: pairs[0][0] - start]
+        for result, cost in zip(results, evaluate(pairs), strict=True):
+            result[:] = cost
+    return costs
 
 
 # Candidates
 
 
 class _Windows:
-    """The candidates of one subgoal: the first ones (n, k), and windows that shrink around the best.
+    """The candidates of one subgoal: the first ones (n, k), and shrinking windows around the best.
 
     `ranges` are those of its k free variables, `allowed` limits the candidates to its region, and
     `beside` is whether a neighboring subgoal has free variables.
     """
 
     def __init__(
-        self, index: int, ranges: Sequence[Range], allowed: Allowed | None, *, beside: bool
+        self,
+        index: int,
+        ranges: Sequence[Range],
+        allowed: Allowed | None,
+        *,
+        beside: bool,
     ) -> None:
-        self._index, self._ranges, self._allowed, self._beside = index, ranges, allowed, beside
-        rows = [(each.low, each.high, each.periodic) for each in ranges]
-        low, high, periodic = np.array(rows).reshape(-1, 3).T
-        self._period = np.where((periodic > 0.0) & (high > low), high - low, np.inf)
-        self._bounds = np.stack((low, high, self._period))
+        self._index = index
+        self._ranges = ranges
+        self._allowed = allowed
+        self._beside = beside
+        self._low = np.array([each.low for each in ranges], dtype=float)
+        self._high = np.array([each.high for each in ranges], dtype=float)
+        is_circle = np.array([each.periodic and each.high > each.low for each in ranges], bool)
+        self._period = np.where(is_circle, self._high - self._low, np.inf)
         self._used = 0  # points of the sequence
-        count = _of(_FIRST_BESIDE if beside else _FIRST_ALONE, len(ranges))
-        self.first, self._radius = self._first(count)
+        self.first, self._radius = self._first()
 
-    def around(self, best: FloatArray, number: int) -> FloatArray:
-        """Return the `best` candidates (n, k), and new ones in their windows."""
+    def candidates(
+        self,
+        row: int,
+        curve: SearchCurve,
+        number: int,
+    ) -> FloatArray:
+        """Return the candidates (n, k) of a round.
+
+        They are the best one of the former round, which is at `row` of its `curve`, the best that
+        is no neighbor of it, since its valley may be deeper, and new ones in windows around both.
+        """
+        best = [row]
+        reach = _APART * self._radius
+        second = _best_apart(curve.values, curve.totals, row, reach, self._period)
+        if second >= 0:
+            best.append(second)
+        centers = curve.values.take(best, axis=0)
+        if not self.has_new(number):
+            return centers
         each = _of(_IN_WINDOW, len(self._ranges))
-        points = spread_points(len(self._ranges), self._used, each * len(best))
+        points = spread_points(len(self._ranges), self._used, each * len(centers))
         self._used += len(points)
-        points = _in_windows(points, best, each, self._radius, self._bounds, number)
-        return np.concatenate((best, self._within(points)))
+        bounds = np.stack((self._low, self._high, self._period))
+        points = _in_windows(points, centers, each, self._radius, bounds, number)
+        return np.concatenate((centers, self._within(points)))
 
-    def shrink(self, start: FloatArray, end: FloatArray, number: int) -> None:
-        """Shrink the windows after a round in which the best candidate moved from `start` to `end`, (k,)."""
+    def shrink(
+        self,
+        start: FloatArray,
+        end: FloatArray,
+        number: int,
+    ) -> None:
+        """Shrink the windows after a round that moved the best candidate from `start` to `end`."""
         if self.has_new(number):
             distance = np.abs(end - start) % self._period  # given values may be turns away
             moved = np.minimum(distance, self._period - distance)
@@ -369,22 +381,18 @@ class _Windows:
         """Return whether the subgoal has new candidates in a round."""
         return bool(self._ranges) and (not self._beside or (self._index + number) % 2 == 0)
 
-    def best(self, row: int, curve: SearchCurve) -> list[int]:
-        """Return `row`, and the best row that is no neighbor of it: its valley may be deeper."""
-        second = _best_apart(curve.values, curve.totals, row, _APART * self._radius, self._period)
-        return [row, second] if second >= 0 else [row]
-
-    def _first(self, count: int) -> tuple[FloatArray, FloatArray]:
-        """Return `count` first candidates (n, k), fewer in a small region, and windows' half widths (k,)."""
+    def _first(self) -> tuple[FloatArray, FloatArray]:
+        """Return the first candidates (n, k), fewer in a small region, and half widths (k,)."""
         free = len(self._ranges)
+        count = _of(_FIRST_BESIDE if self._beside else _FIRST_ALONE, free)
         if free <= _ON_GRID:
             grid, steps = _grid(tuple(self._ranges), count)
             if self._allowed is None or self._allowed(self._index, grid).all():
                 return grid.copy(), steps
-        low, high, _ = self._bounds
+        width = self._high - self._low
         tries = count if self._allowed is None else count * _TRIES
-        points = self._within(low + (high - low) * spread_points(free, 0, tries))[:count]
-        return points, 0.5 * (high - low) * max(len(points), 1) ** (-1.0 / free)
+        points = self._within(self._low + width * spread_points(free, 0, tries))[:count]
+        return points, 0.5 * width * max(len(points), 1) ** (-1.0 / free)
 
     def _within(self, points: FloatArray) -> FloatArray:
         return points if self._allowed is None else points[self._allowed(self._index, points)]
@@ -392,23 +400,22 @@ class _Windows:
 
 @lru_cache(maxsize=32)
 def _grid(domains: tuple[Range, ...], count: int) -> tuple[FloatArray, FloatArray]:
-    """Return about `count` candidates, shape (n, k), that form a grid, and its steps, shape (k,)."""
+    """Return about `count` candidates that form a grid, (n, k), and its steps, (k,)."""
     lines: dict[int, FloatArray] = {}
-    # the coarsest first
-    for number in sorted(range(len(domains)), key=lambda each: domains[each].steps):
-        others = [each for each in range(len(domains)) if each not in lines]
-        product = float(np.prod([domains[each].steps for each in others]))
-        left = count / np.prod([len(line) for line in lines.values()])
-        steps = max(
-            _LEAST_STEPS, round(domains[number].steps * (left / product) ** (1.0 / len(others)))
-        )
-        low, high = domains[number].low, domains[number].high
-        lines[number] = np.linspace(low, high, steps, endpoint=not domains[number].periodic)
-    axes = np.meshgrid(*(lines[number] for number in range(len(domains))), indexing="ij")
-    # The last variable, usually a speed, varies slowest: path times take longer where speeds
-    # change.
-    grid = np.stack([axis.ravel("F") for axis in axes], axis=1) if domains else np.zeros((1, 0))
-    return grid, np.array([lines[number][1] - lines[number][0] for number in range(len(domains))])
+    numbers = range(len(domains))
+    for number in sorted(numbers, key=lambda each: domains[each].steps):  # the coarsest first
+        domain = domains[number]
+        others = [domains[each].steps for each in numbers if each not in lines]
+        left = count / math.prod(len(line) for line in lines.values())
+        scale = (left / math.prod(others)) ** (1.0 / len(others))
+        steps = max(_LEAST_STEPS, round(domain.steps * scale))
+        lines[number] = np.linspace(domain.low, domain.high, steps, endpoint=not domain.periodic)
+    if not domains:
+        return np.zeros((1, 0)), np.zeros(0)
+    axes = np.meshgrid(*(lines[number] for number in numbers), indexing="ij")
+    # The last variable, usually a speed, varies slowest: path times take longer where it changes.
+    grid = np.stack([axis.ravel("F") for axis in axes], axis=1)
+    return grid, np.array([lines[number][1] - lines[number][0] for number in numbers])
 
 
 def _of(table: Sequence[int], free: int) -> int:
@@ -425,7 +432,8 @@ def _in_windows(
     bounds: FloatArray,
     number: int,
 ) -> FloatArray:
-    """Return points (n, k) of the unit cube moved to windows, `each` of them to that about one center."""
+    """Return points (n, k) of the unit cube moved to windows, `each` of them to one center."""
+    low, high, period = bounds
     moved = np.empty(points.shape)
     for row, column in np.ndindex(points.shape):
         # Every second candidate differs in one variable only: a variable that is aligned exactly,
@@ -433,32 +441,43 @@ def _in_windows(
         differs = row % 2 == 1 or column == (row // 2 + number) % len(radius)
         offset = 2.0 * points[row, column] - 1.0 if differs else 0.0
         value = centers[row // each, column] + radius[column] * offset
-        low, high, period = bounds[0, column], bounds[1, column], bounds[2, column]
-        turned = (value - low) % period + low
-        moved[row, column] = turned if period < np.inf else min(max(value, low), high)
+        if period[column] < np.inf:
+            moved[row, column] = (value - low[column]) % period[column] + low[column]
+        else:
+            moved[row, column] = min(max(value, low[column]), high[column])
     return moved
 
 
 @compiled
 def _best_apart(
-    values: FloatArray, totals: FloatArray, row: int, reach: FloatArray, period: FloatArray
+    values: FloatArray,
+    totals: FloatArray,
+    row: int,
+    reach: FloatArray,
+    period: FloatArray,
 ) -> int:
     """Return the row of the best candidate (n, k) beyond `reach` (k,) of candidate `row`.
 
     -1 if none is.
     """
-    found, least = -1, np.inf
+    found = -1
+    least = np.inf
     for number in range(len(values)):
         if totals[number] < least:
             for column in range(len(reach)):
                 distance = abs(values[number, column] - values[row, column]) % period[column]
                 if min(distance, period[column] - distance) >= reach[column]:
-                    found, least = number, totals[number]
+                    found = number
+                    least = totals[number]
                     break
     return found
 
 
-def spread_points(dimensions: int, first: int, count: int) -> FloatArray:
+def spread_points(
+    dimensions: int,
+    first: int,
+    count: int,
+) -> FloatArray:
     """Return `count` points of the unit cube, shape (n, k), of a sequence that fills it evenly.
 
     It adds powers of the inverse of the generalized golden ratio (M. Roberts, 2018).

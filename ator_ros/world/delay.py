@@ -27,7 +27,7 @@ class Delay:
         self.restart()
 
     def restart(self) -> None:
-        """Forget the usual delay; the delay is unknown until the clock has run with real time for 3 s."""
+        """Forget the usual delay, until the clock has run with real time for 3 s."""
         self.is_known = False
         """Whether the usual delay is known."""
         self._last = -math.inf
@@ -53,7 +53,7 @@ class Delay:
             self._least.popleft()
 
     def _is_steady(self) -> bool:
-        """Return whether the delay has been constant; keep the last steps only, before it is known."""
+        """Return whether the delay has been constant in the last steps; forget those before."""
         while len(self._least) > _STEPS:
             self._least.popleft()
         offsets = [offset for _, offset in self._least]

@@ -31,7 +31,7 @@ _FORMATS = ("PPM", "PNG", "BMP")  # PPM includes PGM and PBM
 _TRANSPARENT = ("LA", "PA", "RGBA")  # Pillow's modes of images with an alpha channel
 
 Planner = Callable[[tuple[float, float], tuple[float, float]], FloatArray | None]
-"""Returns a path between two places, shape (n, 2), in m, or None if there is none. Its text names it."""
+"""Returns a path between two places, shape (n, 2), in m, or None. Its text names the planner."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,10 @@ PATHS_OF = ", paths of "
 
 @dataclass(frozen=True, eq=False)
 class GridMap:
-    """A grid of cells: free, or else occupied or unknown. Maps are equal if name and content are."""
+    """A grid of cells: free, or else occupied or unknown.
+
+    Maps are equal if name and content are.
+    """
 
     name: str  # file or topic, for messages
     free: BoolArray  # shape (rows, columns), the first row at the origin
@@ -90,7 +93,7 @@ class GridMap:
         )
 
     def __str__(self) -> str:
-        """Return the name, a digest of the content, and the name of the planner, if there is one."""
+        """Return the name, a digest of the content, and the name of a planner."""
         return self._text
 
     def __eq__(self, other: object) -> bool:
@@ -100,19 +103,22 @@ class GridMap:
         return hash(self._text)
 
     def cells(self, x: Any, y: Any) -> tuple[FloatArray, FloatArray]:
-        """Return places in m in units of cells from the origin, along its row and across, elementwise."""
-        cos, sin = math.cos(self.origin.yaw), math.sin(self.origin.yaw)
-        dx, dy = np.asarray(x) - self.origin.x, np.asarray(y) - self.origin.y
+        """Return places in m as cells from the origin, along its row and across, elementwise."""
+        cos = math.cos(self.origin.yaw)
+        sin = math.sin(self.origin.yaw)
+        dx = np.asarray(x) - self.origin.x
+        dy = np.asarray(y) - self.origin.y
         return (cos * dx + sin * dy) / self.resolution, (cos * dy - sin * dx) / self.resolution
 
     @cached_property
     def walls(self) -> list[tuple[Pose, float, float]]:
-        """Rectangles that cover all obstacles next to free cells: pose of the middle, length, width (m)."""
+        """Rectangles that cover all obstacles next to free cells: middle, length, width (m)."""
         from scipy import ndimage  # slow to import, and needed with a map only
 
         free = np.pad(self.free, 2)
         edges = np.diff((ndimage.binary_dilation(free, np.ones((3, 3))) & ~free).astype(np.int8))
-        found, begun = [], dict[tuple[int, int], int]()
+        found = []
+        begun = dict[tuple[int, int], int]()
         for row, steps in enumerate(edges):
             runs = list(
                 zip(*(np.flatnonzero(steps == sign).tolist() for sign in (1, -1)), strict=True)
@@ -120,7 +126,8 @@ class GridMap:
             ended = [run for run in begun if run not in runs]
             found += [(*run, begun.pop(run), row) for run in ended]
             begun |= {run: row for run in runs if run not in begun}
-        side, walls = self.resolution, []
+        side = self.resolution
+        walls = []
         for left, right, low, high in found:
             middle = Pose(0.5 * side * (left + right - 2), 0.5 * side * (low + high - 4), 0.0)
             walls.append((self.origin.compose(middle), side * (right - left), side * (high - low)))
@@ -128,7 +135,12 @@ class GridMap:
 
 
 def map_of_grid(
-    name: str, width: int, height: int, resolution: float, origin: Pose, data: Sequence[int]
+    name: str,
+    width: int,
+    height: int,
+    resolution: float,
+    origin: Pose,
+    data: Sequence[int],
 ) -> GridMap:
     """Return the map of an OccupancyGrid, whose `data` are row by row percent, or -1 where unknown.
 
@@ -146,7 +158,7 @@ def map_of_grid(
 
 
 def describe_values(data: Sequence[int]) -> str:
-    """Return which values the cells of an OccupancyGrid have, and which of them are free, for messages."""
+    """Return a text: which values the cells of an OccupancyGrid have, and which are free."""
     values = np.asarray(data, dtype=np.int16)
     if not values.size:
         return "it has no cells"
@@ -192,7 +204,7 @@ def save_map(grid: GridMap, folder: Path) -> Path:
 
 
 def _free_pixels(file: Path, read: _MapFile) -> BoolArray:
-    """Return which pixels of an image are free, shape (height, width): bright ones, unless `negate`.
+    """Return which pixels of an image are free, shape (height, width): bright ones by default.
 
     The brightness of a color is the mean of its channels, as in map_server. Pixels that are not
     opaque are unknown.
@@ -239,7 +251,11 @@ def _brightness(image: Image.Image) -> tuple[NDArray[Any], int]:
     return total, 3 * 255
 
 
-def _opaque(image: Image.Image, values: NDArray[Any], file: Path) -> BoolArray | None:
+def _opaque(
+    image: Image.Image,
+    values: NDArray[Any],
+    file: Path,
+) -> BoolArray | None:
     """Return which pixels of an image of some brightness are opaque; None if all are."""
     transparent = image.info.get("transparency")
     if image.mode in _TRANSPARENT or (image.mode == "P" and transparent is not None):
@@ -247,7 +263,7 @@ def _opaque(image: Image.Image, values: NDArray[Any], file: Path) -> BoolArray |
         return opaque
     if transparent is None:
         return None
-    # A sample of a PNG file, before Pillow scales it: to 8 bit, or, in gray, from 16 bit not at all.
+    # It is a sample of the file, which Pillow scales to 8 bit; gray ones of 16 bit it keeps.
     with file.open("rb") as stream:
         bits = stream.read(25)[24]
     if isinstance(transparent, tuple):

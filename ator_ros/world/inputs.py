@@ -7,14 +7,15 @@ from collections import deque
 from collections.abc import Mapping
 
 from ator_ros.world.delay import Delay
-from ator_ros.world.estimation import JUMP, Sightings, StampError
+from ator_ros.world.sightings import JUMP, Sightings, StampError
 from ator_ros.world.state import ObjectState, RobotState, World
 
 # greatest plausible ratio of simulated to real time; simulations run at a few hundred
 _FASTEST = 1000.0
 _LONGEST = 1.0  # longest real s without odometry to which that ratio applies
 # real s over which the pace of stamps is measured, and between samples
-_PACE_WINDOW, _PACE_STEP = 2.0, 0.1
+_PACE_WINDOW = 2.0
+_PACE_STEP = 0.1
 _PACE_LEAST = 0.5  # least real s to measure it over: messages 0.05 s late then change it by a tenth
 _REAL_TIME = 0.8  # pace below which stamps run slower than real time, as in a slow simulation
 _FASTER_THAN_REAL = 1.5  # pace above that of messages which were delayed for a moment
@@ -59,12 +60,23 @@ class Inputs:
         for name, sightings in self._objects.items():
             sightings.timeout = settings.get(f"{name}_timeout", sightings.timeout)
 
-    def object(self, name: str, time: float, sighting: ObjectState, now: float = 0.0) -> str | None:
+    def object(
+        self,
+        name: str,
+        time: float,
+        sighting: ObjectState,
+        now: float = 0.0,
+    ) -> str | None:
         """Process a sighting of an object, at `now` in real s; see `Sightings.add`."""
         return self._objects[name].add(time, sighting, self.time, self.pace, now)
 
-    def robot(self, time: float, robot: RobotState, now: float = 0.0) -> World | None:
-        """Process odometry with the stamp `time` in s; return the world, None if the stamp has not advanced.
+    def robot(
+        self,
+        time: float,
+        robot: RobotState,
+        now: float = 0.0,
+    ) -> World | None:
+        """Process odometry with the stamp `time` (s); return the world, None if it did not advance.
 
         The real time `now` (s) limits by how much the stamp may have advanced. One message that is
         older than the last one was late and is ignored.
@@ -78,7 +90,8 @@ class Inputs:
             The second stamp in a row is older than the last one, or confirms a clock far ahead. All
             objects are forgotten and the new clock is used.
         """
-        last, most = self.time, JUMP + _FASTEST * min(now - self._received, _LONGEST)
+        last = self.time
+        most = JUMP + _FASTEST * min(now - self._received, _LONGEST)
         if now - self._received > GAP * self.slowdown:
             self.since = now
         self._received = now
@@ -88,7 +101,8 @@ class Inputs:
         if time != last:
             self._measure_pace(time, now)
             self.delay.update(time, now)
-        self.time, self._suspect = time, None
+        self.time = time
+        self._suspect = None
         states = {name: sightings.at(time) for name, sightings in self._objects.items()}
         objects = {name: state for name, state in states.items() if state is not None}
         return None if time == last else World(time, robot, objects)
@@ -105,21 +119,33 @@ class Inputs:
 
     def _measure_pace(self, time: float, now: float) -> None:
         clocks = self._clocks
-        if clocks and time - clocks[-1][1] < 0.5 * (now - clocks[-1][0]) / _SLOWEST:
-            clocks.clear()  # slower than any simulation: it was paused and keeps its pace
+        if clocks:
+            last_now, last_time = clocks[-1]
+            if time - last_time < 0.5 * (now - last_now) / _SLOWEST:
+                clocks.clear()  # slower than any simulation: it was paused and keeps its pace
         if not clocks or now - clocks[-1][0] >= _PACE_STEP:
             clocks.append((now, time))
         while len(clocks) > 2 and now - clocks[1][0] >= _PACE_WINDOW:
             clocks.popleft()
-        real, stamped = now - clocks[0][0], time - clocks[0][1]
+        first_now, first_time = clocks[0]
+        real = now - first_now
+        stamped = time - first_time
         if real >= _PACE_LEAST and stamped > 0.0:
             self.pace = stamped / real
 
-    def _reject(self, time: float, last: float, most: float, now: float) -> None:
-        """Ignore odometry older than the `last`, or more than `most` s newer, unless it is confirmed."""
-        before, self._suspect = self._suspect, time
+    def _reject(
+        self,
+        time: float,
+        last: float,
+        most: float,
+        now: float,
+    ) -> None:
+        """Ignore odometry older than the `last`, or `most` s newer, unless it is confirmed."""
+        before = self._suspect
+        self._suspect = time
         if before is not None and 0.0 <= time - before <= most:
-            self.time, self._suspect = time, None
+            self.time = time
+            self._suspect = None
             self._clocks.clear()
             self.delay.restart()
             for sightings in self._objects.values():
@@ -130,7 +156,8 @@ class Inputs:
                 else f"went back {last - time:.2f} s"
             )
             raise ClockJumpError(
-                f"time {jump}: expected odometry soon after {last:.2f} s, got {time:.2f} s: a reset, another "
+                f"time {jump}: expected odometry soon after {last:.2f} s, got {time:.2f} s: "
+                f"a reset, another "
                 "clock, or two nodes that publish it"
             )
         if time > last:
@@ -138,9 +165,11 @@ class Inputs:
                 f"odom.header.stamp: expected soon after {last:.2f} s, got {time:.2f} s, "
                 f"{time - last:.2f} s ahead: another clock, or odometry had ceased"
             )
-        again, self._older_at = now - self._older_at < GAP, now
+        again = now - self._older_at < GAP
+        self._older_at = now
         if again:
             raise StampError(
-                f"odom.header.stamp: expected after {last:.2f} s, got {time:.2f} s: messages often arrive "
+                f"odom.header.stamp: expected after {last:.2f} s, got {time:.2f} s: "
+                f"messages often arrive "
                 "out of order, or two nodes publish it"
             )

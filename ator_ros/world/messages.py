@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import re
+import sys
 from collections.abc import Callable, Collection, Sized
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -17,18 +18,14 @@ from ator_ros.files import is_name
 from ator_ros.geometry import Pose, yaw_from_quaternion
 from ator_ros.printable import ReadableError, quoted
 from ator_ros.schema import require
-from ator_ros.world.estimation import (
-    PoseSenderCheck,
-    RobotVelocity,
-    SenderCheck,
-    TwistCheck,
-    VelocityEstimate,
-)
+from ator_ros.world.robot_velocity import RobotVelocity, TwistCheck
+from ator_ros.world.senders import PoseSenderCheck, SenderCheck
+from ator_ros.world.sightings import VelocityEstimate
 from ator_ros.world.state import Command, ObjectState, RobotState, World
 from ator_ros.world.transforms import Placement, Quaternion, Transforms
 
 Kind = Literal["Odometry", "PoseStamped", "PoseWithCovarianceStamped", "tf"]
-"""Message types of objects, or tf. Those without a velocity have it estimated from the positions."""
+"""Message types of objects, or tf; a missing velocity is estimated from the positions."""
 RESERVED = ("robot", "hold", "goal")
 """Names in conditions that are not objects."""
 _FRAME = re.compile(r"/?[A-Za-z0-9_][\w.-]*(/[\w.-]+)*", re.ASCII)
@@ -74,10 +71,12 @@ class ObjectSource:
 
 
 FARTHEST = 1e8
-"""Greatest coordinate in m: projected maps stay below the Earth's circumference, 4e7 m, and beyond 1e8 m the
-15 nm that a float64 resolves begin to matter to motions of one control tick."""
+"""Greatest coordinate in m: projected maps stay below the Earth's circumference, 4e7 m.
+
+Beyond 1e8 m the 15 nm that a float64 resolves begin to matter to motions of one control tick.
+"""
 FASTEST = 100.0
-"""Greatest velocity in m/s or rad/s: far above wheeled robots and what they push; more is a wrong unit."""
+"""Greatest velocity in m/s or rad/s, far above wheeled robots and what they push."""
 MOST_OBJECTS = 16
 """Greatest number of objects in a situation."""
 _ROUNDING = 1e-3  # m/s or rad/s that count as 0: filters and float32 leave such values
@@ -107,12 +106,27 @@ class SendersError(MessageError):
 # Numbers, names and sequences
 
 
-def number(value: float, where: str, *, low: float, high: float, unit: str = "") -> float:
-    """Return `value` if it is a finite number in [low, high]."""
-    if not (math.isfinite(value) and low <= value <= high):
+def number(
+    value: float,
+    where: str,
+    *,
+    low: float,
+    high: float,
+    unit: str = "",
+) -> float:
+    """Return `value` if it is a finite number in [low, high].
+
+    rclpy reads the memory of a whole number that a client assigns to a float field as if it were a
+    float: negative ones arrive as NaN, and positive ones as denormal numbers.
+    """
+    value = float(value)
+    denormal = 0.0 < abs(value) < sys.float_info.min
+    if denormal or not (math.isfinite(value) and low <= value <= high):
         bounds = f"a finite number from {low:.10g} to {high:.10g} {unit}".rstrip()
-        raise MessageError(f"{where}: expected {bounds}, got {value!r}")
-    return float(value)
+        remedy = " (Python clients must assign 2.0, not 2)"
+        hint = remedy if denormal or math.isnan(value) else ""
+        raise MessageError(f"{where}: expected {bounds}, got {value!r}{hint}")
+    return value
 
 
 def position(value: float, where: str) -> float:
@@ -120,26 +134,46 @@ def position(value: float, where: str) -> float:
     return number(value, where, low=-FARTHEST, high=FARTHEST, unit="m")
 
 
-def velocity(value: float, where: str, unit: str = "m/s") -> float:
+def velocity(
+    value: float,
+    where: str,
+    unit: str = "m/s",
+) -> float:
     """Return a velocity if it is finite and at most `FASTEST`."""
     return number(value, where, low=-FASTEST, high=FASTEST, unit=unit)
 
 
-def name(text: str, where: str, *, allowed: Collection[str]) -> str:
+def name(
+    text: str,
+    where: str,
+    *,
+    allowed: Collection[str],
+) -> str:
     """Return a name if it is allowed."""
     if text not in allowed:
         raise MessageError(f"{where}: expected one of {sorted(allowed)}, got {quoted(text)}")
     return text
 
 
-def count(items: Sized, where: str, *, least: int, most: int) -> None:
+def count(
+    items: Sized,
+    where: str,
+    *,
+    least: int,
+    most: int,
+) -> None:
     """Raise MessageError unless there are `least` to `most` items."""
     if not least <= len(items) <= most:
         expected = f"{least}" if least == most else f"{least} to {most}"
         raise MessageError(f"{where}: expected {expected} items, got {len(items)}")
 
 
-def names(items: Collection[str], where: str, *, allowed: Collection[str]) -> frozenset[str]:
+def names(
+    items: Collection[str],
+    where: str,
+    *,
+    allowed: Collection[str],
+) -> frozenset[str]:
     """Return the names as a set if all are allowed and none is repeated."""
     found = frozenset(items)
     if len(found) < len(items) or not found.issubset(allowed):
@@ -164,7 +198,12 @@ def plain_frame(frame_id: str) -> str:
     return frame_id.removeprefix("/")
 
 
-def expect_frame(frame_id: str, where: str, *, expected: str) -> None:
+def expect_frame(
+    frame_id: str,
+    where: str,
+    *,
+    expected: str,
+) -> None:
     """Raise FrameError unless a frame is the expected one or empty.
 
     If `expected` is empty, any will do.
@@ -191,7 +230,8 @@ def _planar_yaw(rotation: Quaternion, where: str) -> float:
     tilt = 2.0 * math.asin(min(1.0, math.hypot(x, y)))
     if tilt > _MOST_TILTED:
         raise MessageError(
-            f"{where}: expected roll and pitch of at most {math.degrees(_MOST_TILTED):.0f} degrees, "
+            f"{where}: expected roll and pitch of at most "
+            f"{math.degrees(_MOST_TILTED):.0f} degrees, "
             f"got the quaternion (x, y, z, w) ({x:.3f}, {y:.3f}, {z:.3f}, {w:.3f})"
         )
     return yaw_from_quaternion(x, y, z, w)
@@ -217,18 +257,21 @@ def goal_pose_from(pose: Any, where: str) -> Pose:
     length = math.hypot(turn.x, turn.y, turn.z, turn.w)
     if _LONGEST_TURN < length < math.inf:
         raise MessageError(
-            f"{where}.orientation: expected a quaternion of length 1, got the length {length:.4g}; for a "
+            f"{where}.orientation: expected a quaternion of length 1, got the length {length:.4g}; "
+            f"for a "
             "heading in rad set z to sin(heading / 2) and w to cos(heading / 2)"
         )
     return pose_from(pose, where)
 
 
 def transform_from(message: Any) -> tuple[str, str, float, Placement]:
-    """Read a geometry_msgs/TransformStamped: frame, child frame, time in s, and placement of the child."""
-    parent, child = plain_frame(message.header.frame_id), plain_frame(message.child_frame_id)
+    """Read a geometry_msgs/TransformStamped: frame, child frame, time (s), child's placement."""
+    parent = plain_frame(message.header.frame_id)
+    child = plain_frame(message.child_frame_id)
     if not (parent and child and parent != child):
         raise MessageError(f"tf: expected two frames, got {quoted(parent)} and {quoted(child)}")
-    where, offset = f"tf: {quoted(child)}", message.transform.translation
+    where = f"tf: {quoted(child)}"
+    offset = message.transform.translation
     x, y, z = (position(getattr(offset, axis), f"{where}: {axis}") for axis in "xyz")
     placement = Placement((x, y, z), rotation_from(message.transform.rotation, where))
     return parent, child, seconds_from(message.header.stamp, f"{where}: stamp"), placement
@@ -238,20 +281,20 @@ def transform_from(message: Any) -> tuple[str, str, float, Placement]:
 
 
 def command_from(message: Any, where: str) -> Command:
-    """Read a geometry_msgs/Twist or TwistStamped.
-
-    All components except linear.x and angular.z must be 0.
-    """
+    """Read a geometry_msgs/Twist or TwistStamped, which must be in the plane."""
     twist = getattr(message, "twist", message)
-    linear, angular = twist.linear, twist.angular
-    others = (linear.y, linear.z, angular.x, angular.y)
+    linear = twist.linear
+    angular = twist.angular
+    others = (linear.z, angular.x, angular.y)
     if not all(abs(value) <= _ROUNDING for value in others):
-        unused = "linear.y, linear.z, angular.x, angular.y"
+        unused = "linear.z, angular.x, angular.y"
         raise MessageError(
             f"{where}: {unused}: expected 0, since the robot moves in the plane, got {others}"
         )
     return Command(
-        velocity(linear.x, f"{where}.linear.x"), velocity(angular.z, f"{where}.angular.z", "rad/s")
+        velocity(linear.x, f"{where}.linear.x"),
+        velocity(angular.z, f"{where}.angular.z", "rad/s"),
+        vy=velocity(linear.y, f"{where}.linear.y"),
     )
 
 
@@ -270,7 +313,7 @@ def robot_from_placement(
     pose = pose_from_placement(placement, "robot in tf")
     stamp, unmapped = (time, placement) if moved is None else moved
     state = estimate.state(stamp, pose_from_placement(unmapped, "robot in tf"))
-    return time, RobotState(pose, state.v, state.w)
+    return time, RobotState(pose, state.vx, state.w, vy=state.vy)
 
 
 def pose_from_placement(placement: Placement, where: str) -> Pose:
@@ -347,12 +390,15 @@ class ObjectReader:
         *,
         is_shared: Callable[[], bool] = lambda: False,
     ) -> None:
-        self._source, self.frame = source, frame
-        self._estimate, self._senders = VelocityEstimate(), SenderCheck(is_shared)
+        self._source = source
+        self.frame = frame
+        self._estimate = VelocityEstimate()
+        self._senders = SenderCheck(is_shared)
 
     def read(self, message: Any) -> tuple[float, ObjectState]:
         """Return time in s and state of the object from a message of the source's type."""
-        where, given = self._source.name, message.header.frame_id
+        where = self._source.name
+        given = message.header.frame_id
         expect_frame(given, f"{where}.header.frame_id", expected=self.frame)
         time = seconds_from(message.header.stamp, f"{where}.header.stamp")
         pose = message.pose if self._source.type == "PoseStamped" else message.pose.pose
@@ -363,7 +409,8 @@ class ObjectReader:
         if self._source.type != "Odometry":
             return time, self._estimate.state(time, x, y)
         linear = message.twist.twist.linear
-        vx, vy = velocity(linear.x, f"{where}.twist: x"), velocity(linear.y, f"{where}.twist: y")
+        vx = velocity(linear.x, f"{where}.twist: x")
+        vy = velocity(linear.y, f"{where}.twist: y")
         child = message.child_frame_id
         if child and not _is_pose_frame(child, given, self.frame) and (vx or vy):
             vz = velocity(linear.z, f"{where}.twist: z")
@@ -376,20 +423,29 @@ class ObjectReader:
     def read_placement(self, time: float, placement: Placement) -> tuple[float, ObjectState]:
         """Return time in s and state of the object from its placement in tf."""
         where = f"{self._source.name} in tf"
-        x, y = (
-            position(placement.origin[0], f"{where}.x"),
-            position(placement.origin[1], f"{where}.y"),
-        )
+        x = position(placement.origin[0], f"{where}.x")
+        y = position(placement.origin[1], f"{where}.y")
         return time, self._estimate.state(time, x, y)
 
 
-def world_from(situation: Any, *, frame: str = "", where: str = "situation") -> World:
+def _forward(situation: Any) -> Any:
+    """Return the forward velocity of a Situation, which recordings of version 0.1 call v."""
+    return situation.vx if hasattr(situation, "vx") else situation.v
+
+
+def world_from(
+    situation: Any,
+    *,
+    frame: str = "",
+    where: str = "situation",
+) -> World:
     """Read an ator_interfaces/Situation, which must be in the frame `frame`; empty: in any."""
     expect_frame(situation.header.frame_id, f"{where}.header.frame_id", expected=frame)
     robot = RobotState(
         pose_from(situation.robot, f"{where}.robot"),
-        velocity(situation.v, f"{where}.v"),
+        velocity(_forward(situation), f"{where}.vx"),
         velocity(situation.w, f"{where}.w", "rad/s"),
+        vy=velocity(getattr(situation, "vy", 0.0), f"{where}.vy"),
     )
     count(situation.objects, f"{where}.objects", least=0, most=MOST_OBJECTS)
     objects: dict[str, ObjectState] = {}
@@ -410,7 +466,11 @@ def world_from(situation: Any, *, frame: str = "", where: str = "situation") -> 
     return World(seconds_from(situation.header.stamp, f"{where}.header.stamp"), robot, objects)
 
 
-def check_senders(transforms: Transforms, frame: str, child: str) -> None:
+def check_senders(
+    transforms: Transforms,
+    frame: str,
+    child: str,
+) -> None:
     """Raise SendersError if a transform between two frames comes from two senders."""
     if problem := second_parent(transforms, frame, child):
         raise SendersError(problem)
@@ -419,14 +479,19 @@ def check_senders(transforms: Transforms, frame: str, child: str) -> None:
         raise SendersError(f"tf: {quoted(parent)} to {quoted(name)}: {_to_and_fro(difference)}")
 
 
-def second_parent(transforms: Transforms, frame: str, child: str) -> str:
+def second_parent(
+    transforms: Transforms,
+    frame: str,
+    child: str,
+) -> str:
     """Return that a frame between two frames has two parents in turn, and the remedy; else ""."""
     parents = transforms.second_parent(frame, child)
     if parents is None:
         return ""
     name, one, other = (quoted(each) for each in parents)
     return (
-        f"tf: {name}: expected one parent, got {one} and {other} in turn; end one of the nodes that "
+        f"tf: {name}: expected one parent, got {one} and {other} in turn; "
+        f"end one of the nodes that "
         "publish it"
     )
 
@@ -439,6 +504,10 @@ def _to_and_fro(difference: str) -> str:
     )
 
 
-def _is_pose_frame(child: str, given: str, expected: str) -> bool:
+def _is_pose_frame(
+    child: str,
+    given: str,
+    expected: str,
+) -> bool:
     """Return whether a twist is in the frame of the pose."""
     return plain_frame(child) in {plain_frame(given), plain_frame(expected)} - {""}

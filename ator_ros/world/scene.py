@@ -45,7 +45,8 @@ class Area:
         return self._edges(self.margin)
 
     def _edges(self, margin: float) -> tuple[float, float, float, float]:
-        x, y = self.length / 2 + margin, self.width / 2 + margin
+        x = self.length / 2 + margin
+        y = self.width / 2 + margin
         return self.x - x, self.y - y, self.x + x, self.y + y
 
     def has_floor(self, x: float, y: float) -> bool:
@@ -53,14 +54,19 @@ class Area:
         x_min, y_min, x_max, y_max = self.floor
         return x_min <= x <= x_max and y_min <= y <= y_max
 
-    def at(self, x: float, y: float, yaw: float = 0.0) -> Pose:
+    def at(
+        self,
+        x: float,
+        y: float,
+        yaw: float = 0.0,
+    ) -> Pose:
         """Return the pose that lies (x, y) m from the center, with heading `yaw` in rad."""
         return Pose(self.x + x, self.y + y, yaw)
 
 
 @dataclass(frozen=True, slots=True)
 class RoundObject:
-    """A hollow sphere: radius in m, mass in kg, deceleration in m/s^2 when it rolls freely, restitution."""
+    """A hollow sphere: radius in m, mass in kg, deceleration in m/s^2 as it rolls, restitution."""
 
     radius: Size
     mass: Mass

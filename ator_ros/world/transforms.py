@@ -5,6 +5,7 @@ from __future__ import annotations
 import bisect
 import math
 from collections import deque
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from itertools import chain
 from operator import itemgetter
@@ -14,7 +15,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from ator_ros.geometry import FloatArray, yaw_from_quaternion
-from ator_ros.world.estimation import LEAST_IN_ODOMETRY, PoseSenderCheck
+from ator_ros.world.senders import LEAST_IN_ODOMETRY, PoseSenderCheck
 
 _RECENT = 2.0  # s before the newest transform of all
 _KEPT = 512  # transforms of each frame: five seconds at 100 Hz
@@ -34,7 +35,7 @@ class Placement(NamedTuple):
     turn: Quaternion
 
     def compose(self, local: Placement) -> Placement:
-        """Return the placement `local`, which is relative to this placement, in the frame of this one."""
+        """Return the placement `local`, which is relative to this one, in the frame of this one."""
         turn = Rotation.from_quat(self.turn)
         origin = np.add(self.origin, turn.apply(local.origin))
         return _placement(origin, turn * Rotation.from_quat(local.turn))
@@ -72,14 +73,25 @@ class _Link:
     changes: int = 0  # from and to that parent in turn
     changed_at: float = -math.inf  # s
 
+    @property
+    def newest(self) -> float:
+        """The time of the newest placement in s."""
+        return self.placements[-1][0]
+
+    @property
+    def has_two_parents(self) -> bool:
+        """Whether the parent alternates between two frames."""
+        is_over = self.newest - self.changed_at > _LONGEST_PAUSE
+        return self.changes >= _FEWEST_CHANGES and not is_over
+
     def add(self, time: float, placement: Placement) -> None:
         """Add a placement; if it is older than the last one, the clock was reset."""
         if not self.fixed:
             yaw = yaw_from_quaternion(*placement.turn)
             self.difference = self.senders.difference(time, *placement.origin[:2], yaw)
-        if self.placements and (self.fixed or time < self.placements[-1][0]):
+        if self.placements and (self.fixed or time < self.newest):
             self.placements.clear()
-        elif self.placements and time == self.placements[-1][0]:
+        elif self.placements and time == self.newest:
             self.placements.pop()
         self.placements.append((time, placement))
 
@@ -87,9 +99,9 @@ class _Link:
         """Return the placement at `time` (s); None if it is unknown."""
         if self.fixed:
             return self.placements[-1][1]
-        index = bisect.bisect_left(self.placements, time, key=itemgetter(0))
-        if index == len(self.placements) or (index == 0 and self.placements[0][0] > time):
+        if not self.placements[0][0] <= time <= self.newest:
             return None
+        index = bisect.bisect_left(self.placements, time, key=itemgetter(0))
         end, after = self.placements[index]
         if end == time:
             return after
@@ -114,17 +126,29 @@ class Transforms:
         return sorted({*self._links, *(link.parent for link in self._links.values())})
 
     def add(
-        self, frame: str, child: str, time: float, placement: Placement, *, fixed: bool = False
+        self,
+        frame: str,
+        child: str,
+        time: float,
+        placement: Placement,
+        *,
+        fixed: bool = False,
     ) -> None:
-        """Add the placement of `child` in `frame` at `time` (s), or at any time if it is `fixed`."""
+        """Add the placement of `child` in `frame` at `time` (s), or of all times if `fixed`."""
         link = self._links.get(child)
         if link is None or (link.parent, link.fixed) != (frame, fixed):
             link = self._links[child] = self._changed(link, frame, time, fixed=fixed)
         link.add(time, placement)
 
     @staticmethod
-    def _changed(link: _Link | None, parent: str, time: float, *, fixed: bool) -> _Link:
-        """Return a link to a new parent, which counts the changes to and fro between two parents."""
+    def _changed(
+        link: _Link | None,
+        parent: str,
+        time: float,
+        *,
+        fixed: bool,
+    ) -> _Link:
+        """Return a link to a new parent, which counts changes to and fro between two parents."""
         check = PoseSenderCheck()
         if _is_odometry(parent):
             check = PoseSenderCheck(least=LEAST_IN_ODOMETRY)
@@ -143,12 +167,13 @@ class Transforms:
         if path is None:
             return None
         rising, falling = path
-        links = [self._links[name] for name in rising + falling]
-        time = min(
-            (link.placements[-1][0] for link in links if not link.fixed), default=self.present
-        )
-        there, back = self._in_ancestor(rising, time), self._in_ancestor(falling, time)
-        return None if there is None or back is None else (time, back.inverse().compose(there))
+        moving = (link.newest for _, link in self._named_links(path) if not link.fixed)
+        time = min(moving, default=self.present)
+        there = self._in_ancestor(rising, time)
+        back = self._in_ancestor(falling, time)
+        if there is None or back is None:
+            return None
+        return time, back.inverse().compose(there)
 
     def second_parent(self, frame: str, child: str) -> tuple[str, str, str] | None:
         """Return a frame between two frames whose parent alternates, and its two parents.
@@ -156,12 +181,8 @@ class Transforms:
         None if there is none. One of the parents may be unconnected to the other frame.
         """
         path = self._path(frame, child) or (self._ancestors(child), self._ancestors(frame))
-        for name in chain(*path):
-            link = self._links.get(name)
-            if link is None:
-                continue
-            over = link.placements[-1][0] - link.changed_at > _LONGEST_PAUSE
-            if link.changes >= _FEWEST_CHANGES and not over:
+        for name, link in self._named_links(path):
+            if link.has_two_parents:
                 one, other = sorted((link.parent, link.before))
                 return name, one, other
         return None
@@ -171,30 +192,36 @@ class Transforms:
 
         None if there is none.
         """
-        for name in chain(*(self._path(frame, child) or ())):
-            link = self._links[name]
+        for name, link in self._named_links(self._path(frame, child) or ([], [])):
             if link.difference:
                 return link.parent, name, link.difference
         return None
 
     def latest_in_odometry(self, frame: str, child: str) -> tuple[float, Placement] | None:
-        """Return `latest` in the frame odom (REP-105), which localization does not correct, if it exists."""
+        """Return `latest` in odom (REP-105), which localization does not correct, if it exists."""
         odometry = (name for name in self._ancestors(child) if _is_odometry(name))
         return self.latest(next(odometry, frame), child)
 
     @property
     def present(self) -> float:
-        """The time in s up to which all frames that move are known, without those that are not recent.
+        """The time in s up to which all frames that moved recently are known.
 
         It is 0 if no frame moves.
         """
-        newest = [link.placements[-1][0] for link in self._links.values() if not link.fixed]
+        newest = [link.newest for link in self._links.values() if not link.fixed]
         latest = max(newest, default=0.0)
         return min((time for time in newest if time >= latest - _RECENT), default=0.0)
 
+    def _named_links(self, path: tuple[list[str], list[str]]) -> Iterator[tuple[str, _Link]]:
+        """Yield the frames of a path that have a parent, and their links to it."""
+        for name in chain(*path):
+            if name in self._links:
+                yield name, self._links[name]
+
     def _path(self, frame: str, child: str) -> tuple[list[str], list[str]] | None:
-        """Return the frames from `child` and from `frame` up to below their common ancestor, or None."""
-        up, down = self._ancestors(child), self._ancestors(frame)
+        """Return the frames from `child` and `frame` up to below their common ancestor, or None."""
+        up = self._ancestors(child)
+        down = self._ancestors(frame)
         common = next((name for name in up if name in down), None)
         if common is None:
             return None

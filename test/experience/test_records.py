@@ -8,12 +8,10 @@ import numpy as np
 import pytest
 from bags import ROBOT, action_performance, own_types
 
-from ator_ros.bases.differential.drive_parts import DriveParts
+from ator_ros.bases.drive_parts import DriveParts, part_times
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience.records import episode_of
-from ator_ros.experience.table import episode_frame
 from ator_ros.geometry import Pose
-from ator_ros.performance.observation import part_times
 from ator_ros.world.messages import MessageError
 
 TYPES = own_types()
@@ -21,7 +19,7 @@ LONG_NAME = "b" * 1_000_000
 
 
 def record(**fields: object) -> Any:
-    """Return the record of a goToBall that took 3 s, with `fields` by path, as in call__goal__pose."""
+    """Return the record of a goToBall of 3 s, with `fields` by path, as in call__goal__pose."""
     made = action_performance(TYPES, goal=Pose(1.5, 0.5, 0.7), speed=0.3, duration=3.0, code=1)
     for path, value in fields.items():
         *parents, last = path.split("__")
@@ -38,7 +36,7 @@ def test_a_record_becomes_an_episode() -> None:
     episode = episode_of(record(), SOCCER, ROBOT)
     assert (episode.situation.action, episode.duration, episode.success) == ("goToPose", 3.0, True)
     assert episode.situation.goal.pose == pytest.approx((1.5, 0.5, 0.7))
-    assert episode.objects == ("ball",)
+    assert list(episode.situation.objects) == ["ball"]
     assert episode.parts == DriveParts(first_turn=0.4, last_turn=0.6, driven=1.5)
     # Without a set, it is an action of the default one; another program may not know the errors.
     unknown = episode_of(record(action_set="", heading_error=math.nan), SOCCER, ROBOT)
@@ -51,7 +49,7 @@ def test_a_record_becomes_an_episode() -> None:
 )
 def test_a_record_may_lack_the_parts_of_the_drive(fields: dict[str, float]) -> None:
     episode = episode_of(record(**fields), SOCCER, ROBOT)
-    assert np.isnan(part_times(episode_frame(0, episode, ("ball",)))).any()
+    assert np.isnan(part_times(episode.rows(0, ("ball",)))).any()
 
 
 @pytest.mark.parametrize(

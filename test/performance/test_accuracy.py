@@ -9,6 +9,7 @@ import pytest
 from experience_rows import synthetic_experience
 
 from ator_ros.bases.description import load_robot
+from ator_ros.bases.direct import DIRECT_VARIABLES, DirectTable, direct_table
 from ator_ros.performance.accuracy import (
     RESAMPLES,
     accuracy,
@@ -17,7 +18,6 @@ from ator_ros.performance.accuracy import (
     mean_ci95,
     resampled_means,
 )
-from ator_ros.performance.direct import DIRECT_VARIABLES, DirectTable, direct_table
 from ator_ros.performance.model import PerformanceModel
 
 ROBOT = load_robot()
@@ -119,7 +119,7 @@ def test_direct_variables_become_rows_of_a_table() -> None:
 def test_a_table_with_the_same_rows_is_used_as_it_is() -> None:
     table = direct_table(dict.fromkeys(DIRECT_VARIABLES, 0.0))
     assert direct_table(table) is table
-    wider = DirectTable((*table.names, "loadg"), np.zeros((11, 1)))
+    wider = DirectTable((*table.names, "loadg"), np.zeros((len(DIRECT_VARIABLES) + 1, 1)))
     assert direct_table(wider) is not wider
     assert direct_table(wider).names == table.names
 

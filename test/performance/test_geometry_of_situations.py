@@ -9,12 +9,10 @@ import pytest
 from experience_rows import synthetic_experience
 
 from ator_ros.bases.description import load_robot
+from ator_ros.bases.direct import DIRECT_VARIABLES
 from ator_ros.performance.derived import NEAR, Geometry, from_hold, wrapped
-from ator_ros.performance.direct import DIRECT_VARIABLES
-from ator_ros.performance.driving import plain_driving
 from ator_ros.performance.features import GENERAL, names_of, variables
 from ator_ros.performance.model import UNOBSERVED, AtGoal, PerformanceModel
-from ator_ros.performance.observation import backward_above, part_times
 from ator_ros.performance.training import (
     digest,
     direct_of,
@@ -76,7 +74,7 @@ def test_near_the_goal_the_heading_there_counts() -> None:
 
 
 def test_at_the_goal_a_robot_turns_on_the_spot() -> None:
-    limits = plain_driving(ROBOT).limits
+    limits = ROBOT.limits
     least = 1.5 / limits.w
     assert least < value("path_time", yawg=1.5) < least + 2.0 * limits.w / limits.aw
     assert value("path_turn", yawg=-1.5) == pytest.approx(1.5)
@@ -86,32 +84,13 @@ def test_at_the_goal_a_robot_turns_on_the_spot() -> None:
 
 
 def test_paths_take_at_least_their_distance_and_longer_with_rotation() -> None:
-    limits = plain_driving(ROBOT).limits
+    limits = ROBOT.limits
     straight = value("path_time", xg=3.0)
     ramps = limits.v / limits.a + limits.v / limits.brake
     assert straight == pytest.approx(3.0 / limits.v + 0.5 * ramps, rel=0.02)
     assert value("path_time", xg=3.0, w=1.0) > straight
     assert value("path_time", xg=3.0, speedg=0.5) < straight
     assert value("path_time", xg=3.0, v=0.5) < straight
-
-
-def test_a_path_does_not_depend_on_the_other_situations() -> None:
-    plain = plain_driving(ROBOT)
-    table = direct(
-        xg=np.array([1.0, 2.0, 1.5, -1.0]),
-        yg=np.array([0.5, -0.5, 1.0, 0.2]),
-        yawg=np.array([0.3, 2.0, -1.0, 3.0]),
-        hold=np.array([1.0, 0.0, 1.0, 0.0]),
-    )
-    approaching = dataclasses.replace(plain, approaches=plain.drives, run=0.3, passing=0.4)
-    forward = dataclasses.replace(plain, forward=True)
-    for driving in (plain, approaching, forward):
-        together = Geometry(table, ROBOT, driving).path
-        for number in range(4):
-            alone = {
-                name: np.atleast_1d(each)[number % np.size(each)] for name, each in table.items()
-            }
-            assert together[:, number] == pytest.approx(Geometry(alone, ROBOT, driving).path[:, 0])
 
 
 def test_quantities_are_computed_once_and_selected_by_number() -> None:
@@ -130,7 +109,6 @@ def test_quantities_are_computed_once_and_selected_by_number() -> None:
     selected = geometry.selected([path_time.row, dist.row])
     assert selected[0] == path_time.compute(geometry)
     assert selected[1] == pytest.approx(math.sqrt(2.0))
-    assert geometry.backward_above == math.pi
 
 
 def test_features_name_their_variables() -> None:
@@ -291,34 +269,3 @@ def test_direct_variables_include_declared_ones_with_values() -> None:
     assert set(direct_of(rows)) == set(DIRECT_VARIABLES)
     rows.loc[0, "loadg"] = 2.0
     assert "loadg" in direct_of(rows)
-
-
-def test_parts_add_up_and_impossible_ones_are_unknown() -> None:
-    rows = ROWS.iloc[:3].assign(
-        duration=[5.0, 5.0, 5.0], first_turn=[1.0, 3.0, np.nan], last_turn=[1.5, 3.0, 1.0]
-    )
-    parts = part_times(rows)
-    assert parts[0] == pytest.approx([1.0, 2.5, 1.5])
-    assert np.isnan(parts[1]).all()
-    assert np.isnan(parts[2, :2]).all()
-
-
-def test_the_angle_above_which_drives_are_backward_has_fewest_drives_on_the_wrong_side() -> None:
-    angles = np.linspace(0.1, 3.0, 30)
-    rows = ROWS.iloc[:30].assign(x=0.0, y=0.0, yaw=angles, xg=2.0, yg=0.0)
-    driven = np.where(angles > 2.0, -2.0, 2.0)
-    border = backward_above(rows.assign(driven=driven), ROBOT)
-    assert border == pytest.approx((angles[angles <= 2.0].max() + angles[angles > 2.0].min()) / 2.0)
-    assert backward_above(rows.assign(driven=2.0), ROBOT) == math.pi
-    assert backward_above(rows.assign(driven=-2.0), ROBOT) == math.pi
-    # two of thirty on the wrong side: no angle separates them
-    mixed = driven.copy()
-    mixed[[0, 3]] = -2.0
-    assert backward_above(rows.assign(driven=mixed), ROBOT) == math.pi
-    # short drives and goals nearby do not count
-    unclear = driven.copy()
-    unclear[[0, 3]] = -0.05
-    assert backward_above(rows.assign(driven=unclear), ROBOT) == pytest.approx(border)
-    near = rows.assign(driven=mixed)
-    near.loc[[0, 3], "x"] = 1.8
-    assert backward_above(near, ROBOT) == pytest.approx(border)

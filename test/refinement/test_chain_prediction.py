@@ -42,7 +42,7 @@ CALLS = [
 
 def test_each_step_is_predicted_from_each_situation_as_in_a_chain() -> None:
     models = {"goToPose": FakeModel(turning_time, ANGLE)}
-    found = predict_durations(WORLDS, CALLS, ROBOT, models)
+    found = predict_durations(WORLDS, CALLS, models)
     for row, start in enumerate(WORLDS):
         for column in (0, 2):
             chain = predict_chain(start, TopChain((CALLS[column],)), models, ROBOT)
@@ -52,6 +52,6 @@ def test_each_step_is_predicted_from_each_situation_as_in_a_chain() -> None:
 
 
 def test_a_step_without_a_model_is_not_predicted() -> None:
-    found = predict_durations(WORLDS, CALLS, ROBOT, {})
+    found = predict_durations(WORLDS, CALLS, {})
     assert np.isnan(found).all()
     assert found.durations.shape == (3, 3)
