@@ -6,7 +6,9 @@ from typing import Any
 
 import pytest
 
-from ator_ros.geometry import Pose, wrap_angle
+from ator_ros.geometry import Pose, quaternion_from_yaw, wrap_angle
+from ator_ros.schema import SchemaError
+from ator_ros.world import messages
 from ator_ros.world.messages import (
     FrameError,
     MessageError,
@@ -16,6 +18,9 @@ from ator_ros.world.messages import (
     SendersError,
     goal_pose_from,
 )
+from ator_ros.world.robot_velocity import RobotVelocity
+from ator_ros.world.state import Command, ObjectState, RobotState, World
+from ator_ros.world.transforms import Placement, Transforms
 
 EPOCH = 1_764_000_000
 
@@ -272,3 +277,278 @@ def test_a_goal_in_degrees_is_refused_and_other_lengths_are_normalized() -> None
         assert goal_pose_from(pose(turned(1.2, length)), "goal") == pytest.approx(
             Pose(1.0, 2.0, 1.2)
         )
+
+
+# Numbers, names and sequences
+
+
+@pytest.mark.parametrize("value", [-1.0, 2.5, 0])
+def test_a_number_within_its_bounds_is_returned_as_a_float(value: float) -> None:
+    found = messages.number(value, "here", low=-1.0, high=2.5)
+    assert found == value
+    assert type(found) is float
+
+
+@pytest.mark.parametrize("value", [-1.01, 2.51, math.nan, math.inf, -math.inf])
+def test_a_number_beyond_its_bounds_is_refused(value: float) -> None:
+    text = "here: expected a finite number from -1 to 2.5 m, got "
+    with pytest.raises(MessageError, match=text):
+        messages.number(value, "here", low=-1.0, high=2.5, unit="m")
+
+
+def test_positions_and_velocities_have_physical_bounds() -> None:
+    assert messages.position(-1e8, "x") == -1e8
+    assert messages.velocity(100.0, "v") == 100.0
+    with pytest.raises(MessageError, match="to 100000000 m, got"):
+        messages.position(1.1e8, "x")
+    with pytest.raises(MessageError, match="-100 to 100 rad/s, got"):
+        messages.velocity(-101.0, "w", "rad/s")
+
+
+def test_names_are_those_that_are_allowed_each_once() -> None:
+    assert messages.name("cup", "here", allowed=["ball", "cup"]) == "cup"
+    with pytest.raises(MessageError, match=r"here: expected one of \['ball', 'cup'\], got 'hat'"):
+        messages.name("hat", "here", allowed=["cup", "ball"])
+    assert messages.names(["cup"], "here", allowed=["ball", "cup"]) == {"cup"}
+    for wrong in (["cup", "cup"], ["hat"]):
+        with pytest.raises(MessageError, match=r"here: expected names of .* each once, got"):
+            messages.names(wrong, "here", allowed=["cup", "ball"])
+
+
+@pytest.mark.parametrize(("count", "is_right"), [(1, False), (2, True), (4, True), (5, False)])
+def test_items_are_counted(count: int, is_right: bool) -> None:
+    if is_right:
+        messages.count([0] * count, "here", least=2, most=4)
+    else:
+        with pytest.raises(MessageError, match=f"here: expected 2 to 4 items, got {count}"):
+            messages.count([0] * count, "here", least=2, most=4)
+    with pytest.raises(MessageError, match=f"here: expected 9 items, got {count}"):
+        messages.count([0] * count, "here", least=9, most=9)
+
+
+@pytest.mark.parametrize(("sec", "nanosec"), [(-1, 0), (0, 10**9), (0, -1)])
+def test_a_stamp_is_a_time_since_zero(sec: int, nanosec: int) -> None:
+    with pytest.raises(MessageError, match="stamp: expected a time since 0 s"):
+        messages.seconds_from(SimpleNamespace(sec=sec, nanosec=nanosec), "stamp")
+    whole = SimpleNamespace(sec=3, nanosec=999_999_999)
+    assert messages.seconds_from(whole) == pytest.approx(3.999999999, abs=1e-9)
+    assert messages.seconds_from(SimpleNamespace(sec=0, nanosec=0)) == 0.0
+
+
+def test_any_frame_will_do_where_none_is_expected() -> None:
+    messages.expect_frame("map", "here", expected="")
+    messages.expect_frame("", "here", expected="map")
+    messages.expect_frame("/map", "here", expected="map")
+    with pytest.raises(FrameError, match="here: expected the frame 'map', got 'odom'") as error:
+        messages.expect_frame("odom", "here", expected="map")
+    assert error.value.got == "odom"
+
+
+@pytest.mark.parametrize(
+    ("degrees", "is_right"), [(29.0, True), (-29.0, True), (31.0, False), (-31.0, False)]
+)
+@pytest.mark.parametrize("axis", [0, 1])
+def test_a_robot_tilts_by_at_most_thirty_degrees(degrees: float, axis: int, is_right: bool) -> None:
+    half = math.radians(degrees) / 2.0
+    parts = [0.0, 0.0, 0.0, math.cos(half)]
+    parts[axis] = math.sin(half)
+    pose = SimpleNamespace(position=vector(), orientation=quaternion(*parts))
+    if is_right:
+        assert messages.pose_from(pose, "here").yaw == pytest.approx(0.0)
+    else:
+        with pytest.raises(MessageError, match="at most 30 degrees"):
+            messages.pose_from(pose, "here")
+
+
+@pytest.mark.parametrize(("length", "is_right"), [(1.99, True), (2.01, False)])
+def test_the_quaternion_of_a_goal_has_at_most_twice_its_length(
+    length: float, is_right: bool
+) -> None:
+    pose = SimpleNamespace(position=vector(1.0, 2.0), orientation=turned(1.2, length))
+    if is_right:
+        assert goal_pose_from(pose, "goal") == pytest.approx(Pose(1.0, 2.0, 1.2))
+    else:
+        with pytest.raises(MessageError, match=r"got the length 2.01"):
+            goal_pose_from(pose, "goal")
+
+
+# Commands, transforms and situations
+
+
+def twist(**parts: float) -> Any:
+    linear = vector(parts.get("x", 0.0), parts.get("y", 0.0), parts.get("z", 0.0))
+    angular = vector(parts.get("roll", 0.0), parts.get("pitch", 0.0), parts.get("w", 0.0))
+    return SimpleNamespace(linear=linear, angular=angular)
+
+
+def test_a_command_has_two_components() -> None:
+    assert messages.command_from(twist(x=0.5, w=-1.0), "cmd") == Command(0.5, -1.0)
+    stamped = SimpleNamespace(twist=twist(x=0.5, w=-1.0, y=9e-4))
+    assert messages.command_from(stamped, "cmd") == Command(0.5, -1.0)
+    for name in ("y", "z", "roll", "pitch"):
+        with pytest.raises(MessageError, match=r"cmd: linear\.y.*expected 0"):
+            messages.command_from(twist(x=0.5, **{name: 2e-3}), "cmd")
+    with pytest.raises(MessageError, match=r"cmd\.angular\.z"):
+        messages.command_from(twist(w=101.0), "cmd")
+    with pytest.raises(MessageError, match=r"cmd\.linear\.x"):
+        messages.command_from(twist(x=math.nan), "cmd")
+
+
+def transform(frame: str, child: str, yaw: float = 0.5) -> Any:
+    return SimpleNamespace(
+        header=header(0.5, frame),
+        child_frame_id=child,
+        transform=SimpleNamespace(translation=vector(1.0, 2.0, 3.0), rotation=turned(yaw, 2.0)),
+    )
+
+
+def test_a_transform_is_read_with_its_frames() -> None:
+    frame, child, time, placement = messages.transform_from(transform("/odom", "/base_link"))
+    assert (frame, child, time) == ("odom", "base_link", EPOCH + 0.5)
+    assert placement.origin == (1.0, 2.0, 3.0)
+    assert placement.turn == pytest.approx(quaternion_from_yaw(0.5))
+    for frame, child in (("odom", "odom"), ("", "odom"), ("odom", "/"), ("/odom", "odom")):
+        with pytest.raises(MessageError, match="tf: expected two frames, got"):
+            messages.transform_from(transform(frame, child))
+
+
+def placement(x: float, y: float, yaw: float = 0.0) -> Placement:
+    return Placement((x, y, 0.3), quaternion_from_yaw(yaw))
+
+
+def test_a_robot_in_tf_has_the_velocity_of_its_poses_in_odometry() -> None:
+    plain, corrected = RobotVelocity(2.0, 2.0), RobotVelocity(2.0, 2.0)
+    for tick in range(20):
+        time, here = 0.05 * tick, placement(0.04 * tick, 1.0)
+        found = messages.robot_from_placement(plain, time, here)
+        jumping = placement(5.0 + 0.04 * tick + 0.02 * (tick % 2), -1.0)
+        moved = messages.robot_from_placement(corrected, time, jumping, (time, here))
+    assert found[0] == time
+    assert found[1].pose == pytest.approx(Pose(0.76, 1.0, 0.0))
+    assert (found[1].v, found[1].w) == pytest.approx((0.8, 0.0))
+    assert moved[1].pose == pytest.approx(Pose(5.78, -1.0, 0.0))
+    assert (moved[1].v, moved[1].w) == pytest.approx((0.8, 0.0))
+
+
+def test_an_object_in_tf_or_as_a_pose_has_the_velocity_of_its_positions() -> None:
+    in_tf = ObjectReader(ObjectSource("cup", type="tf"))
+    stamped = ObjectReader(ObjectSource("cup", type="PoseStamped"), "map")
+    covered = ObjectReader(ObjectSource("cup", type="PoseWithCovarianceStamped"), "map")
+    for tick in range(10):
+        time = 0.05 * tick
+        pose = SimpleNamespace(position=vector(1.0, 0.02 * tick), orientation=None)
+        wrapped = SimpleNamespace(pose=pose)
+        found = [
+            in_tf.read_placement(EPOCH + time, placement(1.0, 0.02 * tick)),
+            stamped.read(SimpleNamespace(header=header(time, "map"), pose=pose)),
+            covered.read(SimpleNamespace(header=header(time, "map"), pose=wrapped)),
+        ]
+    for stamp, state in found:
+        assert stamp == pytest.approx(EPOCH + 0.45)
+        assert (state.x, state.y) == pytest.approx((1.0, 0.18))
+        assert (state.vx, state.vy) == pytest.approx((0.0, 0.4), abs=1e-3)
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.7, -2.0])
+def test_a_twist_in_the_frame_of_the_pose_is_rotated(yaw: float) -> None:
+    given = Pose(1.0, 2.0, yaw)
+    linear = vector(0.5 * math.cos(yaw), 0.5 * math.sin(yaw))
+    for child in ("odom", "/odom"):
+        _, robot = OdometryReader("odom").read(odometry(given, linear, child=child))
+        assert robot.v == pytest.approx(0.5)
+    _, robot = OdometryReader("odom").read(odometry(given, vector(0.5, 9.0), child=""))
+    assert robot.v == pytest.approx(0.5)
+
+
+def test_the_frame_of_the_first_message_is_expected_of_all() -> None:
+    reader = OdometryReader()
+    reader.read(odometry(FAR, vector(), frame="/odom"))
+    assert reader.frame == "odom"
+    with pytest.raises(FrameError):
+        reader.read(odometry(FAR, vector(), time=0.05, frame="map"))
+
+
+def test_a_recording_is_read_as_it_is() -> None:
+    reader = OdometryReader("odom", corrects=False)
+    for tick in range(60):
+        _, robot = reader.read(
+            odometry(Pose(0.05 * tick, 0.0, 0.0), vector(-1.0), time=0.05 * tick)
+        )
+        assert robot.v == -1.0
+    assert reader.remark == ""
+
+
+def situation(*objects: Any, **changes: Any) -> Any:
+    robot = SimpleNamespace(position=vector(1.0, 2.0), orientation=turned(0.5))
+    fields = {"header": header(0.5, "odom"), "robot": robot, "v": 0.3, "w": -0.2}
+    return SimpleNamespace(**{**fields, "objects": list(objects), **changes})
+
+
+def thing(name: str, x: float = 3.0) -> Any:
+    return SimpleNamespace(name=name, position=vector(x, 4.0), velocity=vector(0.5, -0.6))
+
+
+def test_a_situation_is_a_world() -> None:
+    robot = RobotState(Pose(1.0, 2.0, 0.5), 0.3, -0.2)
+    objects = {"cup": ObjectState(3.0, 4.0, 0.5, -0.6), "ball": ObjectState(5.0, 4.0, 0.5, -0.6)}
+    read = messages.world_from(situation(thing("cup"), thing("ball", 5.0)), frame="odom")
+    assert read.robot.pose == pytest.approx(robot.pose)
+    assert read == World(EPOCH + 0.5, RobotState(read.robot.pose, 0.3, -0.2), objects)
+
+
+@pytest.mark.parametrize(
+    ("given", "text"),
+    [
+        (situation(thing("a cup")), r"situation\.objects\[0\]\.name: expected a name"),
+        (situation(thing("cup"), thing("cup")), "expected each name once"),
+        (situation(*(thing(f"cup{n}") for n in range(17))), "expected 0 to 16 items, got 17"),
+        (situation(thing("cup", math.inf)), r"objects\[0\]\.position: x: expected a finite"),
+        (situation(header=header(0.0, "map")), "expected the frame 'odom', got 'map'"),
+        (situation(w=101.0), r"situation\.w: .* rad/s"),
+    ],
+)
+def test_a_wrong_situation_is_refused(given: Any, text: str) -> None:
+    with pytest.raises(MessageError, match=text):
+        messages.world_from(given, frame="odom")
+
+
+@pytest.mark.parametrize(
+    ("fields", "text"),
+    [
+        ({"name": "a cup"}, "name: expected a name"),
+        ({"name": "robot"}, "name: expected a name .* none of robot, hold, goal"),
+        ({"name": "cup", "topic": "a topic"}, "topic: expected the name of a topic"),
+        ({"name": "cup", "type": "tf", "frame": "a frame"}, "frame: expected the name of a frame"),
+        ({"name": "cup", "type": "tf", "topic": "cup"}, "topic: expected none with type tf"),
+        ({"name": "cup", "frame": "cup"}, "frame: expected none with type Odometry"),
+    ],
+)
+def test_the_source_of_an_object_is_checked(fields: dict[str, Any], text: str) -> None:
+    with pytest.raises(SchemaError, match=text):
+        ObjectSource(**fields)
+
+
+def test_the_source_of_an_object_has_a_topic_or_a_frame() -> None:
+    assert ObjectSource("cup").topic_or_frame == "cup"
+    assert ObjectSource("cup", topic="/a/b").topic_or_frame == "/a/b"
+    assert ObjectSource("cup", type="tf", frame="/a").topic_or_frame == "a"
+    assert ObjectSource("cup", type="tf").topic_or_frame == "cup"
+
+
+def test_second_senders_in_tf_are_refused() -> None:
+    known = Transforms()
+    for tick in range(40):
+        known.add("odom", "base_link", 0.025 * tick, placement(0.4 * (tick % 2), 0.0))
+    with pytest.raises(SendersError, match=r"tf: 'odom' to 'base_link': .* to and fro by 0.40 m"):
+        messages.check_senders(known, "odom", "base_link")
+    known = Transforms()
+    for tick in range(40):
+        known.add("odom" if tick % 2 else "map", "base_link", 0.1 * tick, placement(0.0, 0.0))
+    text = "tf: 'base_link': expected one parent, got 'map' and 'odom' in turn"
+    assert messages.second_parent(known, "odom", "base_link").startswith(text)
+    with pytest.raises(SendersError, match=text):
+        messages.check_senders(known, "odom", "base_link")
+    known = Transforms()
+    known.add("odom", "base_link", 0.0, placement(0.0, 0.0))
+    assert messages.second_parent(known, "odom", "base_link") == ""
+    messages.check_senders(known, "odom", "base_link")
