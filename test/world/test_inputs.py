@@ -4,8 +4,8 @@ import pytest
 
 from ator_ros.domains.soccer.field import BALL, ball_of
 from ator_ros.geometry import Pose
-from ator_ros.world.inputs import ClockJumpError, Inputs, StampError
-from ator_ros.world.sightings import ObjectTracker, Sightings
+from ator_ros.world.inputs import ClockJumpError, Inputs
+from ator_ros.world.sightings import ObjectTracker, Sightings, StampError
 from ator_ros.world.state import ObjectState, RobotState
 
 
