@@ -56,9 +56,10 @@ docs: setup
 bench: setup
 	@$(RUN) python benchmarks/speed.py $(ARGS)
 
-# Learn the shipped models again from nothing and make every table and figure: collect, train, evaluate.
+# Learn the shipped models again from nothing and make every table and figure, in at most an hour; ARGS='tour' makes a
+# part, ARGS=--list shows the steps.
 reproduce: setup
-	@scripts/run scripts/reproduce $(ARGS)
+	@$(RUN) python scripts/reproduce.py $(ARGS)
 
 clean:
 	rm -rf .venv .venv-apt build install log .mypy_cache .pytest_cache .ruff_cache .hypothesis

@@ -18,9 +18,9 @@ from pathlib import Path
 import numpy as np
 
 from ator_ros.domains.domain import find_domain
-from ator_ros.experience.collect import episode_generator
-from ator_ros.experience.episode import Episode, run_episode
 from ator_ros.experience.parallel import progress, run_tasks, workers
+from ator_ros.experience.simulated import episode_generator, run_episode
+from ator_ros.experience.table import Episode
 from ator_ros.files import portable_command, write_text
 from ator_ros.geometry import wrap_angle
 from ator_ros.simulation.simulation import Simulation

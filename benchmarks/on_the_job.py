@@ -29,8 +29,8 @@ from ator_ros.evaluation.chain_run import run_chain
 from ator_ros.evaluation.policies import arrive
 from ator_ros.evaluation.toolset import Toolset
 from ator_ros.execution.chain_executor import ActionRecord, ChainExecutor, Ending
-from ator_ros.experience.episode import Episode, sample_of
 from ator_ros.experience.store import StoreInfo
+from ator_ros.experience.table import Episode
 from ator_ros.files import read_json
 from ator_ros.geometry import FloatArray
 from ator_ros.learning.gains import ChainGain
@@ -61,20 +61,17 @@ class _Round:
 
 
 def episode(record: ActionRecord) -> Episode:
-    """Return the episode of an executed action, with its start as the only sample."""
+    """Return the episode of an executed action."""
     call = record.chain.calls[record.index]
     start = record.start
-    samples: FloatArray = np.array([sample_of(start, start.time, start.objects)])
     return Episode(
         Situation(call.top.action, start.robot, start.objects, call.goal),
-        samples,
         record.duration,
         record.ending is Ending.SUCCEEDED,
         record.reason,
         record.position_error,
         record.heading_error,
-        tuple(start.objects),
-        record.parts,
+        parts=record.parts,
     )
 
 

@@ -21,7 +21,6 @@ import numpy as np
 
 from ator_ros.actions.base import Action, ActionError, Goal, Point, Status
 from ator_ros.bases.description import Robot
-from ator_ros.bases.differential.response import ramped
 from ator_ros.bases.routes import Routes
 from ator_ros.domains.domain import find_domain
 from ator_ros.domains.soccer.field import BALL, ball_of, field_of, objects_of
@@ -178,9 +177,8 @@ def hard_situations(
         return robot.scene.area.at(x, y, anywhere().yaw)
 
     def state(pose: Pose) -> RobotState:
-        limits = robot.limits
         moves = float(rng.random() < 0.5)
-        v, w = (moves * float(rng.uniform(-most, most)) for most in (limits.v, limits.w))
+        v, w = (moves * float(rng.uniform(-axis.limit, axis.limit)) for axis in robot.axes)
         return RobotState(pose, v, w)
 
     for index in range(count):
@@ -211,7 +209,7 @@ def hard_situations(
         else:  # the ball held, somewhere or at a post
             pose = at_post() if rng.random() < 0.5 else anywhere()
             ball = robot.hold_point(pose)
-            v = float(rng.integers(2) * rng.uniform(0.0, robot.holder_for("dribbling").limits.v))
+            v = float(rng.integers(2) * rng.uniform(0.0, robot.greatest_speed(holding=True)))
             world = World(
                 0.0,
                 RobotState(pose, v),
@@ -229,22 +227,12 @@ def hard_situations(
 
 def _after(robot: Robot, world: World, command: Command) -> World:
     """Return the world one tick later; a ball in front of the robot stays there."""
-    before = world.robot
     ball = ball_of(world)
-    speeds = ramped(
-        Command(before.v, before.w),
-        command,
-        CONTROL_PERIOD,
-        robot.limits,
-        robot.stop,
-    )
-    moved = before.pose.ahead(speeds.v * CONTROL_PERIOD)
-    pose = moved._replace(yaw=moved.yaw + speeds.w * CONTROL_PERIOD)
+    state = robot.moved(world.robot, command, CONTROL_PERIOD)
     if ball is not None and not is_lost(world, robot, BALL):
-        hold = robot.hold_point(pose)
+        hold = robot.hold_point(state.pose)
         ball = ObjectState(hold.x, hold.y)
-    after = RobotState(pose, speeds.v, speeds.w)
-    return World(world.time + CONTROL_PERIOD, after, objects_of(ball))
+    return World(world.time + CONTROL_PERIOD, state, objects_of(ball))
 
 
 def route(requests: int) -> Rows:

@@ -52,7 +52,8 @@ def durations_between(places: Sequence[Pose]) -> dict[str, FloatArray]:
     calls = [TopCall(LIBRARY["goToPose"], Goal(pose)) for pose in places]
     predicted = predict_durations(worlds, calls, MODELS).durations
     fastest = (
-        np.array([[start.distance(goal) for goal in places] for start in places]) / ROBOT.limits.v
+        np.array([[start.distance(goal) for goal in places] for start in places])
+        / ROBOT.greatest_speed()
     )
     return {"equal": np.ones_like(predicted), "by distance": fastest, "predicted": predicted}
 

@@ -39,7 +39,7 @@ from ator_ros.domains.trials import (
 from ator_ros.evaluation.chain_run import run_chain
 from ator_ros.evaluation.policies import POLICIES, naive
 from ator_ros.evaluation.toolset import ToolsetSource, tools_of
-from ator_ros.experience.collect import collect
+from ator_ros.experience.simulated import collect
 from ator_ros.experience.table import join
 from ator_ros.files import write_text
 from ator_ros.geometry import FloatArray, Pose

@@ -12,6 +12,7 @@ UV_DEFAULT_INDEX names. Needs only the standard library.
 
 from __future__ import annotations
 
+import argparse
 import re
 import subprocess
 import sys
@@ -36,17 +37,14 @@ def locked(text: str) -> str:
     return "\n".join(entry for entry in entries if "win32" not in entry.split("\n")[0]) + "\n"
 
 
-def write_lock(
-    uv: list[str],
-    target: Path,
-    names: Sequence[str],
-) -> int:
+def write_lock(uv: list[str], target: Path, names: Sequence[str], *, upgrade: bool) -> int:
     """Write the lock of the pins in the files `names`; the exit code is uv's."""
     result = Path(uv[0]).parent / target.name
     if target.is_file():
         result.write_bytes(target.read_bytes())  # uv keeps the versions that it finds here
     options = ["--universal", "--python-version", OLDEST_PYTHON, "--generate-hashes", "--no-header"]
-    options += ["--no-annotate", "--quiet", "--output-file", str(result), *sys.argv[1:]]
+    options += ["--no-annotate", "--quiet", "--output-file", str(result)]
+    options += ["--upgrade"] if upgrade else []
     files = [str(FOLDER / f"{name}.txt") for name in names]
     done = subprocess.run([*uv, "pip", "compile", *options, *files], check=False)
     if done.returncode == 0:
@@ -58,12 +56,23 @@ def write_lock(
 
 def main() -> int:
     """Write the locks; the exit code is 0 if uv made all of them."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--upgrade", action="store_true", help="take the newest versions of what is not pinned"
+    )
+    upgrade = parser.parse_args().upgrade
     with tempfile.TemporaryDirectory() as folder:
         venv.create(folder, with_pip=True)
         python = str(Path(folder, "bin", "python"))
         subprocess.run([python, "-m", "pip", "install", "--quiet", "uv"], check=True)
         uv = [python, "-m", "uv"]
-        return max(write_lock(uv, FOLDER / f"{name}.txt", names) for name, names in LOCKS.items())
+        codes = [
+            write_lock(uv, FOLDER / f"{name}.txt", names, upgrade=upgrade)
+            for name, names in LOCKS.items()
+        ]
+        return max(codes)
 
 
 if __name__ == "__main__":

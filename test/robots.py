@@ -6,7 +6,8 @@ from typing import Any
 
 import yaml
 
-from ator_ros.bases.description import Limits, Robot, load_robot
+from ator_ros.bases.description import Robot, load_robot
+from ator_ros.bases.differential.limits import Limits
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.resources import resource_path
 

@@ -12,12 +12,12 @@ from ator_ros.actions.base import Goal
 from ator_ros.actions.situation import Situation
 from ator_ros.bases.description import load_robot
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.experience.episode import Episode, sample_of
 from ator_ros.experience.store import RecordStore, StoreInfo
+from ator_ros.experience.table import Episode
 from ator_ros.geometry import Pose
 from ator_ros.learning.round import Source, learn
 from ator_ros.learning.sets import publish
-from ator_ros.world.state import ObjectState, RobotState, World
+from ator_ros.world.state import ObjectState, RobotState
 
 ROBOT = load_robot()
 INFO = StoreInfo(ROBOT.digest(), SOCCER.name)
@@ -51,13 +51,11 @@ def episodes(
         )
         yield Episode(
             Situation(action, start, BALL, goal),
-            np.array([sample_of(World(0.0, start, BALL), 0.0, BALL)]),
             max(duration, 0.1),
             True,
             "made up",
             0.01,
             math.nan,
-            tuple(BALL),
         )
 
 

@@ -7,6 +7,7 @@ import os
 import re
 import shlex
 import shutil
+import statistics
 import subprocess
 import time
 from pathlib import Path
@@ -16,6 +17,9 @@ import pytest
 from documentation import PAGES, ROOT, TOOLS, Printed, commands
 
 from ator_ros.experience.table import read_experience
+from scripts.reproduce import Sizes, steps
+from scripts.tables import PAGES as PAGES_WITH_TABLES
+from scripts.tables import write_tables
 
 BIN = ROOT / "install" / "lib" / "ator_ros"
 SMALL = {
@@ -30,7 +34,7 @@ _VIEW = "nodes/test_view_node.py"
 _ROS = "nodes/test_documented_commands.py"
 BY_TEST = {
     r"make demo": "nodes/test_demo_node.py::test_it_prints_the_gain",
-    r"(PARTS=\w+ )?make reproduce": "test_documentation.py::test_all_results_can_be_reproduced",
+    r"make reproduce( ARGS=.*)?": "test_documentation.py::test_all_results_can_be_reproduced",
     r"(ros2 run ator_ros )?calibrate( .*)?": "nodes/test_calibrate_node.py::test_a_description_is_written",
     r"(ros2 run ator_ros )?study .*": "tools/test_tools_study.py::test_a_study_reports_actions_and_ref",
     r"make view|(ros2 run ator_ros )?view": f"{_VIEW}::test_the_page_runs_a_race",
@@ -109,20 +113,12 @@ NOT_HERE = {
 
 @functools.cache
 def reproduced() -> list[set[str]]:
-    """Return the words of each full-size command of scripts/reproduce, with paths reduced to names."""
-    text = (ROOT / "scripts" / "reproduce").read_text(encoding="utf-8").replace("\\\n", " ")
-    values = dict(re.findall(r"^(\w+)=\$\{\w+:-(\S+)\}$", text, flags=re.MULTILINE))
-    text = re.sub(r"\$\{\w+:?-(\d+|--.*?)\}", r"\1", text)
-    text = re.sub(r"\$(\w+)", lambda found: values.get(found[1], found[1]), text)
-    text = re.sub(r"^ *part \S+ +", "", text, flags=re.MULTILINE)
-    lines = [
-        shlex.split(line) for line in text.splitlines() if line.startswith(('"bin/', "python "))
-    ]
-    return [{Path(word).name for word in line} for line in lines]
+    """Return the words of each command of scripts/reproduce.py, with paths reduced to names."""
+    return [{Path(word).name for word in step.command.split()} for step in steps(Sizes())]
 
 
 def is_reproduced(text: str) -> bool:
-    """Return whether a command, possibly abbreviated with `…`, is in scripts/reproduce."""
+    """Return whether a command, possibly abbreviated with `…`, is in scripts/reproduce.py."""
     text = text.removeprefix("scripts/run ")
     words = {Path(word).name for word in text.split() if word != "…" and not word.isupper()}
     return len(words) > 1 and any(words <= line for line in reproduced())
@@ -153,7 +149,7 @@ def runnable() -> list[str]:
 def coverage_of(printed: Printed) -> list[str]:
     """Return how a command is executed, or why not; empty if it is not covered."""
     found = [how for key, how in (BY_TEST | NOT_HERE).items() if re.fullmatch(key, printed.text)]
-    found += ["scripts/reproduce"] * is_reproduced(printed.text)
+    found += ["scripts/reproduce.py"] * is_reproduced(printed.text)
     found += ["test_a_printed_tool_runs"] * (printed.text in runnable())
     found += ["a name in a sentence"] * (printed.text in TOOLS)
     return found
@@ -227,22 +223,19 @@ def make(*words: str, cwd: Path = ROOT, **variables: str) -> subprocess.Complete
 
 @pytest.mark.long
 def test_all_results_can_be_reproduced(tmp_path: Path) -> None:
-    """Run scripts/reproduce at a small size; it writes most of the shipped files."""
-    script = (ROOT / "scripts" / "reproduce").read_text(encoding="utf-8")
-    (small,) = re.findall(r"^#     (EPISODES=.*) make reproduce$", script, flags=re.MULTILINE)
-    sizes = dict(word.split("=") for word in small.split())
-    places = {name: str(tmp_path / name.lower()) for name in ("MODELS", "DOCS", "OUT")}
-    assert set(sizes) >= {"MODELS", "DOCS"}
-    done = make("reproduce", **(sizes | places))
-    assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-4000:]
+    """Run scripts/reproduce.py at a small size; it writes what ships, and resumes."""
+    words = f"ARGS=--small --out {tmp_path}"
+    done = make("reproduce", words)
+    assert done.returncode == 0, done.stdout[-4000:] + done.stderr[-4000:]
     made = {file.relative_to(tmp_path).as_posix() for file in tmp_path.rglob("*") if file.is_file()}
+    folders = [ROOT / "models", *(ROOT / "docs").glob("evaluation*"), ROOT / "docs" / "studies"]
     shipped = {
-        f"models/{file.relative_to(ROOT / 'models')}" for file in (ROOT / "models").rglob("*.json")
+        file.relative_to(ROOT).as_posix() for folder in folders for file in folder.rglob("*.*")
     }
-    assert shipped <= made
-    assert {"models/accuracy.md", "docs/evaluation/report.html", "docs/figure6.svg"} <= made
-    # as with PARTS=bezier
-    assert {"docs/evaluation_bezier/report.html", "docs/figure6_bezier.svg"} <= made
+    assert shipped | {"docs/figure6.svg", "docs/figure6_bezier.svg"} <= made
+    again = make("reproduce", words)
+    assert again.returncode == 0
+    assert " done in " not in again.stdout
 
 
 @pytest.mark.long
@@ -296,7 +289,8 @@ def test_links_on_a_page_lead_to_files_and_headings(page: Path) -> None:
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_a_page_is_short_and_in_the_index(page: Path) -> None:
-    lines = page.read_text(encoding="utf-8").splitlines()
+    text = page.read_text(encoding="utf-8")
+    lines = [line for line in text.splitlines() if not line.startswith("<!--")]
     assert len(lines) <= 150
     not_prose = ("    ", "|", "![")
     assert [line for line in lines if len(line) > 100 and not line.startswith(not_prose)] == []
@@ -304,30 +298,18 @@ def test_a_page_is_short_and_in_the_index(page: Path) -> None:
     assert page.parent != ROOT / "docs" or page.name == "README.md" or f"({page.name})" in index
 
 
-def test_tables_of_gains_agree_with_the_reports() -> None:
-    """Compare each row of a table below a link to a report with the policies of that report."""
-    page = (ROOT / "docs" / "results.md").read_text(encoding="utf-8")
-    sections = re.findall(
-        r"\((evaluation\w*)/report\.html\)(.*?)(?=^## )", page, re.MULTILINE | re.DOTALL
-    )
-    printed = r"\| (\S+) s \| (\S+) % \((\S+) to (\S+)\) \|"
-    rows = {name: re.findall(printed, text) for name, text in sections if "gain over naive" in text}
-    for name, found in rows.items():
-        content = json.loads((ROOT / "docs" / name / "evaluation.json").read_text(encoding="utf-8"))
-        policies = [policy for policy in content["summary"].values() if isinstance(policy, dict)]
-        measured = [
-            (p["mean_duration_s"], p["improvement_percent"], *p["improvement_ci95"])
-            for p in policies
-        ]
-        for row in found:
-            assert any(
-                tuple(map(float, row)) == pytest.approx(values, abs=0.06) for values in measured
-            ), row
-    readme = (ROOT / "README.md").read_text(encoding="utf-8")
-    gains = [row for found in rows.values() for row in found]
-    shown = re.findall(printed, readme)
-    assert len(shown) == 5
-    assert set(shown) <= set(gains)
+def test_tables_are_those_of_the_reports(tmp_path: Path) -> None:
+    for page in PAGES_WITH_TABLES:
+        (tmp_path / page).parent.mkdir(exist_ok=True)
+        shutil.copy(ROOT / page, tmp_path / page)
+    write_tables(tmp_path, ROOT / "docs")
+    for page in PAGES_WITH_TABLES:
+        written = (tmp_path / page).read_text(encoding="utf-8")
+        assert written == (ROOT / page).read_text(encoding="utf-8"), "run scripts/tables.py"
+    results = (ROOT / "docs" / "results.md").read_text(encoding="utf-8")
+    assert set(re.findall(r"begin (evaluation\w*)", results)) == {
+        folder.name for folder in (ROOT / "docs").glob("evaluation*")
+    }
 
 
 def test_the_predicted_times_of_the_readme_agree_with_the_report() -> None:
@@ -335,7 +317,7 @@ def test_the_predicted_times_of_the_readme_agree_with_the_report() -> None:
     policies = json.loads(file.read_text(encoding="utf-8"))["runs"]["policies"]
 
     def means(policy: str) -> list[float]:
-        return [sum(policies[policy][name]) / 200 for name in ("predicted", "duration")]
+        return [statistics.fmean(policies[policy][name]) for name in ("predicted", "duration")]
 
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
     predicted, driven = re.findall(r"take (\S+) s and took (\S+) s, on average of", readme)[0]

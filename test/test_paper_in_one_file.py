@@ -12,15 +12,14 @@ import pytest
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import BALL
 from ator_ros.domains.trials import random_trial
-from ator_ros.experience.episode import Episode, run_episode, sample_of
-from ator_ros.experience.table import episode_frame
+from ator_ros.experience.simulated import run_episode
+from ator_ros.experience.table import Episode
 from ator_ros.geometry import FloatArray, wrap_angle
 from ator_ros.performance.features import PAPER_11
 from ator_ros.performance.training import train
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.simulation.simulation import Simulation
 from ator_ros.tops.library import top_of
-from ator_ros.world.state import World
 from examples import paper_in_one_file as example
 
 ROBOT = SOCCER.robot()
@@ -43,11 +42,9 @@ def invented_rows(action: str, *, episodes: int) -> pd.DataFrame:
             + 2.0 * max(to_dest - 1.0, 0.0)
             + min(at_dest, 1.5) * (2.5 - 0.5 * dist)
         )
-        objects = tuple(drawn.objects)
-        samples = np.array([sample_of(World(0.0, drawn.robot, drawn.objects), 0.0, objects)])
         noisy = float(duration + 4.0 + rng.normal(0.0, 0.05))
-        episode = Episode(drawn, samples, noisy, True, "invented", 0.0, 0.0, objects)
-        rows.append(episode_frame(number, episode, (BALL,)))
+        episode = Episode(drawn, noisy, True, "invented", 0.0, 0.0)
+        rows.append(episode.rows(number, (BALL,)))
     return pd.concat(rows, ignore_index=True)
 
 
@@ -59,13 +56,16 @@ def learned(rows: pd.DataFrame) -> example.Node:
 
 
 def differences(experience: Mapping[str, pd.DataFrame]) -> FloatArray:
-    """Return by how much naive and refined headings (rad) differ from the product's, shape (40, 2)."""
+    """Return by how much naive and refined headings (rad) differ from the product's.
+
+    Shape (20, 2).
+    """
     refiner = Refiner(
         ROBOT, {a: train(a, rows, ROBOT, features=PAPER_11) for a, rows in experience.items()}
     )
     models = {action: learned(rows) for action, rows in experience.items()}
     found = []
-    for index in range(40):
+    for index in range(20):
         trial = random_trial(SOCCER, "dribble", LIBRARY, seed=77, index=index)
         task = example.Task(trial.world, *(call.goal for call in trial.chain.calls))
         naive = refiner.naive(trial.world, trial.chain)
@@ -96,6 +96,7 @@ def test_its_observations_are_those_of_the_product(action: str) -> None:
     assert situation[:6] == pytest.approx([*drawn.robot.pose, *drawn.goal.pose])
 
 
+@pytest.mark.long
 def test_it_prints_rules_and_table_1() -> None:
     command = [sys.executable, example.__file__]
     command += ["--episodes", "30", "--situations", "2"]

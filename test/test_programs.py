@@ -52,6 +52,7 @@ def printed_by(example: str, *words: str) -> list[str]:
     return subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
 
 
+@pytest.mark.long
 def test_stations_are_divided_by_each_kind_of_durations() -> None:
     lines = printed_by("plan_with_durations", "--problems", "1", "--seconds", "2")
     assert [line.partition(":")[0] for line in lines] == ["equal", "by distance", "predicted"]
@@ -59,6 +60,7 @@ def test_stations_are_divided_by_each_kind_of_durations() -> None:
     assert predicted <= equal
 
 
+@pytest.mark.long
 def test_both_decisions_are_compared() -> None:
     lines = printed_by("who_goes_to_the_ball", "--situations", "4")
     assert "of 4 situations in which both robots reach the ball" in lines[0]

@@ -99,7 +99,7 @@ def _drawn_in_time(
     where: str, draw: Callable[[], T], length: Callable[[T], float], robot: Robot, time_limit: float
 ) -> T:
     """Draw a drive or a chain that takes at most `time_limit` (s) straight ahead at full speed."""
-    most = robot.limits.v * time_limit
+    most = robot.greatest_speed() * time_limit
 
     def drawn() -> T:
         # A place may be fixed, or too small for some places before it: then all are drawn again.
@@ -114,7 +114,7 @@ def _drawn_in_time(
             lambda found: length(found) <= most,
             lambda: (
                 f"expected a path of {most:.2f} m at most, which robot {robot.name} drives at "
-                f"{robot.limits.v:g} m/s in the {time_limit:g} s of time_limit"
+                f"{robot.greatest_speed():g} m/s in the {time_limit:g} s of time_limit"
             ),
         )
     except NoPlaceError as error:

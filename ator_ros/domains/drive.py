@@ -30,7 +30,7 @@ _ARRIVAL_SHARE = 2.0 / 3.0
 
 def arrival_limit(robot: Robot) -> float:
     """Return the greatest arrival speed in m/s."""
-    return _ARRIVAL_SHARE * robot.limits.v
+    return _ARRIVAL_SHARE * robot.greatest_speed()
 
 
 RANGES: Ranges = {

@@ -10,12 +10,11 @@ from dataclasses import dataclass
 
 from ator_ros.actions.base import Goal, Point
 from ator_ros.bases.description import Robot
-from ator_ros.bases.differential.response import clip, stopping_distance
 from ator_ros.bases.routes import routes_of
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.objects import at_object, at_rest, followed, has_left, is_at_front
 from ator_ros.tops.ranges import Range, Ranges
-from ator_ros.world.state import CONTROL_PERIOD, RobotState, World
+from ator_ros.world.state import CONTROL_PERIOD, World
 
 # s for which an object must lead out; before, its velocity may be wrong, see `VelocityCheck`
 _DEBOUNCE = 0.3
@@ -30,11 +29,7 @@ def edge_distance(robot: Robot) -> float:
     until it follows the next command. The rate of odometry is not known yet; CONTROL_PERIOD is
     assumed.
     """
-    return _TOLERANCE + robot.limits.v * (CONTROL_PERIOD + robot.motor_time_constant)
-
-
-def _stopping_distance(speed: float, robot: Robot) -> float:
-    return max(stopping_distance(speed, robot.stop), speed**2 / (2.0 * robot.limits.brake))
+    return _TOLERANCE + robot.greatest_speed() * (CONTROL_PERIOD + robot.lag)
 
 
 def _inside(
@@ -43,7 +38,7 @@ def _inside(
     """Return the part of the range of a coordinate that is between two edges of a fence, at all speeds."""
     full, speeds = ranges[axis](robot, goal), ranges.get("speed")
     speed = goal.speed if speeds is None else speeds(robot, goal).high
-    distance = edge_distance(robot) + _stopping_distance(speed, robot)
+    distance = edge_distance(robot) + robot.stopping_distance(speed)
     distance += robot.hold if goal.point is Point.HOLD else 0.0  # at any heading
     low, high = max(full.low, edges[0] + distance), min(full.high, edges[1] - distance)
     if low <= high:
@@ -158,7 +153,7 @@ class Fence:
         if goal.point is Point.HOLD and self.outside(goal.pose.x, goal.pose.y) > 0.0:
             return True
         pose = goal.robot_pose(robot)
-        stopped = pose.ahead(_stopping_distance(goal.speed, robot))
+        stopped = pose.ahead(robot.stopping_distance(goal.speed))
         x_min, y_min, x_max, y_max = dataclasses.astuple(self)
         inner = Fence(x_min + distance, y_min + distance, x_max - distance, y_max - distance)
         return any(inner.outside(*place[:2]) > _ROUNDING for place in (pose, stopped))
@@ -206,27 +201,14 @@ class FenceWatch:
 
     def _leaving(self, world: World, delay: float) -> str | None:
         robot, pose = world.robot, world.robot.pose
-        reach = (delay + self._period + self._robot.motor_time_constant) * abs(robot.v)
-        stop = math.copysign(abs(stopping_distance(robot.v, self._robot.stop)) + reach, robot.v)
-        brake = math.copysign(robot.v**2 / (2.0 * self._robot.limits.brake) + reach, robot.v)
-        curved = max(self._outside(robot, share * brake, bend=True) for share in (0.5, 1.0))
-        if (
-            max(self._outside(robot, stop), min(self._outside(robot, brake), curved))
-            <= self._allowed
-        ):
+        stands = self._robot.standstills(robot, delay + self._period + self._robot.lag)
+        outside = self._fence.outside
+        braking = min(max(outside(*place) for place in path) for path in stands.braking)
+        if max(outside(*stands.commanded), braking) <= self._allowed:
             return None
         return (
             f"the robot would leave the {self._fence}: it drives at {robot.v:.2f} m/s from x {pose.x:.2f} m, "
             f"y {pose.y:.2f} m, {math.degrees(pose.yaw):.0f} degrees, and could not stand inside"
-        )
-
-    def _outside(self, robot: RobotState, path: float, *, bend: bool = False) -> float:
-        """Return the distance in m to the area after `path` m, straight ahead or along the present arc."""
-        turned = clip(path * robot.w / robot.v, math.pi) if bend and robot.v != 0.0 else 0.0
-        chord = path * (math.sin(turned / 2.0) / (turned / 2.0) if turned else 1.0)
-        yaw = robot.pose.yaw + turned / 2.0
-        return self._fence.outside(
-            robot.pose.x + chord * math.cos(yaw), robot.pose.y + chord * math.sin(yaw)
         )
 
     def _following(self, world: World, call: TopCall) -> str | None:

@@ -15,7 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ator_ros.bases.description import Robot
-from ator_ros.bases.differential.response import Foresight, clip
+from ator_ros.bases.differential.description import differential
+from ator_ros.bases.differential.response import clip
+from ator_ros.bases.foresight import Foresight
 from ator_ros.execution.odometry_point import OdometryPoint
 from ator_ros.geometry import wrap_angle
 from ator_ros.world.state import STOP, Command, RobotState
@@ -79,6 +81,7 @@ class Thresholds:
     @classmethod
     def of(cls, robot: Robot) -> tuple[Thresholds, Thresholds]:
         """Return the thresholds of driving and of turning."""
+        robot = differential(robot)
         limits, lag = robot.limits, robot.motor_time_constant
         window = _WINDOW + 2.0 * lag
         v, w = (

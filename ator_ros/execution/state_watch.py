@@ -81,14 +81,12 @@ class DelayWatch:
             return self._in_time()
         since = self._since = self._since or world
         elapsed = world.time - since.time
-        if elapsed < _REACTION + self._robot.motor_time_constant:
+        if elapsed < _REACTION + self._robot.lag:
             return Timeliness.DOUBTFUL
-        stop = self._robot.stop
-        lost_v = abs(since.robot.v) - abs(world.robot.v)
-        lost_w = abs(since.robot.w) - abs(world.robot.w)
         brakes = max(
-            lost_v / min(stop.forward, stop.backward),
-            lost_w / stop.turning,
+            (abs(getattr(since.robot, axis.name)) - abs(getattr(world.robot, axis.name)))
+            / axis.stop
+            for axis in self._robot.axes
         )
         return Timeliness.DOUBTFUL if brakes >= _LEAST_LOSS * elapsed else Timeliness.LATE
 
@@ -187,7 +185,7 @@ class _FixedObject:
     def moves_with(self, robot: Robot) -> bool:
         """Return whether the robot has moved so that no other object could have kept its place."""
         maneuvers = (
-            self._fastest - self._slowest >= _SPEED_CHANGE * robot.limits.v
+            self._fastest - self._slowest >= _SPEED_CHANGE * robot.greatest_speed()
             or abs(self._turned) >= _TURN
         )
         return maneuvers and self.driven >= _DRIVEN * (robot.front + robot.rear)

@@ -1,7 +1,8 @@
 """Files of recordings, MCAP and SQLite, read in the order of time and in bounded memory.
 
 A file may be hostile or damaged. Sizes are checked before they are allocated; parts that cannot be
-read are skipped and counted.
+read are skipped and counted. Needs the packages mcap-ros2-support and, for files without
+definitions of messages, rosbags.
 """
 
 from __future__ import annotations
@@ -17,10 +18,17 @@ import tempfile
 import zlib
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
-from enum import IntEnum
-from functools import cache
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, NamedTuple
+
+import lz4.frame
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import Channel, Chunk, Schema
+from mcap_ros2.decoder import DecoderFactory
 
 from ator_ros.experience.databases import connected, require_table, signals_raised, text_of
 from ator_ros.experience.definitions import LARGEST_DEFINITION, checked_definition
@@ -29,12 +37,9 @@ from ator_ros.resources import share_folder
 
 Topic = tuple[str, str]
 """Name of a topic, and type of its messages as in nav_msgs/msg/Odometry."""
-_COMPRESSED = (".zstd", ".zst")
-"""Suffixes of files that were compressed as a whole."""
 _ZSTD = b"\x28\xb5\x2f\xfd"
 """First bytes of data compressed with zstd; messages in CDR begin with a zero."""
-LARGEST_MESSAGE = 4 << 20
-"""Bytes of the largest message that is read, decompressed: a path of 40,000 poses."""
+_LARGEST_MESSAGE = 4 << 20  # bytes, decompressed: a path of 40,000 poses
 _LARGEST_CHUNK = 64 << 20  # bytes; recorders write chunks of 1 MB, or of one image
 _MOST_DEFINITIONS = 16 << 20  # bytes of all message definitions of a file
 _MOST_TOPICS = 1000  # and types, of a file; Nav2 has about 100
@@ -47,39 +52,22 @@ _BLOCK = 1 << 20  # bytes that are decompressed at once
 _REORDERED = 32 << 20  # bytes of messages among which the order of time is restored
 _MOST_AT_ONCE = 1000  # messages of one time that are compared
 _OVERHEAD = 200  # bytes of a message in Python, besides its data
+_TOO_LARGE = "messages of more than 4 MiB"
+_TOO_LARGE_CHUNK = "chunks of more than 64 MiB"
+_OTHER_ENCODING = "topics in another encoding than cdr"
 
 
 class _Raw(NamedTuple):
-    """A message as recorded: time of arrival in ns, topic, data in CDR, and its definition's number."""
+    """A message as recorded: time of arrival in ns, topic, data in CDR, and text of its definition."""
 
     time: int
     topic: Topic
     data: bytes
-    definition: int
+    definition: str
 
 
-class _Opcode(IntEnum):
-    """What a record of an .mcap file contains."""
-
-    FOOTER = 2
-    SCHEMA = 3
-    CHANNEL = 4
-    MESSAGE = 5
-    CHUNK = 6
-    DATA_END = 15
-
-
-_READ = (_Opcode.SCHEMA, _Opcode.CHANNEL, _Opcode.MESSAGE)
-_RECORD_HEAD = struct.Struct("<BQ")
-_MESSAGE_HEAD = struct.Struct("<HIQQ")  # channel, sequence, times of arrival and of publication
-_CHUNK_HEAD = struct.Struct("<QQQII")  # first and last time, size, CRC, length of the compression
-
-
-class _Mcap:
-    """An .mcap file.
-
-    It is read from the beginning, without its summary, so that a file which was cut off is read up
-    to there.
+class _File:
+    """A file of a recording.
 
     Attributes
     ----------
@@ -91,42 +79,81 @@ class _Mcap:
         Why the end was skipped; empty: it was not.
     """
 
+    def __init__(self) -> None:
+        self.topics: set[Topic] = set()
+        self.damage: Counter[str] = Counter()
+        self.skipped_end = ""
+
+    def messages(self, topics: Collection[Topic]) -> Iterator[_Raw]:
+        """Yield the messages on some topics, about in the order of time."""
+        raise NotImplementedError
+
+
+# MCAP
+
+
+_READ = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
+_RECORD_HEAD = struct.Struct("<BQ")
+_MESSAGE_HEAD = struct.Struct("<HIQQ")  # channel, sequence, times of arrival and of publication
+_UNREADABLE = (
+    McapError,
+    struct.error,
+    ValueError,
+    RuntimeError,  # of lz4
+    zstandard.ZstdError,
+)
+"""Errors of damaged records."""
+
+
+class _Mcap(_File):
+    """An .mcap file.
+
+    It is read from the beginning, without its summary, so that a file which was cut off is read up
+    to there.
+    """
+
     def __init__(self, path: Path, stack: contextlib.ExitStack) -> None:
+        super().__init__()
         self._file = stack.enter_context(path.open("rb"))
         self._size = path.stat().st_size
         if self._file.read(8) != b"\x89MCAP0\r\n":
             raise ValueError("expected an MCAP file, got other first bytes")
-        self.damage: Counter[str] = Counter()
-        self.skipped_end = ""
         self._definitions: dict[int, tuple[str, str]] = {}
-        self._channels: dict[int, tuple[Topic, int]] = {}
-        self._spare = 0  # bytes that chunks may still have in this pass, decompressed
+        self._channels: dict[int, tuple[Topic, str]] = {}
+        self._spare = _MOST_DEFINITIONS
+        self._spare_in_chunks = 0  # bytes that chunks may still have in this pass, decompressed
         used = set[int]()
-        spare = _MOST_DEFINITIONS
         for opcode, content in self._records(self.damage):
-            if opcode == _Opcode.MESSAGE:
+            if opcode == Opcode.MESSAGE:
                 used.add(int.from_bytes(content[:2], "little"))
-            elif opcode == _Opcode.SCHEMA and (schema := _schema_in(bytes(content))) is not None:
-                number, name, text = schema
-                if number in self._definitions:
-                    continue
-                if len(text) > spare or len(self._definitions) == _MOST_TOPICS:
-                    self.damage[f"types of messages after {_MOST_TOPICS:,} or 16 MiB"] += 1
-                    continue
-                self._definitions[number] = name, text
-                spare -= len(text)
-            elif opcode == _Opcode.CHANNEL and (channel := _channel_in(bytes(content))) is not None:
-                number, name, encoding, schema_number = channel
-                kind, _ = self._definitions.get(schema_number, ("", ""))
-                if encoding == "cdr" and kind:
-                    self._channels[number] = (name, kind), schema_number
-                elif encoding != "cdr":
-                    _count_encoding(encoding, self.damage)
+                continue
+            with contextlib.suppress(*_UNREADABLE):
+                stream = ReadDataStream(io.BytesIO(content))
+                if opcode == Opcode.SCHEMA:
+                    self._add_schema(Schema.read(stream))
+                else:
+                    self._add_channel(Channel.read(stream))
         self.topics = {topic for number, (topic, _) in self._channels.items() if number in used}
 
-    def definition(self, number: int) -> str:
-        """Return a definition in the file as text; empty: it is in another language than ros2msg."""
-        return self._definitions[number][1]
+    def _add_schema(self, schema: Schema) -> None:
+        """Keep the type and the text of a definition; the text is empty in another language."""
+        if schema.id in self._definitions or not _is_short(schema.name):
+            return
+        text = schema.data.decode() if schema.encoding == "ros2msg" else ""
+        if len(text) > self._spare or len(self._definitions) == _MOST_TOPICS:
+            self.damage[f"types of messages after {_MOST_TOPICS:,} or 16 MiB"] += 1
+            return
+        self._definitions[schema.id] = schema.name, text
+        self._spare -= len(text)
+
+    def _add_channel(self, channel: Channel) -> None:
+        kind, text = self._definitions.get(channel.schema_id, ("", ""))
+        if not _is_short(channel.topic):
+            return
+        if channel.message_encoding != "cdr":
+            self.damage[_OTHER_ENCODING] += 1
+        elif kind:
+            self._channels[channel.id] = (channel.topic, kind), text
 
     def messages(self, topics: Collection[Topic]) -> Iterator[_Raw]:
         """Yield the messages on some topics, about in the order of time."""
@@ -134,7 +161,7 @@ class _Mcap:
             number: channel for number, channel in self._channels.items() if channel[0] in topics
         }
         for opcode, content in self._records(Counter()):
-            if opcode != _Opcode.MESSAGE:
+            if opcode != Opcode.MESSAGE:
                 continue
             number, _, time, _ = _MESSAGE_HEAD.unpack_from(content)
             if number in wanted:
@@ -144,61 +171,62 @@ class _Mcap:
     def _records(self, damage: Counter[str]) -> Iterator[tuple[int, memoryview]]:
         """Yield opcode and content of schemas, channels and messages, also of those in chunks."""
         begin = 8
-        self._spare = max(_ANY_RATIO, _MOST_RATIO * self._size)
+        self._spare_in_chunks = max(_ANY_RATIO, _MOST_RATIO * self._size)
         while begin + _RECORD_HEAD.size <= self._size:
             self._file.seek(begin)
             opcode, length = _RECORD_HEAD.unpack(self._file.read(_RECORD_HEAD.size))
             end = begin + _RECORD_HEAD.size + length
-            if opcode in (_Opcode.DATA_END, _Opcode.FOOTER):
+            if opcode in (Opcode.DATA_END, Opcode.FOOTER):
                 return
             if opcode == 0 or end > self._size:
                 break
             begin = end
-            if opcode == _Opcode.CHUNK:
-                yield from self._chunk(length, damage)
+            if opcode == Opcode.CHUNK:
+                yield from _inner_records(self._chunk(length, damage), damage)
             elif opcode in _READ and _fits(opcode, length, damage):
                 yield opcode, memoryview(self._file.read(length))
         self.skipped_end = f"after {begin:,} bytes: it was cut off or is damaged"
 
-    def _chunk(self, length: int, damage: Counter[str]) -> Iterator[tuple[int, memoryview]]:
+    def _chunk(self, length: int, damage: Counter[str]) -> bytes:
+        """Return the records of a chunk, decompressed; none if it is skipped."""
         if length > _LARGEST_CHUNK + _BLOCK:
-            damage["chunks of more than 64 MiB"] += 1
-            return
-        content = self._file.read(length)
+            damage[_TOO_LARGE_CHUNK] += 1
+            return b""
         try:
-            _, _, size, crc, name_length = _CHUNK_HEAD.unpack_from(content)
-            begin = _CHUNK_HEAD.size + name_length
-            compression = content[_CHUNK_HEAD.size : begin].decode()
-            (stored,) = struct.unpack_from("<Q", content, begin)
-            packed = memoryview(content)[begin + 8 : begin + 8 + stored]
+            chunk = Chunk.read(ReadDataStream(io.BytesIO(self._file.read(length))))
+            size = chunk.uncompressed_size
             if size > _LARGEST_CHUNK:
-                damage["chunks of more than 64 MiB"] += 1
-                return
-            self._spare -= size
-            if self._spare < 0:
+                damage[_TOO_LARGE_CHUNK] += 1
+                return b""
+            self._spare_in_chunks -= size
+            if self._spare_in_chunks < 0:
                 damage[f"chunks beyond {_MOST_RATIO} times the size of the file"] += 1
-                return
-            records = _UNPACK[compression](packed, size)
-        except (struct.error, ValueError, KeyError, RuntimeError, EOFError, _zstd_error()):
+                return b""
+            records = _unpacked(chunk.compression, chunk.data, size + 1)
+            if len(records) != size:
+                raise ValueError("another size")
+        except _UNREADABLE:
             damage["damaged chunks"] += 1
-            return
-        if crc not in (0, zlib.crc32(records)):
+            return b""
+        if chunk.uncompressed_crc not in (0, zlib.crc32(records)):
             damage["chunks with a wrong CRC"] += 1
-            return
-        yield from _inner_records(memoryview(records), damage)
+            return b""
+        return records
 
 
 def _fits(opcode: int, length: int, damage: Counter[str]) -> bool:
     """Return whether a record has a plausible length, and count it if it has none."""
-    least = _MESSAGE_HEAD.size if opcode == _Opcode.MESSAGE else 4
-    if length > LARGEST_MESSAGE:
-        damage["messages of more than 4 MiB"] += 1
+    least = _MESSAGE_HEAD.size if opcode == Opcode.MESSAGE else 4
+    if length > _LARGEST_MESSAGE:
+        damage[_TOO_LARGE] += 1
     elif length < least:
         damage["damaged messages"] += 1
-    return least <= length <= LARGEST_MESSAGE
+    return least <= length <= _LARGEST_MESSAGE
 
 
-def _inner_records(records: memoryview, damage: Counter[str]) -> Iterator[tuple[int, memoryview]]:
+def _inner_records(content: bytes, damage: Counter[str]) -> Iterator[tuple[int, memoryview]]:
+    """Yield opcode and content of the records in a chunk."""
+    records = memoryview(content)
     place = 0
     while place + _RECORD_HEAD.size <= len(records):
         opcode, length = _RECORD_HEAD.unpack_from(records, place)
@@ -212,41 +240,6 @@ def _inner_records(records: memoryview, damage: Counter[str]) -> Iterator[tuple[
         damage["damaged chunks"] += 1
 
 
-def _texts_in(content: bytes, place: int, count: int) -> Iterator[str]:
-    """Yield the texts at a place of a record, each after its length."""
-    for _ in range(count):
-        (length,) = struct.unpack_from("<I", content, place)
-        begin, place = place + 4, place + 4 + length
-        yield content[begin:place].decode()
-
-
-def _schema_in(content: bytes) -> tuple[int, str, str] | None:
-    """Return number, name and text of a schema; None if it is damaged."""
-    try:
-        (number,) = struct.unpack_from("<H", content)
-        name, encoding, text = _texts_in(content, 2, 3)
-    except (struct.error, UnicodeDecodeError):
-        return None
-    return (number, name, text if encoding == "ros2msg" else "") if _is_short(name) else None
-
-
-def _channel_in(content: bytes) -> tuple[int, str, str, int] | None:
-    """Return number, topic, encoding of the messages and number of the schema; None if it is damaged."""
-    try:
-        number, schema_number = struct.unpack_from("<HH", content)
-        name, encoding = _texts_in(content, 4, 2)
-    except (struct.error, UnicodeDecodeError):
-        return None
-    return (number, name, encoding, schema_number) if _is_short(name) else None
-
-
-def _count_encoding(encoding: object, damage: Counter[str]) -> None:
-    """Count a topic that is not in CDR; all are one kind of damage, which names the first encoding."""
-    begin = "topics in another encoding than cdr, such as "
-    known = (what for what in damage if what.startswith(begin))
-    damage[next(known, f"{begin}{printable(encoding)}")] += 1
-
-
 def _is_short(name: object) -> bool:
     return isinstance(name, str) and len(name) <= _LONGEST_NAME
 
@@ -254,66 +247,31 @@ def _is_short(name: object) -> bool:
 # Compression
 
 
-@cache
-def _zstd_error() -> type[Exception]:
-    import zstandard
+def _unpacked(compression: str, data: bytes, most: int) -> bytes:
+    """Return the first bytes of compressed data, at most `most`.
 
-    return zstandard.ZstdError
-
-
-def _from_zstd(data: bytes | memoryview, size: int) -> bytes:
-    """Return the `size` bytes in a frame of zstd; raise ValueError if it has more or fewer."""
-    import zstandard
-
-    unpacked = bytearray(size)
-    with zstandard.ZstdDecompressor(max_window_size=_LARGEST_CHUNK).stream_reader(data) as stream:
-        filled, view = 0, memoryview(unpacked)
-        while filled < size and (count := stream.readinto(view[filled:])):
-            filled += count
-        if filled < size or stream.read(1):
-            raise ValueError("another size")
-    return unpacked  # type: ignore[return-value]
-
-
-def _from_lz4(data: bytes | memoryview, size: int) -> bytes:
-    """Return the `size` bytes in a frame of lz4; raise ValueError if it has more or fewer."""
-    import lz4.frame
-
-    stream = lz4.frame.LZ4FrameDecompressor()
-    unpacked: bytes = stream.decompress(data, max_length=size)
-    if len(unpacked) != size or not (stream.eof or stream.decompress(b"", max_length=1) == b""):
-        raise ValueError("another size")
-    return unpacked
-
-
-def _stored(data: bytes | memoryview, size: int) -> bytes:
-    if len(data) != size:
-        raise ValueError("another size")
-    return bytes(data)
-
-
-_UNPACK: dict[str, Callable[[bytes | memoryview, int], bytes]] = {
-    "": _stored,
-    "zstd": _from_zstd,
-    "lz4": _from_lz4,
-}
+    Damaged data raises one of `_UNREADABLE`.
+    """
+    if compression == "zstd":
+        decompressor = zstandard.ZstdDecompressor(max_window_size=_LARGEST_CHUNK)
+        return decompressor.stream_reader(data).read(most)
+    if compression == "lz4":
+        found: bytes = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=most)
+        return found
+    if compression:
+        raise ValueError("expected zstd or lz4")
+    return data
 
 
 def _unpacked_message(data: bytes) -> bytes:
     """Return a message without the compression of each message by ``ros2 bag record``.
 
-    Raises ValueError if it is damaged, larger than `LARGEST_MESSAGE`, or of an implausible ratio.
+    Raises ValueError if it is larger than `_LARGEST_MESSAGE`, or of an implausible ratio.
     """
     if data[:4] != _ZSTD:
         return data
-    import zstandard
-
-    most = min(LARGEST_MESSAGE, max(_ANY_RATIO_MESSAGE, _MOST_RATIO * len(data)))
-    try:
-        reader = zstandard.ZstdDecompressor(max_window_size=_LARGEST_CHUNK).stream_reader(data)
-        unpacked: bytes = reader.read(most + 1)
-    except zstandard.ZstdError as error:
-        raise ValueError(f"expected a message compressed with zstd: {error}") from error
+    most = min(_LARGEST_MESSAGE, max(_ANY_RATIO_MESSAGE, _MOST_RATIO * len(data)))
+    unpacked = _unpacked("zstd", data, most + 1)
     if len(unpacked) > most:
         raise ValueError(f"expected at most 4 MiB, and {_MOST_RATIO} times its size, decompressed")
     return unpacked
@@ -321,71 +279,51 @@ def _unpacked_message(data: bytes) -> bytes:
 
 def _unpacked_file(path: Path, stack: contextlib.ExitStack) -> Path:
     """Return a temporary file with the content of a file that was compressed as a whole."""
-    import zstandard
-
     folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="ator_ros_")))
     unpacked = folder / path.stem
     # Frames without content count as size, so the ratio alone does not protect the disk.
     room = min(_LARGEST_FILE, shutil.disk_usage(folder).free // 2)
     plausible = max(_ANY_RATIO, _MOST_RATIO * path.stat().st_size)
-    spare = min(plausible, room)
-    try:
-        with path.open("rb") as packed, unpacked.open("wb") as file:
-            decompressor = zstandard.ZstdDecompressor(max_window_size=_LARGEST_CHUNK)
-            reader = decompressor.stream_reader(packed, read_across_frames=True)
-            while block := reader.read(_BLOCK):
-                spare -= len(block)
-                if spare < 0 and room < plausible:
-                    raise ValueError(
-                        f"{printable(path.name)}: expected at most {room >> 20:,} MiB, decompressed: "
-                        f"half of the free space in {folder.parent}, and 16 GiB"
-                    )
-                if spare < 0:
-                    raise ValueError(
-                        f"{printable(path.name)}: expected at most {_MOST_RATIO} times its size, "
-                        "decompressed: it is not a recording; decompress it with zstd -d if it is"
-                    )
-                file.write(block)
-    except zstandard.ZstdError as error:
-        raise ValueError(f"{printable(path.name)}: expected a zstd file: {error}") from error
+    what = f"{_MOST_RATIO} times its size: decompress it with zstd -d if it is a recording"
+    if room < plausible:
+        what = f"{room >> 20:,} MiB: half of the free space in {folder.parent}, and 16 GiB"
+    with path.open("rb") as packed, unpacked.open("wb") as file:
+        decompressor = zstandard.ZstdDecompressor(max_window_size=_LARGEST_CHUNK)
+        reader = decompressor.stream_reader(packed, read_across_frames=True)
+        while block := reader.read(_BLOCK):
+            if file.tell() + len(block) > min(plausible, room):
+                raise ValueError(f"{printable(path.name)}: expected at most {what}")
+            file.write(block)
     return unpacked
 
 
 # SQLite
 
 
-class _Sqlite:
-    """A .db3 file; attributes as of `_Mcap`. Only its tables are read."""
+class _Sqlite(_File):
+    """A .db3 file. Only its tables are read."""
 
     def __init__(self, path: Path, stack: contextlib.ExitStack) -> None:
+        super().__init__()
         # Without a log of changes beside it, the file is complete, also on read-only media.
         whole = not path.with_name(f"{path.name}-wal").exists()
         options = "mode=ro&immutable=1" if whole else "mode=ro"
         database = connected(path, options, longest=_LARGEST_CHUNK)
         self._data = stack.enter_context(contextlib.closing(database))
         self._data.text_factory = text_of
-        self.damage: Counter[str] = Counter()
-        self.skipped_end = ""
         with signals_raised():
             self._require_table("topics", "id", "name", "type", "serialization_format")
             self._require_table("messages", "id", "topic_id", "timestamp", "data")
-            texts = self._texts() if self._has("message_definitions") else {}
+            texts = self._texts()
             rows = self._rows("SELECT id, name, type, serialization_format FROM topics NOT INDEXED")
-            found = [row for row in rows if _is_short(row[1]) and _is_short(row[2])]
         self._topics: dict[int, Topic] = {}
-        for number, name, kind, encoding in found:
-            if encoding == "cdr":
+        for number, name, kind, encoding in rows:
+            if encoding != "cdr":
+                self.damage[_OTHER_ENCODING] += 1
+            elif _is_short(name) and _is_short(kind):
                 self._topics[number] = name, kind
-            else:
-                _count_encoding(encoding, self.damage)
         self.topics = set(self._topics.values())
-        self._definitions = {
-            number: texts.get(kind, "") for number, (_, kind) in self._topics.items()
-        }
-
-    def definition(self, number: int) -> str:
-        """Return a definition in the file; empty: it has none, as before ROS 2 Iron."""
-        return self._definitions[number]
+        self._definitions = {topic: texts.get(topic[1], "") for topic in self.topics}
 
     def messages(self, topics: Collection[Topic]) -> Iterator[_Raw]:
         """Yield the messages on some topics, about in the order of time."""
@@ -398,29 +336,24 @@ class _Sqlite:
             FROM messages NOT INDEXED
         """  # noqa: S608 (question marks only)
         last = None
-        wanted = set(numbers)
         try:
             with signals_raised():
                 for row, number, time, length, data in self._data.execute(
-                    query, (LARGEST_MESSAGE, *numbers)
+                    query, (_LARGEST_MESSAGE, *numbers)
                 ):
                     if last is not None and row <= last:
                         raise sqlite3.DatabaseError("rows are not in order")
                     last = row
-                    if number not in wanted:
+                    if number not in numbers:
                         continue
                     if data is not None and isinstance(time, int):
-                        yield _Raw(time, self._topics[number], data, number)
-                    else:
-                        large = isinstance(length, int) and length > LARGEST_MESSAGE
-                        self.damage[
-                            "messages of more than 4 MiB" if large else "damaged messages"
-                        ] += 1
+                        topic = self._topics[number]
+                        yield _Raw(time, topic, data, self._definitions[topic])
+                        continue
+                    is_large = isinstance(length, int) and length > _LARGEST_MESSAGE
+                    self.damage[_TOO_LARGE if is_large else "damaged messages"] += 1
         except sqlite3.DatabaseError as error:
             self.skipped_end = f"after row {last or 0:,}: {printable(error)}"
-
-    def _has(self, name: str) -> bool:
-        return bool(self._rows("SELECT 1 FROM sqlite_master WHERE name = ?", name))
 
     def _require_table(self, table: str, *names: str) -> None:
         """Raise ValueError unless a table has these columns, and stores them."""
@@ -430,8 +363,10 @@ class _Sqlite:
             raise ValueError(f"{error}: no recording of ros2 bag record") from error
 
     def _texts(self) -> dict[str, str]:
-        """Return the definitions of messages by type."""
+        """Return the definitions of messages by type; there are none before ROS 2 Iron."""
         table = "message_definitions"
+        if not self._rows("SELECT 1 FROM sqlite_master WHERE name = ?", table):
+            return {}
         self._require_table(table, "topic_type", "encoding", "encoded_message_definition")
         query = (
             "SELECT topic_type, CAST(encoded_message_definition AS TEXT) "
@@ -447,17 +382,7 @@ class _Sqlite:
 
 # Recordings
 
-File = _Mcap | _Sqlite
-_FILES: dict[str, type[File]] = {".mcap": _Mcap, ".db3": _Sqlite}
-
-
-def is_recording(path: Path) -> bool:
-    """Return whether the name of a file is that of a recording."""
-    return _kind(path) in _FILES
-
-
-def _kind(path: Path) -> str:
-    return Path(path.stem).suffix if path.suffix in _COMPRESSED else path.suffix
+_OPENED: dict[str, type[_Mcap | _Sqlite]] = {".mcap": _Mcap, ".db3": _Sqlite}
 
 
 class Bag:
@@ -468,11 +393,16 @@ class Bag:
     Parameters
     ----------
     paths : sequence of Path
-        Files, or folders that ``ros2 bag record`` made.
+        Files .mcap or .db3, which may be compressed with zstd as a whole.
+
+    Attributes
+    ----------
+    topics : list of Topic
+        The topics with messages.
 
     Raises
     ------
-    ValueError, OSError, sqlite3.Error
+    ValueError, OSError, sqlite3.Error, zstandard.ZstdError
         A file is no recording.
     """
 
@@ -481,8 +411,13 @@ class Bag:
         self._damaged = 0
         self._first_damage = ""
         self._repeated = 0
+        self._files: list[_File] = []
         with self._stack:
-            self._files = [self._opened(file) for path in paths for file in _files_of(path)]
+            for path in paths:
+                file = path
+                if path.suffix not in _OPENED:
+                    file = _unpacked_file(path, self._stack)
+                self._files.append(_OPENED[file.suffix](file, self._stack))
             self._stack = self._stack.pop_all()
         self.topics = sorted(set().union(*(file.topics for file in self._files)))
 
@@ -492,31 +427,28 @@ class Bag:
     def __exit__(self, *_: object) -> None:
         self._stack.close()
 
-    def _opened(self, path: Path) -> File:
-        unpacked = _unpacked_file(path, self._stack) if path.suffix in _COMPRESSED else path
-        return _FILES[_kind(path)](unpacked, self._stack)
-
     def messages(self, topics: Collection[Topic]) -> Iterator[tuple[Topic, Any]]:
         """Yield the decoded messages on some topics in the order of arrival.
 
-        A message that several files have is yielded once.
+        A message that was recorded twice at one time is yielded once.
         """
-        streams = [_labeled(file, topics) for file in self._files]
-        decoders: dict[tuple[File, int], Callable[[bytes], Any]] = {}
-        time, at_once = -1, dict[tuple[Topic, bytes], File]()
-        for raw, file in _in_order(heapq.merge(*streams, key=lambda each: each[0].time)):
+        streams = [file.messages(topics) for file in self._files]
+        decoders: dict[tuple[str, str], Callable[[bytes], Any]] = {}
+        time = -1
+        at_once = set[tuple[Topic, bytes]]()
+        for raw in _in_order(heapq.merge(*streams, key=attrgetter("time"))):
             if raw.time != time or len(at_once) > _MOST_AT_ONCE:
                 time = raw.time
                 at_once.clear()
-            if at_once.setdefault((raw.topic, raw.data), file) is not file:
+            if (raw.topic, raw.data) in at_once:
                 self._repeated += 1
                 continue
+            at_once.add((raw.topic, raw.data))
             try:
                 data = _unpacked_message(raw.data)
-                key = file, raw.definition
+                key = raw.topic[1], raw.definition
                 if key not in decoders:
-                    text = file.definition(raw.definition)
-                    decoders[key] = _decoder_or_error(raw.topic[1], text)
+                    decoders[key] = _decoder_or_error(*key)
                 message = decoders[key](data)
             except ImportError:
                 raise
@@ -543,37 +475,20 @@ class Bag:
         return lines
 
 
-def _files_of(path: Path) -> list[Path]:
-    """Return the files of a recording."""
-    files = sorted(path.iterdir()) if path.is_dir() else [path]
-    files = [file for file in files if is_recording(file)]
-    if not files or not all(file.is_file() for file in files):  # opening a pipe may block
-        raise ValueError("expected .mcap or .db3 files, found none")
-    return files
-
-
-def _labeled(file: File, topics: Collection[Topic]) -> Iterator[tuple[_Raw, File]]:
-    """Yield the messages of a file with it."""
-    for raw in file.messages(topics):
-        yield raw, file
-
-
-def _in_order(
-    messages: Iterable[tuple[_Raw, File]],
-) -> Iterator[tuple[_Raw, File]]:
+def _in_order(messages: Iterable[_Raw]) -> Iterator[_Raw]:
     """Yield messages that are about in the order of time in that order."""
-    waiting: list[tuple[int, int, _Raw, File]] = []
+    waiting: list[tuple[int, int, _Raw]] = []
     size = 0
-    for number, (raw, file) in enumerate(messages):
-        heapq.heappush(waiting, (raw.time, number, raw, file))
+    for number, raw in enumerate(messages):
+        heapq.heappush(waiting, (raw.time, number, raw))
         size += len(raw.data) + _OVERHEAD
         while size > _REORDERED:
-            *_, first, source = heapq.heappop(waiting)
+            *_, first = heapq.heappop(waiting)
             size -= len(first.data) + _OVERHEAD
-            yield first, source
+            yield first
     while waiting:
-        *_, first, source = heapq.heappop(waiting)
-        yield first, source
+        *_, first = heapq.heappop(waiting)
+        yield first
 
 
 def _decoder_or_error(kind: str, definition: str) -> Callable[[bytes], Any]:
@@ -593,9 +508,6 @@ def _decoder_or_error(kind: str, definition: str) -> Callable[[bytes], Any]:
 
 def _decoder(kind: str, definition: str) -> Callable[[bytes], Any]:
     """Return the decoder of a type, whose definition may be empty."""
-    from mcap.records import Schema
-    from mcap_ros2.decoder import DecoderFactory
-
     name, text = checked_definition(kind, definition or _known_definition(kind))
     with contextlib.redirect_stderr(io.StringIO()):  # the parser prints what it refuses
         decode = DecoderFactory().decoder_for("cdr", Schema(1, text.encode(), "ros2msg", name))

@@ -12,7 +12,7 @@ import dataclasses
 import math
 from array import array
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -23,7 +23,6 @@ from ator_ros.actions import DEFAULT_SET
 from ator_ros.actions.base import Goal, Point
 from ator_ros.actions.situation import Situation
 from ator_ros.bases.description import Robot
-from ator_ros.experience.episode import Episode
 from ator_ros.experience.records import ENDED, FASTEST, Vocabulary, episode_of, fault_in
 from ator_ros.experience.server_goals import (
     GOAL_POSE,
@@ -33,6 +32,7 @@ from ator_ros.experience.server_goals import (
     ServerGoals,
     status_topics,
 )
+from ator_ros.experience.table import Episode
 from ator_ros.geometry import FloatArray, IntArray, Pose, wrap_angle, wrap_angles
 from ator_ros.printable import printable, quoted
 from ator_ros.tops.chain import Top
@@ -81,6 +81,7 @@ _LEAST_TIME = 1.0
 _SEGMENT = 100  # numbers that need as much memory as a segment without messages
 _JUMPS = "the pose jumps during the drive"
 _TOO_LONG = f"expected at most {_LONGEST:.0f} s"
+_WIDTH = 6  # columns of odometry
 _ROUNDING = 1e-6  # s; stamps since 1970 are rounded to 0.24 us
 _DIGITS = 6  # of times in s, likewise
 
@@ -172,7 +173,7 @@ class Reader:
         self._transforms = Transforms()
         self._servers = status_topics(domain)
         self._goals = ServerGoals(self._odom_pose_in)
-        self._velocity = RobotVelocity(robot.limits.v, robot.limits.w)
+        self._velocity = RobotVelocity(robot.greatest_speed(), robot.greatest_turn_rate)
         self._is_older = False
         self._counts: Counter[str] = Counter()
         self._numbers = 0
@@ -245,20 +246,21 @@ class Reader:
 
     def _accepted(self, what: str, found: Iterable[tuple[str, Episode | str]]) -> list[Episode]:
         """Return the episodes among what was found for each action, and note why others are left out."""
-        episodes = list[Episode]()
-        rejected, total = Counter[tuple[str, str]](), Counter[str]()
-        spare = _MOST_SAMPLES
+        episodes: list[Episode] = []
+        total: Counter[str] = Counter()
+        rejected: Counter[tuple[str, str]] = Counter()
+        hours = _MOST_SAMPLES * PERIOD / 3600.0
+        count = 0
         for name, each in found:
             total[name] += 1
             if isinstance(each, str):
                 rejected[name, each] += 1
-            elif len(each.samples) > spare:
-                hours = _MOST_SAMPLES * PERIOD / 3600.0
-                rejected[
-                    name, f"expected at most {hours:.0f} h of driving: split the recording"
-                ] += 1
+                continue
+            count += 0 if each.samples is None else len(each.samples)
+            if count > _MOST_SAMPLES:
+                too_long = f"expected at most {hours:.0f} h of driving: split the recording"
+                rejected[name, too_long] += 1
             else:
-                spare -= len(each.samples)
                 episodes.append(each)
         for (name, reason), count in rejected.most_common():
             of = f" of {name}" if name else ""
@@ -346,13 +348,13 @@ class Reader:
         situation = Situation(
             goal.action, start.robot, start.objects, Goal(goal.pose, 0.0, top.point)
         )
-        success, reason = goal.status == "succeeded", f"recorded: its server reported {goal.status}"
-        samples, duration = (
-            track.samples(goal.begin, goal.end),
-            round(goal.end - goal.begin, _DIGITS),
-        )
         episode = Episode(
-            situation, samples, duration, success, reason, *errors, tuple(track.objects)
+            situation,
+            round(goal.end - goal.begin, _DIGITS),
+            goal.status == "succeeded",
+            f"recorded: its server reported {goal.status}",
+            *errors,
+            samples=track.samples(goal.begin, goal.end, start.objects),
         )
         too_far = fault_in(episode, top, robot)
         return "the goal is farther than the robot drives in its duration" if too_far else episode
@@ -488,12 +490,15 @@ class Track:
         objects = {name: ObjectState(*place) for name, *place in found if not math.isnan(place[0])}
         return World(time, RobotState(Pose(x, y, yaw), v, w), objects)
 
-    def samples(self, begin: float, end: float) -> FloatArray:
-        """Return the samples of an episode from `begin` to `end` (s); see `Episode`."""
-        times: FloatArray = PERIOD * np.arange(
-            int((end - begin - _ROUNDING) / PERIOD) + 1, dtype=float
-        )
-        return np.column_stack([times, self.states(begin + times)[:, 1:]])
+    def samples(self, begin: float, end: float, objects: Collection[str]) -> FloatArray:
+        """Return the samples of an episode from `begin` to `end` (s) with some objects; see `Episode`."""
+        count = int((end - begin - _ROUNDING) / PERIOD) + 1
+        times: FloatArray = PERIOD * np.arange(count, dtype=float)
+        states = self.states(begin + times)
+        of_robot = np.full(_WIDTH, True)
+        of_objects = np.repeat([name in objects for name in self.objects], 2)
+        states[:, 0] = times
+        return states[:, np.append(of_robot, of_objects).astype(bool)]
 
     def jump(self, robot: Robot, since: float, until: float) -> str:
         """Return that the pose jumps between two times (s); empty if it does not.
@@ -507,8 +512,8 @@ class Track:
         lengths = np.hypot(np.diff(during[:, 1]), np.diff(during[:, 2]))
         turns = np.abs(wrap_angles(np.diff(during[:, 3])))
         beyond = np.maximum(
-            lengths - FASTEST * robot.limits.v * elapsed,
-            turns - FASTEST * robot.limits.w * elapsed,
+            lengths - FASTEST * robot.greatest_speed() * elapsed,
+            turns - FASTEST * robot.greatest_turn_rate * elapsed,
         )
         return _JUMPS if (beyond > _JUMP_SLACK).any() else ""
 
@@ -629,15 +634,15 @@ def drives(segment: Segment, robot: Robot, domain: Vocabulary) -> Iterator[Episo
             top = top_between(domain.tops, _held(robot, start), _held(robot, at_goal))
             if top is not None:
                 place = robot.hold_point(goal_pose) if top.point is Point.HOLD else goal_pose
-                goal, why = (
-                    Goal(place, 0.0, top.point),
-                    "recorded: its goal is where it came to rest",
-                )
-                situation = Situation(top.action, start.robot, start.objects, goal)
-                samples, duration = track.samples(begin, end), round(end - begin, _DIGITS)
-                unknown = math.nan, math.nan
+                goal = Goal(place, 0.0, top.point)
                 yield Episode(
-                    situation, samples, duration, True, why, *unknown, tuple(track.objects)
+                    Situation(top.action, start.robot, start.objects, goal),
+                    round(end - begin, _DIGITS),
+                    True,
+                    "recorded: its goal is where it came to rest",
+                    math.nan,
+                    math.nan,
+                    samples=track.samples(begin, end, start.objects),
                 )
 
 

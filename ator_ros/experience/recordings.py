@@ -11,11 +11,10 @@ import itertools
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.bases.description import Robot
-from ator_ros.experience.bag_files import Bag, Topic, is_recording
 from ator_ros.experience.drives import CMD_VEL, ODOM, RECORDS, SHORTEST, TF, Reader
 from ator_ros.experience.records import Vocabulary
 from ator_ros.experience.server_goals import GOAL_POSE, PLAN, STATUS_SUFFIX, status_topics
@@ -25,12 +24,14 @@ from ator_ros.experience.table import (
     ExperienceError,
     checked_rows,
     count_episodes,
-    episode_frame,
     join,
     read_experience,
     without_repeats,
 )
 from ator_ros.printable import printable, quoted
+
+if TYPE_CHECKING:
+    from ator_ros.experience.bag_files import Topic
 
 _TYPES = {
     ODOM: {"nav_msgs/msg/Odometry"},
@@ -41,8 +42,17 @@ _TYPES = {
 }
 _STATUS = {"action_msgs/msg/GoalStatusArray"}
 
+_RECORDED = (".mcap", ".db3")
+_COMPRESSED = (".zstd", ".zst")
+"""Suffixes of files that were compressed as a whole."""
 _BATCH = 200  # episodes of which one table is made
 _MOST_LINES = 8  # about topics that were skipped
+
+
+def is_recording(path: Path) -> bool:
+    """Return whether the name of a file is that of a recording."""
+    name = path.stem if path.suffix in _COMPRESSED else path.name
+    return name.endswith(_RECORDED)
 
 
 class _Wanted(NamedTuple):
@@ -139,12 +149,14 @@ def read_recording(
         got = _listed(sorted(reader.action_sets))
         raise ExperienceError(f"{place}: expected records of one action set, got {got}")
     objects = tuple(
-        dict.fromkeys([*domain.objects, *(name for each in episodes for name in each.objects)])
+        dict.fromkeys(
+            [*domain.objects, *(name for each in episodes for name in each.situation.objects)]
+        )
     )
     numbers: dict[str, Iterator[int]] = defaultdict(itertools.count)
     frames = [
         join(
-            episode_frame(next(numbers[each.situation.action]), each, objects)
+            each.rows(next(numbers[each.situation.action]), objects)
             for each in episodes[begin : begin + _BATCH]
         )
         for begin in range(0, len(episodes), _BATCH)
@@ -190,7 +202,10 @@ def _read(
 ) -> tuple[Reader, list[str], list[Topic]]:
     """Return the messages, a line for each topic or part that was skipped, and all topics."""
     try:
-        with Bag(paths) as bag:
+        from ator_ros.experience.bag_files import Bag  # packages that only recordings need
+
+        files = [file for path in paths for file in _files_of(path)]
+        with Bag(files) as bag:
             selected, skipped = _select(bag.topics, _wanted(domain, names))
             has_odometry = any(ODOM in each for each in selected.values())
             reader = Reader(robot, domain, robot_in_tf=not has_odometry)
@@ -207,6 +222,15 @@ def _read(
     except Exception as error:  # a damaged file raises anything
         why = printable(str(error) or repr(error), 200)
         raise ExperienceError(f"{place}: expected a recording of ros2 bag record: {why}") from error
+
+
+def _files_of(path: Path) -> list[Path]:
+    """Return the files of a recording."""
+    files = sorted(path.iterdir()) if path.is_dir() else [path]
+    files = [file for file in files if is_recording(file)]
+    if not files or not all(file.is_file() for file in files):  # opening a pipe may block
+        raise ValueError("expected .mcap or .db3 files, found none")
+    return files
 
 
 def _wanted(domain: Vocabulary, names: Mapping[str, str]) -> list[_Wanted]:

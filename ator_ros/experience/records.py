@@ -6,21 +6,17 @@ import math
 from collections.abc import Mapping
 from typing import Any, Protocol
 
-import numpy as np
-
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.actions.base import Goal, Point
 from ator_ros.actions.goal_variables import GoalVariable
 from ator_ros.actions.situation import ActionSpec, Situation
 from ator_ros.bases.description import Robot
 from ator_ros.bases.differential.drive_parts import DriveParts
-from ator_ros.experience.episode import Episode, sample_of
-from ator_ros.experience.table import LARGEST
+from ator_ros.experience.table import LARGEST, Episode
 from ator_ros.files import is_name
 from ator_ros.printable import printable, quoted
 from ator_ros.tops.chain import Top
 from ator_ros.world.messages import MessageError, ObjectSource, pose_from, velocity, world_from
-from ator_ros.world.state import World
 
 SUCCEEDED, FAILED = 1, 2  # codes of ator_interfaces/msg/Outcome
 ENDED = (SUCCEEDED, FAILED)
@@ -96,13 +92,11 @@ def episode_of(message: Any, domain: Vocabulary, robot: Robot) -> Episode:
     parts = DriveParts(first, last, driven if 0.0 < abs(driven) <= LARGEST else math.nan)
     episode = Episode(
         situation=Situation(message.action, state, objects, Goal(pose, speed, point, values)),
-        samples=np.array([sample_of(World(0.0, state, objects), 0.0, objects)]),
         duration=message.actual.duration,
         success=message.outcome.code == SUCCEEDED,
         reason=printable(message.outcome.reason, 200),
         position_error=message.actual.accuracy,
         heading_error=message.heading_error,
-        objects=tuple(objects),
         parts=parts,
     )
     if fault := fault_in(episode, top, robot):
@@ -117,9 +111,9 @@ def fault_in(episode: Episode, top: Top | None, robot: Robot) -> str:
     finite = all(abs(number) <= LARGEST for number in (episode.duration, *goal.values.values()))
     if not finite or min(episode.duration, goal.speed, *errors) < 0.0 or math.inf in errors:
         return "expected finite numbers, and no negative speed, duration or error"
-    farthest = robot.limits.v * max(_LONGEST_DRIVE, episode.duration)
+    farthest = robot.greatest_speed() * max(_LONGEST_DRIVE, episode.duration)
     if episode.success and top is not None and top.arrives:
-        farthest = _SLACK + FASTEST * robot.limits.v * episode.duration
+        farthest = _SLACK + FASTEST * robot.greatest_speed() * episode.duration
     distance = episode.situation.robot.pose.distance(goal.pose)
     too_far = f"start: expected at most {farthest:.3g} m to the goal, got {distance:.3g} m"
     return too_far if distance > farthest else ""

@@ -31,8 +31,7 @@ from ator_ros.experience.databases import (
     signals_raised,
     text_of,
 )
-from ator_ros.experience.episode import Episode
-from ator_ros.experience.table import Experience, ExperienceError, checked_rows, episode_frame, join
+from ator_ros.experience.table import Episode, Experience, ExperienceError, checked_rows, join
 from ator_ros.files import DamagedFileError, FileError, identity_of
 from ator_ros.printable import printable, quoted
 
@@ -154,7 +153,7 @@ class RecordStore:
 
         Raises DamagedFileError if the file is damaged. The store is closed by both errors.
         """
-        (row, *_) = episode_frame(0, episode, episode.objects).to_dict("records")
+        (row, *_) = episode.rows(0, episode.situation.objects).to_dict("records")
         values = {"set": action_set, "row": json.dumps(row), "most": self._most}
         try:
             with _errors_of(self._file), self._database:

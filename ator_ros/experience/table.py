@@ -1,14 +1,15 @@
-"""Experience as one table: an example a row at 10 Hz, in Parquet with its metadata (paper, section 3)."""
+"""Episodes, and experience as one table of their rows at 10 Hz, in Parquet (paper, section 3)."""
 
 from __future__ import annotations
 
 import json
+import math
 import platform
 from collections.abc import Iterable
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -16,13 +17,14 @@ import pandas as pd
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.actions.base import Point
 from ator_ros.actions.goal_variables import MOST_GOAL_VARIABLES, direct_name
+from ator_ros.actions.situation import Situation
 from ator_ros.bases.differential.drive_parts import DriveParts, parts_of_drive
-from ator_ros.experience.episode import Episode
 from ator_ros.files import atomic_write, content_of, header, is_name
 from ator_ros.geometry import FloatArray
 from ator_ros.printable import ReadableError, printable, quoted
 from ator_ros.schema import SchemaError
 from ator_ros.world.messages import MOST_OBJECTS
+from ator_ros.world.state import World
 
 
 class ExperienceError(ReadableError, ValueError):
@@ -33,51 +35,94 @@ class ExperienceError(ReadableError, ValueError):
 
 LARGEST = 1e9
 """Greatest number in a table: thirty years in s; in m it exceeds `world.messages.FARTHEST`."""
-STATE_COLUMNS = ("t", "x", "y", "yaw", "v", "w")
-"""Time and the robot's state, in the order of a sample: s since the start, m, m, rad, m/s, rad/s."""
 
+
+class Column(NamedTuple):
+    """A column of experience: what it means, the range of its numbers, and whether NaN is allowed."""
+
+    meaning: str
+    low: float = -LARGEST
+    high: float = LARGEST
+    may_be_nan: bool = False
+
+
+_STATE = {
+    "t": Column("s since the start of the episode", 0.0),
+    "x": Column("m, axle"),
+    "y": Column("m, axle"),
+    "yaw": Column("rad"),
+    "v": Column("m/s, forward"),
+    "w": Column("rad/s, counter-clockwise"),
+}
 _BEFORE = {
-    "action": "name of the action",
-    "episode": "number of the episode within its action",
-    "t": "s since the start of the episode",
-    "x": "m, axle",
-    "y": "m, axle",
-    "yaw": "rad",
-    "v": "m/s, forward",
-    "w": "rad/s, counter-clockwise",
+    "action": Column("name of the action"),
+    "episode": Column("number of the episode within its action", 0.0),
+    **_STATE,
 }
 _GOAL = {
-    "xg": "m, goal of the axle (hold 0) or of the hold (hold 1)",
-    "yg": "m, goal of the axle (hold 0) or of the hold (hold 1)",
-    "yawg": "rad, heading at the goal",
-    "speedg": "m/s, forward speed at the goal",
+    "xg": Column("m, goal of the axle (hold 0) or of the hold (hold 1)"),
+    "yg": Column("m, goal of the axle (hold 0) or of the hold (hold 1)"),
+    "yawg": Column("rad, heading at the goal"),
+    "speedg": Column("m/s, forward speed at the goal", 0.0),
+}
+_PARTS = {
+    "first_turn": Column(
+        "s until the robot had driven 5 cm; NaN if unknown, as in drives below 10 cm",
+        may_be_nan=True,
+    ),
+    "last_turn": Column(
+        "s from when 5 cm of the drive were left until the action ended; NaN if unknown",
+        may_be_nan=True,
+    ),
+    "driven": Column(
+        "m, forward minus backward, by odometry; NaN if unknown",
+        may_be_nan=True,
+    ),
 }
 _AFTER = {
-    "hold": "1: (xg, yg) is the goal of the hold, the place in front where objects are held; 0: of the axle",
-    "time_to_go": "s until the action ended",
-    "duration": "s, of the whole episode",
-    "success": "the action ended well, and the post-condition of its TOP holds",
-    "reason": "how the episode ended",
-    "first_turn": "s until the robot had driven 5 cm; NaN if unknown, as in drives below 10 cm",
-    "last_turn": "s from when 5 cm of the drive were left until the action ended; NaN if unknown",
-    "driven": "m, forward minus backward, by odometry; NaN if unknown",
-    "position_error": "m, at the end",
-    "heading_error": "rad, at the end; NaN where the heading does not matter",
+    "hold": Column(
+        "1: (xg, yg) is the goal of the hold, the place in front where objects are held; "
+        "0: of the axle",
+        0.0,
+        1.0,
+    ),
+    "time_to_go": Column("s until the action ended", 0.0),
+    "duration": Column("s, of the whole episode", 0.0),
+    "success": Column(
+        "the action ended well, and the post-condition of its TOP holds",
+        0.0,
+        1.0,
+    ),
+    "reason": Column("how the episode ended"),
+    **_PARTS,
+    "position_error": Column("m, at the end", 0.0, may_be_nan=True),
+    "heading_error": Column(
+        "rad, at the end; NaN where the heading does not matter",
+        0.0,
+        may_be_nan=True,
+    ),
 }
+STATE_COLUMNS = tuple(_STATE)
+"""Time and the robot's state, in the order of a sample: s since the start, m, m, rad, m/s, rad/s."""
+_TEXTS = ("action", "reason")
+_TYPES = {"episode": np.int32, "hold": np.int8, "success": bool}
+"""Columns of whole numbers and of true and false; all other numbers are floats."""
 
 
-def columns(objects: Iterable[str], goal_variables: Iterable[str] = ()) -> dict[str, str]:
-    """Return name and meaning of each column of a table; SI units, world frame.
+def columns(objects: Iterable[str], goal_variables: Iterable[str] = ()) -> dict[str, Column]:
+    """Return the columns of a table by name; SI units, world frame.
 
     `objects` are those whose places it has, `goal_variables` are declared by actions beyond pose
     and speed.
     """
-    places = {name: f"m, NaN without {name.rpartition('_')[0]}" for name in object_columns(objects)}
-    declared = {
-        direct_name(name): f"goal variable {name} in its declared unit, NaN of an action without it"
-        for name in goal_variables
-    }
-    return {**_BEFORE, **places, **_GOAL, **declared, **_AFTER}
+    found = dict(_BEFORE)
+    for name in object_columns(objects):
+        found[name] = Column(f"m, NaN without {name.rpartition('_')[0]}", may_be_nan=True)
+    found |= _GOAL
+    for name in goal_variables:
+        meaning = f"goal variable {name} in its declared unit, NaN of an action without it"
+        found[direct_name(name)] = Column(meaning, may_be_nan=True)
+    return found | _AFTER
 
 
 def object_columns(objects: Iterable[str]) -> list[str]:
@@ -101,25 +146,100 @@ def goal_variables_of_columns(names: Iterable[str]) -> tuple[str, ...]:
     return tuple(name for name in found if name)
 
 
-def columns_among(names: Iterable[str]) -> dict[str, str]:
+def columns_among(names: Iterable[str]) -> dict[str, Column]:
     """Return `columns` for the objects and goal variables whose columns are among `names`."""
     names = list(names)
     return columns(objects_of_columns(names), goal_variables_of_columns(names))
+
+
+# An episode
+
+
+@dataclass(frozen=True, slots=True)
+class Episode:
+    """One observed execution of an action (paper, section 3).
+
+    Attributes
+    ----------
+    situation : Situation
+        Start and goal.
+    duration : float
+        From the start to when the action ended, in s.
+    success : bool
+        The action ended well, and the TOP's post-condition truly holds.
+    reason : str
+        How it ended, in a sentence.
+    position_error, heading_error : float
+        Distance in m and angle in rad to the goal at the end, of the axle or the hold. If the TOP
+        does not place the robot: how far the world is from the post-condition, and NaN.
+    samples : ndarray, shape (n, k), or None
+        The states at 10 Hz from the start until before the end, see `sample_of`; None: only the
+        start is known.
+    parts : DriveParts or None
+        By odometry; None: computed from `samples`.
+    """
+
+    situation: Situation
+    duration: float
+    success: bool
+    reason: str
+    position_error: float
+    heading_error: float
+    samples: FloatArray | None = None
+    parts: DriveParts | None = None
+
+    def rows(self, number: int, objects: Iterable[str]) -> pd.DataFrame:
+        """Return its rows in a table, as the episode with this number within its action.
+
+        `objects` are those whose places are kept, NaN in an episode without them.
+        """
+        start = self.situation
+        samples = self.samples
+        if samples is None:
+            world = World(0.0, start.robot, start.objects)
+            samples = np.array([sample_of(world, 0.0, start.objects)])
+        names = [*STATE_COLUMNS, *object_columns(start.objects)]
+        frame = pd.DataFrame(samples, columns=names)
+        parts = self.parts
+        if parts is None:
+            parts = parts_of_drive(frame["t"].to_numpy(), frame["v"].to_numpy(), self.duration)
+        wanted = columns(objects, start.goal.values)
+        return frame.assign(
+            action=start.action,
+            episode=number,
+            xg=start.goal.pose.x,
+            yg=start.goal.pose.y,
+            yawg=start.goal.pose.yaw,
+            speedg=start.goal.speed,
+            hold=int(start.goal.point is Point.HOLD),
+            time_to_go=self.duration - frame["t"],
+            duration=self.duration,
+            success=self.success,
+            reason=self.reason,
+            position_error=self.position_error,
+            heading_error=self.heading_error,
+            **{direct_name(name): value for name, value in start.goal.values.items()},
+            **parts._asdict(),
+        ).reindex(columns=list(wanted))
+
+
+def sample_of(world: World, start: float, objects: Iterable[str]) -> tuple[float, ...]:
+    """Return a sample of an episode that started at `start` (s).
+
+    It has the columns `STATE_COLUMNS`, then x and y in m of each object, NaN where unknown.
+    """
+    robot = world.robot
+    sample = [world.time - start, *robot.pose, robot.v, robot.w]
+    for name in objects:
+        there = world.objects.get(name)
+        sample += (math.nan, math.nan) if there is None else (there.x, there.y)
+    return tuple(sample)
 
 
 # The table
 
 KIND = "experience"
 _KEY = b"ator_ros"
-_TEXTS = ["action", "reason"]
-_LEAST = {
-    **dict.fromkeys(("x", "y", "yaw", "v", "w", "xg", "yg", "yawg"), -LARGEST),
-    **dict.fromkeys(("episode", "t", "time_to_go", "duration", "speedg", "hold", "success"), 0.0),
-}
-"""Least number of each column that has no NaN."""
-_GREATEST = {"hold": 1.0, "success": 1.0}
-_TYPES = {"episode": np.int32, "hold": np.int8, "success": bool}
-"""Columns of whole numbers and of true and false; all other numbers are floats."""
 
 
 def checked_rows(source: Path | str, frame: pd.DataFrame, action_set: object) -> pd.DataFrame:
@@ -137,64 +257,66 @@ def checked_rows(source: Path | str, frame: pd.DataFrame, action_set: object) ->
     ExperienceError
         There are no rows, a column is missing, or a column has a value of another type or range.
     """
-    objects, declared = objects_of_columns(frame.columns), goal_variables_of_columns(frame.columns)
+    objects = objects_of_columns(frame.columns)
+    declared = goal_variables_of_columns(frame.columns)
     wanted = columns(objects, declared)
-    has_parts = {*DriveParts._fields} <= {*frame.columns}
-    frame = frame if has_parts else frame.assign(**DriveParts()._asdict())
+    has_parts = {*_PARTS} <= {*frame.columns}
+    if not has_parts:
+        frame = frame.assign(**DriveParts()._asdict())
     if missing := [name for name in wanted if name not in frame.columns]:
         raise ExperienceError(
             f"{source}: expected the columns {', '.join(wanted)}; missing: {', '.join(missing)}"
         )
     if frame.empty:
         raise ExperienceError(f"{source}: expected rows of experience, found none")
-    names = {
-        "action_set": [action_set],
-        "action": frame["action"].unique(),
-        "column": (*objects, *declared),
-    }
-    for field, name in ((field, name) for field, several in names.items() for name in several):
+    names = [("action_set", action_set)]
+    names += [("action", name) for name in frame["action"].unique()]
+    names += [("column", name) for name in (*objects, *declared)]
+    for field, name in names:
         if not is_name(name):
             expected = "expected a name of letters, digits and _"
             raise ExperienceError(f"{source}: {field}: {expected}, got {quoted(name)}")
     if len(objects) > MOST_OBJECTS or len(declared) > MOST_GOAL_VARIABLES:
         most = f"at most {MOST_OBJECTS} objects and {MOST_GOAL_VARIABLES} goal variables"
         raise ExperienceError(f"{source}: expected {most}, got {len(objects)} and {len(declared)}")
-    checked = {
-        name: frame[name].astype(object) if name in _TEXTS else _numbers(source, frame[name])
-        for name in wanted
-    }
+    checked = {}
+    for name, column in wanted.items():
+        values = frame[name]
+        is_text = name in _TEXTS
+        checked[name] = values.astype(object) if is_text else _numbers(source, values, column)
     rows = pd.DataFrame(checked).astype(_TYPES)
-    if not has_parts:  # as in tables of version 0.1
-        parts = {
-            key: parts_of_drive(
-                drive["t"].to_numpy(), drive["v"].to_numpy(), drive["duration"].iloc[0]
-            )
-            for key, drive in rows.groupby(["action", "episode"])
-        }
-        drives = zip(rows["action"], rows["episode"], strict=True)
-        rows[list(DriveParts._fields)] = [parts[drive] for drive in drives]
-    return rows
+    return rows if has_parts else _with_parts(rows)
 
 
-def _numbers(source: Path | str, column: pd.Series) -> FloatArray:
+def _with_parts(rows: pd.DataFrame) -> pd.DataFrame:
+    """Return rows of a table of version 0.1 with the parts of their drives."""
+
+    def parts_of(drive: pd.DataFrame) -> pd.DataFrame:
+        duration = drive["duration"].iloc[0]
+        parts = parts_of_drive(drive["t"].to_numpy(), drive["v"].to_numpy(), duration)
+        return drive.assign(**parts._asdict())
+
+    drives = rows.groupby(["action", "episode"], sort=False)
+    return pd.concat([parts_of(drive) for _, drive in drives]).sort_index()
+
+
+def _numbers(source: Path | str, values: pd.Series, column: Column) -> FloatArray:
     """Return the numbers of a column of any numeric type, checked."""
-    name = str(column.name)
-    low, high = (
-        _LEAST.get(name, 0.0 if name.endswith("_error") else -LARGEST),
-        _GREATEST.get(name, LARGEST),
-    )
+    name = str(values.name)
     kind = "whole numbers" if name in _TYPES else "numbers"
-    expected = f"{source}: {name}: expected {kind} from {low:g} to {high:g}"
-    if not pd.api.types.is_numeric_dtype(column):
-        raise ExperienceError(f"{expected}, got the type {column.dtype}")
-    values: FloatArray = column.to_numpy(dtype=float, na_value=np.nan)
-    good = (values >= low) & (values <= high) | np.isnan(values) & (name not in _LEAST)
+    expected = f"{source}: {name}: expected {kind} from {column.low:g} to {column.high:g}"
+    if not pd.api.types.is_numeric_dtype(values):
+        raise ExperienceError(f"{expected}, got the type {values.dtype}")
+    numbers: FloatArray = values.to_numpy(dtype=float, na_value=np.nan)
+    good = (numbers >= column.low) & (numbers <= column.high)
+    if column.may_be_nan:
+        good |= np.isnan(numbers)
     if name in _TYPES:
-        good &= values == np.round(values)
+        good &= numbers == np.round(numbers)
     if not good.all():
         row = int(np.argmin(good))
-        raise ExperienceError(f"{expected}, got {values[row]:g} in row {row}")
-    return values
+        raise ExperienceError(f"{expected}, got {numbers[row]:g} in row {row}")
+    return numbers
 
 
 @dataclass(frozen=True)
@@ -219,41 +341,6 @@ class Experience:
     def of(self, action: str) -> pd.DataFrame:
         """Return the rows of one action, if there are any."""
         return self.frame[self.frame["action"] == action].reset_index(drop=True)
-
-
-def episode_frame(number: int, episode: Episode, objects: tuple[str, ...]) -> pd.DataFrame:
-    """Return the rows of an episode, the one with this number within its action.
-
-    `objects` are those whose places are kept, NaN in an episode without them.
-    """
-    frame = pd.DataFrame(
-        episode.samples, columns=[*STATE_COLUMNS, *object_columns(episode.objects)]
-    )
-    goal = episode.situation.goal
-    parts = episode.parts
-    if parts is None:
-        parts = parts_of_drive(frame["t"].to_numpy(), frame["v"].to_numpy(), episode.duration)
-    others = {
-        **dict.fromkeys(
-            object_columns(name for name in objects if name not in episode.objects), np.nan
-        ),
-        "action": episode.situation.action,
-        "episode": number,
-        "xg": goal.pose.x,
-        "yg": goal.pose.y,
-        "yawg": goal.pose.yaw,
-        "speedg": goal.speed,
-        **{direct_name(name): value for name, value in goal.values.items()},
-        "hold": int(goal.point is Point.HOLD),
-        "time_to_go": episode.duration - frame["t"],
-        "duration": episode.duration,
-        "success": episode.success,
-        "reason": episode.reason,
-        **parts._asdict(),
-        "position_error": episode.position_error,
-        "heading_error": episode.heading_error,
-    }
-    return frame.assign(**others)[list(columns(objects, goal.values))]
 
 
 def join(frames: Iterable[pd.DataFrame]) -> pd.DataFrame:
@@ -304,9 +391,11 @@ def write_experience(path: Path | str, experience: Experience) -> None:
     import pyarrow.parquet as pq
 
     table = pa.Table.from_pandas(experience.frame, preserve_index=False)
+    known = columns_among(experience.frame.columns)
+    meanings = {name: column.meaning for name, column in known.items()}
     metadata = {
         **header(KIND),
-        "columns": columns_among(experience.frame.columns),
+        "columns": meanings,
         **experience.metadata,
     }
     text = json.dumps(metadata, sort_keys=True).encode()

@@ -10,8 +10,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from ator_ros.experience.episode import Episode
 from ator_ros.experience.store import RecordStore, StoreInfo, is_store
+from ator_ros.experience.table import Episode
 from ator_ros.files import (
     DamagedFileError,
     FileError,

@@ -214,7 +214,8 @@ class Subscriptions:
                 f"parameter robot_frame: expected another frame than frame, got {robot_frame}"
             )
         else:
-            velocity, transforms = RobotVelocity(robot.limits.v, robot.limits.w), self.tf.transforms
+            velocity = RobotVelocity(robot.greatest_speed(), robot.greatest_turn_rate)
+            transforms = self.tf.transforms
 
             def read(stamp: float, placement: Placement) -> tuple[float, RobotState]:
                 check_senders(transforms, *frames)

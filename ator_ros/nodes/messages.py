@@ -227,7 +227,7 @@ def _call_from(call: msg.TopCall, library: TopLibrary, frame: str, where: str) -
     except LeftOutError as error:
         raise MessageError(f"{where}.top: {error}") from None
     checks.expect_frame(call.goal.header.frame_id, f"{where}.goal.header.frame_id", expected=frame)
-    fastest = _FASTEST_GOAL * library.robot.limits.v
+    fastest = _FASTEST_GOAL * library.robot.greatest_speed()
     speed = checks.number(call.speed, f"{where}.speed", low=0.0, high=fastest, unit="m/s")
     pose = goal_pose_from(call.goal.pose, f"{where}.goal.pose")
     goal = Goal(pose, speed, top.point, {item.name: item.value for item in call.values})

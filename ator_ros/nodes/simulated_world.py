@@ -11,7 +11,7 @@ from ator_ros.simulation.sensors import Sensors
 from ator_ros.simulation.simulation import Simulation
 from ator_ros.world import messages
 from ator_ros.world.messages import MessageError
-from ator_ros.world.state import STOP, World
+from ator_ros.world.state import STOP, Command, World
 
 _FASTEST = 10.0  # m/s of a placed object: it then moves by its radius in one step of the physics
 
@@ -111,10 +111,11 @@ class SimulatedWorld:
 
         Raises MessageError outside the floor, in another body, or beyond the robot's limits.
         """
-        limits = self.robot.limits
         self._check_inside(pose.x, pose.y, "pose.pose.position")
-        messages.number(v, "v", low=-limits.backward, high=limits.v, unit="m/s")
-        messages.number(w, "w", low=-limits.w, high=limits.w, unit="rad/s")
+        velocity = Command(v, w)
+        for axis in self.robot.axes:
+            value = getattr(velocity, axis.name)
+            messages.number(value, axis.name, low=-axis.backward, high=axis.limit, unit=axis.unit)
         _check_clear(self.simulation.robot_overlap(pose, number=number), "pose.pose.position")
         self.simulation.place_robot(pose, v=v, w=w, number=number)
         self.robots[number].sensors.reset()

@@ -322,7 +322,7 @@ class WaypointsNode(Node):
         """Start to execute an accepted goal; the order of these calls decides which one is newer."""
         self._arrived_count += 1
         self._arrived[bytes(handle.goal_id.uuid)] = WaypointGoal(
-            handle, kind, pace=1.0 / self._robot.limits.v, number=self._arrived_count
+            handle, kind, pace=1.0 / self._robot.greatest_speed(), number=self._arrived_count
         )
         handle.execute()
 

@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from ator_ros.bases.description import Robot
+from ator_ros.bases.differential.description import differential
 from ator_ros.bases.differential.durations import turn_time
 from ator_ros.bases.differential.shapes import fastest_paths
 from ator_ros.compiled import compiled
@@ -252,7 +253,7 @@ class Geometry:
         _write_rows(
             self._table,
             self.robot.hold,
-            self.robot.limits.aw,
+            differential(self.robot).limits.aw,
             rows,
         )
         return rows

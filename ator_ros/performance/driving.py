@@ -11,8 +11,10 @@ from typing import Annotated
 
 import numpy as np
 
-from ator_ros.bases.description import Limits, Robot
+from ator_ros.bases.description import Robot
+from ator_ros.bases.differential.description import differential
 from ator_ros.bases.differential.durations import rates_of
+from ator_ros.bases.differential.limits import Limits
 from ator_ros.bases.differential.shapes import (
     Rules,
     Shape,
@@ -264,7 +266,7 @@ def plain_driving(robot: Robot) -> DrivingStyle:
 
     The result is cached by robot.
     """
-    limits = robot.limits
+    limits = differential(robot).limits
     speeds = np.linspace(0.0, limits.v, _PLAIN) * (np.arange(_PLAIN) % 2)
     unturned = np.zeros(_PLAIN)
     distances = np.linspace(0.1, 5.0, _PLAIN)  # m

@@ -13,7 +13,6 @@ import numpy as np
 
 from ator_ros.actions.goal_variables import GoalVariable, direct_name
 from ator_ros.bases.description import Robot
-from ator_ros.bases.differential.durations import drive_time, turn_time
 from ator_ros.bases.routes import routes_of
 from ator_ros.geometry import FloatArray, wrap_angles
 from ator_ros.performance.derived import (
@@ -185,11 +184,7 @@ def _route_time(geometry: Geometry) -> FloatArray:
     """Return the times of routes at the robot's limits, with turns on the spot at both ends."""
     length, turn, _, to, at = geometry.once(_on_route)
     rows = geometry.rows
-    limits = geometry.robot.limits
-    first_turn = turn_time(to, limits.w, limits.aw)
-    last_turn = turn_time(at, limits.w, limits.aw)
-    turns = first_turn + last_turn + turn / limits.w
-    return np.asarray(turns + drive_time(length, rows[SPEED], rows[ARRIVAL], limits))
+    return geometry.robot.route_time(length, (to, turn, at), rows[SPEED], rows[ARRIVAL])
 
 
 ROUTE_FEATURES = (

@@ -16,8 +16,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from ator_ros.bases.description import GREATEST, LEAST, Limits, Robot
+from ator_ros.bases.description import Robot
+from ator_ros.bases.differential.description import differential
 from ator_ros.bases.differential.durations import rates_of
+from ator_ros.bases.differential.limits import GREATEST, LEAST, Limits
 from ator_ros.bases.differential.shapes import Rules
 from ator_ros.geometry import BoolArray, FloatArray
 from ator_ros.performance.derived import ANGLE_TO, Geometry
@@ -175,7 +177,7 @@ def _observed_limits(rows: pd.DataFrame, robot: Robot) -> Limits:
     speed = np.abs(v)
     change = (speed[after] - speed[after - 1]) / step
     turn_change = np.abs(w[after] - w[after - 1]) / step
-    base = robot.limits
+    base = differential(robot).limits
     observed = (
         _quantile(speed, _SPEED_QUANTILE, base.v),
         _quantile(np.abs(w), _SPEED_QUANTILE, base.w),

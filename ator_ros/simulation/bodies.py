@@ -15,7 +15,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from ator_ros.bases.description import Robot
+from ator_ros.bases.differential.description import DifferentialRobot
 from ator_ros.geometry import quaternion_from_yaw
 from ator_ros.simulation.urdf import WHEEL_NAMES, robot_urdf
 from ator_ros.world.grid_map import GridMap
@@ -138,7 +138,7 @@ def set_object_dynamics(client: BulletClient, body: int, item: RoundObject) -> N
     )
 
 
-def load_base(client: BulletClient, robot: Robot) -> tuple[int, list[int]]:
+def load_base(client: BulletClient, robot: DifferentialRobot) -> tuple[int, list[int]]:
     """Load the robot.
 
     Returns

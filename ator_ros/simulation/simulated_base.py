@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
-from ator_ros.bases.description import Robot
+from ator_ros.bases.differential.description import DifferentialRobot
 from ator_ros.bases.differential.response import clip, ramped
 from ator_ros.geometry import Pose, quaternion_from_yaw, yaw_from_quaternion
 from ator_ros.simulation.bodies import BulletClient, load_base
@@ -30,7 +30,7 @@ class SimulatedBase:
     ----------
     client : BulletClient
         The world.
-    robot : Robot
+    robot : DifferentialRobot
         The description.
     period : float
         Time of a physics step in s.
@@ -44,7 +44,7 @@ class SimulatedBase:
     def __init__(
         self,
         client: BulletClient,
-        robot: Robot,
+        robot: DifferentialRobot,
         *,
         period: float,
     ) -> None:

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 
 from ator_ros.bases.description import Robot
+from ator_ros.bases.differential.description import differential
 from ator_ros.geometry import Pose
 from ator_ros.simulation.bodies import (
     GRAVITY,
@@ -82,7 +83,8 @@ class Simulation:
         self._bodies = {name: make_object(bullet, item) for name, item in scene.objects.items()}
         self._present = dict.fromkeys(self._bodies, False)
         self._bases = [
-            SimulatedBase(bullet, self.robot, period=1.0 / PHYSICS_RATE) for _ in range(robots)
+            SimulatedBase(bullet, differential(self.robot), period=1.0 / PHYSICS_RATE)
+            for _ in range(robots)
         ]
         for base in self._bases:
             others = [other.body for other in self._bases if other is not base]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from string import Template
 
 from ator_ros.bases.description import Holder, Robot
+from ator_ros.bases.differential.description import DifferentialRobot, differential
 from ator_ros.resources import resource_path
 
 WHEEL_MASS = 0.4
@@ -34,6 +35,7 @@ def robot_urdf(robot: Robot) -> str:
 
     It is `urdf/robot.urdf.template` with the robot's sizes in m and masses in kg.
     """
+    robot = differential(robot)
     behind, height, caster, wheel_mass, wheel_inertia = _built(robot)
     body_mass = robot.mass - 2 * wheel_mass
     # The body lies between the wheels; that of a robot narrower than 16 cm overlaps them.
@@ -63,7 +65,7 @@ def robot_urdf(robot: Robot) -> str:
     return template.substitute({name: f"{value:.6g}" for name, value in numbers.items()} | fingers)
 
 
-def _built(robot: Robot) -> tuple[float, float, float, float, float]:
+def _built(robot: DifferentialRobot) -> tuple[float, float, float, float, float]:
     """Return the parts of `Build` in their order, those that the description leaves out derived."""
     given = robot.build
     usual = WHEEL_MASS * max(1.0, robot.mass / _USUAL_MASS)

@@ -22,16 +22,10 @@ import yaml
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
-from ator_ros.bases.description import (
-    GREATEST,
-    KIND,
-    Limits,
-    Robot,
-    least_torque,
-    load_robot,
-    robot_of,
-)
+from ator_ros.bases.description import KIND, load_robot, robot_of
+from ator_ros.bases.differential.description import DifferentialRobot, differential, least_torque
 from ator_ros.bases.differential.identification import BaseEstimate, check_plausible, identify
+from ator_ros.bases.differential.limits import GREATEST, Limits
 from ator_ros.bases.differential.probe_drive import DriveError, ProbeDrive
 from ator_ros.files import header, portable_command, write_text
 from ator_ros.nodes.commands import CommandPublisher
@@ -45,7 +39,8 @@ from ator_ros.world.messages import plain_frame
 from ator_ros.world.state import STOP, RobotState
 
 _FACTOR = 1.5  # of commands to the described limits, so that odometry shows the limits of the base
-_LEAST, _MOST = 0.001, 1000.0  # m, m/s or rad/s; a sprint to 15 m/s needs some hundred m
+_LEAST = 0.001  # m, m/s or rad/s
+_MOST = 1000.0  # the same; a sprint to 15 m/s needs some hundred m
 _ODOM_TIMEOUT = 2.0  # real s without odometry after which the drive is aborted
 _START_TIMEOUT = 5.0  # real s to wait for odometry
 _POINT_TOLERANCE = 0.03  # m; wheels that slide in turns move the axle by less
@@ -53,16 +48,19 @@ _STOPS = 10  # stop commands at the end, because DDS may lose some
 
 
 def calibrate(options: argparse.Namespace, words: Sequence[str]) -> None:
-    """Drive the base that subscribes to cmd_vel, stop it, and write a description with the estimates.
+    """Drive the base that subscribes to cmd_vel, and write a description with the estimates.
 
     `options` are those of `arguments`, `words` the whole command line with arguments for ROS.
     Raises DriveError if odometry is missing, another program commands the base, the base does not
     move, or an estimate cannot be right: then nothing is written.
     """
-    template = load_robot(options.robot)
-    v, w = options.v or _FACTOR * template.limits.v, options.w or _FACTOR * template.limits.w
-    backward = template.limits.backward > 0.0
-    drive = ProbeDrive(v=v, w=w, space=options.space, backward=backward)
+    template = differential(load_robot(options.robot))
+    drive = ProbeDrive(
+        v=options.v or _FACTOR * template.limits.v,
+        w=options.w or _FACTOR * template.limits.w,
+        space=options.space,
+        backward=template.limits.backward > 0.0,
+    )
     stay_on_this_machine(os.environ)
     # rclpy's own handlers would invalidate the context before the robot has been stopped.
     rclpy.init(args=["calibrate", *words], signal_handler_options=SignalHandlerOptions.NO)
@@ -80,29 +78,30 @@ def calibrate(options: argparse.Namespace, words: Sequence[str]) -> None:
         lines.append(
             f"wheel_torque {robot.wheel_torque:g} N m: the least that {robot.mass:g} kg need"
         )
-    comments = [
-        f"# {line}\n" for line in ("Written by:", portable_command("calibrate", words), *lines)
-    ]
-    sections = yaml.safe_dump(robot.sections(), sort_keys=False)
-    content = yaml.safe_dump(header(KIND), sort_keys=False) + sections
-    robot_of(yaml.safe_load(sections))  # raises SchemaError if an estimate is out of bounds
-    write_text(options.out, "".join(comments) + content)
+    robot_of(robot.sections())  # raises SchemaError if an estimate is out of bounds
+    comments = ("Written by:", portable_command("calibrate", words), *lines)
+    content = yaml.safe_dump({**header(KIND), **robot.sections()}, sort_keys=False)
+    write_text(options.out, "".join(f"# {line}\n" for line in comments) + content)
     print("\n".join((*lines, f"written to {options.out}")))
 
 
-def described(template: Robot, estimate: BaseEstimate) -> Robot:
+def described(template: DifferentialRobot, estimate: BaseEstimate) -> DifferentialRobot:
     """Return the template with the estimated limits and lag; `v_back` is that of the template.
 
     The motors' torque is raised if it is too weak for the estimated accelerations.
     """
     rounded = {name: round(getattr(estimate.limits, name), 3) for name in GREATEST}
     limits = Limits(**rounded, v_back=template.limits.v_back)
-    lag, holder = round(max(estimate.lag, 0.002), 3), template.holder
+    holder = template.holder
     if holder is not None:
         holder = dataclasses.replace(holder, limits=holder.limits.within(limits))
     torque = max(template.wheel_torque, least_torque(template.mass, template.wheel_radius, limits))
     return dataclasses.replace(
-        template, limits=limits, motor_time_constant=lag, holder=holder, wheel_torque=torque
+        template,
+        limits=limits,
+        motor_time_constant=round(max(estimate.lag, 0.002), 3),
+        holder=holder,
+        wheel_torque=torque,
     )
 
 
@@ -117,18 +116,20 @@ def report(estimate: BaseEstimate) -> list[str]:
     ]
     for name, axis, unit in (("v", estimate.driving, "m/s"), ("w", estimate.turning, "rad/s")):
         lines.append(
-            f"dead zone of {name}: {axis.dead_zone:.2f} {unit}; fitted within {axis.error:.3f} {unit} (RMS)"
+            f"dead zone of {name}: {axis.dead_zone:.2f} {unit}; fitted within "
+            f"{axis.error:.3f} {unit} (RMS)"
         )
         if not axis.limited:
             lines.append(
-                f"limits.{name}: {axis.response.limit:.3f} {unit} is the fastest speed in odometry; "
-                f"the base may be faster (give more --space, or a greater --{name})"
+                f"limits.{name}: {axis.response.limit:.3f} {unit} is the fastest speed in "
+                f"odometry; the base may be faster (give more --space, or a greater --{name})"
             )
     ahead, left = estimate.point
     if math.hypot(ahead, left) > _POINT_TOLERANCE:
         lines.append(
-            f"odometry describes a point {ahead:z.2f} m ahead and {left:z.2f} m to the left of the middle "
-            "of the axle, but drives need that of the axle: correct the driver, or its robot_frame"
+            f"odometry describes a point {ahead:z.2f} m ahead and {left:z.2f} m to the left of the "
+            "middle of the axle, but drives need that of the axle: correct the driver, or its "
+            "robot_frame"
         )
     return lines
 
@@ -137,9 +138,10 @@ class _Driver:
     """Publishes a command of the drive for each odometry message."""
 
     def __init__(
-        self, node: Node, drive: ProbeDrive, robot: Robot, options: argparse.Namespace
+        self, node: Node, drive: ProbeDrive, robot: DifferentialRobot, options: argparse.Namespace
     ) -> None:
-        self._node, self._drive = node, drive
+        self._node = node
+        self._drive = drive
         self._commands = CommandPublisher(node, stamped=options.stamped, frame="base_link")
         self._received: float | None = None  # real s
         self._stamp = -1.0  # s, of the newest odometry
@@ -185,13 +187,13 @@ class _Driver:
     def _take_robot(self, stamp: float, robot: RobotState) -> None:
         if stamp <= self._stamp or self._done:
             return
-        self._stamp, self._received = stamp, time.monotonic()
+        self._stamp = stamp
+        self._received = time.monotonic()
         try:
             command = self._drive.command(stamp, robot)
         except DriveError as error:
-            raise DriveError(
-                "; ".join(filter(None, (str(error), self._commands.cause())))
-            ) from error
+            causes = filter(None, (str(error), self._commands.cause()))
+            raise DriveError("; ".join(causes)) from error
         self._done = command is None
         self._commands.publish(command or STOP, stamp)
 
@@ -207,29 +209,23 @@ def arguments() -> argparse.ArgumentParser:
     parser.add_argument("--out", type=destination, required=True, help="description to write")
     parser.add_argument("--name", help="name of the robot (default: that of --robot)")
     parser.add_argument(
-        "--space",
-        type=number(_LEAST, _MOST),
-        default=3.0,
+        "--space", type=number(_LEAST, _MOST), default=3.0,
         help="free space ahead of the robot in m (default: %(default)s)",
-    )
+    )  # fmt: skip
     for axis, unit in (("v", "m/s"), ("w", "rad/s")):
         parser.add_argument(
-            f"--{axis}",
-            type=number(_LEAST, _MOST),
+            f"--{axis}", type=number(_LEAST, _MOST),
             help=f"greatest command in {unit} (default: 1.5 times the limit of --robot)",
-        )
+        )  # fmt: skip
     parser.add_argument(
-        "--stamped",
-        choices=("auto", "true", "false"),
-        default="auto",
-        help="whether cmd_vel is a TwistStamped; auto: what the base subscribes to (default: %(default)s)",
-    )
+        "--stamped", choices=("auto", "true", "false"), default="auto",
+        help="whether cmd_vel is a TwistStamped; auto: what the base subscribes to "
+        "(default: %(default)s)",
+    )  # fmt: skip
     parser.add_argument(
-        "--frame",
-        type=plain_frame,
-        default="odom",
+        "--frame", type=plain_frame, default="odom",
         help="frame of the odometry (default: %(default)s)",
-    )
+    )  # fmt: skip
     return parser
 
 

@@ -1,4 +1,4 @@
-"""Collect experience: execute each action in random situations, usually in the simulator (paper, section 3).
+"""Collect experience: execute each action in random situations (paper, section 3).
 
 After an interruption, the same command resumes.
 """
@@ -8,20 +8,18 @@ from __future__ import annotations
 import argparse
 import contextlib
 import sys
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from ator_ros.actions import TIME_LIMIT
 from ator_ros.bases.description import Robot
-from ator_ros.domains.domain import Domain
 from ator_ros.domains.trials import possible_actions
 from ator_ros.evaluation.toolset import ToolsetSource
-from ator_ros.experience import collect as simulated
+from ator_ros.experience import simulated
 from ator_ros.experience.json_lines import PartialResults
 from ator_ros.experience.parallel import progress
 from ator_ros.experience.table import (
@@ -32,7 +30,7 @@ from ator_ros.experience.table import (
     write_experience,
 )
 from ator_ros.files import FileError
-from ator_ros.geometry import wrap_angles
+from ator_ros.geometry import FloatArray, wrap_angles
 from ator_ros.printable import one_line
 from ator_ros.tools.command_line import (
     RESUMES,
@@ -52,8 +50,6 @@ _OFTEN = 0.2
 # drives of the shipped robots and servers take 0.7 to 1.3 times as long
 _LONG = 4.0
 _FEWEST = 5  # episodes for such a report
-# a file of partial results
-EPISODES = "episodes of the same seed, robot, domain, action set and versions"
 
 
 @dataclass(frozen=True)
@@ -80,52 +76,65 @@ def collect(
     over_ros: float | None = None,
     attachment: Attachment | None = None,
 ) -> None:
-    """Execute `episodes` of each action and write their table; episodes of an interrupted call are reused.
+    """Execute `episodes` of each action and write their table.
 
-    Actions that the robot cannot execute are skipped with a message. `command` is the command line
-    for the table. With `over_ros`, a real-time factor, actions are executed over ROS; with an
-    `attachment`, by the running executor; otherwise in the simulator without ROS.
+    Episodes of an interrupted call are reused. Actions that the robot cannot execute are skipped
+    with a message. `command` is the command line for the table. With `over_ros`, a real-time
+    factor, actions are executed over ROS; with an `attachment`, by the running executor; otherwise
+    in the simulator without ROS.
     """
     import pyarrow.parquet  # noqa: F401 (reports a missing package before the first episode)
 
-    domain, robot = source.in_domain(), source.described()
+    domain = source.in_domain()
+    robot = source.described()
+    is_over_ros = over_ros is not None
     if attachment is None:
-        _, left_out = possible_actions(
-            domain, source.action_set, robot, over_ros=over_ros is not None
-        )
+        _, left_out = possible_actions(domain, source.action_set, robot, over_ros=is_over_ros)
     else:
-        from ator_ros.tools import attached  # needs ROS
+        from ator_ros.tools.over_ros import attached_drives, driven_tops  # needs ROS
 
         expected = "expected a TOP that drives to its goal and needs no object"
-        tops = attached.driven_tops(domain, robot)
-        left_out = {name: f"{name}: {expected}" for name in actions if name not in tops}
+        drivable = driven_tops(domain, robot)
+        left_out = {name: f"{name}: {expected}" for name in actions if name not in drivable}
     possible = [name for name in dict.fromkeys(actions) if name not in left_out]
     skipped = {name: left_out[name] for name in actions if name in left_out}
     if not possible:
         raise ExperienceError("; ".join(skipped.values()))
     for name, reason in skipped.items():
         print(one_line(f"collect: skipped {name}: {reason}"), file=sys.stderr)
-    wanted = [(action, number) for action in possible for number in range(episodes)]
     settings = {"seed": seed, "domain": domain.name, "action_set": source.action_set}
     if domain.grid is not None:
         settings["map"] = str(domain.grid)
     settings["versions"] = library_versions()
-    identity = {**settings, "robot": robot.sections(), "over_ros": over_ros is not None}
-    identity |= {} if attachment is None else {"attached": True}
-    if attachment is not None and out.exists() and not out.with_suffix(".episodes.jsonl").exists():
+    identity = {**settings, "robot": robot.sections(), "over_ros": is_over_ros}
+    if attachment is not None:
+        identity["attached"] = True
+    file = out.with_suffix(".episodes.jsonl")
+    if attachment is not None and out.exists() and not file.exists():
         raise FileError(f"--out: {out} has the drives of a finished command; name another file")
-    with PartialResults(out.with_suffix(".episodes.jsonl"), identity, EPISODES) as partial:
-        frames = map(pd.DataFrame, partial.results)
-        finished = {
-            (frame["action"].iloc[0], int(frame["episode"].iloc[0])): frame for frame in frames
-        }
+    wanted = [(action, number) for action in possible for number in range(episodes)]
+    contents = "episodes of the same seed, robot, domain, action set and versions"
+    with PartialResults(file, identity, contents) as partial:
+        finished = {_key(frame): frame for frame in map(pd.DataFrame, partial.results)}
         missing = [key for key in wanted if key not in finished]
-        if missing and attachment is None:
-            text = _plan(domain, source.action_set, missing, over_ros=over_ros is not None)
-            print(f"collect: {text}", file=sys.stderr, flush=True)
-        if attachment is not None:
-            collected = attached.drives(domain, robot, missing, source.action_set, seed, attachment)
-        elif over_ros is None:
+        done = len(wanted) - len(missing)
+        if done:
+            print(f"collect: {done} episodes of an earlier call are reused", file=sys.stderr)
+        if missing and attachment is not None:
+            collected = attached_drives(domain, missing, source, seed, **asdict(attachment))
+        elif missing and over_ros is not None:
+            from ator_ros.tools.over_ros import simulated_drives
+
+            collected = simulated_drives(domain, missing, source, seed, over_ros)
+        else:
+            if missing:
+                names = ", ".join(dict.fromkeys(action for action, _ in missing))
+                print(
+                    f"collect: {len(missing)} episodes of {names} in the simulator; the first take "
+                    "longer: each process loads or compiles code, up to a minute",
+                    file=sys.stderr,
+                    flush=True,
+                )
             collected = simulated.collect(
                 [domain.actions(source.action_set)[name] for name in possible],
                 domain.tops_for(robot),
@@ -136,18 +145,11 @@ def collect(
                 time_limit=domain.time_limit,
                 finished=frozenset(finished),
             )
-        else:
-            from ator_ros.tools.own_nodes import drives  # needs ROS
-
-            collected = drives(domain, robot, missing, source, seed, over_ros)
-        done = len(wanted) - len(missing)
-        if done:
-            print(f"collect: {done} episodes of an earlier call are reused", file=sys.stderr)
         try:
             with contextlib.closing(collected):  # ends workers and nodes, and stops the robot
                 for frame in progress(collected, done=done, total=len(wanted), unit="episode"):
                     partial.append(frame.to_dict("list"))
-                    finished[frame["action"].iloc[0], int(frame["episode"].iloc[0])] = frame
+                    finished[_key(frame)] = frame
         finally:
             kept = [finished[key] for key in wanted if key in finished]
             # a robot's drives are precious
@@ -156,38 +158,21 @@ def collect(
                 write_experience(out, Experience(join(kept), metadata))
                 _report(join(kept), robot)
                 print(f"wrote {out}")
-    partial.path.unlink()
+    file.unlink()
 
 
-def drivers(domain: Domain, action_set: str, actions: Iterable[str]) -> str:
-    """Return what executes these actions over ROS, for a message."""
-    calls = (domain.actions(action_set)[name].remote for name in dict.fromkeys(actions))
-    servers = {call.server: call.type for call in calls if call is not None}
-    named = (f"the action server {name} ({kind})" for name, kind in servers.items())
-    return " and ".join(["the executor", *named])
-
-
-def _plan(
-    domain: Domain, action_set: str, missing: Sequence[tuple[str, int]], *, over_ros: bool
-) -> str:
-    """Return what is about to be done, for the user; `missing` are action and number of episodes."""
-    actions = list(dict.fromkeys(action for action, _ in missing))
-    text = f"{len(missing)} episodes of {', '.join(actions)} in the simulator"
-    if not over_ros:
-        return f"{text}; the first take longer: each process loads or compiles code, up to a minute"
-    limit = max(TIME_LIMIT, domain.time_limit)
-    return (
-        f"{text}, driven by {drivers(domain, action_set, actions)}; before each, the robot is placed; "
-        f"each drive ends after at most {limit:g} s; the nodes start and compile code first, up to a minute"
-    )
+def _key(frame: pd.DataFrame) -> tuple[str, int]:
+    """Return action and number of an episode."""
+    return frame["action"].iloc[0], int(frame["episode"].iloc[0])
 
 
 def _report(frame: pd.DataFrame, robot: Robot) -> None:
     for action, rows in frame.groupby("action", sort=False):
         ends = rows.drop_duplicates("episode", keep="last")
+        succeeded = 100.0 * ends["success"].mean()
         print(
-            f"{action}: {len(ends)} episodes, {len(rows)} examples, {100 * ends['success'].mean():.2f} % "
-            f"succeeded, mean duration {ends['duration'].mean():.2f} s"
+            f"{action}: {len(ends)} episodes, {len(rows)} examples, {succeeded:.2f} % succeeded, "
+            f"mean duration {ends['duration'].mean():.2f} s"
         )
         for reason, count in ends.loc[~ends["success"], "reason"].value_counts().head(5).items():
             print(f"  failed {count} times: {one_line(reason)}")
@@ -197,48 +182,43 @@ def _report(frame: pd.DataFrame, robot: Robot) -> None:
 
 def _remarks(starts: pd.DataFrame, robot: Robot) -> list[str]:
     """Return what the user should check, by the starts of the episodes of an action."""
-    if len(starts) < _FEWEST:
-        return []
-    good = starts["success"].to_numpy(dtype=bool)
     remarks = []
-    if (failed := int((~good).sum())) > _OFTEN * len(starts):
+    succeeded = starts[starts["success"].astype(bool)]
+    failed = len(starts) - len(succeeded)
+    if len(starts) >= _FEWEST and failed > _OFTEN * len(starts):
         remarks.append(
             f"{failed} of {len(starts)} failed: models of durations are learned from the others; "
             "check the server, the goals and the conditions of success"
         )
-    straight = _straight_times(starts[good], robot)
-    if len(straight) < _FEWEST:
-        return remarks
-    ratio = float(np.median(starts.loc[good, "duration"] / straight))
-    if ratio > _LONG:
-        limits = f"v {robot.limits.v:g} m/s, w {robot.limits.w:g} rad/s"
+    ratios = succeeded["duration"] / _straight_times(succeeded, robot)
+    if len(ratios) >= _FEWEST and ratios.median() > _LONG:
+        limits = ", ".join(f"{axis.name} {axis.limit:g} {axis.unit}" for axis in robot.axes)
         remarks.append(
-            f"drives took {ratio:.0f} times as long as the limits of {robot.name} allow ({limits}): "
-            "check the limits, or the speed of the server"
+            f"drives took {ratios.median():.0f} times as long as the limits of {robot.name} allow "
+            f"({limits}): check the limits, or the speed of the server"
         )
     return remarks
 
 
-def _straight_times(starts: pd.DataFrame, robot: Robot) -> pd.Series:
-    """Return times in s of straight drives with turns before and after, at the robot's limits.
-
-    Speeding up and braking are included.
-    """
-    limits = robot.limits
-    dx, dy = starts["xg"] - starts["x"], starts["yg"] - starts["y"]
-    distance, direction = np.hypot(dx, dy), np.arctan2(dy, dx)
-    turns = np.abs(wrap_angles(direction - starts["yaw"])) + np.abs(
-        wrap_angles(starts["yawg"] - direction)
-    )
-    changes = 0.5 * limits.v * (1.0 / limits.a + 1.0 / limits.brake)
-    return distance / limits.v + turns / limits.w + changes
+def _straight_times(starts: pd.DataFrame, robot: Robot) -> FloatArray:
+    """Return times in s of straight drives with turns before and after, at the robot's limits."""
+    dx = starts["xg"] - starts["x"]
+    dy = starts["yg"] - starts["y"]
+    distance = np.hypot(dx, dy).to_numpy()
+    direction = np.arctan2(dy, dx)
+    none = np.zeros(len(starts))
+    first_turn = np.abs(wrap_angles(direction - starts["yaw"]))
+    last_turn = np.abs(wrap_angles(starts["yawg"] - direction))
+    return robot.route_time(distance, (first_turn, none, last_turn), none, none)
 
 
 def arguments() -> argparse.ArgumentParser:
     """Return the command line of `collect`."""
     parser = argparse.ArgumentParser(prog="collect", description=__doc__)
     add_setting(parser)
-    parser.add_argument("--actions", nargs="+", metavar="NAME", help="default: all of the domain")
+    parser.add_argument(
+        "--actions", nargs="+", default=[], metavar="NAME", help="default: all of the domain"
+    )
     parser.add_argument(
         "--episodes", type=whole(1), help="per action (default: 1000; with --attach 100)"
     )
@@ -248,17 +228,18 @@ def arguments() -> argparse.ArgumentParser:
     add_parallel_options(parser)
     parser.add_argument(
         "--over-ros", action="store_true",
-        help="drive over ROS, with the domain's action servers, one drive at a time; the table holds the "
-        "executor's records",
+        help="drive over ROS, with the domain's action servers, one drive at a time; the table "
+        "holds the executor's records",
     )  # fmt: skip
     parser.add_argument(
         "--attach", action="store_true",
-        help="with --over-ros: use the running executor instead of starting nodes; the table is also "
-        "written after Ctrl-C",
+        help="with --over-ros: use the running executor instead of starting nodes; the table is "
+        "also written after Ctrl-C",
     )  # fmt: skip
     parser.add_argument(
         "--places", type=Path, metavar="FILE",
-        help="with --attach: YAML file with a list of places to drive to, such as [{x: [1.0], y: [2.0]}]",
+        help="with --attach: YAML file with a list of places to drive to, such as "
+        "[{x: [1.0], y: [2.0]}]",
     )  # fmt: skip
     parser.add_argument(
         "--yes", action="store_true", help="with --attach: do not ask before the first drive"

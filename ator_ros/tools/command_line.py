@@ -1,11 +1,10 @@
-"""Shared by all command lines: options, checks of names against the domain, errors and exit codes."""
+"""Shared by all command lines: options, checks of names, errors and exit codes."""
 
 from __future__ import annotations
 
 import argparse
 import contextlib
 import io
-import math
 import signal
 import sys
 import warnings
@@ -13,41 +12,22 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from pathlib import Path
 
 from ator_ros.actions import DEFAULT_SET
-from ator_ros.bases.description import ConfigError
-from ator_ros.bases.differential.probe_drive import DriveError
 from ator_ros.compiled import is_cached
 from ator_ros.domains.domain import Domain, DomainError, domain_for
 from ator_ros.evaluation.toolset import ToolsetSource
 from ator_ros.experience.parallel import BackendError, workers
-from ator_ros.experience.table import ExperienceError
 from ator_ros.files import FileError, portable_command
-from ator_ros.nodes.network import NodesError
-from ator_ros.planning.goals import PlanningError
-from ator_ros.printable import one_line
-from ator_ros.refinement import RefinementError
-from ator_ros.schema import SchemaError
-from ator_ros.world.messages import MessageError
+from ator_ros.printable import ReadableError, one_line
 
 _LONGEST_LINE = 600  # characters, as of the longest error
 INTERRUPTED = 130  # exit code after Ctrl-C or SIGTERM
 RESUMES = "the same command resumes from here"
-_EXPECTED_ERRORS: tuple[type[Exception], ...] = (
-    *(
-        BackendError,
-        ConfigError,
-        DomainError,
-        DriveError,
-        ExperienceError,
-        FileError,
-    ),
-    *(MessageError, NodesError, OSError, PlanningError, RefinementError, SchemaError),
-)
 
 
 def guarded(
     program: str, work: Callable[[], object], *, interrupted: str = "nothing was written"
 ) -> int:
-    """Run a command and return its exit code; report expected errors in one line instead of a traceback.
+    """Run a command and return its exit code; an error for the user is printed in one line.
 
     SIGTERM and SIGHUP interrupt it like Ctrl-C, unless they are ignored (nohup); `interrupted` is
     the message then. Characters that the terminal cannot encode are escaped.
@@ -66,14 +46,14 @@ def guarded(
     except ImportError as error:
         print(f"{program}: {error}: docs/install.md describes how to install it", file=sys.stderr)
         return 1
-    except _EXPECTED_ERRORS as error:
+    except (ReadableError, BackendError, OSError) as error:
         lines = filter(None, (line.strip() for line in str(error).splitlines()))
         print(f"{program}: {one_line('; '.join(lines), _LONGEST_LINE)}", file=sys.stderr)
         return 1
 
 
 def _first_warnings(program: str) -> Callable[..., None]:
-    """Return a function that prints the first warning of each category, such as of another robot's models."""
+    """Return a function that prints the first warning of each category."""
     printed: set[type[Warning]] = set()
 
     def show(text: Warning | str, category: type[Warning], *_: object, **__: object) -> None:
@@ -104,22 +84,18 @@ def add_setting(parser: argparse.ArgumentParser, *, action_set: bool = True) -> 
     )
     parser.add_argument(
         "--domain", default="", metavar="NAME|FILE",
-        help="an installed domain, or the YAML file of one (default: soccer for a robot with a holder and a "
-        "ball in its scene, drive for any other)",
+        help="an installed domain, or the YAML file of one (default: soccer for a robot with a "
+        "holder and a ball in its scene, drive for any other)",
     )  # fmt: skip
     parser.add_argument(
-        "--map",
-        default="",
-        metavar="FILE",
+        "--map", default="", metavar="FILE",
         help="map_server file of the building (default: the domain's)",
-    )
+    )  # fmt: skip
     if action_set:
         parser.add_argument(
-            "--action-set",
-            default=DEFAULT_SET,
-            metavar="NAME",
+            "--action-set", default=DEFAULT_SET, metavar="NAME",
             help="of the domain (default: %(default)s)",
-        )
+        )  # fmt: skip
 
 
 def add_models(parser: argparse.ArgumentParser) -> None:
@@ -140,26 +116,12 @@ def add_factor(parser: argparse.ArgumentParser, default: float) -> None:
 def add_parallel_options(parser: argparse.ArgumentParser) -> None:
     """Add the options for parallel work: jobs and cluster."""
     parser.add_argument(
-        "--jobs",
-        type=_jobs,
-        default=-1,
-        metavar="N",
+        "--jobs", type=_jobs, default=-1, metavar="N",
         help="worker processes (default: -1, one per core)",
-    )
+    )  # fmt: skip
     parser.add_argument(
         "--cluster", metavar="ADDRESS", help="address of a dask scheduler, such as tcp://host:8786"
     )
-
-
-def _check_names(
-    parser: argparse.ArgumentParser, option: str, given: Iterable[str], allowed: Collection[str]
-) -> None:
-    for name in given:
-        if name not in allowed:
-            flag = f"--{option.replace('_', '-')}"
-            parser.error(
-                f"argument {flag}: expected one of {', '.join(allowed)}, got {name[:80]!r}"
-            )
 
 
 def run_tool(
@@ -182,8 +144,8 @@ def run_tool(
     needed : bool
         Whether a domain without names for one of the options in `names` is an error.
     **names : callable
-        For further options, return the names that a domain allows. The default is the first name
-        or, if the option is a plural, all names.
+        For further options, return the names that a domain allows. An option without a value
+        becomes the first name or, if its default is a list, all names.
     """
     words = list(sys.argv[1:] if argv is None else argv)
     options = parser.parse_args(words)
@@ -198,19 +160,21 @@ def run_tool(
         # parser.error would print the usage, which does not help with an error in a domain's file.
         parser.exit(2, f"{parser.prog}: error: {one_line(error, _LONGEST_LINE)}\n")
     options.domain = options.domain or domain.name
-    if getattr(options, "action_set", None) is not None:
+    if "action_set" in options and options.action_set:
         _check_names(parser, "action_set", [options.action_set], domain.action_sets)
     for name, allowed in names.items():
-        choices, given, several = list(allowed(domain)), getattr(options, name), name.endswith("s")
+        choices = list(allowed(domain))
+        given = getattr(options, name)
+        is_list = isinstance(given, list)
         if needed and not choices:
-            kind = f"{name.removesuffix('s')}s"
             parser.error(
-                f"argument --domain: expected one with {kind}, got {domain.name}, which has none"
+                f"argument --domain: expected one with names for --{name}, got {domain.name}, "
+                "which has none"
             )
-        if given is None:
-            setattr(options, name, choices if several else next(iter(choices), None))
+        if given:
+            _check_names(parser, name, given if is_list else [given], choices)
         else:
-            _check_names(parser, name, given if several else [given], choices)
+            setattr(options, name, choices if is_list else next(iter(choices), None))
     command = portable_command(parser.prog, words)
 
     def run() -> None:
@@ -221,6 +185,16 @@ def run_tool(
     return guarded(parser.prog, run, interrupted=interrupted)
 
 
+def _check_names(
+    parser: argparse.ArgumentParser, option: str, given: Iterable[str], allowed: Collection[str]
+) -> None:
+    for name in given:
+        if name not in allowed:
+            flag = f"--{option.replace('_', '-')}"
+            expected = ", ".join(allowed)
+            parser.error(f"argument {flag}: expected one of {expected}, got {name[:80]!r}")
+
+
 def without_ros_arguments(words: Sequence[str]) -> tuple[list[str], list[str]]:
     """Return the words before `--ros-args`, and the rest."""
     own = list(words[: words.index("--ros-args")] if "--ros-args" in words else words)
@@ -229,24 +203,20 @@ def without_ros_arguments(words: Sequence[str]) -> tuple[list[str], list[str]]:
 
 def source_of(options: argparse.Namespace) -> ToolsetSource:
     """Return the source of robot, actions and models for the options of `add_setting`."""
-    given = vars(options)
     names = ("domain", "robot", "map", "action_set", "models")
-    return ToolsetSource(**{name: given[name] for name in names if name in given})
+    return ToolsetSource(**{name: getattr(options, name) for name in names if name in options})
 
 
-def number(least: float = -math.inf, most: float = math.inf) -> Callable[[str], float]:
-    """Return an argparse type: a finite number from `least` to `most`."""
-    bounds = [
-        f" {word} {value:g}"
-        for word, value in (("from", least), ("to", most))
-        if math.isfinite(value)
-    ]
+def number(least: float, most: float = 1e12) -> Callable[[str], float]:
+    """Return an argparse type: a number from `least` to `most`."""
 
     def read(text: str) -> float:
         with contextlib.suppress(ValueError):
-            if math.isfinite(value := float(text)) and least <= value <= most:
+            value = float(text)
+            if least <= value <= most:
                 return value
-        raise argparse.ArgumentTypeError(f"expected a finite number{''.join(bounds)}, got {text!r}")
+        expected = f"a number from {least:g} to {most:g}"
+        raise argparse.ArgumentTypeError(f"expected {expected}, got {text!r}")
 
     return read
 
@@ -258,9 +228,8 @@ def whole(least: int = 0, most: int = 10**12) -> Callable[[str], int]:
         with contextlib.suppress(ValueError):  # Python reads at most 4300 digits
             if text.isdecimal() and least <= int(text) <= most:
                 return int(text)
-        raise argparse.ArgumentTypeError(
-            f"expected a whole number from {least} to {most}, got {text!r}"
-        )
+        expected = f"a whole number from {least} to {most}"
+        raise argparse.ArgumentTypeError(f"expected {expected}, got {text!r}")
 
     return read
 
@@ -276,8 +245,3 @@ def destination(text: str) -> Path:
     if path.is_dir() or not folder.is_dir():
         raise argparse.ArgumentTypeError(f"expected a file that can be written, got {text!r}")
     return path
-
-
-def topic(text: str) -> str:
-    """Return the absolute name of a topic or action; an argparse type."""
-    return f"/{text.removeprefix('/')}"

@@ -4,21 +4,27 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import io
 import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pandas as pd
+from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
+from matplotlib.patches import Circle, Polygon
+from PIL import Image
 
 from ator_ros.bases.description import Robot
 from ator_ros.domains.domain import Domain
 from ator_ros.domains.trials import Trial, open_speeds, random_trial
 from ator_ros.files import atomic_write
+from ator_ros.geometry import Pose
 from ator_ros.nodes.segments import surroundings
 from ator_ros.refinement.refiner import ITS_DEADLINE
 from ator_ros.tools.command_line import (
@@ -44,6 +50,10 @@ _LEGEND = (
 _COLUMNS = 3
 _MOST_SITUATIONS = 200  # that fit into one picture
 BLUE, ORANGE, GRAY, GREEN, DARK = "#1f5fa8", "#d9791a", "#8a8f98", "#2e7d4f", "#333333"
+_MOVED = 0.005  # m; beyond the noise of odometry of a robot that stands
+_FRAME = 0.1  # s; a GIF of a race of 15 s with the colors below has less than 2 MB
+_FRAME_COLORS = 48
+_PAUSE = 2.5  # s at the end of an animation, to read the times
 
 
 @dataclass(frozen=True)
@@ -78,7 +88,7 @@ class DemoSituation:
 
 
 def explanation(name: str, chain: TopChain) -> str:
-    """Return the steps of a chain, its open variables, and what naive and refined mean, one line each."""
+    """Return lines on the steps of a chain, its open variables, and what is compared."""
     variables = [
         f"{' and '.join(sorted(call.open))} at the end of step {number} ({call.top.name})"
         for number, call in enumerate(chain.calls, 1)
@@ -87,23 +97,26 @@ def explanation(name: str, chain: TopChain) -> str:
     return (
         f"chain {name}: {', '.join(call.top.name for call in chain.calls)}\n"
         f"open, for refinement to choose: {'; '.join(variables) or 'nothing'}\n"
-        "naive: each step alone is fastest, and the robot stops; refined: the whole chain is fastest"
+        "naive: each step alone is fastest, and the robot stops; "
+        "refined: the whole chain is fastest"
     )
 
 
 def table(situations: Sequence[DemoSituation]) -> str:
-    """Return predicted / actual times in s of each action and chain, a line for each run, and a summary."""
+    """Return predicted / actual times in s of each action and chain, by run, and a summary."""
     rows = []
     for number, situation in enumerate(situations, start=1):
         gain = situation.gain
         # a chain may end immediately
         percent = 100.0 * gain / (situation.naive.duration or math.inf)
-        changes = ["", "-" if math.isnan(gain) else f"{gain:+.2f} s ({percent:+.0f} %)"]
-        marks = ["", "*" if situation.cut_short else ""]
-        for (name, run), change, mark in zip(situation.runs.items(), changes, marks, strict=True):
-            rows.append({"": f"{number} {name}{mark}", **_times(situation, run), "gain": change})
-    # later chains may have more steps
-    frame, last = pd.DataFrame(rows).fillna(""), ["chain", "gain"]
+        change = "-" if math.isnan(gain) else f"{gain:+.2f} s ({percent:+.0f} %)"
+        mark = "*" if situation.cut_short else ""
+        for name, run in situation.runs.items():
+            is_naive = run is situation.naive
+            row = {"": f"{number} {name}{'' if is_naive else mark}"}
+            rows.append({**row, **_times(situation, run), "gain": "" if is_naive else change})
+    frame = pd.DataFrame(rows).fillna("")  # chains may have different numbers of steps
+    last = ["chain", "gain"]
     text = frame[[*frame.columns.difference(last, sort=False), *last]].to_string(index=False)
     return f"predicted / actual time in s\n{text}\n\n{_summary(situations)}"
 
@@ -154,20 +167,14 @@ def save_picture(
     figure = Figure(figsize=(4.6 * _COLUMNS, 3.4 * rows), layout="constrained")
     for number, situation in enumerate(situations, start=1):
         axes = figure.add_subplot(rows, _COLUMNS, number)
-        for lines in surroundings(domain, robot):
-            axes.add_collection(LineCollection(list(lines.points), colors=GRAY, linewidths=0.8))
+        _draw_floor(axes, domain, robot, situation)
         pose = situation.start.robot.pose
         axes.quiver(pose.x, pose.y, math.cos(pose.yaw), math.sin(pose.yaw), color=DARK, scale=18.0)
         for state in situation.start.objects.values():
             axes.plot(state.x, state.y, "o", color="black", ms=4)
-        for call in situation.chain.calls:
-            axes.plot(*call.goal.pose[:2], "+", color=DARK if call.open else GREEN, ms=7)
         for (name, run), color in zip(situation.runs.items(), (ORANGE, BLUE), strict=True):
             time = "failed" if math.isnan(run.duration) else f"{run.duration:.2f} s"
-            path = np.array([pose[:2] for pose in run.poses]).reshape(-1, 2)
-            axes.plot(*path.T, color=color, lw=1.5, label=f"{name}, {time}")
-        axes.set_aspect("equal")
-        axes.axis("off")
+            axes.plot(*_columns(run.path), color=color, lw=1.5, label=f"{name}, {time}")
         axes.legend(
             frameon=False, fontsize=8, loc="upper center", bbox_to_anchor=(0.5, 0.02), ncols=2
         )
@@ -176,8 +183,107 @@ def save_picture(
         figure.savefig(temporary, format="png", dpi=130)
 
 
+def _draw_floor(axes: Axes, domain: Domain, robot: Robot, situation: DemoSituation) -> None:
+    """Draw the surroundings and the goals of the steps."""
+    for lines in surroundings(domain, robot):
+        axes.add_collection(LineCollection(list(lines.points), colors=GRAY, linewidths=0.8))
+    for call in situation.chain.calls:
+        axes.plot(*call.goal.pose[:2], "+", color=DARK if call.open else GREEN, ms=7)
+    axes.set_aspect("equal")
+    axes.axis("off")
+
+
+def _columns(points: Sequence[tuple[float, float]]) -> np.ndarray:
+    """Return the x and the y of points, shape (2, n)."""
+    return np.array(points).reshape(-1, 2).T
+
+
+def save_animation(file: Path, domain: Domain, robot: Robot, situation: DemoSituation) -> None:
+    """Draw both executions of a situation as a race in real time, and write a GIF file."""
+    area = robot.scene.area
+    figure = Figure(figsize=(7.0, 7.0 * area.width / area.length + 0.5), layout="constrained")
+    axes = figure.add_subplot()
+    _draw_floor(axes, domain, robot, situation)
+    naive, refined = situation.runs.items()
+    racers = [
+        _Racer(axes, robot, *naive, color=ORANGE, loc="left"),
+        _Racer(axes, robot, *refined, color=BLUE, loc="right"),
+    ]
+    end = max(situation.naive.duration, situation.refined.duration) + _PAUSE
+    frames: list[Image.Image] = []
+    for now in np.arange(0.0, end, _FRAME):
+        for racer in racers:
+            racer.show(float(now))
+        picture = io.BytesIO()
+        figure.savefig(picture, format="png", dpi=100)
+        image = Image.open(picture).convert("RGB")
+        # one palette for all frames: then a GIF stores only what changes between two of them
+        palette = frames[0] if frames else image.quantize(_FRAME_COLORS)
+        frames.append(image.quantize(palette=palette, dither=Image.Dither.NONE))
+    with atomic_write(file) as temporary:
+        frames[0].save(
+            temporary,
+            format="GIF",
+            save_all=True,
+            append_images=frames[1:],
+            duration=1000.0 * _FRAME,
+            loop=0,
+        )
+
+
+class _Racer:
+    """One execution in an animation: the robot, the objects, its path so far, and a clock."""
+
+    def __init__(
+        self,
+        axes: Axes,
+        robot: Robot,
+        name: str,
+        run: Run,
+        *,
+        color: str,
+        loc: Literal["left", "right"],
+    ) -> None:
+        self._axes, self._robot, self._run = axes, robot, run
+        self._name, self._color, self._loc = name, color, loc
+        start = run.worlds[0].robot.pose
+        moved = (world for world in run.worlds if world.robot.pose.distance(start) > _MOVED)
+        began = next(moved, run.worlds[0]).time
+        self._times = np.array([world.time for world in run.worlds]) - began
+        (self._trail,) = axes.plot([], [], color=color, lw=1.5)
+        self._body = Polygon([(0.0, 0.0)], color=color, alpha=0.7)
+        self._objects = {
+            name: Circle((0.0, 0.0), item.radius, color=color, ec=DARK)
+            for name, item in robot.scene.objects.items()
+        }
+        for patch in (self._body, *self._objects.values()):
+            axes.add_patch(patch)
+
+    def show(self, now: float) -> None:
+        """Show the state `now` s after the start."""
+        duration = self._run.duration
+        last = int(np.searchsorted(self._times, min(now, duration), side="right"))
+        world = self._run.worlds[max(last - 1, 0)]
+        robot = self._robot
+        pose = world.robot.pose
+        corners = (
+            (robot.front, robot.half_width),
+            (robot.front + 0.5 * robot.half_width, 0.0),  # shows the heading
+            (robot.front, -robot.half_width),
+            (-robot.rear, -robot.half_width),
+            (-robot.rear, robot.half_width),
+        )
+        self._body.set_xy([pose.compose(Pose(x, y, 0.0))[:2] for x, y in corners])
+        self._trail.set_data(*_columns(self._run.path[:last]))
+        for name, state in world.objects.items():
+            if name in self._objects:
+                self._objects[name].center = (state.x, state.y)
+        clock = f"{self._name} {min(now, duration):.1f} s"
+        self._axes.set_title(clock, color=self._color, loc=self._loc, fontsize=15, weight="bold")
+
+
 def _demo(options: argparse.Namespace, domain: Domain, _: str) -> None:
-    """Execute the situations, print a table and write a picture, also after an interruption."""
+    """Execute the situations; print a table and write pictures, also after an interruption."""
     source = source_of(options)
     robot = source.described()
     library = domain.library(robot)
@@ -201,9 +307,13 @@ def _demo(options: argparse.Namespace, domain: Domain, _: str) -> None:
         if finished:
             print(f"\n{table(finished)}")
             save_picture(options.out, domain, robot, finished)
-            print(
-                f"\n{options.out.resolve()}: {_LEGEND}\nmake view shows chains live, in the browser"
-            )
+            print(f"\n{options.out.resolve()}: {_LEGEND}")
+            races = [each for each in finished if not math.isnan(each.gain)]
+            if options.animation and races:
+                race = max(races, key=lambda each: each.gain)
+                save_animation(options.animation, domain, robot, race)
+                print(f"{options.animation.resolve()}: situation {finished.index(race) + 1}")
+            print("make view shows chains live, in the browser")
 
 
 def _execute(backend: Backend, trial: Trial, action_set: str) -> DemoSituation:
@@ -222,12 +332,9 @@ def arguments() -> argparse.ArgumentParser:
     """Return the command line of `demo`."""
     parser = argparse.ArgumentParser(prog="demo", description=__doc__)
     parser.add_argument(
-        "--situations",
-        type=whole(1, _MOST_SITUATIONS),
-        default=6,
-        metavar="N",
+        "--situations", type=whole(1, _MOST_SITUATIONS), default=6, metavar="N",
         help="default: %(default)s",
-    )
+    )  # fmt: skip
     parser.add_argument(
         "--seed", type=whole(), default=401, help="of the situations (default: %(default)s)"
     )
@@ -236,12 +343,13 @@ def arguments() -> argparse.ArgumentParser:
     add_factor(parser, 0.0)
     add_models(parser)
     parser.add_argument(
-        "--out",
-        type=destination,
-        default=Path("build/demo.png"),
-        metavar="FILE.png",
+        "--out", type=destination, default=Path("build/demo.png"), metavar="FILE.png",
         help="default: %(default)s",
-    )
+    )  # fmt: skip
+    parser.add_argument(
+        "--animation", type=destination, metavar="FILE.gif",
+        help="also draw the race with the greatest gain",
+    )  # fmt: skip
     return parser
 
 

@@ -1,4 +1,7 @@
-"""Evaluate refinement: execute the same random situations with every policy (paper, section 5, Table 1)."""
+"""Evaluate refinement: execute the same situations with every policy.
+
+Paper, section 5, Table 1.
+"""
 
 from __future__ import annotations
 
@@ -38,7 +41,7 @@ def evaluate(
     situations: int = 100,
     oracle_from: Path | None = None,
 ) -> None:
-    """Execute situations with every policy; write `evaluation.json` and the report, and print the tables.
+    """Execute situations with every policy; write result and report, and print the tables.
 
     `command` is the command line for the result. `oracle_from` is the folder of an earlier
     evaluation of the same situations, whose oracle is used.
@@ -73,34 +76,26 @@ def arguments() -> argparse.ArgumentParser:
     )
     oracle_source.add_argument(
         "--oracle-from", type=Path, metavar="DIR",
-        help="use the oracle of an earlier evaluation of the same situations, perhaps with other models",
+        help="use the oracle of an earlier evaluation of the same situations, perhaps with other "
+        "models",
     )  # fmt: skip
     parser.add_argument(
-        "--oracle-speeds",
-        type=number(0.0, 10.0),
-        nargs="+",
-        default=[],
-        metavar="V",
+        "--oracle-speeds", type=number(0.0, 10.0), nargs="+", default=[], metavar="V",
         help="also execute these arrival speeds in m/s at each of the K headings",
-    )
+    )  # fmt: skip
     parser.add_argument(
-        "--oracle-margin",
-        type=number(0.0),
-        metavar="S",
+        "--oracle-margin", type=number(0.0), metavar="S",
         help="skip headings predicted to take S s longer than the best one (default: execute all)",
-    )
+    )  # fmt: skip
     parser.add_argument(
         "--out", type=Path, default=Path("evaluation"), metavar="DIR", help="default: %(default)s"
     )
     add_setting(parser)
     parser.add_argument("--chain", metavar="NAME", help="of the domain (default: its first)")
     parser.add_argument(
-        "--policies",
-        nargs="+",
-        choices=tuple(POLICIES),
-        metavar="NAME",
+        "--policies", nargs="+", choices=tuple(POLICIES), default=USUAL, metavar="NAME",
         help="default: all but fixed, arrive and refined_place",
-    )
+    )  # fmt: skip
     add_models(parser)
     add_parallel_options(parser)
     return parser
@@ -111,7 +106,7 @@ def _run(options: argparse.Namespace, _: Domain, command: str) -> None:
         arguments().error("--oracle-speeds, --oracle-margin: expected --oracle, too")
     source = source_of(options)
     source.require_executable(options.chain)
-    wanted = {"naive", *(options.policies or USUAL)}
+    wanted = {"naive", *options.policies}
     settings = Settings(
         seed=options.seed,
         chain=options.chain,

@@ -1,4 +1,4 @@
-"""Start the nodes of this package on an unused ROS domain, and collect experience with them."""
+"""Start the nodes of this package on an unused ROS domain."""
 
 from __future__ import annotations
 
@@ -8,12 +8,11 @@ import signal
 import subprocess
 import tempfile
 import time
-from collections.abc import Generator, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager, suppress
 from pathlib import Path
-from typing import Any, Self
+from typing import Self
 
-import pandas as pd
 from ament_index_python.packages import PackageNotFoundError, get_package_prefix
 
 from ator_ros.actions import TIME_LIMIT
@@ -21,9 +20,6 @@ from ator_ros.bases.description import Robot
 from ator_ros.domains.declared import DeclaredServer
 from ator_ros.domains.domain import Domain, domain_for
 from ator_ros.evaluation.toolset import ToolsetSource
-from ator_ros.experience.collect import episode_generator
-from ator_ros.experience.records import ENDED, episode_of
-from ator_ros.experience.table import ExperienceError, episode_frame
 from ator_ros.nodes.network import (
     RANGE,
     THIS_MACHINE,
@@ -31,19 +27,12 @@ from ator_ros.nodes.network import (
     free_domain,
     stay_on_this_machine,
 )
-from ator_ros.nodes.remote_messages import RemoteError, RemoteInterface
 from ator_ros.nodes.running import uninterrupted
-from ator_ros.tops.chain import TopCall, TopChain
-from ator_ros.tops.library import top_of
 from ator_ros.view.backend import Backend
-from ator_ros.view.draft import Draft
-from ator_ros.world.messages import MessageError
-from ator_ros.world.state import World
 
 _ODOM_TIMEOUT = 2.0  # real s; longer than on a robot, for busy machines
 _DEADLINE = 1.0  # s of CPU time; the longest chains of the domains need less
 _REFINEMENT_TIMEOUT = 30.0  # real s; in which a busy machine has searched for that deadline
-_ATTEMPTS = 3  # drives from one situation: other programs or a busy machine may abort a drive
 _ANSWER_TIMEOUT = 120.0  # real s
 _SHUTDOWN_TIMEOUT = 5.0  # real s after which nodes are killed
 # Reads the numbers of process groups. When its input ends, as the process that writes it has ended,
@@ -72,10 +61,10 @@ class NodeProcesses:
 
     def start(self, name: str, parameters: Mapping[str, object]) -> None:
         """Start an executable of this package with these parameters; raises NodesError."""
-        arguments = [
-            word for key, value in parameters.items() for word in ("-p", f"{key}:={value}")
-        ]
-        self._run(name, [_executable("ator_ros", name, "nodes"), "--ros-args", *arguments])
+        words = [_executable("ator_ros", name, "nodes"), "--ros-args"]
+        for key, value in parameters.items():
+            words += ["-p", f"{key}:={value}"]
+        self._run(name, words)
 
     def start_server(self, server: DeclaredServer) -> None:
         """Start an action server of a domain; raises NodesError."""
@@ -83,11 +72,9 @@ class NodeProcesses:
         try:
             self._run(server.name, words, server.folder or None)
         except OSError as error:
-            where = (
-                "servers: command" if server.command else f"servers: executable of {server.package}"
-            )
+            where = "command" if server.command else f"executable of {server.package}"
             raise NodesError(
-                f"{where}: expected a program, got {server.name}: {error.strerror}"
+                f"servers: {where}: expected a program, got {server.name}: {error.strerror}"
             ) from error
 
     def _run(self, name: str, words: Sequence[str], folder: str | None = None) -> None:
@@ -99,7 +86,7 @@ class NodeProcesses:
                 stdout=log,
                 stderr=subprocess.STDOUT,
                 env=self._environment,
-                # a process group of its own: Ctrl-C reaches this process only, which stops the nodes
+                # a process group of its own: Ctrl-C reaches only this process, which stops it
                 start_new_session=True,
             )
         self._processes[name] = process
@@ -113,15 +100,9 @@ class NodeProcesses:
             codes = {name: process.poll() for name, process in self._processes.items()}
         for name, code in codes.items():
             if code is not None:
-                lines = (
-                    self._log(name)
-                    .read_text(encoding="utf-8", errors="replace")
-                    .strip()
-                    .splitlines()
-                )
-                raise NodesError(
-                    f"the node {name} ended with exit code {code}: {' | '.join(lines[-5:])}"
-                )
+                text = self._log(name).read_text(encoding="utf-8", errors="replace")
+                last = " | ".join(text.strip().splitlines()[-5:])
+                raise NodesError(f"the node {name} ended with exit code {code}: {last}")
 
     def _log(self, name: str) -> Path:
         return Path(self._logs.name, f"{name.replace('/', '_')[:100]}.log")
@@ -138,7 +119,7 @@ class NodeProcesses:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Send SIGINT to the process groups of all nodes in reverse order, and kill what remains."""
+        """Interrupt the process groups of all nodes in reverse order, and kill what remains."""
         with uninterrupted():  # a second signal (`timeout` sends two) must not leave nodes
             processes = list(reversed(self._processes.values()))
             for process in processes:
@@ -166,7 +147,8 @@ def _executable(package: str, name: str, where: str = "servers") -> str:
         file = Path(get_package_prefix(package), "lib", package, name)
     except (PackageNotFoundError, OSError) as error:  # OSError: no workspace is sourced
         raise NodesError(
-            f"{where}: expected an installed package, got {package}: source the workspace that contains it"
+            f"{where}: expected an installed package, got {package}: source the workspace that "
+            "contains it"
         ) from error
     if not os.access(file, os.X_OK):
         raise NodesError(f"{where}: expected an executable of {package}, got {name}")
@@ -180,26 +162,29 @@ def all_nodes(
     simulated: Mapping[str, object] | None = None,
     executed: Mapping[str, object] | None = None,
 ) -> Iterator[NodeProcesses]:
-    """Start simulation, refinement, executor and the domain's action servers on an unused ROS domain.
+    """Start simulation, refinement, executor and action servers on an unused ROS domain.
 
     `simulated` and `executed` are further parameters of simulation and executor. Raises NodesError
     if an executable is not installed.
     """
     domain = domain_for(source.domain, source.robot)
-    files = ("robot", "domain", "models", "map")
-    named = {name: getattr(source, name) for name in files if getattr(source, name)}
-    without_models = {name: value for name, value in named.items() if name != "models"}
+    setting = {"robot": source.robot, "domain": source.domain, "map": source.map}
+    named = {name: value for name, value in setting.items() if value}
+    models = {"models": source.models} if source.models else {}
     os.environ[RANGE] = THIS_MACHINE
     stay_on_this_machine(os.environ)
     with free_domain() as number, NodeProcesses(number) as nodes:
         pace = {"real_time_factor": real_time_factor, "command_wait": 1.0}
-        nodes.start("simulation", {**pace, **(simulated or {}), **without_models})
+        nodes.start("simulation", {**named, **pace, **(simulated or {})})
         # The robot stands while the executor waits for the answer.
-        nodes.start("refinement", {**named, "deadline": _DEADLINE})
-        timeouts = {"odom_timeout": _ODOM_TIMEOUT, "refinement_timeout": _REFINEMENT_TIMEOUT}
-        # As long as in a simulation without ROS, and at least the executor's default.
-        limits = {"action_timeout": max(TIME_LIMIT, domain.time_limit)}
-        nodes.start("executor", {**named, **timeouts, **limits, **(executed or {})})
+        nodes.start("refinement", {**named, **models, "deadline": _DEADLINE})
+        limits = {
+            "odom_timeout": _ODOM_TIMEOUT,
+            "refinement_timeout": _REFINEMENT_TIMEOUT,
+            # As long as in a simulation without ROS, and at least the executor's default.
+            "action_timeout": max(TIME_LIMIT, domain.time_limit),
+        }
+        nodes.start("executor", {**named, **models, **limits, **(executed or {})})
         for server in domain.servers:
             nodes.start_server(server)
         yield nodes
@@ -209,73 +194,17 @@ def all_nodes(
 def connected(
     nodes: NodeProcesses, domain: Domain, robot: Robot, servers: Sequence[str]
 ) -> Iterator[Backend]:
-    """Yield a client of started nodes once all nodes and the action servers of these names are available."""
+    """Yield a client of started nodes once these and the action `servers` are available."""
     backend = Backend(
         domain, robot, ros_domain=nodes.domain, check=nodes.check, start_timeout=_ANSWER_TIMEOUT
     )
     with closing(backend):
         backend.ready(simulated=True)
-        where = f"on ROS_DOMAIN_ID {nodes.domain}, where only ator_ros and the domain's `servers` are started"
+        where = (
+            f"on ROS_DOMAIN_ID {nodes.domain}, where only ator_ros and the domain's `servers` are "
+            "started"
+        )
         for name in servers:
             available = functools.partial(backend.node.count_services, f"{name}/_action/send_goal")
             backend.until(available, f"the action {name} {where}")
         yield backend
-
-
-def drives(
-    domain: Domain,
-    robot: Robot,
-    missing: Sequence[tuple[str, int]],
-    source: ToolsetSource,
-    seed: int,
-    factor: float,
-) -> Generator[pd.DataFrame, None, None]:
-    """Drive chains of one step over ROS; yield the row of each episode.
-
-    The situations are those that `collect` draws without ROS from the same seed. `missing` are the
-    action and the number of each episode; `factor` is the number of simulated per real seconds.
-    """
-    if not missing:
-        return
-    actions = domain.actions(source.action_set)
-    for spec in actions.values():
-        if spec.remote is None:
-            continue
-        try:
-            RemoteInterface(spec.remote, "odom")
-        except RemoteError as error:
-            raise ExperienceError(
-                f"{spec.name}: action server {spec.remote.server}: {error}"
-            ) from error
-    servers = domain.remote_servers(source.action_set)
-    with all_nodes(factor, source) as nodes, connected(nodes, domain, robot, servers) as backend:
-        for action, number in missing:
-            situation = actions[action].situation(robot, episode_generator(action, seed, number))
-            top = top_of(situation, domain.tops_for(robot), robot)
-            start = World(0.0, situation.robot, situation.objects)
-            draft = Draft(start, TopChain((TopCall(top, situation.goal),)), source.action_set)
-            row, reason = None, ""
-            for _ in range(_ATTEMPTS):
-                backend.place(start)
-                for record in backend.drive("naive", draft, refine=False).record.actions:
-                    row, reason = episode_row(record, number, domain, robot)
-                if row is not None:
-                    break
-            else:
-                raise ExperienceError(
-                    f"{action}, drive {number + 1}: expected a usable record in {_ATTEMPTS} attempts, "
-                    f"the last one ended with {reason!r}"
-                )
-            yield row
-
-
-def episode_row(
-    record: Any, number: int, domain: Domain, robot: Robot
-) -> tuple[pd.DataFrame | None, str]:
-    """Return the table row of an ActionPerformance, or None and the reason why it is not an episode."""
-    if record.outcome.code not in ENDED:
-        return None, record.outcome.reason
-    try:
-        return episode_frame(number, episode_of(record, domain, robot), domain.objects), ""
-    except MessageError as error:
-        return None, str(error)

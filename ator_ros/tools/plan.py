@@ -56,12 +56,13 @@ def _situation(options: argparse.Namespace, domain: Domain) -> World:
 
 def _line(judged: Judged, planned: TopChain) -> str:
     """Return predicted duration and refined chain, or the reason why there is no prediction."""
-    chain = planned if isinstance(judged, str) else judged.chain
-    steps = (
-        f"{call.top.name} ({call.goal.pose.x:.2f}, {call.goal.pose.y:.2f}, {call.goal.pose.yaw:.2f} rad)"
-        for call in chain.calls
-    )
-    time = judged if isinstance(judged, str) else f"{judged.predicted.duration:.2f} s"
+    chain, time = planned, judged
+    if not isinstance(judged, str):
+        chain, time = judged.chain, f"{judged.predicted.duration:.2f} s"
+    steps = []
+    for call in chain.calls:
+        x, y, yaw = call.goal.pose
+        steps.append(f"{call.top.name} ({x:.2f}, {y:.2f}, {yaw:.2f} rad)")
     return f"{time:>8}  {', '.join(steps)}"
 
 
@@ -85,15 +86,11 @@ def arguments() -> argparse.ArgumentParser:
 
 
 def _plan(options: argparse.Namespace, domain: Domain, _: str) -> None:
-    """Print the chains that achieve a goal, the best one first.
-
-    Without a goal, the names of goals.
-    """
+    """Print the chains that achieve a goal, the best one first, or the names of goals."""
     source = source_of(options)
     if not options.goal:
-        print(
-            f"goals of {domain.name}: {', '.join(sorted(domain.goals(source.described()))) or 'none'}"
-        )
+        names = ", ".join(sorted(domain.goals(source.described())))
+        print(f"goals of {domain.name}: {names or 'none'}")
         return
     world = _situation(options, domain)
     tools, library = tools_of(source)

@@ -44,14 +44,8 @@ from ator_ros.tools.train import train
 
 KIND = "study"
 POLICIES = (
-    "naive",
-    "analytic",
-    "refined",
-    "gated",
-    "analytic_speed",
-    "refined_speed",
-    "gated_speed",
-)
+    "naive", "analytic", "refined", "gated", "analytic_speed", "refined_speed", "gated_speed",
+)  # fmt: skip
 _MOST_EXPLAINED = 50  # situations in which open variables are explained
 # s: the oracle skips headings predicted to take this much longer than the best one
 _ORACLE_MARGIN = 0.5
@@ -60,76 +54,53 @@ _ORACLE_MARGIN = 0.5
 def study(options: argparse.Namespace, domain: Domain, command: str) -> None:
     """Collect, train and evaluate for a robot; write `study.json` and `study.html` to `--out`.
 
-    Fresh episodes and the evaluation use the two seeds after that of the episodes.
+    Fresh episodes and the evaluation use the two seeds after that of the episodes. What is already
+    in `--out` is used, if it is that of the same study.
     """
-    out, seed = options.out, options.seed
+    out = options.out
     source = replace(source_of(options), models=str(out / "models"))
-    robot, action_set = source.described(), source.action_set
-    actions, left_out = possible_actions(domain, action_set, robot)
+    robot = source.described()
+    actions, left_out = possible_actions(domain, source.action_set, robot)
     if not actions:
-        raise DomainError(
-            "; ".join(dict.fromkeys(left_out.values())) or f"{domain.name}: no actions"
-        )
+        reasons = "; ".join(dict.fromkeys(left_out.values()))
+        raise DomainError(reasons or f"{domain.name}: no actions")
     for name, reason in left_out.items():
         print(one_line(f"study: skipped {name}: {reason}"), file=sys.stderr)
     named = ("episodes", "situations", "seed", "chain", "oracle")
-    identity = {name: getattr(options, name) for name in named}
-    identity |= {
+    identity = {
+        **{name: getattr(options, name) for name in named},
         "robot": robot.description_digest(),
         "domain": source.domain,
-        "action_set": action_set,
+        "action_set": source.action_set,
     }
     tables = [out / "experience.parquet", out / "fresh.parquet"]
     with PartialResults(out / "study.jsonl", identity, "a study with the same options") as partial:
-        for table_seed, table in enumerate(tables, seed):
+        for seed, table in enumerate(tables, options.seed):
             if not table.exists():
                 print(f"study: {table.stem}", flush=True)
-                label = f"collect of study, seed {table_seed}"
-                collect(
-                    actions,
-                    source,
-                    table,
-                    command=label,
-                    episodes=options.episodes,
-                    seed=table_seed,
-                )
+                label = f"collect of study, seed {seed}"
+                collect(actions, source, table, command=label, episodes=options.episodes, seed=seed)
                 partial.append({"table": table.name})
     models = {action: source.folder() / f"{action}.json" for action in actions}
     if not all(file.exists() for file in models.values()):
         print("study: models", flush=True)
-        folder = Path(source.models)
         train(
             tables[:1],
-            folder,
+            Path(source.models),
             command="train of study",
             fresh=tables[1:],
             domain=domain,
             robot=robot,
         )
     learned = [name for name, file in models.items() if file.exists()]
-    chain = possible_chain(domain, domain.library(robot, action_set), options.chain, learned)
+    library = domain.library(robot, source.action_set)
+    chain = possible_chain(domain, library, options.chain, learned)
     evaluation: dict[str, Any] | None = None
     variables: list[dict[str, Any]] = []
     if chain is None:
         print(f"study: no evaluation: no chain of {domain.name} has only {', '.join(learned)}")
     else:
-        folder = out / "evaluation"
-        if not (folder / RESULT).exists():
-            print("study: evaluation", flush=True)
-            margin = _ORACLE_MARGIN if options.oracle else None
-            settings = Settings(seed + 2, chain, POLICIES, options.oracle, margin, source=source)
-            evaluate(settings, folder, command="evaluate of study", situations=options.situations)
-        evaluation = load(folder / RESULT, EVALUATION, dict[str, Any])["summary"]
-        tools, library = tools_of(source)
-        trials = [
-            random_trial(domain, chain, library, seed=seed + 2, index=index)
-            for index in range(min(options.situations, _MOST_EXPLAINED))
-        ]
-        variables = open_variables(tools, trials)
-        for each in variables:
-            print(
-                f"study: step {each['step']} ({each['top']}), {each['name']}: {each['explanation']}"
-            )
+        evaluation, variables = _evaluated(options, domain, source, chain)
     frames = (read_experience(table).frame for table in tables)
     ends = join(frame.drop_duplicates(["action", "episode"], keep="last") for frame in frames)
     result = {
@@ -137,9 +108,10 @@ def study(options: argparse.Namespace, domain: Domain, command: str) -> None:
         "robot": robot.name,
         "robot_digest": robot.digest(),
         "domain": domain.name,
-        "action_set": action_set,
+        "action_set": source.action_set,
         "actions": {
-            name: _measured(ends[ends["action"] == name], models[name], source) for name in actions
+            name: _measured(ends[ends["action"] == name], file, source)
+            for name, file in models.items()
         },
         "left_out": left_out,
         "chain": chain,
@@ -151,20 +123,43 @@ def study(options: argparse.Namespace, domain: Domain, command: str) -> None:
     print(f"wrote {out / 'study.json'} and {out / 'study.html'}")
 
 
+def _evaluated(
+    options: argparse.Namespace, domain: Domain, source: ToolsetSource, chain: str
+) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    """Evaluate a chain; return the summary and what is known of its open variables."""
+    folder = options.out / "evaluation"
+    seed = options.seed + 2
+    if not (folder / RESULT).exists():
+        print("study: evaluation", flush=True)
+        margin = _ORACLE_MARGIN if options.oracle else None
+        settings = Settings(seed, chain, POLICIES, options.oracle, margin, source=source)
+        evaluate(settings, folder, command="evaluate of study", situations=options.situations)
+    summary = load(folder / RESULT, EVALUATION, dict[str, Any])["summary"]
+    tools, library = tools_of(source)
+    trials = [
+        random_trial(domain, chain, library, seed=seed, index=index)
+        for index in range(min(options.situations, _MOST_EXPLAINED))
+    ]
+    variables = open_variables(tools, trials)
+    for each in variables:
+        print(f"study: step {each['step']} ({each['top']}), {each['name']}: {each['explanation']}")
+    return summary, variables
+
+
 def _measured(ends: pd.DataFrame, model: Path, source: ToolsetSource) -> dict[str, Any]:
-    """Return the performance of an action in the last rows of its episodes, and its model's accuracy."""
-    succeeded, features = ends[ends["success"]], source.in_domain().known_features
+    """Return the performance of an action by the ends of its episodes, and its model's accuracy."""
+    succeeded = ends[ends["success"]]
     failures = ends.loc[~ends["success"], "reason"].value_counts()
-    learned = model.exists()
+    accuracy: dict[str, Any] = {}
+    if model.exists():
+        features = source.in_domain().known_features
+        accuracy = load_model(model, source.described(), features).metadata["accuracy"]
+    duration = round(float(succeeded["duration"].mean()), 3) if len(succeeded) else None
     return {
         "episodes": len(ends),
         "success": round(len(succeeded) / len(ends), 5),
-        "mean_duration_s": round(float(succeeded["duration"].mean()), 3)
-        if len(succeeded)
-        else None,
-        "accuracy": load_model(model, source.described(), features).metadata["accuracy"]
-        if learned
-        else {},
+        "mean_duration_s": duration,
+        "accuracy": accuracy,
         "failures": {str(reason): int(count) for reason, count in failures.items()},
     }
 
@@ -183,7 +178,8 @@ def arguments() -> argparse.ArgumentParser:
     )  # fmt: skip
     parser.add_argument(
         "--seed", type=whole(), default=1, metavar="S",
-        help="of the episodes; fresh episodes and the evaluation use the next two (default: %(default)s)",
+        help="of the episodes; fresh episodes and the evaluation use the next two "
+        "(default: %(default)s)",
     )  # fmt: skip
     parser.add_argument("--chain", metavar="NAME", help="to evaluate (default: the domain's first)")
     parser.add_argument(

@@ -28,7 +28,9 @@ from ator_ros.performance.observation import NEAR_GOAL
 from ator_ros.performance.training import digest, start_ranges, without_errors, without_routes
 from ator_ros.performance.training import train as train_model
 from ator_ros.printable import one_line, printable
-from ator_ros.tools.command_line import add_setting, run_tool, topic
+from ator_ros.tools.command_line import add_setting, run_tool
+
+_ROLES = {ODOM: "odometry", CMD_VEL: "velocity commands"}
 
 
 def train(
@@ -65,10 +67,10 @@ def train(
         except ExperienceError as error:
             errors.append(str(error))
             continue
+        learned += 1
         left_out = [f"{action}{text}" for text in without_routes(examples, robot, features)]
         for remark in (*without_errors(action, examples), *left_out):
             print(f"train: {one_line(remark)}", file=sys.stderr)
-        learned += 1
         starts = tests.frame[(tests.frame["action"] == action) & (tests.frame["t"] == 0.0)]
         measured = _measured(model, starts, tests.metadata.get("seed") or 0) if len(starts) else {}
         training = {
@@ -90,28 +92,32 @@ def train(
         }
         file = folder / model_path(action, action_set)
         save_model(file, dataclasses.replace(model, metadata=metadata))
-        leaves, count = model.trees["duration"].n_leaves, len(model.used_features)
-        rules = f"{leaves} rule{'s' if leaves > 1 else ''} with {count} features"
-        tested = ""
-        if "mae_s" in measured:
-            errors_s = f"MAE {measured['mae_s']:.3f} s, RMSE {measured['rmse_s']:.3f} s"
-            tested = f", {errors_s} on {measured['episodes']} fresh episodes from rest"
-        elif not measured and model.errors is not None:
-            absolute = np.abs(model.errors.errors)
-            succeeded = int((examples["success"] & (examples["t"] == 0.0)).sum())
-            counted = f"{len(absolute)} drives"
-            if len(absolute) < succeeded:
-                counted += f" of {succeeded} (others are below {NEAR_GOAL} m or lack a route)"
-            tested = f", MAE {absolute.mean():.3f} s by cross-validation on {counted}"
-        print(f"{printable(file, 300)}: {rules}{tested}", flush=True)
+        print(f"{printable(file, 300)}: {_summary(model, examples, measured)}", flush=True)
     if not learned:
         raise ExperienceError("; ".join(errors))
     for message in errors:
         print(f"train: {message}; the models of other actions are written", file=sys.stderr)
 
 
+def _summary(model: PerformanceModel, examples: pd.DataFrame, measured: Mapping[str, Any]) -> str:
+    """Return the size of a model and its error, on fresh episodes or by cross-validation."""
+    leaves = model.trees["duration"].n_leaves
+    rules = f"{leaves} rule{'s' if leaves > 1 else ''} with {len(model.used_features)} features"
+    if "mae_s" in measured:
+        errors = f"MAE {measured['mae_s']:.3f} s, RMSE {measured['rmse_s']:.3f} s"
+        return f"{rules}, {errors} on {measured['episodes']} fresh episodes from rest"
+    if measured or model.errors is None:
+        return rules
+    absolute = np.abs(model.errors.errors)
+    counted = f"{len(absolute)} drives"
+    succeeded = int((examples["success"] & (examples["t"] == 0.0)).sum())
+    if len(absolute) < succeeded:
+        counted += f" of {succeeded} (others are below {NEAR_GOAL} m or lack a route)"
+    return f"{rules}, MAE {absolute.mean():.3f} s by cross-validation on {counted}"
+
+
 def _measured(model: PerformanceModel, starts: pd.DataFrame, seed: int) -> dict[str, Any]:
-    """Return the accuracy for fresh starts at rest, or for all if none is, and for each kind of start."""
+    """Return the accuracy for starts at rest (for all if none is), and for each other kind."""
     parts = {
         name: accuracy(model, part, seed=seed)
         for name, part in kinds(starts, model.robot).items()
@@ -144,22 +150,18 @@ def arguments() -> argparse.ArgumentParser:
     """Return the command line of `train`."""
     parser = argparse.ArgumentParser(prog="train", description=__doc__)
     parser.add_argument(
-        "experience",
-        nargs="*",
-        type=Path,
+        "experience", nargs="*", type=Path,
         help="tables of collect, or recordings (.mcap, .db3, folders)",
-    )
+    )  # fmt: skip
     parser.add_argument(
-        "--fresh",
-        nargs="+",
-        type=Path,
-        default=[],
+        "--fresh", nargs="+", type=Path, default=[],
         help="other episodes, on which accuracy is measured",
-    )
+    )  # fmt: skip
     add_setting(parser, action_set=False)
     parser.add_argument(
-        "--planner", type=topic, metavar="ACTION",
-        help="running action server of nav2_msgs/ComputePathToPose, whose paths are the routes on the map",
+        "--planner", type=_topic, metavar="ACTION",
+        help="running action server of nav2_msgs/ComputePathToPose, whose paths are the routes on "
+        "the map",
     )  # fmt: skip
     parser.add_argument(
         "--frame", default="map", help="of the map, for the planner (default: %(default)s)"
@@ -168,23 +170,24 @@ def arguments() -> argparse.ArgumentParser:
         "--models", type=Path, help="folder of the models (default: the shipped models/)"
     )
     parser.add_argument(
-        "--action-set",
-        metavar="NAME",
+        "--action-set", metavar="NAME",
         help="of recorded odometry and commands (tables and records contain theirs)",
-    )
-    for role, what in ((ODOM, "odometry"), (CMD_VEL, "velocity commands")):
+    )  # fmt: skip
+    for role, what in _ROLES.items():
         parser.add_argument(
-            f"--{role.replace('_', '-')}",
-            type=topic,
-            metavar="TOPIC",
+            f"--{role.replace('_', '-')}", type=_topic, metavar="TOPIC",
             help=f"of {what} in recordings (default: {role} in any namespace)",
-        )
+        )  # fmt: skip
     parser.add_argument(
-        "--rules",
-        metavar="MODEL",
+        "--rules", metavar="MODEL",
         help="only print the rules of a model, named by its action or file",
-    )
+    )  # fmt: skip
     return parser
+
+
+def _topic(text: str) -> str:
+    """Return the absolute name of a topic or action; an argparse type."""
+    return f"/{text.removeprefix('/')}"
 
 
 def _run(options: argparse.Namespace, domain: Domain, command: str) -> None:
@@ -210,7 +213,8 @@ def _run(options: argparse.Namespace, domain: Domain, command: str) -> None:
 
 
 def _train(options: argparse.Namespace, domain: Domain, command: str) -> None:
-    robot, folder = domain.robot(options.robot or None), domain.models_root(options.models)
+    robot = domain.robot(options.robot or None)
+    folder = domain.models_root(options.models)
     if options.rules:
         print(_rules(domain, options, robot, folder))
         return
@@ -218,11 +222,10 @@ def _train(options: argparse.Namespace, domain: Domain, command: str) -> None:
         raise ExperienceError("expected experience to learn from, or --rules")
     if options.models is None and robot.digest() != domain.robot(None).digest():
         raise ExperienceError(
-            f"--models: expected a folder for models of {robot.name}; the shipped models are another robot's"
+            f"--models: expected a folder for models of {robot.name}; the shipped models are "
+            "another robot's"
         )
-    topics = {
-        role: name for role in (ODOM, CMD_VEL) if (name := getattr(options, role)) is not None
-    }
+    given = {role: getattr(options, role) for role in _ROLES}
     train(
         options.experience,
         folder,
@@ -231,7 +234,7 @@ def _train(options: argparse.Namespace, domain: Domain, command: str) -> None:
         domain=domain,
         robot=robot,
         action_set=options.action_set,
-        topics=topics,
+        topics={role: name for role, name in given.items() if name is not None},
     )
 
 

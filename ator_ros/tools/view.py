@@ -38,10 +38,11 @@ _EXECUTED = {"odom_timeout": 60.0}  # real s, the greatest allowed: the longest 
 
 
 def serve(options: argparse.Namespace, words: Sequence[str]) -> None:
-    """Serve the page until KeyboardInterrupt; `options` are those of `arguments`, `words` ROS arguments.
+    """Serve the page until KeyboardInterrupt.
 
-    Raises NodesError if nodes do not start in time, DomainError if the domain has no chains, and
-    OSError if the page cannot be served at this host.
+    `options` are those of `arguments`, `words` are ROS arguments. Raises NodesError if nodes do not
+    start in time, DomainError if the domain has no chains, and OSError if the page cannot be served
+    at this host.
     """
     from ator_ros.view.page import Page  # needs viser
 
@@ -73,9 +74,14 @@ def serve(options: argparse.Namespace, words: Sequence[str]) -> None:
         editor = Editor(next(iter(backends.values())))
         if options.attach:
             editor.select(editor.backend)  # showing running robots must not move them
-        models, urdf = _models(options.models, domain, robot), robot_urdf(robot)
         page = Page(
-            editor, robot, urdf, models, robots=backends, host=options.host, port=options.port
+            editor,
+            robot,
+            robot_urdf(robot),
+            _models(options.models, domain, robot),
+            robots=backends,
+            host=options.host,
+            port=options.port,
         )
         closing.callback(page.server.stop)
         address = f"http://{options.host}:{page.server.get_port()}"
@@ -91,10 +97,15 @@ def _models(
     folder: str, domain: Domain, robot: Robot
 ) -> Mapping[str, Mapping[str, PerformanceModel]]:
     """Return the models of each action set that has models in the folder."""
-    path, models = domain.models_root(folder), {}
+    models = {}
     for name in domain.action_sets:
         with contextlib.suppress(FileError, OSError):
-            models[name] = load_models(robot, domain.known_features, action_set=name, folder=path)
+            models[name] = load_models(
+                robot,
+                domain.known_features,
+                action_set=name,
+                folder=domain.models_root(folder),
+            )
     return models
 
 
@@ -116,26 +127,20 @@ def arguments() -> argparse.ArgumentParser:
         "--port", type=whole(1024, 65535), default=8080, help="default: %(default)s"
     )
     parser.add_argument(
-        "--host",
-        default="127.0.0.1",
+        "--host", default="127.0.0.1",
         help="address to serve at (default: %(default)s: this machine only)",
-    )
+    )  # fmt: skip
     parser.add_argument(
         "--attach", action="store_true", help="use running nodes instead of starting nodes"
     )
     parser.add_argument(
-        "--robots",
-        nargs="+",
-        type=_namespace,
-        default=[],
-        metavar="NAMESPACE",
+        "--robots", nargs="+", type=_namespace, default=[], metavar="NAMESPACE",
         help="with --attach: namespaces of the robots to show; the page selects one",
-    )
+    )  # fmt: skip
     parser.add_argument(
-        "--frame",
-        type=plain_frame,
+        "--frame", type=plain_frame,
         help="frame of odometry (default: odom; with --robots NAMESPACE/odom)",
-    )
+    )  # fmt: skip
     add_setting(parser, action_set=False)
     add_models(parser)
     add_factor(parser, 1.0)

@@ -56,10 +56,8 @@ def _heading(robot: Robot, goal: Goal) -> Range:  # noqa: ARG001
 
 def arrival_speed(robot: Robot, goal: Goal, *, most: float = math.inf) -> Range:
     """Return the range of an arrival speed: from rest to what the robot can do, and to `most` m/s."""
-    limits = (
-        robot.holder_for("a goal of the hold").limits if goal.point is Point.HOLD else robot.limits
-    )
-    return Range(0.0, min(limits.v, most), 6, rest=0.0)
+    speed = robot.greatest_speed(holding=goal.point is Point.HOLD)
+    return Range(0.0, min(speed, most), 6, rest=0.0)
 
 
 def _x(robot: Robot, goal: Goal) -> Range:  # noqa: ARG001

@@ -1,4 +1,4 @@
-"""Client of the running nodes for programs that wait for answers: the view, and tools that drive."""
+"""Client of the running nodes for programs that wait for answers: view, and tools that drive."""
 
 from __future__ import annotations
 
@@ -83,20 +83,24 @@ class Backend:
         start_timeout: float = 60.0,
         timeout: float = 5.0,
     ) -> None:
-        self.domain, self._robot, self._frame, self._check = domain, robot, frame, check
-        self._timeout, self._timeout_attached = start_timeout, timeout
+        self.domain = domain
         self.libraries = {name: domain.library(robot, name) for name in domain.action_sets}
-        # whether there is a simulation, and for several robots
-        self.can_place = self._is_shared = False
+        self._robot = robot
+        self._frame = frame
+        self._check = check
+        self._timeout = start_timeout
+        self._timeout_attached = timeout
+        self.can_place = False  # whether there is a simulation
+        self._is_shared = False  # whether that has several robots
         self.paused = False  # whether this client paused time
         self.history = History()  # the executed chains of all clients
         self.path: list[tuple[float, float]] = []  # planned by the active action: x and y in m
-        # the learned models in use; why the last placement was refused
-        self.learned = self.refused = ""
+        self.learned = ""  # the learned models in use
+        self.refused = ""  # why the last placement was refused
         self._newest: tuple[float, RobotState] | None = None
         self._objects: dict[str, tuple[float, ObjectState]] = {}
-        self._own_runs: deque[Run] = deque(maxlen=_KEPT_RUNS)
         self._active = Run(OTHERS, problem="no goal")
+        self._runs = deque([self._active], maxlen=_KEPT_RUNS)
         self._received_at = time.monotonic()
         self._context = rclpy.Context()
         try:
@@ -111,16 +115,12 @@ class Backend:
         self._connect()
 
     def _connect(self) -> None:
-        node, status = self.node, self._take_status
-        take_diagnostics = partial(
-            self._take_diagnostics, f"{node.get_namespace().rstrip('/')}/refinement"
-        )
-        node.create_subscription(ChainPerformance, "chain_under_way", status, LATCHED)
-        node.create_subscription(
-            ChainPerformance, "performance/chain", self._take_record, LATCHED_BY_MANY
-        )
-        node.create_subscription(Path, "planned_path", self._take_path, LATCHED)
-        node.create_subscription(DiagnosticArray, "/diagnostics", take_diagnostics, RESULTS)
+        node = self.node
+        subscribe = node.create_subscription
+        subscribe(ChainPerformance, "chain_under_way", self._take_status, LATCHED)
+        subscribe(ChainPerformance, "performance/chain", self._take_record, LATCHED_BY_MANY)
+        subscribe(Path, "planned_path", self._take_path, LATCHED)
+        subscribe(DiagnosticArray, "/diagnostics", self._take_diagnostics, RESULTS)
         self._place_robot = node.create_client(PlaceRobot, "place_robot", qos_profile=SERVICES)
         self._place_objects = {
             name: node.create_client(PlaceObject, f"place_{name}", qos_profile=SERVICES)
@@ -142,9 +142,14 @@ class Backend:
         self._frame = settings["frame"] = self._frame or settings["frame"]
         try:
             Subscriptions(
-                self.node, settings, self._robot, map(self.domain.source, self.domain.objects),
-                take_robot=self._take_robot, take_object=self._take_object, warn=self._warn,
-            )  # fmt: skip
+                self.node,
+                settings,
+                self._robot,
+                map(self.domain.source, self.domain.objects),
+                take_robot=self._take_robot,
+                take_object=self._take_object,
+                warn=self._warn,
+            )
         except SetupError as error:
             raise NodesError(str(error)) from error
         if not simulated:
@@ -152,8 +157,9 @@ class Backend:
             # these nodes may end, and the page waits for answers
             self._timeout = self._timeout_attached
         self.can_place = self._simulation_is_ready()
-        nodes, namespace = self.node.get_node_names_and_namespaces(), self.node.get_namespace()
-        self._is_shared = ("simulation", namespace) not in nodes and ("simulation", "/") in nodes
+        nodes = self.node.get_node_names_and_namespaces()
+        is_own = ("simulation", self.node.get_namespace()) in nodes
+        self._is_shared = not is_own and ("simulation", "/") in nodes
 
     def _simulation_is_ready(self) -> bool:
         clients = (self._place_robot, self._pause, *self._place_objects.values())
@@ -164,10 +170,9 @@ class Backend:
         if not self._settings.wait_for_service(_DISCOVERY):
             return dict(_USUAL_SETTINGS)
         answer = self._call(self._settings, GetParameters.Request(names=list(_USUAL_SETTINGS)))
-        values = dict(
-            zip(_USUAL_SETTINGS, (value.string_value for value in answer.values), strict=False)
-        )
-        return {name: values.get(name) or usual for name, usual in _USUAL_SETTINGS.items()}
+        values = (value.string_value for value in answer.values)
+        given = dict(zip(_USUAL_SETTINGS, values, strict=False))
+        return {name: given.get(name) or usual for name, usual in _USUAL_SETTINGS.items()}
 
     def close(self) -> None:
         """Resume time if it is paused, and destroy the node."""
@@ -184,8 +189,8 @@ class Backend:
         """Process messages for some real s."""
         self._check()
         end = time.monotonic() + seconds
-        while (left := end - time.monotonic()) > 0.0:
-            self._spin_once(min(left, _SPIN))
+        while time.monotonic() < end:
+            self._spin_once(min(seconds, _SPIN))
 
     def _spin_once(self, seconds: float) -> None:
         with uninterrupted():
@@ -205,13 +210,15 @@ class Backend:
 
         The request must be idempotent: it may be sent again.
         """
-        future, retry_at = self._send(client, request), time.monotonic() + _RETRY
+        future = self._send(client, request)
+        retry_at = time.monotonic() + _RETRY
 
         def answered() -> bool:
             nonlocal future, retry_at
             if not future.done() and time.monotonic() > retry_at:
                 client.remove_pending_request(future)
-                future, retry_at = self._send(client, request), time.monotonic() + _RETRY
+                future = self._send(client, request)
+                retry_at = time.monotonic() + _RETRY
             return bool(future.done())
 
         self.until(answered, f"an answer of the service {client.srv_name}")
@@ -230,9 +237,11 @@ class Backend:
     # State
 
     def _take_robot(self, stamp: float, robot: RobotState) -> None:
-        self._newest, self._received_at = (stamp, robot), time.monotonic()
-        if not self._active.ended:
-            self._active.record_pose(stamp, robot.pose)
+        self._newest = stamp, robot
+        self._received_at = time.monotonic()
+        world = self.world()
+        if world is not None and not self._active.ended:
+            self._active.observe(world)
 
     def _take_object(self, name: str, stamp: float, state: ObjectState) -> None:
         self._objects[name] = stamp, state
@@ -241,9 +250,10 @@ class Backend:
         points = [(pose.pose.position.x, pose.pose.position.y) for pose in message.poses]
         self.path = points if np.isfinite(points).all() else []
 
-    def _take_diagnostics(self, node: str, message: DiagnosticArray) -> None:
+    def _take_diagnostics(self, message: DiagnosticArray) -> None:
+        refinement = f"{self.node.get_namespace().rstrip('/')}/refinement"
         for status in message.status:
-            if status.name == node:
+            if status.name == refinement:
                 learned = (each.value for each in status.values if each.key == "learned set")
                 self.learned = printable(next(learned, ""), _LONGEST_REASON)
 
@@ -259,9 +269,10 @@ class Backend:
         if self._newest is None:
             return None
         now, robot = self._newest
-        states = self._objects.items()
         objects = {
-            name: state for name, (stamp, state) in states if abs(now - stamp) < _OBJECT_TIMEOUT
+            name: state
+            for name, (stamp, state) in self._objects.items()
+            if abs(now - stamp) < _OBJECT_TIMEOUT
         }
         return World(now, robot, objects)
 
@@ -280,29 +291,24 @@ class Backend:
         if not answer.accepted:
             raise NodesError(answer.reason)
         library = self.libraries[draft.action_set]
-        naive = chain_from(answer.original, library, frame=self._frame, where="original")
-        chain = chain_from(answer.chain, library, frame=self._frame)
-        before = tuple(action.duration for action in answer.before_actions)
-        after = tuple(action.duration for action in answer.after_actions)
-        curves = tuple(map(_curve_from, answer.curves))
         return Answer(
-            naive,
-            chain,
-            answer.refined,
-            answer.reason,
-            before,
-            after,
-            curves,
-            answer.chosen,
-            answer.cut_short,
+            naive=chain_from(answer.original, library, frame=self._frame, where="original"),
+            chain=chain_from(answer.chain, library, frame=self._frame),
+            refined=answer.refined,
+            reason=answer.reason,
+            before=tuple(action.duration for action in answer.before_actions),
+            after=tuple(action.duration for action in answer.after_actions),
+            curves=tuple(map(_curve_from, answer.curves)),
+            chosen=answer.chosen,
+            cut_short=answer.cut_short,
         )
 
     def _fields_of(self, draft: Draft) -> dict[str, Any]:
         """Return chain, alternatives and weights of a draft as fields of requests and goals."""
-        chains = (draft.chain, *draft.alternatives)
-        chain, *others = (
-            chain_of(each, action_set=draft.action_set, frame=self._frame) for each in chains
-        )
+        chain, *others = [
+            chain_of(each, action_set=draft.action_set, frame=self._frame)
+            for each in (draft.chain, *draft.alternatives)
+        ]
         return {"chain": chain, "alternatives": others, "objective": Objective(**draft.weights)}
 
     # Simulation
@@ -313,18 +319,17 @@ class Backend:
 
     def place_object(self, name: str, x: float, y: float) -> None:
         """Place an object at (x, y) m, at rest; does not wait."""
-        self._send(self._place_objects[name], _object_at(x, y)).add_done_callback(
-            self._take_placement
-        )
+        sent = self._send(self._place_objects[name], _object_at(x, y))
+        sent.add_done_callback(self._take_placement)
 
     def _take_placement(self, future: Future) -> None:
         answer = future.result()
-        self.refused = (
-            "" if answer is None or answer.success else printable(answer.message, _LONGEST_REASON)
-        )
+        self.refused = ""
+        if answer is not None and not answer.success:
+            self.refused = printable(answer.message, _LONGEST_REASON)
 
     def place(self, world: World) -> None:
-        """Place robot and objects, remove other objects, and wait until the nodes have received the states.
+        """Place robot and objects, remove other objects, and wait until the nodes received that.
 
         Time is paused afterwards, unless other robots use the same simulation, or this fails.
         """
@@ -338,7 +343,8 @@ class Backend:
                 if name in self._place_objects:
                     self._call(self._place_objects[name], _object_at(state.x, state.y))
             self.spin(_PLACEMENT_DELAY)
-            stays_paused, self.refused = not self._is_shared, ""
+            stays_paused = not self._is_shared
+            self.refused = ""
         finally:
             if not stays_paused:
                 self._resume()
@@ -396,7 +402,7 @@ class Backend:
         goal = ExecuteChain.Goal(refine=refine, **self._fields_of(draft))
         sent = self._chains.send(goal)
         run.chain_id = sent.chain_id
-        self._own_runs.append(run)
+        self._runs.append(run)
         self._active = run
         sent.result.add_done_callback(partial(self._take_result, run))
         try:
@@ -408,7 +414,7 @@ class Backend:
             raise NodesError(run.problem)
 
     def _take_result(self, run: Run, future: Future) -> None:
-        """Take the result of our goal; its record is empty if the executor never had the goal, or lost it."""
+        """Take the result of our goal; its record is empty if the executor never had or lost it."""
         result = future.result()
         if run.ended:
             return
@@ -437,9 +443,7 @@ class Backend:
             self._active.problem = f"lost: {reason}"
 
     def _run_of(self, chain_id: str) -> Run | None:
-        return next(
-            (run for run in (self._active, *self._own_runs) if run.chain_id == chain_id), None
-        )
+        return next((run for run in self._runs if run.chain_id == chain_id), None)
 
     def _take_status(self, message: ChainPerformance) -> None:
         run = self._run_of(message.chain_id)
@@ -449,10 +453,13 @@ class Backend:
             except MessageError as error:
                 self._warn(f"chain_under_way: ignored: {error}")
                 return
-            run = run or Run(OTHERS, chain_id=message.chain_id)
+            if run is None:
+                run = Run(OTHERS, chain_id=message.chain_id)
+                self._runs.append(run)
             run.draft = draft
         if not run.ended:
-            self._active, run.record = run, message
+            self._active = run
+            run.record = message
 
     def _draft_from(self, message: ChainPerformance) -> Draft:
         """Return the goal of another client; raises MessageError."""
@@ -477,7 +484,8 @@ class Backend:
 
 
 def _curve_from(curve: SearchCurve) -> SubgoalCurve:
-    names, totals = tuple(curve.variables), np.asarray(curve.totals, dtype=float)
+    names = tuple(curve.variables)
+    totals = np.asarray(curve.totals, dtype=float)
     values = np.asarray(curve.values, dtype=float).reshape(len(totals), len(names))
     return SubgoalCurve(curve.subgoal, names, values, totals)
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 from ator_ros.domains.domain import Domain
 from ator_ros.domains.trials import open_speeds, possible_chain, random_trial
@@ -19,7 +20,7 @@ _MOVED = 0.01  # m or rad by which the robot must have moved for a new refinemen
 _SAME_PLACE = 0.15  # m up to which a goal counts as the place of the object that its step follows
 
 
-@dataclasses.dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True)
 class Draft:
     """A start at rest and a plan with open variables; each change returns a new draft.
 
@@ -32,19 +33,18 @@ class Draft:
     chain: TopChain
     action_set: str
     alternatives: tuple[TopChain, ...] = ()
-    weights: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    weights: Mapping[str, float] = field(default_factory=dict)
 
     def _with_calls(self, change: Callable[[TopCall], TopCall]) -> Draft:
         """Return the draft with a change of each call of each chain."""
         chains = (self.chain, *self.alternatives)
-        chain, *others = (TopChain(tuple(map(change, each.calls))) for each in chains)
-        return dataclasses.replace(self, chain=chain, alternatives=tuple(others))
+        chain, *others = [TopChain(tuple(map(change, each.calls))) for each in chains]
+        return replace(self, chain=chain, alternatives=tuple(others))
 
     def with_robot(self, pose: Pose) -> Draft:
         """Return the draft with the robot at rest at `pose`."""
-        return dataclasses.replace(
-            self, world=dataclasses.replace(self.world, robot=RobotState(pose))
-        )
+        world = replace(self.world, robot=RobotState(pose))
+        return replace(self, world=world)
 
     def with_object(self, name: str, x: float, y: float) -> Draft:
         """Return the draft with an object, and the goals of steps that follow it, at (x, y) m."""
@@ -53,75 +53,83 @@ class Draft:
         def moved(call: TopCall) -> TopCall:
             if before is None or not _follows(call, name, before):
                 return call
-            pose = call.goal.pose._replace(x=x, y=y)
-            return dataclasses.replace(call, goal=dataclasses.replace(call.goal, pose=pose))
+            goal = replace(call.goal, pose=call.goal.pose._replace(x=x, y=y))
+            return replace(call, goal=goal)
 
         world = self.world.with_object(name, ObjectState(x, y))
-        return dataclasses.replace(self._with_calls(moved), world=world)
+        return replace(self._with_calls(moved), world=world)
 
     def at(self, world: World) -> Draft:
         """Return the draft with robot and objects where they are in `world`, at rest."""
-        start, draft = dataclasses.replace(world, robot=RobotState(world.robot.pose)), self
-        for name, state in start.objects.items():
+        draft = self
+        for name, state in world.objects.items():
             draft = draft.with_object(name, state.x, state.y)
-        return dataclasses.replace(draft, world=start)
+        return replace(draft, world=world).with_robot(world.robot.pose)
 
     def differs(self, other: Draft) -> bool:
         """Return whether robot, objects or chain differ so much that refinement is called again."""
-        x, y, yaw = other.world.robot.pose.relative(self.world.robot.pose)
-        moved = max(math.hypot(x, y), abs(yaw)) > _MOVED
+        moved = other.world.robot.pose.relative(self.world.robot.pose)
         return (
-            moved
-            or set(self.world.objects) != set(other.world.objects)
+            math.hypot(moved.x, moved.y) > _MOVED
+            or abs(moved.yaw) > _MOVED
             or self.chain != other.chain
+            or set(self.world.objects) != set(other.world.objects)
         )
+
+    def _with_call(self, step: int, **changes: Any) -> Draft:
+        """Return the draft with changed fields of the call of a step (from 0)."""
+        calls = list(self.chain.calls)
+        calls[step] = replace(calls[step], **changes)
+        return replace(self, chain=TopChain(tuple(calls)))
 
     def with_goal(self, step: int, pose: Pose) -> Draft:
         """Return the draft with the goal of a step (from 0) at `pose`."""
-        goal = dataclasses.replace(self.chain.calls[step].goal, pose=pose)
-        return dataclasses.replace(self, chain=self.chain.with_goal(step, goal))
+        goal = self.chain.calls[step].goal
+        return self._with_call(step, goal=replace(goal, pose=pose))
 
     def with_open(self, step: int, name: str, is_open: bool) -> Draft:
         """Return the draft with a goal variable of a step (from 0) opened or bound."""
-        calls = list(self.chain.calls)
-        names = calls[step].open | {name} if is_open else calls[step].open - {name}
-        calls[step] = dataclasses.replace(calls[step], open=names)
-        return dataclasses.replace(self, chain=TopChain(tuple(calls)))
+        names = self.chain.calls[step].open - {name}
+        if is_open:
+            names |= {name}
+        return self._with_call(step, open=names)
 
     def with_library(self, library: TopLibrary) -> Draft:
         """Return the draft with the actions of another set."""
 
         def changed(call: TopCall) -> TopCall:
             top = library[call.top.name]
-            return dataclasses.replace(
-                call, top=top, goal=dataclasses.replace(call.goal, point=top.point)
-            )
+            goal = replace(call.goal, point=top.point)
+            return replace(call, top=top, goal=goal)
 
-        return dataclasses.replace(self._with_calls(changed), action_set=library.action_set)
+        return replace(self._with_calls(changed), action_set=library.action_set)
 
     def with_weight(self, measure: str, weight: float) -> Draft:
         """Return the draft with the weight of a measure of performance."""
-        return dataclasses.replace(self, weights={**self.weights, measure: weight})
+        return replace(self, weights={**self.weights, measure: weight})
 
     def with_alternative(self) -> Draft:
         """Return the draft with its chain as one more alternative; the newest ones are kept."""
         chains = dict.fromkeys((*self.alternatives, self.chain))
-        return dataclasses.replace(self, alternatives=tuple(chains)[-MOST_ALTERNATIVES:])
+        return replace(self, alternatives=tuple(chains)[-MOST_ALTERNATIVES:])
 
     @property
     def movable_goals(self) -> Mapping[int, Pose]:
         """The goals by step, except those at the object that the step follows."""
+        objects = self.world.objects
         return {
             step: call.goal.pose
             for step, call in enumerate(self.chain.calls)
-            if not any(_follows(call, name, state) for name, state in self.world.objects.items())
+            if not any(_follows(call, name, state) for name, state in objects.items())
         }
 
 
 def _follows(call: TopCall, name: str, state: ObjectState) -> bool:
     """Return whether a step follows an object, and its goal is at the object."""
-    pose = call.goal.pose
-    return followed(call.top) == name and pose.distance(Pose(state.x, state.y, 0.0)) <= _SAME_PLACE
+    if followed(call.top) != name:
+        return False
+    place = Pose(state.x, state.y, 0.0)
+    return call.goal.pose.distance(place) <= _SAME_PLACE
 
 
 def situation_draft(

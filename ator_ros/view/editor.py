@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 from ator_ros.geometry import Pose
 from ator_ros.nodes.network import NodesError, UnavailableError
@@ -22,8 +22,11 @@ class Editor:
     """Edits a draft, keeps refinement's answer up to date, and executes chains; for one thread."""
 
     def __init__(self, backend: Backend) -> None:
-        self.backend, self.domain, self.libraries = backend, backend.domain, backend.libraries
-        self.seed, self.index = 0, 0
+        self.backend = backend
+        self.domain = backend.domain
+        self.libraries = backend.libraries
+        self.seed = 0
+        self.index = 0
         self.answer: Answer | None = None  # for the draft
         self.problem = ""  # the last error
         self.runs: list[Run] = []  # executions since the last edit, the newest last; two are a race
@@ -31,8 +34,8 @@ class Editor:
         self._waiting: list[Run] = []
         self._stale = True  # refinement must be called
         self._displaced = True  # robot and objects may be elsewhere than in the draft
-        # whether the draft follows the robot; time in s
-        self._follows, self._followed_at = False, -math.inf
+        self._follows = False  # whether the draft follows the robot
+        self._followed_at = -math.inf  # s, of the robot's clock
         self._retry = 0  # steps until refinement is called again
         self._external: tuple[object, ...] = ()  # state of another client's goal in the draft
         self.chain_name, self.draft = first_draft(self.domain, next(iter(self.libraries.values())))
@@ -48,15 +51,18 @@ class Editor:
         index = self.index if index is None else index
         library = self.libraries[self.draft.action_set]
         draft = situation_draft(self.domain, library, name, seed=seed, index=index)
-        self.chain_name, self.seed, self.index = name, seed, index
-        self.draft = dataclasses.replace(draft, weights=self.draft.weights)
+        self.chain_name = name
+        self.seed = seed
+        self.index = index
+        self.draft = replace(draft, weights=self.draft.weights)
         self.reset()
 
     def reset(self) -> None:
         """Place robot and objects at the draft's start."""
         self.stop()
         self._set_draft(self.draft)
-        self._displaced, self._follows = True, False
+        self._displaced = True
+        self._follows = False
 
     def select(self, backend: Backend) -> None:
         """Switch to another robot; the previous one continues its chain.
@@ -67,8 +73,15 @@ class Editor:
         self._waiting.clear()
         self.runs.clear()
         self.answer = None  # it was for another robot
-        self._stale, self._follows, self._followed_at = True, True, -math.inf
-        self._displaced, self._external = False, ()
+        self._stale = True
+        self._external = ()
+        self._follow_robot()
+
+    def _follow_robot(self) -> None:
+        """Let the draft follow the robot from now on."""
+        self._displaced = False
+        self._follows = True
+        self._followed_at = -math.inf
 
     # Edits
 
@@ -92,18 +105,21 @@ class Editor:
         self._set_draft(change(self.draft, *arguments))
 
     def move_goal(self, step: int, pose: Pose) -> None:
-        """Move the goal of a step, unless a chain is executed: the chains of a race have the same goals."""
+        """Move the goal of a step, unless a chain is executed: races have the same goals."""
         if not self.executing:
             self.edit(Draft.with_goal, step, pose)
 
     def _set_draft(self, draft: Draft) -> None:
-        self.draft, self._stale = draft, True
+        self.draft = draft
+        self._stale = True
         if not self.executing:
             self.runs.clear()
 
     def _restore(self) -> None:
         """Place everything as in the draft if an execution has moved it; one attempt."""
-        displaced, self._displaced, self._follows = self._displaced, False, False
+        displaced = self._displaced
+        self._displaced = False
+        self._follows = False
         if displaced and self.backend.can_place:
             self.backend.place(self.draft.world)
             self.backend.pause(paused=False)
@@ -139,9 +155,11 @@ class Editor:
         failed = [run.label for run in self.runs if math.isnan(run.duration)]
         if failed:
             return f"{' and '.join(failed)} failed"
-        (a, first), (b, second) = ((run.duration, run.label) for run in self.runs)
-        gain = f"gain {a - b:+.2f} s ({100.0 * (a - b) / (a or math.inf):+.0f} %)"
-        return f"{first} {a:.2f} s, {second} {b:.2f} s: {gain}"
+        first, second = self.runs
+        gain = first.duration - second.duration
+        percent = 100.0 * gain / (first.duration or math.inf)
+        times = ", ".join(f"{run.label} {run.duration:.2f} s" for run in self.runs)
+        return f"{times}: gain {gain:+.2f} s ({percent:+.0f} %)"
 
     # The loop
 
@@ -153,9 +171,8 @@ class Editor:
         if world is None:
             return
         self._follow_external()
-        if (self._follows and not self._is_active) or not (
-            self.executing or self.backend.can_place
-        ):
+        is_free = not (self._waiting or self.backend.can_place)
+        if not self._is_active and (self._follows or is_free):
             self._follow(world)
         if self._stale:
             self._stale = False
@@ -182,25 +199,29 @@ class Editor:
         self._waiting.clear()
 
     def _follow_external(self) -> None:
-        """Make an active goal of another client the draft, unless a chain of this view is executed."""
+        """Make an active goal of another client the draft, unless this view executes a chain."""
         goal = self.backend.external
         ours = self._waiting or any(not run.ended and run.label != OTHERS for run in self.runs)
         if ours or goal is None or goal.draft is None or goal.ended:
             return
-        record, driven, reason, chain = goal.record, goal.driven, goal.reason, goal.draft.chain
-        state = (record.chain_id, driven, record.refined, record.refined_again)
+        record = goal.record
+        state = (record.chain_id, goal.driven, record.refined, record.refined_again)
         if state == self._external:
             return
-        self._external, self.runs = state, [goal]
-        self._displaced, self._follows, self._followed_at = False, True, -math.inf
-        self.draft, self._stale = dataclasses.replace(goal.draft, weights=self.draft.weights), False
-        self._refine(as_given=driven and not record.refined)
+        self._external = state
+        self.runs = [goal]
+        self._follow_robot()
+        self.draft = replace(goal.draft, weights=self.draft.weights)
+        self._stale = False
+        self._refine(as_given=goal.driven and not record.refined)
+        chain = goal.draft.chain
         if self.answer is None:  # the chain is drawn without predictions
-            self.answer, self.problem = Answer(chain, chain, record.refined, reason), ""
+            self.answer = Answer(chain, chain, record.refined, goal.reason)
+            self.problem = ""
             self._retry = 0
-        elif driven:
-            self.answer = dataclasses.replace(
-                self.answer, chain=chain, refined=record.refined, reason=reason
+        elif goal.driven:
+            self.answer = replace(
+                self.answer, chain=chain, refined=record.refined, reason=goal.reason
             )
 
     def _follow(self, world: World) -> None:
@@ -210,13 +231,16 @@ class Editor:
         self._followed_at = world.time
         draft = self.draft.at(world)
         if draft.differs(self.draft):
-            self.draft, self._stale = draft, True
+            self.draft = draft
+            self._stale = True
 
     def _refine(self, *, as_given: bool = False) -> None:
         try:
-            self.answer, self.problem = self.backend.refine(self.draft, as_given=as_given), ""
+            self.answer = self.backend.refine(self.draft, as_given=as_given)
+            self.problem = ""
         except (NodesError, ValueError) as error:  # ValueError: an invalid answer
-            self.answer, self.problem = None, str(error)
+            self.answer = None
+            self.problem = str(error)
             self._retry = _RETRY_STEPS if isinstance(error, UnavailableError) else 0
         self.edition += 1
 
@@ -227,10 +251,11 @@ class Editor:
         run = self._waiting.pop(0)
         if self.backend.can_place and not self._follows:
             self.backend.place(self.draft.world)
-        self._displaced, self._follows = True, False
+        self._displaced = True
+        self._follows = False
         self.runs.append(run)
         refine = run.label == REFINED
-        naive = dataclasses.replace(self.draft, chain=self.answer.naive, alternatives=())
+        naive = replace(self.draft, chain=self.answer.naive, alternatives=())
         try:
             self.backend.execute(run, self.draft if refine else naive, refine=refine)
         except NodesError:

@@ -9,7 +9,7 @@ import random
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from queue import SimpleQueue
-from typing import Any
+from typing import Any, TypeVar
 
 from ator_ros.bases.description import Robot
 from ator_ros.geometry import Pose
@@ -32,12 +32,20 @@ from ator_ros.view.runs import OTHERS, Answer, Run, plain, seconds
 from ator_ros.view.scene import LOOPBACK, Canvas, Handle, RobotModel, serve
 from ator_ros.world.state import World
 
+T = TypeVar("T")
+
 _STATE_TIMEOUT = 2.0  # real s
 _VARIABLES = ("yaw", "speed")
+_WEIGHTS = {
+    "duration": "duration",
+    "success": "success (s per failure)",
+    "accuracy": "accuracy (s per m)",
+}
 _MOST_SEED = 2**31 - 1
 _TRAILS = {NAIVE: ORANGE, REFINED: BLUE, OTHERS: BLUE}
 _TEXT_PERIOD = 0.2  # s between two updates of texts and trails
-_TRAIL_WIDTH, _GOAL_RADIUS = 0.025, 0.16  # m
+_TRAIL_WIDTH = 0.025  # m
+_GOAL_RADIUS = 0.16  # m
 
 
 class Page:
@@ -60,7 +68,9 @@ class Page:
         port: int = 8080,
     ) -> None:
         self.commands: SimpleQueue[Callable[[], None]] = SimpleQueue()
-        self._editor, self._robot, self._models = editor, robot, models
+        self._editor = editor
+        self._robot = robot
+        self._models = models
         self.server = server = serve(editor.domain, robot, host=host, port=port)
         area = robot.scene.area
         self._chain = Canvas(server, "/chain", area)
@@ -72,13 +82,24 @@ class Page:
         self._objects = {}
         for name, item in robot.scene.objects.items():
             self._objects[name] = Handle(
-                server, f"/objects/{name}", area, radius=item.radius, height=2.0 * item.radius,
-                color=ORANGE, moved=partial(self._moved, editor.move_object, name), sphere=True,
-            )  # fmt: skip
+                server,
+                f"/objects/{name}",
+                area,
+                radius=item.radius,
+                height=2.0 * item.radius,
+                color=ORANGE,
+                moved=self._queued(partial(editor.move_object, name)),
+                sphere=True,
+            )
         self._start = Handle(
-            server, "/start", area, radius=robot.reach, height=0.02, color=ORANGE,
-            moved=partial(self._moved, editor.move_robot),
-        )  # fmt: skip
+            server,
+            "/start",
+            area,
+            radius=robot.reach,
+            height=0.02,
+            color=ORANGE,
+            moved=self._queued(editor.move_robot),
+        )
         self._goals: list[Handle] = []
         self._gui = server.gui
         self._boxes: list[tuple[int, str, Any]] = []
@@ -88,10 +109,12 @@ class Page:
             self._add_fields()
         with tabs.add_tab("History"):
             self._history = self._gui.add_markdown("")
-        self._edition, self._written_at = -1, -math.inf
+        self._edition = -1  # of the editor, which is shown
+        self._written_at = -math.inf
 
-    def _moved(self, move: Callable[..., None], *arguments: object) -> None:
-        self.commands.put(partial(move, *arguments))
+    def _queued(self, command: Callable[[T], None]) -> Callable[[T], None]:
+        """Return a function that queues the command with its argument."""
+        return lambda value: self.commands.put(partial(command, value))
 
     def take_commands(self) -> list[Callable[[], None]]:
         """Remove and return the commands of all clients, the oldest first."""
@@ -124,7 +147,8 @@ class Page:
             handle.show(None if state is None else Pose(state.x, state.y, 0.0))
 
     def _show_chain(self) -> None:
-        draft, answer = self._editor.draft, self._editor.answer
+        draft = self._editor.draft
+        answer = self._editor.answer
         start = draft.world.robot.pose
         shapes = alternative_shapes(start, draft.alternatives)
         if answer is not None:
@@ -140,9 +164,14 @@ class Page:
         while len(self._goals) < len(editor.draft.chain.calls):
             step = len(self._goals)
             handle = Handle(
-                self.server, f"/goals/{step}", self._robot.scene.area, radius=_GOAL_RADIUS, height=0.03,
-                color=BLUE, moved=partial(self._moved, editor.move_goal, step),
-            )  # fmt: skip
+                self.server,
+                f"/goals/{step}",
+                self._robot.scene.area,
+                radius=_GOAL_RADIUS,
+                height=0.03,
+                color=BLUE,
+                moved=self._queued(partial(editor.move_goal, step)),
+            )
             self._goals.append(handle)
         movable = editor.draft.movable_goals if editable else {}
         for step, handle in enumerate(self._goals):
@@ -151,7 +180,7 @@ class Page:
     def _show_trails(self) -> None:
         planned = polyline("planned", self._editor.backend.path, YELLOW, _TRAIL_WIDTH)
         driven = (
-            polyline(run.label, [pose[:2] for pose in run.poses], _TRAILS[run.label], _TRAIL_WIDTH)
+            polyline(run.label, run.path, _TRAILS[run.label], _TRAIL_WIDTH)
             for run in self._editor.runs
         )
         self._trails.draw([planned, *driven])
@@ -160,7 +189,9 @@ class Page:
 
     def _add_fields(self) -> None:
         """Add buttons, fields and texts; events become commands for the editor's thread."""
-        gui, editor, robots = self._gui, self._editor, self._robots
+        gui = self._gui
+        editor = self._editor
+        robots = self._robots
         if len(robots) > 1:
             choice = gui.add_dropdown("Robot", tuple(robots))
             self._on_change(choice, lambda name: editor.select(robots[name]))
@@ -194,7 +225,8 @@ class Page:
             self._rules = gui.add_markdown("")
 
     def _situation(self) -> Any:
-        editor, gui = self._editor, self._gui
+        editor = self._editor
+        gui = self._gui
         chain = gui.add_dropdown(
             "Chain", tuple(editor.domain.chains), initial_value=editor.chain_name
         )
@@ -214,11 +246,8 @@ class Page:
 
     def _weights(self) -> None:
         usual = {"duration": 1.0, "success": self._editor.domain.time_limit, "accuracy": 0.0}
-        units = {"duration": "", "success": " (s per failure)", "accuracy": " (s per m)"}
-        for name, weight in usual.items():
-            field = self._gui.add_number(
-                name + units[name], weight, min=0.0, max=MOST_WEIGHT, step=0.1
-            )
+        for name, label in _WEIGHTS.items():
+            field = self._gui.add_number(label, usual[name], min=0.0, max=MOST_WEIGHT, step=0.1)
             self._on_change(field, partial(self._editor.edit, Draft.with_weight, name))
 
     def _show_draft(self) -> None:
@@ -246,7 +275,9 @@ class Page:
                     self._boxes.append((step, name, box))
 
     def _show_texts(self) -> None:
-        editor, backend, answer = self._editor, self._editor.backend, self._editor.answer
+        editor = self._editor
+        backend = editor.backend
+        answer = editor.answer
         status = editor.runs[-1].status if editor.runs else "drag robot, objects or goals"
         if backend.refused:
             status = f"not moved: {backend.refused}"
@@ -285,7 +316,7 @@ def clock_text(world: World | None, age: float, status: str, *, paused: bool) ->
 
 
 def times_text(answer: Answer | None, runs: Sequence[Run]) -> str:
-    """Return a Markdown table of the predictions for both chains and the times of each run, by step."""
+    """Return a Markdown table of predicted times of both chains and times of runs, by step."""
     if answer is None:
         return ""
     tops = [plain(call.top.name) for call in answer.chain.calls]
@@ -296,8 +327,9 @@ def times_text(answer: Answer | None, runs: Sequence[Run]) -> str:
     ]
     table = [f"| s | {' | '.join(tops)} | chain |", f"|---|{'---|' * (len(tops) + 1)}"]
     for label, values, whole in rows:
-        cells = [seconds(value) for value in (*values, *[math.nan] * (len(tops) - len(values)))]
-        table.append(f"| {label} | {' | '.join(cells)} | {seconds(whole)} |")
+        missing = (len(tops) - len(values)) * ["-"]
+        cells = [label, *map(seconds, values), *missing, seconds(whole)]
+        table.append(f"| {' | '.join(cells)} |")
     return "\n".join(table)
 
 
@@ -314,11 +346,10 @@ def gate_text(answer: Answer | None, problem: str) -> str:
 def rules_text(
     world: World, chain: TopChain, robot: Robot, models: Mapping[str, PerformanceModel]
 ) -> str:
-    """Return in Markdown, by step, the rule that predicts the duration and the values of its terms."""
+    """Return in Markdown, by step, the rule that predicts the duration and its terms' values."""
     parts = []
-    for call, situation in zip(
-        chain.calls, chain_situations(world, chain, robot, models), strict=True
-    ):
+    situations = chain_situations(world, chain, robot, models)
+    for call, situation in zip(chain.calls, situations, strict=True):
         model = models.get(call.top.action)
         text = "no model" if model is None else model.explain(situation)
         parts.append(f"**{plain(call.top.name)}**\n```\n{text}\n```")

@@ -18,10 +18,12 @@ from ator_ros.refinement.refiner import SubgoalCurve
 from ator_ros.tops.chain import TopChain
 from ator_ros.view.draft import Draft
 from ator_ros.world.messages import pose_from, world_from
+from ator_ros.world.state import World
 
 OTHERS = "others"  # label of the executions that other clients started
-# chains that are kept, in the table, and in the model error
-_MOST_CHAINS, _SHOWN, _RECENT = 500, 12, 20
+_MOST_CHAINS = 500  # that are kept
+_SHOWN = 12  # chains in the table
+_RECENT = 20  # chains in the model error
 _LONGEST = 300  # characters
 _SUCCEEDED = Ending.SUCCEEDED.value
 _OUTCOMES = {ending.value: ending.name.lower().replace("_", " ") for ending in Ending}
@@ -54,10 +56,8 @@ class Run:
     # of another client's goal: its start and current chain, with open variables
     draft: Draft | None = None
     problem: str = ""  # why the executor reports no outcome, such as a failed start
-    poses: list[Pose] = field(default_factory=list)  # path of the robot since the start
+    worlds: list[World] = field(default_factory=list)  # observed states since the start
     chain_id: str = ""  # id of the goal in records; empty before the start
-    _start: float = math.nan  # s, of the clock of `record_pose`
-    _newest: float = math.nan
 
     @property
     def ended(self) -> bool:
@@ -99,20 +99,23 @@ class Run:
         prefix = "of others: " if self.label == OTHERS else ""
         return f"{prefix}{reason}{f' ({refinement})' if outcome.code else ''}"
 
-    def record_pose(self, time: float, pose: Pose) -> None:
-        """Record the robot's pose at `time` s; if the clock goes back, the path starts again."""
-        if not time >= self._newest:
-            self._start = time
-            self.poses.clear()
-        self._newest = time
-        self.poses.append(pose)
+    def observe(self, world: World) -> None:
+        """Record the state of robot and objects; if the clock goes back, the path starts again."""
+        if self.worlds and world.time < self.worlds[-1].time:
+            self.worlds.clear()
+        self.worlds.append(world)
+
+    @property
+    def path(self) -> list[tuple[float, float]]:
+        """Places of the robot since the start: x and y in m."""
+        return [world.robot.pose[:2] for world in self.worlds]
 
     @property
     def elapsed(self) -> float:
         """Time since the start in s, or the duration."""
-        if not math.isnan(self.duration):
-            return self.duration
-        return self._newest - self._start if self.poses else 0.0
+        if math.isnan(self.duration) and self.worlds:
+            return self.worlds[-1].time - self.worlds[0].time
+        return 0.0 if math.isnan(self.duration) else self.duration
 
 
 def plain(text: str) -> str:
@@ -129,53 +132,66 @@ def _duration_of(record: Any) -> float:
     return float(record.actual.duration) if record.outcome.code == _SUCCEEDED else math.nan
 
 
+@dataclass(frozen=True)
+class _Executed:
+    """A chain that has ended: its record, the poses that it depends on, and its gain.
+
+    `poses` are those of robot, objects and last goal. `gain` is the time saved in s over the newest
+    naive chain of the same poses, NaN without one.
+    """
+
+    record: Any
+    poses: list[Pose]
+    gain: float
+
+
 class History:
     """Executed chains."""
 
     def __init__(self) -> None:
-        self._chains: deque[tuple[Any, list[Pose], float]] = deque(maxlen=_MOST_CHAINS)
-        """Record, poses of robot, objects and last goal, and gain in s of each, the newest last."""
+        self._chains: deque[_Executed] = deque(maxlen=_MOST_CHAINS)  # the newest last
 
     def add(self, record: Any) -> None:
         """Add the record of a chain that has ended; raises MessageError if it cannot be read."""
-        start, last = world_from(record.start, where="start"), record.chain.calls[-1:]
-        poses = [start.robot.pose, *(Pose(each.x, each.y, 0.0) for each in start.objects.values())]
-        poses += [pose_from(call.goal.pose, "chain") for call in last]
+        start = world_from(record.start, where="start")
+        goals = [pose_from(call.goal.pose, "chain") for call in record.chain.calls[-1:]]
+        objects = [Pose(state.x, state.y, 0.0) for state in start.objects.values()]
+        poses = [start.robot.pose, *objects, *goals]
         gain = math.nan
         if record.refined:
-            naive_durations = (
-                _duration_of(other)
-                for other, others, _ in reversed(self._chains)
-                if not other.refined and _tops(other) == _tops(record) and _same(poses, others)
+            naive = (
+                _duration_of(other.record)
+                for other in reversed(self._chains)
+                if not other.record.refined
+                and _tops(other.record) == _tops(record)
+                and _same(poses, other.poses)
             )
-            gain = next(naive_durations, math.nan) - _duration_of(record)  # against the newest
-        self._chains.append((record, poses, gain))
+            gain = next(naive, math.nan) - _duration_of(record)
+        self._chains.append(_Executed(record, poses, gain))
 
     def report(self) -> str:
         """Return, in Markdown, the mean error and gain, and the newest chains."""
         if not self._chains:
             return "no chain was executed yet"
-        records, _, gains = zip(*self._chains, strict=True)
-        lines = [
-            f"{len(records)} chains, {sum(record.refined for record in records)} of them refined.",
-            "",
-        ]
-        errors = np.array(
-            [each.predicted.duration - _duration_of(each) for each in records[-_RECENT:]]
-        )
+        chains = list(self._chains)
+        refined = sum(chain.record.refined for chain in chains)
+        lines = [f"{len(chains)} chains, {refined} of them refined.", ""]
+        recent = [chain.record for chain in chains[-_RECENT:]]
+        errors = np.array([each.predicted.duration - _duration_of(each) for each in recent])
         errors = errors[np.isfinite(errors)]
         if len(errors):
-            error = (
-                f"{np.abs(errors).mean():.2f} s, mean {errors.mean():+.2f} s (predicted - actual)"
-            )
-            lines += [f"Model error, last {len(errors)}: {error}.", ""]
-        known = [gain for gain in gains if math.isfinite(gain)]
-        if known:
-            mean = f"{np.mean(known):+.2f} s, mean of {len(known)}"
+            mean = f"mean {errors.mean():+.2f} s (predicted - actual)"
+            lines += [
+                f"Model error, last {len(errors)}: {np.abs(errors).mean():.2f} s, {mean}.",
+                "",
+            ]
+        gains = [chain.gain for chain in chains if math.isfinite(chain.gain)]
+        if gains:
+            mean = f"{np.mean(gains):+.2f} s, mean of {len(gains)}"
             lines += [f"Gain over the naive chain from the same start: {mean}.", ""]
         lines += ["| | chain | predicted | actual | gain |", "|---|---|---|---|---|"]
-        rows = map(_row, range(1, len(records) + 1), records, gains)
-        return "\n".join([*lines, *reversed(list(rows)[-_SHOWN:])])
+        rows = [_row(number, chain) for number, chain in enumerate(chains, start=1)]
+        return "\n".join([*lines, *reversed(rows[-_SHOWN:])])
 
 
 def _tops(record: Any) -> list[str]:
@@ -183,16 +199,19 @@ def _tops(record: Any) -> list[str]:
 
 
 def _same(poses: Sequence[Pose], others: Sequence[Pose]) -> bool:
-    """Return whether two chains have the same start and last goal, see `History`."""
-    pairs = zip(poses, others, strict=False)
-    near = (a.distance(b) < _SAME and abs(a.relative(b).yaw) < _SAME for a, b in pairs)
-    return len(poses) == len(others) and all(near)
+    """Return whether two chains have the same start and last goal, see `_Executed`."""
+    if len(poses) != len(others):
+        return False
+    pairs = zip(poses, others, strict=True)
+    return all(a.distance(b) < _SAME and abs(a.relative(b).yaw) < _SAME for a, b in pairs)
 
 
-def _row(number: int, record: Any, gain: float) -> str:
+def _row(number: int, chain: _Executed) -> str:
+    record = chain.record
     name = f"{plain(', '.join(_tops(record)))} ({'refined' if record.refined else 'as sent'})"
-    code, duration = record.outcome.code, _duration_of(record)
-    actual = _OUTCOMES.get(code, f"outcome {code}") if math.isnan(duration) else seconds(duration)
-    return (
-        f"| {number} | {name} | {seconds(record.predicted.duration)} | {actual} | {seconds(gain)} |"
-    )
+    predicted = seconds(record.predicted.duration)
+    actual = seconds(_duration_of(record))
+    if math.isnan(_duration_of(record)):
+        code = record.outcome.code
+        actual = _OUTCOMES.get(code, f"outcome {code}")
+    return f"| {number} | {name} | {predicted} | {actual} | {seconds(chain.gain)} |"

@@ -24,7 +24,8 @@ from ator_ros.world.scene import Area
 
 LOOPBACK = "127.0.0.1"
 _ABOVE_FLOOR = 0.04  # m
-_KNOB_RADIUS, _KNOB_DISTANCE = 0.09, 0.35  # m
+_KNOB_RADIUS = 0.09  # m
+_KNOB_DISTANCE = 0.35  # m from the disc that it turns
 _FARTHEST = 1000.0  # m from the center; beyond, single precision shows steps of more than 0.1 mm
 _PHASES = ("start", "update", "end")
 
@@ -79,9 +80,9 @@ def _is_valid_value(field: Any, value: Any) -> bool:
         return isinstance(field.value, float) or float(value).is_integer()
     if isinstance(field, viser.GuiDropdownHandle):
         return isinstance(value, str) and value in field.options
-    return isinstance(field, viser.GuiCheckboxHandle | viser.GuiButtonHandle) and isinstance(
-        value, bool
-    )
+    if isinstance(field, viser.GuiCheckboxHandle | viser.GuiButtonHandle):
+        return isinstance(value, bool)
+    return False
 
 
 def _is_number(value: Any) -> bool:
@@ -119,7 +120,8 @@ def serve(
     server.gui.main_panel.dock_right()
     camera = server.initial_camera
     camera.position = (0.0, -0.75 * area.width, 0.85 * area.length)
-    camera.look_at, camera.fov = (0.0, -0.05 * area.width, 0.0), math.radians(50.0)
+    camera.look_at = (0.0, -0.05 * area.width, 0.0)
+    camera.fov = math.radians(50.0)
     size = (area.length + 2.0 * area.margin, area.width + 2.0 * area.margin, 0.02)
     server.scene.add_box(
         "/floor",
@@ -141,7 +143,9 @@ class Canvas:
     def __init__(
         self, server: viser.ViserServer, group: str, area: Area, height: float = _ABOVE_FLOOR
     ) -> None:
-        self._scene, self._group, self._height = server.scene, group, height
+        self._scene = server.scene
+        self._group = group
+        self._height = height
         self._center = np.array([area.x, area.y])
         self._shown: dict[str, viser.LineSegmentsHandle] = {}
 
@@ -157,7 +161,9 @@ class Canvas:
             colors = np.repeat((255 * shape.colors).astype(np.uint8)[:, None, :], 2, axis=1)
             if name in self._shown:  # changing a shape is much cheaper than a new one
                 handle = self._shown[name]
-                handle.points, handle.colors, handle.thickness = points, colors, shape.width
+                handle.points = points
+                handle.colors = colors
+                handle.thickness = shape.width
             else:
                 node = f"{self._group}/{name}"
                 self._shown[name] = self._scene.add_line_segments(
@@ -169,7 +175,8 @@ class Movable:
     """An item of the scene with a pose; the center of `area` is the origin of the page."""
 
     def __init__(self, server: viser.ViserServer, name: str, area: Area) -> None:
-        self._area, self._pose = area, Pose(math.inf, math.inf, 0.0)
+        self._area = area
+        self._pose = Pose(math.inf, math.inf, 0.0)
         self._frame = server.scene.add_frame(name, show_axes=False)
 
     def show(self, pose: Pose | None) -> None:
@@ -192,9 +199,9 @@ class RobotModel(Movable):
 
 
 class Handle(Movable):
-    """A disc to drag on the floor, with a knob to turn it, or a sphere without a heading; sizes in m.
+    """A disc to drag on the floor, with a knob to turn it, or a sphere without a heading.
 
-    `moved` is called with the new pose.
+    Sizes are in m. `moved` is called with the new pose.
     """
 
     def __init__(
@@ -210,8 +217,12 @@ class Handle(Movable):
         sphere: bool = False,
     ) -> None:
         super().__init__(server, name, area)
-        self._moved, self._height, self._offset = moved, height, (0.0, 0.0)
-        scene, center, body = server.scene, (0.0, 0.0, height / 2.0), f"{name}/body"
+        self._moved = moved
+        self._height = height
+        self._offset = (0.0, 0.0)
+        scene = server.scene
+        center = (0.0, 0.0, height / 2.0)
+        body = f"{name}/body"
         if sphere:
             scene.add_icosphere(body, radius, color, position=center).on_drag("left")(self._drag)
             return
@@ -225,9 +236,11 @@ class Handle(Movable):
         point = self._pointed(event, self._height)
         if point is None:
             return
+        x, y = point
         if event.phase == "start":
-            self._offset = (self._pose.x - point[0], self._pose.y - point[1])
-        self._moved(self._pose._replace(x=point[0] + self._offset[0], y=point[1] + self._offset[1]))
+            self._offset = (self._pose.x - x, self._pose.y - y)
+        dx, dy = self._offset
+        self._moved(self._pose._replace(x=x + dx, y=y + dy))
 
     async def _turn(self, event: Any) -> None:
         point = self._pointed(event, _KNOB_RADIUS)

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import pytest
 
 from ator_ros.actions.base import Action, Goal, Point, Status, Step
-from ator_ros.bases.description import Limits, load_robot
+from ator_ros.bases.description import load_robot
+from ator_ros.bases.differential.limits import Limits
 from ator_ros.domains.soccer.field import BALL
 from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
 from ator_ros.geometry import Pose

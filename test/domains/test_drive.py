@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from robots import PIONEER, PLAIN, SHIPPED, loaded
 
-from ator_ros.bases.description import Limits, Robot
+from ator_ros.bases.description import Robot
+from ator_ros.bases.differential.limits import Limits
 from ator_ros.domains.domain import domain_for, find_domain
 from ator_ros.evaluation.chain_run import run_chain
 from ator_ros.tools import study

@@ -12,7 +12,7 @@ from ator_ros.actions.base import Goal, Status
 from ator_ros.bases.routes import routes_of
 from ator_ros.domains.domain import find_domain
 from ator_ros.domains.trials import random_trial
-from ator_ros.experience.collect import episode_generator
+from ator_ros.experience.simulated import episode_generator
 from ator_ros.experience.table import read_experience
 from ator_ros.geometry import Pose
 from ator_ros.simulation.run import place, run_action

@@ -13,7 +13,8 @@ from faulty_base import Failure, Goal, KinematicBase, execute
 from selection import few
 
 from ator_ros.actions.base import Goal as ActionGoal
-from ator_ros.bases.description import Limits, Robot, load_robot
+from ator_ros.bases.description import Robot, load_robot
+from ator_ros.bases.differential.limits import Limits
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import BALL
 from ator_ros.execution.chain_executor import Ending

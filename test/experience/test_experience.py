@@ -18,8 +18,7 @@ from ator_ros.bases.differential.drive_parts import DriveParts
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import BALL, ball_of, field_of
 from ator_ros.domains.soccer.tops import GO_TO_BALL, GO_TO_POSE
-from ator_ros.experience.collect import collect
-from ator_ros.experience.episode import run_episode
+from ator_ros.experience.simulated import collect, run_episode
 from ator_ros.experience.table import (
     Experience,
     ExperienceError,

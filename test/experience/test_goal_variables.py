@@ -14,8 +14,8 @@ from refinement_fakes import FakeModel
 from ator_ros.actions.base import Goal
 from ator_ros.actions.goal_variables import GoalVariable
 from ator_ros.domains.domain import DomainError
-from ator_ros.experience.collect import collect
 from ator_ros.experience.recordings import read_sources
+from ator_ros.experience.simulated import collect
 from ator_ros.experience.table import (
     Experience,
     columns,

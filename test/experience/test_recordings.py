@@ -80,6 +80,7 @@ def test_a_missing_package_is_reported_in_one_line(
 ) -> None:
     recorded(tmp_path)
     for package, file in (("mcap_ros2.decoder", "bag"), ("pyarrow", "experience.parquet")):
+        monkeypatch.delitem(sys.modules, "ator_ros.experience.bag_files", raising=False)
         monkeypatch.setitem(sys.modules, package, None)
         assert train.main([str(tmp_path / file), "--models", str(tmp_path)]) == 1
         (line,) = capsys.readouterr().err.splitlines()

@@ -11,7 +11,6 @@ from bags import ROBOT, action_performance, own_types
 from ator_ros.bases.differential.drive_parts import DriveParts
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience.records import episode_of
-from ator_ros.experience.table import episode_frame
 from ator_ros.geometry import Pose
 from ator_ros.performance.observation import part_times
 from ator_ros.world.messages import MessageError
@@ -38,7 +37,7 @@ def test_a_record_becomes_an_episode() -> None:
     episode = episode_of(record(), SOCCER, ROBOT)
     assert (episode.situation.action, episode.duration, episode.success) == ("goToPose", 3.0, True)
     assert episode.situation.goal.pose == pytest.approx((1.5, 0.5, 0.7))
-    assert episode.objects == ("ball",)
+    assert list(episode.situation.objects) == ["ball"]
     assert episode.parts == DriveParts(first_turn=0.4, last_turn=0.6, driven=1.5)
     # Without a set, it is an action of the default one; another program may not know the errors.
     unknown = episode_of(record(action_set="", heading_error=math.nan), SOCCER, ROBOT)
@@ -51,7 +50,7 @@ def test_a_record_becomes_an_episode() -> None:
 )
 def test_a_record_may_lack_the_parts_of_the_drive(fields: dict[str, float]) -> None:
     episode = episode_of(record(**fields), SOCCER, ROBOT)
-    assert np.isnan(part_times(episode_frame(0, episode, ("ball",)))).any()
+    assert np.isnan(part_times(episode.rows(0, ("ball",)))).any()
 
 
 @pytest.mark.parametrize(

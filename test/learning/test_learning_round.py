@@ -13,8 +13,8 @@ from selection import few
 from stored import ROBOT, episodes, losses, round_of, stored
 
 from ator_ros.domains.soccer.domain import SOCCER
-from ator_ros.experience.episode import Episode
 from ator_ros.experience.store import read_records
+from ator_ros.experience.table import Episode
 from ator_ros.geometry import wrap_angle
 from ator_ros.learning.sets import CURRENT, RECORDS, current_set, digest_of, read_manifest
 from ator_ros.performance.model_file import load_model, save_model

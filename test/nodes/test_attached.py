@@ -24,8 +24,8 @@ from ator_ros.domains.domain import find_domain
 from ator_ros.experience.table import read_experience
 from ator_ros.geometry import Pose
 from ator_ros.nodes.qos import LATCHED
-from ator_ros.tools.attached import Destinations, driven_tops
 from ator_ros.tools.collect import main
+from ator_ros.tools.over_ros import Destinations, driven_tops
 
 TOUR = find_domain("tour")
 ROBOT = TOUR.robot()

@@ -15,8 +15,8 @@ from std_srvs.srv import SetBool, Trigger
 from stored import ROBOT, episodes, round_of, stored
 
 from ator_interfaces.msg import ActionPerformance, ObjectState, Outcome
-from ator_ros.experience.episode import Episode
 from ator_ros.experience.store import action_sets_in, read_records
+from ator_ros.experience.table import Episode
 from ator_ros.files import exclusive_folder
 from ator_ros.learning.sets import RECORDS, current_set, digest_of, point_to, read_manifest
 from ator_ros.nodes.messages import pose_of
@@ -35,7 +35,7 @@ def models(tmp_path: Path) -> Path:
 def record_of(episode: Episode, code: int = Outcome.SUCCEEDED) -> ActionPerformance:
     message = ActionPerformance(action=episode.situation.action, action_set="default")
     message.start.robot = pose_of(episode.situation.robot.pose)
-    message.start.objects = [ObjectState(name=name) for name in episode.objects]
+    message.start.objects = [ObjectState(name=name) for name in episode.situation.objects]
     message.call.top = "goToBall"
     message.call.goal.pose = pose_of(episode.situation.goal.pose)
     message.actual.duration = episode.duration

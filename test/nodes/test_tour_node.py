@@ -6,7 +6,7 @@ import pytest
 from process import executable, run
 
 from ator_ros.domains.domain import find_domain
-from ator_ros.experience.collect import collect
+from ator_ros.experience.simulated import collect
 from ator_ros.experience.table import read_experience
 from ator_ros.resources import resource_path
 from ator_ros.tools import collect as collect_tool

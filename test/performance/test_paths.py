@@ -8,8 +8,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from ator_ros.bases.description import Limits, load_robot
+from ator_ros.bases.description import load_robot
 from ator_ros.bases.differential.drive_parts import DriveParts
+from ator_ros.bases.differential.limits import Limits
 from ator_ros.bases.differential.shapes import fastest_paths
 from ator_ros.performance.direct import DIRECT_VARIABLES
 from ator_ros.performance.driving import DrivingStyle, plain_driving

@@ -27,7 +27,7 @@ actions: []
 NUMBER = "argument --{}: expected a whole number from "
 NO_FILE = "argument --{}: expected a file that can be written, got "
 NOT_INSTALLED = "domain: expected an entry point of ator_ros.domains, one of ["
-NONE_THERE = "argument --domain: expected one with {}, got bare, which has none"
+NONE_THERE = "argument --domain: expected one with names for --{}, got bare, which has none"
 NAMESPACE = "expected a namespace of letters"
 REFUSED = [
     *(
@@ -52,7 +52,7 @@ REFUSED = [
     ("demo --out=file/result", NO_FILE.format("out")),
     *((f"{command} --domain=chess", NOT_INSTALLED) for command in ("collect", "evaluate", "train")),
     ("collect --domain=bare.yaml", NONE_THERE.format("actions")),
-    *((f"{name} --domain=bare.yaml", NONE_THERE.format("chains")) for name in ("demo", "evaluate")),
+    *((f"{name} --domain=bare.yaml", NONE_THERE.format("chain")) for name in ("demo", "evaluate")),
     (
         "collect --action-set chess",
         "argument --action-set: expected one of default, bezier, got 'chess'",

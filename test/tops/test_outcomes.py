@@ -11,7 +11,7 @@ from ator_ros.bases.description import load_robot
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import BALL
 from ator_ros.domains.soccer.tops import DRIBBLE_BALL, GO_TO_BALL, GO_TO_POSE, SHOOT
-from ator_ros.experience.episode import run_episode
+from ator_ros.experience.simulated import run_episode
 from ator_ros.geometry import Pose
 from ator_ros.simulation.run import judge, place, run_action
 from ator_ros.simulation.simulation import Simulation

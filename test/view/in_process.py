@@ -78,7 +78,7 @@ class InProcessBackend:
     def observe(self, time: float, pose: Pose, ball: tuple[float, float]) -> None:
         self.state = World(time, RobotState(pose), {"ball": ObjectState(*ball)})
         if self.external is not None:
-            self.external.record_pose(time, pose)
+            self.external.observe(self.state)
 
     def world(self) -> World | None:
         return self.state

@@ -245,7 +245,7 @@ def test_an_external_goal_becomes_the_draft(
     assert answer.naive.calls[0].goal != answer.chain.calls[0].goal
     assert len(answer.before) == len(answer.after) == 2
     assert len(backend.refined) == before + 1
-    assert goal.poses[-1] == Pose(-1.6, 0.0, 0.0)
+    assert goal.worlds[-1].robot.pose == Pose(-1.6, 0.0, 0.0)
 
     goal.record = record_of(code=Outcome.SUCCEEDED, duration=5.0)
     running.step()

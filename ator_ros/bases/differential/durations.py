@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
 
-from ator_ros.bases.description import Limits
+from ator_ros.bases.differential.limits import Limits
 from ator_ros.compiled import elementwise, greatest, least, where
 from ator_ros.geometry import FloatArray
 

@@ -9,7 +9,7 @@ from itertools import product
 import numpy as np
 from scipy.optimize import least_squares
 
-from ator_ros.bases.description import Limits
+from ator_ros.bases.differential.limits import Limits
 from ator_ros.bases.differential.probe_drive import DriveError, DrivePart, DriveSample
 from ator_ros.bases.differential.response import AxisResponse
 from ator_ros.geometry import FloatArray

@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ator_ros.bases.description import Limits
 from ator_ros.bases.differential.durations import (
     Rates,
     direction,
@@ -20,6 +19,7 @@ from ator_ros.bases.differential.durations import (
     turn_parts,
     turn_time,
 )
+from ator_ros.bases.differential.limits import Limits
 from ator_ros.bases.differential.turns import NODES, turn_end, write_headings
 from ator_ros.compiled import compiled
 from ator_ros.geometry import FloatArray, Pose, Record

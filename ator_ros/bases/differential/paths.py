@@ -15,7 +15,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ator_ros.bases.description import Limits
 from ator_ros.bases.differential.durations import (
     Rates,
     change_distance,
@@ -23,6 +22,7 @@ from ator_ros.bases.differential.durations import (
     rates_of,
     turn_time,
 )
+from ator_ros.bases.differential.limits import Limits
 from ator_ros.bases.differential.manoeuvre import SIDE, Side
 from ator_ros.bases.differential.turns import STEP, WIDEST, TurnTable, look_up, turn_table
 from ator_ros.compiled import compiled, inlined

@@ -1,17 +1,16 @@
-"""The response of a base to velocity commands, with limits and latency, and the prediction of its state."""
+"""The response of a base with two driven wheels to velocity commands, with limits and latency."""
 
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from ator_ros.bases.description import Limits, Robot, StopBraking
+from ator_ros.bases.differential.limits import Limits, StopBraking
 from ator_ros.geometry import FloatArray, Pose, wrap_angle
-from ator_ros.world.state import STOP, Command, RobotState, World
+from ator_ros.world.state import STOP, Command, RobotState
 
 
 def ramped(
@@ -96,72 +95,10 @@ class AxisResponse:
 
 
 _STEP = 0.01  # s of a step of the prediction
-_EXPIRES = 0.5  # s after which a command is forgotten: other programs may steer
-_ROUNDING = 1e-6  # s
-_PROMPT = 0.02  # s within which a command counts as computed immediately
+_ROUNDING = 1e-6  # steps
 
 
-class Foresight:
-    """Predicts a state forward to the time at which the command for it moves the base (Smith predictor).
-
-    Until then the robot follows the commands already sent. Without the delay in the control loop,
-    plans may brake as hard as the base can. `latency` is the time in s from the stamp of a state
-    until the command for it moves the base; 0: no prediction.
-    """
-
-    def __init__(self, robot: Robot, latency: float) -> None:
-        self._limits, self._stop = robot.limits, robot.stop
-        self._latency = latency
-        self._sent: deque[tuple[float, Command | None]] = deque()
-        self._held_back = False
-
-    def reset(self) -> None:
-        """Forget all commands because time was reset."""
-        self._sent.clear()
-        self._held_back = False
-
-    def sent(self, time: float, command: Command | None) -> None:
-        """Record the last command sent for the state of `time` (s).
-
-        None: another program moves the robot, whose velocity is predicted to be constant.
-        """
-        self._forget(time)
-        while self._sent and self._sent[-1][0] >= time:
-            self._sent.pop()
-        self._sent.append((time, command))
-
-    def punctual(self, robot: RobotState, command: Command | None, took: float) -> Command | None:
-        """Return `command`, which took `took` s to compute, or a stop if it comes too late for `robot`.
-
-        A late command does not start a robot at rest, because the prediction would be ahead of the
-        motion. The robot starts with the command for the next state, even if that is late too, as
-        on a slow computer.
-        """
-        late = command is not None and self._latency > 0.0 and robot.is_still and took > _PROMPT
-        self._held_back = late and not self._held_back
-        return STOP if self._held_back else command
-
-    def ahead(self, world: World) -> World:
-        """Return the world at the time at which the command for `world` moves the base."""
-        if self._latency == 0.0:
-            return world
-        self._forget(world.time)
-        robot, now, end = world.robot, world.time, world.time + self._latency
-        command: Command | None = None
-        for stamp, following in (*self._sent, (world.time, None)):
-            acts = min(stamp + self._latency, end)
-            if acts > now + _ROUNDING:
-                robot, now = _driven(robot, command, acts - now, self._limits, self._stop), acts
-            command = following
-        objects = {name: state.after(self._latency) for name, state in world.objects.items()}
-        return World(end, robot, objects)
-
-    def _forget(self, time: float) -> None:
-        while self._sent and self._sent[0][0] < time - self._latency - _EXPIRES:
-            self._sent.popleft()
-
-
-def _driven(
+def driven(
     robot: RobotState, command: Command | None, duration: float, limits: Limits, stop: StopBraking
 ) -> RobotState:
     """Return the robot after `duration` s of `command`; None: at constant velocity."""

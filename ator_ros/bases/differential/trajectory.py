@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ator_ros.bases.description import Limits
+from ator_ros.bases.differential.limits import Limits
 from ator_ros.bases.differential.manoeuvre import Manoeuvre
 from ator_ros.compiled import compiled
 from ator_ros.geometry import FloatArray, Pose

@@ -9,7 +9,9 @@ from typing import ClassVar
 import numpy as np
 
 from ator_ros.actions.base import Action, ActionError, Goal, Status, Step, finished
-from ator_ros.bases.description import Limits, Robot
+from ator_ros.bases.description import Robot
+from ator_ros.bases.differential.description import differential
+from ator_ros.bases.differential.limits import Limits
 from ator_ros.domains.soccer.field import (
     BALL,
     ball_of,
@@ -482,7 +484,7 @@ class BezierGoToPose(_BezierAction):
 
     def start(self, world: World, goal: Goal) -> None:
         """Commit to `goal`; see `Action.start`."""
-        check_arrival(goal, self.robot.limits.v, self.name)
+        check_arrival(goal, self.robot.greatest_speed(), self.name)
         self._goal = goal
         self._target = goal.robot_pose(self.robot)
         ball = ball_of(world)
@@ -494,7 +496,7 @@ class BezierGoToPose(_BezierAction):
         style = _TO_BALL if self._to_ball else _TO_POSE
         beside = ball if self._to_ball or self._is_backing_off else None
         self._driver = Driver(
-            self.robot.limits,
+            differential(self.robot).limits,
             style,
             world.robot,
             self.robot,
@@ -534,7 +536,7 @@ class _BezierHolding(_BezierAction):
 
     def __init__(self, robot: Robot) -> None:
         super().__init__(robot)
-        self._limits = robot.holder_for(self.name).limits
+        self._limits = differential(robot).holder_for(self.name).limits
 
 
 class BezierDribbleBall(_BezierHolding):
@@ -599,7 +601,7 @@ class BezierShoot(_BezierHolding):
 
         Raises ActionError if the field has no goals, or `goal` lies in none.
         """
-        check_arrival(goal, self.robot.limits.v, self.name)
+        check_arrival(goal, self.robot.greatest_speed(), self.name)
         check_held(world, self.robot, self.name)
         field = field_of(self.robot)
         x = goal.pose.x

@@ -86,7 +86,7 @@ def rolling(
         start = world.robot.pose
         now = Pose(ball.x, ball.y, rest.yaw)
         speed = math.hypot(ball.vx, ball.vy)
-        soonest = start.distance(rest) / robot.limits.v
+        soonest = start.distance(rest) / robot.greatest_speed()
         apart = start.distance(now) >= ball_clearance(robot)
         rolls_for = 2.0 * rest.distance(now) / speed
         return apart and is_inside(now, robot) and rolls_for <= soonest
@@ -209,7 +209,7 @@ def _start(robot: Robot, rng: np.random.Generator) -> tuple[Pose, World]:
 def _expected(robot: Robot, what: str) -> str:
     area = robot.scene.area
     return (
-        f"scene.area: expected {what} for robot {robot.name} at {robot.limits.v:g} m/s, "
+        f"scene.area: expected {what} for robot {robot.name} at {robot.greatest_speed():g} m/s, "
         f"got {area.length:g} x {area.width:g} m"
     )
 

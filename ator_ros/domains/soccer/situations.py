@@ -19,7 +19,6 @@ from ator_ros.domains.soccer.thresholds import (
     farthest,
     greatest_arrival,
     line_margins,
-    steady_rate,
 )
 from ator_ros.geometry import Pose
 from ator_ros.world.state import ObjectState, RobotState, World
@@ -176,9 +175,8 @@ def _long_drive(
     start = pose_within(robot, rng, goal, nearest, most)
     state = RobotState(start)
     if rng.random() < 1.0 / 7.0:
-        v = float(rng.uniform(-0.3 if robot.limits.backward else 0.0, 0.8) * robot.limits.v)
-        w = float(rng.uniform(-0.5, 0.5) * robot.limits.w)
-        state = RobotState(start, v, steady_rate(robot, w, v))
+        velocity = robot.draw_velocity(rng)
+        state = RobotState(start, velocity.v, velocity.w)
     if not with_ball:
         return Situation("goToPose", state, {}, Goal(goal, 0.0, Point.AXLE))
     arrival = Goal(goal, _speed(robot, rng, 0.5), Point.HOLD)

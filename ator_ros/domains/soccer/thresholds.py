@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import math
 from types import MappingProxyType
 
 from ator_ros.actions import TIME_LIMIT
@@ -85,11 +84,6 @@ def line_margins(robot: Robot) -> tuple[float, float]:
     return at_end, at_side
 
 
-def steady_rate(robot: Robot, w: float, v: float) -> float:
-    """Return the turn rate `w` (rad/s), limited so that wheels do not slide at `v` (m/s)."""
-    return math.copysign(min(abs(w), robot.grip / max(abs(v), 1e-3)), w)
-
-
 def farthest(
     robot: Robot,
     share: float,
@@ -121,9 +115,9 @@ def farthest(
         The distance is less than `least`.
     """
     holds = with_ball and robot.holder is not None
-    speed = robot.limits.v
-    if holds and robot.holder:
-        speed = min(speed, robot.holder.limits.v)
+    speed = robot.greatest_speed()
+    if holds:
+        speed = min(speed, robot.greatest_speed(holding=True))
     most = share * time_limit * speed
     if most < least:
         needed = least / (share * time_limit)
@@ -137,5 +131,5 @@ def farthest(
 
 def greatest_arrival(robot: Robot) -> float:
     """Return the greatest speed in m/s at which a robot may arrive at a ball or with it."""
-    with_ball = robot.holder.limits.v if robot.holder else robot.limits.v
-    return min(ARRIVAL_SPEED, robot.limits.v, with_ball)
+    speeds = [robot.greatest_speed(holding=holds) for holds in {False, robot.holder is not None}]
+    return min(ARRIVAL_SPEED, *speeds)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ator_ros.bases.description import load_robot
-from ator_ros.bases.differential.response import Foresight
+from ator_ros.bases.foresight import Foresight
 from ator_ros.geometry import Pose
 from ator_ros.simulation.simulation import TICK, Simulation
 from ator_ros.world.state import STOP, Command, RobotState, World

@@ -7,8 +7,9 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import pytest
 
-from ator_ros.bases.description import Limits, Robot, load_robot
+from ator_ros.bases.description import Robot, load_robot
 from ator_ros.bases.differential.identification import BaseEstimate, check_plausible, identify
+from ator_ros.bases.differential.limits import Limits
 from ator_ros.bases.differential.probe_drive import DriveError, DrivePart, DriveSample, ProbeDrive
 from ator_ros.geometry import Pose
 from ator_ros.simulation.sensors import SensorConfig, Sensors

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from robots import OTHERS, PIONEER
 
-from ator_ros.bases.description import Limits, Robot
+from ator_ros.bases.description import Robot
 from ator_ros.bases.differential import durations
+from ator_ros.bases.differential.limits import Limits
 from ator_ros.geometry import FloatArray
 
 every_robot = pytest.mark.parametrize("robot", [PIONEER, OTHERS[-1]], ids=lambda robot: robot.name)

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from robots import OTHERS, PIONEER, PLAIN
 
-from ator_ros.bases.description import Limits, Robot
+from ator_ros.bases.description import Robot
 from ator_ros.bases.differential.durations import change_distance, rates_of, turn_time
+from ator_ros.bases.differential.limits import Limits
 from ator_ros.bases.differential.manoeuvre import Manoeuvre, Side, close
 from ator_ros.bases.differential.paths import Ends, entries_of, exits_of, find_paths
 from ator_ros.bases.differential.shapes import Rules, drawn_ends, fastest_paths, shape_set

@@ -7,6 +7,7 @@ import math
 
 from ator_ros.actions.base import ActionError, Goal, Point
 from ator_ros.bases.description import Robot
+from ator_ros.bases.differential.description import differential
 from ator_ros.bases.differential.manoeuvre import Manoeuvre
 from ator_ros.bases.differential.paths import Ends
 from ator_ros.domains.soccer.field import BALL, ball_of
@@ -50,10 +51,11 @@ class GoToPose(PlannedAction):
     verb = "driving"
 
     def __init__(self, robot: Robot) -> None:
-        super().__init__(robot, robot.limits)
-        self._forward_only = not robot.limits.backward
-        if robot.motor_time_constant > _LAGGING:
-            self.reserve = max(0.0, robot.limits.brake - self.plan_limits.brake)
+        described = differential(robot)
+        super().__init__(described, described.limits)
+        self._forward_only = not described.limits.backward
+        if described.motor_time_constant > _LAGGING:
+            self.reserve = max(0.0, described.limits.brake - self.plan_limits.brake)
 
     def setup(self) -> None:
         """Compute the tables of drives and approaches from rest to rest; see `Action.setup`."""

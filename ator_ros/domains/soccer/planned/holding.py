@@ -8,8 +8,10 @@ from collections.abc import Sequence
 from functools import lru_cache
 
 from ator_ros.actions.base import ActionError, Goal
-from ator_ros.bases.description import Limits, Robot
+from ator_ros.bases.description import Robot
+from ator_ros.bases.differential.description import DifferentialRobot, differential
 from ator_ros.bases.differential.durations import change_distance
+from ator_ros.bases.differential.limits import Limits
 from ator_ros.bases.differential.manoeuvre import Manoeuvre, Side
 from ator_ros.bases.differential.paths import Ends, entries_of, exits_of
 from ator_ros.domains.soccer.field import BALL
@@ -33,7 +35,7 @@ _LARGEST_TURN = math.radians(300.0)  # greatest angle in rad of a turn with the 
 _DIGITS = 6  # of m/s and m/s^2: tables are cached by these numbers
 
 
-def held_limits(robot: Robot, what: str) -> Limits:
+def held_limits(robot: DifferentialRobot, what: str) -> Limits:
     """Return the limits that keep the ball in the holder.
 
     Raises ConfigError, with `what` as the name of the action, for a robot without a holder.
@@ -45,7 +47,7 @@ def held_limits(robot: Robot, what: str) -> Limits:
 
 
 def _push(
-    robot: Robot,
+    robot: DifferentialRobot,
     v: float,
     w: float,
     acceleration: float,
@@ -63,7 +65,7 @@ def _push(
 
 
 @lru_cache(maxsize=16)
-def entries_with_ball(robot: Robot, limits: Limits, speed: float) -> Ends:
+def entries_with_ball(robot: DifferentialRobot, limits: Limits, speed: float) -> Ends:
     """Return the entries at `speed` (m/s) with the ball.
 
     The robot drives straight, then turns as fast as the ball allows. Raises ConfigError for a robot
@@ -81,7 +83,7 @@ def entries_with_ball(robot: Robot, limits: Limits, speed: float) -> Ends:
 
 @lru_cache(maxsize=4096)
 def _fastest_rate(
-    robot: Robot,
+    robot: DifferentialRobot,
     limits: Limits,
     v: float,
     change: float,
@@ -98,7 +100,7 @@ def _fastest_rate(
 
 
 @lru_cache(maxsize=16)
-def release_exits(robot: Robot, limits: Limits) -> Ends:
+def release_exits(robot: DifferentialRobot, limits: Limits) -> Ends:
     """Return the exits at full speed with the ball.
 
     The robot turns at constant speed, then runs up straight. The table is empty if the ball leaves
@@ -115,7 +117,7 @@ def release_exits(robot: Robot, limits: Limits) -> Ends:
 
 
 @lru_cache(maxsize=16)
-def dribble_exits(robot: Robot, limits: Limits, speed: float) -> Ends:
+def dribble_exits(robot: DifferentialRobot, limits: Limits, speed: float) -> Ends:
     """Return the exits at `speed` (m/s) with the ball.
 
     The robot turns as fast as the ball allows, then drives straight. The table is empty if the ball
@@ -141,10 +143,11 @@ class HoldingAction(PlannedAction):
     """A planned action with the ball in front, within the limits for dribbling."""
 
     def __init__(self, robot: Robot) -> None:
-        super().__init__(robot, held_limits(robot, self.name))
+        described = differential(robot)
+        super().__init__(described, held_limits(described, self.name))
         # A robot that overshoots must not drive back, which would lose the ball. So it catches up
         # only as fast as it can brake again.
-        self.reserve = max(0.0, robot.limits.brake - self.plan_limits.brake)
+        self.reserve = max(0.0, described.limits.brake - self.plan_limits.brake)
 
     def _check_turns(self, *tables: Ends) -> None:
         """Raise ActionError if a table of entries or exits with the ball is empty."""

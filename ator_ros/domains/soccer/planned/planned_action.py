@@ -8,11 +8,12 @@ from abc import abstractmethod
 from typing import ClassVar
 
 from ator_ros.actions.base import Action, ActionError, Goal, Status, Step, finished
-from ator_ros.bases.description import Limits, Robot
+from ator_ros.bases.differential.description import DifferentialRobot
+from ator_ros.bases.differential.limits import Limits
 from ator_ros.bases.differential.manoeuvre import Manoeuvre
 from ator_ros.bases.differential.trajectory import Trajectory, opening_of
 from ator_ros.domains.soccer.planned.tracker import DISTURBED_DISTANCE, Tracker
-from ator_ros.domains.soccer.thresholds import check_arrival, steady_rate
+from ator_ros.domains.soccer.thresholds import check_arrival
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.world.state import CONTROL_PERIOD, STOP, Command, World
 
@@ -27,19 +28,20 @@ _LATE = 0.4  # s that a weak robot may be late at a goal with a speed
 class PlannedAction(Action):
     """An action that follows one planned manoeuvre within `limits`."""
 
+    robot: DifferentialRobot
     verb: ClassVar[str]
     reserve = math.inf
     """Deceleration in m/s^2 of the base beyond that of plans; see `Tracker`."""
     counts_moved_goals = True
     """Whether new plans for a moved goal count toward the greatest number of plans."""
 
-    def __init__(self, robot: Robot, limits: Limits) -> None:
+    def __init__(self, robot: DifferentialRobot, limits: Limits) -> None:
         super().__init__(robot)
         self.limits = limits
         share = PLAN_SHARE - max(0.0, robot.motor_time_constant - _USUAL_LAG)
         usable = limits.within(robot.limits.scaled(max(share, _LEAST_SHARE)))
         # With a turn rate at which wheels do not slide at any speed.
-        self.plan_limits = dataclasses.replace(usable, w=steady_rate(robot, usable.w, usable.v))
+        self.plan_limits = dataclasses.replace(usable, w=robot.steady_rate(usable.w, usable.v))
 
     def start(self, world: World, goal: Goal) -> None:
         """Plan the path to `goal`; see `Action.start`."""

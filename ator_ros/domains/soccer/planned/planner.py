@@ -10,8 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ator_ros.actions.base import ActionError
-from ator_ros.bases.description import Limits, Robot
+from ator_ros.bases.differential.description import DifferentialRobot
 from ator_ros.bases.differential.durations import Rates, rates_of
+from ator_ros.bases.differential.limits import Limits
 from ator_ros.bases.differential.manoeuvre import (
     SIDE,
     SPEED_PIECES,
@@ -55,7 +56,7 @@ def is_free(
     start: Pose,
     goal: Pose,
     obstacles: Obstacles,
-    robot: Robot,
+    robot: DifferentialRobot,
 ) -> bool:
     """Return whether the robot touches no obstacle at the start of a motion to `goal`.
 
@@ -74,7 +75,7 @@ def distance_to_clear(
     start: Pose,
     goal: Pose,
     obstacles: Obstacles,
-    robot: Robot,
+    robot: DifferentialRobot,
 ) -> float:
     """Return the distance in m (negative: backward) of a straight drive that clears the ball.
 
@@ -103,7 +104,7 @@ def distance_to_clear(
     return min(found, key=abs, default=0.0)
 
 
-def ball_distances(poses: FloatArray, ball: ObjectState, robot: Robot) -> FloatArray:
+def ball_distances(poses: FloatArray, ball: ObjectState, robot: DifferentialRobot) -> FloatArray:
     """Return the distances in m between the robot and the ball's surface, shape (n,).
 
     Poses of the robot have the shape (n, 3): x, y in m, yaw in rad.
@@ -132,7 +133,7 @@ class Outline(NamedTuple):
     depth: float
 
 
-def _outline(robot: Robot) -> Outline:
+def _outline(robot: DifferentialRobot) -> Outline:
     field = field_of(robot)
     return Outline(
         front=float(robot.front),
@@ -195,7 +196,7 @@ class Surroundings(NamedTuple):
     ball: BallObstacle
 
 
-def surroundings(robot: Robot, limits: Limits, obstacles: Obstacles) -> Surroundings:
+def surroundings(robot: DifferentialRobot, limits: Limits, obstacles: Obstacles) -> Surroundings:
     """Return the surroundings in which manoeuvres within `limits` are checked."""
     ball = obstacles.ball
     area = robot.scene.area
@@ -209,7 +210,7 @@ def surroundings(robot: Robot, limits: Limits, obstacles: Obstacles) -> Surround
     return Surroundings(rates_of(limits), _outline(robot), in_the_way)
 
 
-def from_center(pose: Pose, robot: Robot) -> Pose:
+def from_center(pose: Pose, robot: DifferentialRobot) -> Pose:
     """Return a pose relative to the center of the area, with floats."""
     x, y, yaw = pose
     area = robot.scene.area
@@ -357,7 +358,7 @@ def free_exits(limits: Limits, speed: float) -> Ends:
 
 
 def fastest(
-    robot: Robot,
+    robot: DifferentialRobot,
     start: Pose,
     goal: Pose,
     entries: Ends,
@@ -373,7 +374,7 @@ def fastest(
 
     Parameters
     ----------
-    robot : Robot
+    robot : DifferentialRobot
         The robot, with its scene.
     start, goal : Pose
         Poses of the axle at both ends.
@@ -436,13 +437,13 @@ def _only_forward(limits: Limits) -> str:
 
 
 def turn_on_spot(
-    robot: Robot, start: Pose, yaw: float, limits: Limits, obstacles: Obstacles
+    robot: DifferentialRobot, start: Pose, yaw: float, limits: Limits, obstacles: Obstacles
 ) -> Manoeuvre:
     """Plan to turn to the heading `yaw` (rad) from rest.
 
     Parameters
     ----------
-    robot : Robot
+    robot : DifferentialRobot
         The robot, with its scene.
     start : Pose
         Pose of the axle.

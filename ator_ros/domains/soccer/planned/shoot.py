@@ -10,8 +10,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ator_ros.actions.base import ActionError, Goal, Status, Step, finished
-from ator_ros.bases.description import Limits, Robot
+from ator_ros.bases.differential.description import DifferentialRobot
 from ator_ros.bases.differential.durations import Rates, drive_time, rates_of, turn_time
+from ator_ros.bases.differential.limits import Limits
 from ator_ros.bases.differential.manoeuvre import SIDE, Manoeuvre, Side, pose_after_turn
 from ator_ros.bases.differential.paths import Ends, ranked
 from ator_ros.bases.differential.turns import WIDEST, look_up
@@ -58,7 +59,7 @@ class _Shooting(NamedTuple):
 
 
 def _run_up(
-    robot: Robot, start: Pose, mouth: Pose, entries: Ends, limits: Limits
+    robot: DifferentialRobot, start: Pose, mouth: Pose, entries: Ends, limits: Limits
 ) -> Manoeuvre | None:
     """Plan the run-up with one turn that has the ball in the goal first.
 
@@ -225,7 +226,7 @@ def _end_of(
     return Pose(x + ahead, y + aside, heading)
 
 
-def _release_poses(robot: Robot, mouth: Pose, limits: Limits) -> list[Pose]:
+def _release_poses(robot: DifferentialRobot, mouth: Pose, limits: Limits) -> list[Pose]:
     """Return some poses of the axle from which a ball that is pushed at full speed is released."""
     half = field_of(robot).goal_width / 2.0
     poses = []
@@ -238,7 +239,7 @@ def _release_poses(robot: Robot, mouth: Pose, limits: Limits) -> list[Pose]:
 
 
 def _time_after(
-    robot: Robot,
+    robot: DifferentialRobot,
     mouth: Pose,
     released: Pose,
     speed: float,
@@ -250,7 +251,7 @@ def _time_after(
     return _rolling_time(rolling.rolling_deceleration, float(speed), float(distance))
 
 
-def _roll_of(robot: Robot) -> float:
+def _roll_of(robot: DifferentialRobot) -> float:
     """Return the distance in m per (m/s)^2 from the goal at which a ball is released."""
     return _ROLL_SHARE / (2.0 * robot.scene.objects[BALL].rolling_deceleration)
 

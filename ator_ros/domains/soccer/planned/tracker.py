@@ -7,7 +7,7 @@ from collections import deque
 
 import numpy as np
 
-from ator_ros.bases.description import Robot
+from ator_ros.bases.differential.description import DifferentialRobot
 from ator_ros.bases.differential.response import ramped
 from ator_ros.bases.differential.trajectory import Trajectory
 from ator_ros.geometry import Pose
@@ -28,7 +28,7 @@ class LagEstimator:
     described, without a lag. A base that accelerates too slowly is weak; its lag is not estimated.
     """
 
-    def __init__(self, robot: Robot) -> None:
+    def __init__(self, robot: DifferentialRobot) -> None:
         self._robot = robot
         self._last: World | None = None
         self._set = STOP
@@ -98,7 +98,7 @@ class Tracker:
 
     Parameters
     ----------
-    robot : Robot
+    robot : DifferentialRobot
         The robot, as described.
     trajectory : Trajectory
         The plan.
@@ -124,7 +124,7 @@ class Tracker:
 
     def __init__(
         self,
-        robot: Robot,
+        robot: DifferentialRobot,
         trajectory: Trajectory,
         start_time: float,
         *,

@@ -1,4 +1,4 @@
-"""Collect episodes in parallel: the same seed gives the same episodes, for any number of workers."""
+"""Episodes in the simulator: one, and many in parallel, the same for any number of workers."""
 
 from __future__ import annotations
 
@@ -10,15 +10,64 @@ import numpy as np
 import pandas as pd
 
 from ator_ros.actions import TIME_LIMIT
+from ator_ros.actions.base import Action, ActionError, Status, Step
 from ator_ros.actions.goal_variables import wrong_values
-from ator_ros.actions.situation import ActionSpec
+from ator_ros.actions.situation import ActionSpec, Situation
 from ator_ros.bases.description import Robot
-from ator_ros.experience.episode import run_episode
 from ator_ros.experience.parallel import run_tasks
-from ator_ros.experience.table import ExperienceError, episode_frame
+from ator_ros.experience.table import Episode, ExperienceError, sample_of
+from ator_ros.simulation.run import judge, place, run_action
 from ator_ros.simulation.simulation import Simulation
 from ator_ros.tops.chain import Top
 from ator_ros.tops.library import top_of
+from ator_ros.world.state import STOP, World
+
+_TICKS_PER_SAMPLE = 2  # of 1/20 s: the paper's 10 Hz
+
+
+def run_episode(
+    simulation: Simulation,
+    action: Action,
+    situation: Situation,
+    *,
+    top: Top,
+    time_limit: float = TIME_LIMIT,
+) -> Episode:
+    """Execute `action` in `situation`, tick by tick, until it ends or `time_limit` (s) is over.
+
+    Parameters
+    ----------
+    simulation : Simulation
+        A new simulation, in which robot and objects are placed.
+    top : Top
+        The TOP whose post-condition decides on success.
+    """
+    initial = World(0.0, situation.robot, situation.objects)
+    place(simulation, initial)
+    start = simulation.time
+    worlds: list[World] = []
+
+    def observed(action: Action, world: World) -> Step:
+        worlds.append(world)
+        return action.step(world)
+
+    try:
+        done = run_action(simulation, action, situation.goal, time_limit=time_limit, step=observed)
+    except ActionError as error:
+        done = Step(STOP, Status.RUNNING, f"not started: {error}")
+    duration = simulation.time - start
+    judgment = judge(simulation, top, situation.goal, done.status, done.message)
+    seen = [sample_of(world, start, situation.objects) for world in worlds[::_TICKS_PER_SAMPLE]]
+    samples = [sample for sample in seen if sample[0] < duration]
+    return Episode(
+        situation,
+        duration,
+        judgment.success,
+        judgment.reason,
+        judgment.error,
+        judgment.heading_error,
+        np.array(samples, dtype=float) if samples else None,
+    )
 
 
 def episode_generator(action: str, seed: int, episode: int) -> np.random.Generator:
@@ -47,7 +96,7 @@ def _run(
     with Simulation(robot) as simulation:
         action = spec.factory(robot)
         episode = run_episode(simulation, action, situation, top=top, time_limit=time_limit)
-    return episode_frame(number, episode, objects)
+    return episode.rows(number, objects)
 
 
 def collect(

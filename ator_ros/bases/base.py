@@ -1,0 +1,120 @@
+"""What other rooms need to know of how a robot moves: the interface of a base."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from ator_ros.geometry import FloatArray
+from ator_ros.world.state import Command, RobotState
+
+Place = tuple[float, float]
+"""x and y in m."""
+
+
+@dataclass(frozen=True, slots=True)
+class Axis:
+    """A component of the velocity that a base controls.
+
+    Attributes
+    ----------
+    name : str
+        The field of `Command` and of `RobotState` that holds it.
+    verb : str
+        What a base does that has such a velocity, for messages: "move" or "turn".
+    unit : str
+        Unit of the velocity.
+    limit : float
+        Greatest velocity.
+    backward : float
+        Greatest velocity in the negative direction, as a positive number.
+    rate : float
+        Least change of velocity per s by which the base follows commands.
+    stop : float
+        Least change of velocity per s after a command to stop.
+    """
+
+    name: str
+    verb: str
+    unit: str
+    limit: float
+    backward: float
+    rate: float
+    stop: float
+
+
+class Standstills(NamedTuple):
+    """Where a robot in motion may come to stand.
+
+    Attributes
+    ----------
+    commanded : Place
+        After a command to stop.
+    braking : tuple of sequence of Place
+        Paths that an action may take which brakes to a standstill: of each the middle and the end.
+    """
+
+    commanded: Place
+    braking: tuple[Sequence[Place], ...]
+
+
+class Base(ABC):
+    """How a robot moves. Velocities are planar vectors with a turn rate, in the robot's frame."""
+
+    __slots__ = ()
+
+    @property
+    @abstractmethod
+    def axes(self) -> tuple[Axis, ...]:
+        """The components of the velocity that the base controls."""
+
+    @property
+    @abstractmethod
+    def lag(self) -> float:
+        """Time constant in s with which the base follows its commands."""
+
+    @abstractmethod
+    def greatest_speed(self, *, holding: bool = False) -> float:
+        """Return the greatest speed in m/s, with or without an object in the holder.
+
+        Raises ConfigError if it is asked for holding, and the robot has no holder.
+        """
+
+    @property
+    def greatest_turn_rate(self) -> float:
+        """In rad/s; 0 if the base never turns."""
+        return max((axis.limit for axis in self.axes if axis.name == "w"), default=0.0)
+
+    @abstractmethod
+    def moved(self, robot: RobotState, command: Command | None, seconds: float) -> RobotState:
+        """Return the state after `seconds` under one command; None: at constant velocity."""
+
+    @abstractmethod
+    def stopping_distance(self, speed: float) -> float:
+        """Return the distance in m in which the base stops from a `speed` in m/s, however it brakes."""
+
+    @abstractmethod
+    def standstills(self, robot: RobotState, seconds: float) -> Standstills:
+        """Return where a robot may stand that keeps its velocity for `seconds` before it brakes."""
+
+    @abstractmethod
+    def route_time(
+        self,
+        length: FloatArray,
+        turns: Sequence[FloatArray],
+        speed: FloatArray,
+        arrival_speed: FloatArray,
+    ) -> FloatArray:
+        """Return the least times in s for routes on a map, shape (n,).
+
+        `length` is in m, the speeds at both ends are in m/s. `turns` are the angles in rad to turn
+        at the start, at the bends in sum, and at the goal. All have the shape (n,).
+        """
+
+    @abstractmethod
+    def draw_velocity(self, rng: np.random.Generator) -> Command:
+        """Draw a velocity that the base may have while it drives."""

@@ -1,0 +1,201 @@
+"""The description of a robot with two driven wheels, and how it answers what other rooms ask a base."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Annotated, Any, ClassVar
+
+import numpy as np
+
+from ator_ros.bases.base import Axis, Place, Standstills
+from ator_ros.bases.description import (
+    DEFAULT_DRIVE,
+    ConfigError,
+    Holder,
+    Robot,
+    at_least,
+    at_most,
+    rounded_up,
+)
+from ator_ros.bases.differential.durations import drive_time, turn_time
+from ator_ros.bases.differential.limits import Limits, StopBraking
+from ator_ros.bases.differential.response import clip, driven, stopping_distance
+from ator_ros.geometry import FloatArray
+from ator_ros.schema import Within
+from ator_ros.world.scene import Mass, Size
+from ator_ros.world.state import Command, RobotState
+
+_MOST_WHEEL = 0.49  # greatest share of the robot's mass in one wheel
+
+
+@dataclass(frozen=True, slots=True)
+class DifferentialHolder(Holder):
+    """A holder, with the limits of the base while it holds an object."""
+
+    limits: Limits  # for commands while it is held
+
+
+@dataclass(frozen=True, slots=True)
+class Build:
+    """Details of the body for the simulation; `simulation.urdf` derives those that are None."""
+
+    # m; center of mass, behind the axle
+    mass_behind: Annotated[float, Within(0.0, 10.0)] | None = None
+    mass_height: Size | None = None  # m; center of mass, above the floor
+    caster_behind: Size | None = None  # m; from the axle back to the caster
+    wheel_mass: Mass | None = None  # kg; of each wheel
+    # kg m^2; of each wheel with its motor at the wheel. 1 g and 1 cm have 1e-7, 100 kg and 1 m have
+    # 100.
+    wheel_inertia: Annotated[float, Within(1e-7, 100.0)] | None = None
+    front_friction: Annotated[float, Within(0.0, 10.0)] = 0.15  # between the front and an object
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DifferentialRobot(Robot):
+    """A robot with two driven wheels.
+
+    Lengths in m from the middle of the axle, mass in kg, torque in N m, time in s. `grip` is the
+    centripetal acceleration in m/s^2 above which its wheels may slide: rubber on a hard floor holds
+    about 0.6 g, and two driven wheels carry about 0.7 of the weight.
+    """
+
+    drive: ClassVar[str] = DEFAULT_DRIVE
+
+    wheel_radius: Size
+    track: Size
+    mass: Mass
+    # Torques from a toy's to a 10 t vehicle's. A time constant of 0.1 ms is below the simulation's
+    # step, and with 10 s a base does not follow its commands. `grip` up to 10 g.
+    wheel_torque: Annotated[float, Within(0.001, 10_000.0)]
+    motor_time_constant: Annotated[float, Within(0.0001, 10.0)]
+    limits: Limits
+    holder: DifferentialHolder | None = None
+    stop: StopBraking = field(default=StopBraking())
+    grip: Annotated[float, Within(0.01, 100.0)] = 4.0
+    build: Build = Build()
+
+    def __post_init__(self) -> None:
+        """Raise ConfigError if sizes, masses or torques contradict each other."""
+        Robot.__post_init__(self)
+        build = self.build
+        caster = self.rear if build.caster_behind is None else build.caster_behind
+        width = 2.0 * self.half_width
+        torque = least_torque(self.mass, self.wheel_radius, self.limits)
+        if self.holder is not None and self.holder.limits.v_back not in (None, self.limits.v_back):
+            raise ConfigError(
+                "robot.holder.limits.v_back: expected none, as robot.limits.v_back holds with and "
+                f"without an object, got {self.holder.limits.v_back:g}"
+            )
+        most_wheel = _MOST_WHEEL * self.mass
+        at_most("build.wheel_mass", build.wheel_mass, most_wheel, "as the body has a mass")
+        at_most("build.caster_behind", build.caster_behind, self.rear, "where the robot ends")
+        at_most("build.mass_behind", build.mass_behind, caster, "where the robot is supported")
+        why = f"which {self.mass:g} kg need to accelerate"
+        at_least("wheel_torque", self.wheel_torque, torque, why)
+        at_most("track", self.track, width, "the width of the robot with its wheels")
+
+    __hash__ = Robot.__hash__
+
+    @property
+    def axes(self) -> tuple[Axis, ...]:
+        """Driving and turning."""
+        limits = self.limits
+        stop = min(self.stop.forward, self.stop.backward)
+        rate = min(limits.a, limits.brake)
+        driving = Axis("v", "move", "m/s", limits.v, limits.backward, rate, stop)
+        turning = Axis("w", "turn", "rad/s", limits.w, limits.w, limits.aw, self.stop.turning)
+        return driving, turning
+
+    @property
+    def lag(self) -> float:
+        """Time constant of the motors in s."""
+        return self.motor_time_constant
+
+    def greatest_speed(self, *, holding: bool = False) -> float:
+        """See `Base.greatest_speed`."""
+        return self.holder_for("holding an object").limits.v if holding else self.limits.v
+
+    def holder_for(self, what: str) -> DifferentialHolder:
+        """Return the holder, which `what` needs; raise ConfigError if the robot has none."""
+        holder = Robot.holder_for(self, what)
+        assert isinstance(holder, DifferentialHolder)
+        return holder
+
+    def moved(self, robot: RobotState, command: Command | None, seconds: float) -> RobotState:
+        """See `Base.moved`."""
+        return driven(robot, command, seconds, self.limits, self.stop)
+
+    def stopping_distance(self, speed: float) -> float:
+        """See `Base.stopping_distance`."""
+        return max(stopping_distance(speed, self.stop), speed**2 / (2.0 * self.limits.brake))
+
+    def standstills(self, robot: RobotState, seconds: float) -> Standstills:
+        """Return where the robot may stand: straight ahead, or along its present arc."""
+        reach = seconds * abs(robot.v)
+        stop = math.copysign(abs(stopping_distance(robot.v, self.stop)) + reach, robot.v)
+        brake = math.copysign(robot.v**2 / (2.0 * self.limits.brake) + reach, robot.v)
+        straight = (_place_after(robot, brake, 0.0),)
+        arc = tuple(_place_on_arc(robot, share * brake) for share in (0.5, 1.0))
+        return Standstills(_place_after(robot, stop, 0.0), (straight, arc))
+
+    def route_time(
+        self,
+        length: FloatArray,
+        turns: Sequence[FloatArray],
+        speed: FloatArray,
+        arrival_speed: FloatArray,
+    ) -> FloatArray:
+        """Return the times of routes at the limits, with turns on the spot at both ends."""
+        limits = self.limits
+        first, bends, last = turns
+        first_turn = turn_time(first, limits.w, limits.aw)
+        last_turn = turn_time(last, limits.w, limits.aw)
+        turning = first_turn + last_turn + bends / limits.w
+        return np.asarray(turning + drive_time(length, speed, arrival_speed, limits))
+
+    def steady_rate(self, w: float, v: float) -> float:
+        """Return the turn rate `w` (rad/s), limited so that wheels do not slide at `v` (m/s)."""
+        return math.copysign(min(abs(w), self.grip / max(abs(v), 1e-3)), w)
+
+    def draw_velocity(self, rng: np.random.Generator) -> Command:
+        """Draw a velocity, at which the wheels do not slide."""
+        v = float(rng.uniform(-0.3 if self.limits.backward else 0.0, 0.8) * self.limits.v)
+        w = float(rng.uniform(-0.5, 0.5) * self.limits.w)
+        return Command(v, self.steady_rate(w, v))
+
+    def content(self) -> dict[str, Any]:
+        """Return all fields but the map, without a default `v_back`."""
+        content = Robot.content(self)
+        for section in filter(None, (content, content["holder"])):
+            if section["limits"]["v_back"] is None:
+                del section["limits"]["v_back"]
+        return content
+
+
+def differential(robot: Robot) -> DifferentialRobot:
+    """Return a robot that has two driven wheels; raise ConfigError if it has none."""
+    if not isinstance(robot, DifferentialRobot):
+        raise ConfigError(
+            f"robot.drive: expected {DEFAULT_DRIVE} for this simulation or action, got {robot.drive}"
+        )
+    return robot
+
+
+def least_torque(mass: float, wheel_radius: float, limits: Limits) -> float:
+    """Return the torque in N m of each of two wheels that accelerate a mass (kg) by the limits: F = m a."""
+    return rounded_up(0.5 * mass * max(limits.a, limits.brake) * wheel_radius)
+
+
+def _place_on_arc(robot: RobotState, path: float) -> Place:
+    """Return the place after `path` m along the present arc, which turns by at most half a turn."""
+    turned = clip(path * robot.w / robot.v, math.pi) if robot.v != 0.0 else 0.0
+    return _place_after(robot, path, turned)
+
+
+def _place_after(robot: RobotState, path: float, turned: float) -> Place:
+    """Return the place after `path` m on an arc that turns by `turned` rad."""
+    chord = path * (math.sin(turned / 2.0) / (turned / 2.0) if turned else 1.0)
+    yaw = robot.pose.yaw + turned / 2.0
+    return robot.pose.x + chord * math.cos(yaw), robot.pose.y + chord * math.sin(yaw)

@@ -1,0 +1,213 @@
+"""Write the tables of README.md and docs/ that show results, from the reports in docs/.
+
+    scripts/run python scripts/tables.py
+
+A table is between the comments `begin NAME` and `end`. Those of models from few drives are written
+only if the argument is a working folder of `make reproduce`, as their reports do not ship.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+import textwrap
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parent.parent
+PAGES = ("README.md", "docs/results.md", "docs/results_conditions.md", "docs/table1.md")
+_WORDS = {
+    "fixed": "heading 0",
+    "arrive": "the bearing of the arrival",
+    "face_goal": "the bearing of the next goal",
+}
+_OPENED = {"_speed": ", with arrival speeds", "_place": ", with arrival speeds and places"}
+GAINS = (
+    ("fetch a ball and dribble it; heading open", "evaluation", "refined"),
+    ("the same; heading and arrival speed open", "evaluation", "refined_speed"),
+    ("the same with a shot, as in the picture above", "evaluation_shoot", "refined_speed"),
+    ("tour of stations, driven by an independent action server", "evaluation_tour", "refined"),
+    ("the paper's own actions, which follow Bezier curves", "evaluation_bezier", "refined"),
+)
+"""Rows of README.md: the task, and a policy of a report."""
+PUBLISHED = {
+    "refined": "533, 369, 98 | 10 %",
+    "gated": "505, 485, 10 | 12 %",
+    "face_goal": "|",
+    "oracle": "|",
+}
+"""Rows of docs/table1.md: faster, equal and slower chains, and the gain in the paper."""
+ROBOTS = {
+    "fifth": "[fifth](../test/fifth.yaml)",
+    "pioneer_lx": "[Pioneer LX](../config/pioneer_lx.yaml)",
+    "turtlebot4": "[TurtleBot 4](../config/turtlebot4.yaml)",
+}
+"""Robots of the studies."""
+Json = Mapping[str, Any]
+
+
+def table(head: Sequence[str], rows: Iterable[str]) -> str:
+    """Return a table in Markdown; `rows` are its lines without the outer bars."""
+    lines = [" | ".join(head), " | ".join(["---"] * len(head)), *rows]
+    return "\n".join(f"| {line} |".replace("  ", " ") for line in lines)
+
+
+def gain(row: Json) -> str:
+    """Return the gain of a policy with its interval."""
+    low, high = row["improvement_ci95"]
+    return f"{row['improvement_percent']:.1f} % ({low:.1f} to {high:.1f})"
+
+
+def share(summary: Json, policy: str) -> str:
+    """Return the captured share of the gain of the oracle with the same variables, if there is one."""
+    captured = summary[policy]["oracle_captured_percent"]
+    moving = policy.endswith("_speed") and "oracle_speed" not in summary
+    is_known = captured is not None and captured > 0.0 and not moving
+    return f"{captured:.0f} %" if is_known and not policy.startswith("oracle") else ""
+
+
+def label(policy: str) -> str:
+    """Return a policy, or an oracle, as the tables name it."""
+    for suffix, text in _OPENED.items():
+        policy = policy.replace(suffix, text)
+    return _WORDS.get(policy, policy)
+
+
+def _policies(summary: Json) -> list[str]:
+    """Return the policies of a report, those that choose headings only before the others."""
+    names = [name for name, row in summary.items() if isinstance(row, Mapping)]
+    others = ("_speed", "_place")
+    return sorted(names, key=lambda name: (name.endswith(others), name.startswith("oracle")))
+
+
+def evaluation(docs: Path, name: str) -> str:
+    """Return a sentence about a report, and the table of its policies."""
+    summary = _summary(docs / name)
+    failures = {policy: summary[policy]["failures"] for policy in _policies(summary)}
+    failed = ", ".join(f"{label(policy)} {count}" for policy, count in failures.items() if count)
+    intro = (
+        f"{summary['situations']} situations, failures: {failed or 'none'} "
+        f"([report with the command]({name}/report.html))."
+    )
+    text = textwrap.fill(intro, 100, break_long_words=False, break_on_hyphens=False)
+    rows = []
+    for policy in _policies(summary):
+        row = summary[policy]
+        mean = f"{label(policy)} | {row['mean_duration_s']:.2f} s"
+        measured = f"{gain(row)} | {share(summary, policy)} | {row['lower']}"
+        rows.append(f"{mean} | | | " if policy == "naive" else f"{mean} | {measured}")
+    head = ["policy", "mean duration", "gain over naive (95 % interval)", "of the oracle's gain"]
+    return f"{text}\n\n{table([*head, 'slower'], rows)}"
+
+
+def _summary(folder: Path) -> Any:
+    return json.loads((folder / "evaluation.json").read_text(encoding="utf-8"))["summary"]
+
+
+def gains(docs: Path) -> str:
+    """Return the table of README.md."""
+    rows = []
+    for task, name, policy in GAINS:
+        summary = _summary(docs / name)
+        row = summary[policy]
+        means = f"{summary['naive']['mean_duration_s']:.2f} s | {row['mean_duration_s']:.2f} s"
+        rows.append(f"{task} | {means} | {gain(row)} | {share(summary, policy)}")
+    head = ["task", "naive", "refined", "gain (95 % interval)", "of the oracle's gain"]
+    return table(head, rows)
+
+
+def table1(docs: Path) -> str:
+    """Return Table 1 of the paper with the paper's actions, in short."""
+    summary = _summary(docs / "evaluation_bezier")
+    rows = []
+    for policy, published in PUBLISHED.items():
+        row = summary[policy]
+        counts = " | ".join(str(row[kind]) for kind in ("higher", "equal", "lower", "failures"))
+        rows.append(f"{label(policy)} | {counts} | {published}")
+    head = ["chains", "faster", "equal", "slower", "failures"]
+    return table([*head, "paper, of 1000: faster, equal, slower", "gain in the paper"], rows)
+
+
+def studies(docs: Path) -> str:
+    """Return a row for each robot that was studied."""
+    rows = []
+    for robot, link in ROBOTS.items():
+        found = json.loads((docs / "studies" / f"{robot}.json").read_text(encoding="utf-8"))
+        of = found["evaluation"]
+        heading = f"{gain(of['refined'])} | {share(of, 'refined')} | {of['refined']['lower']}"
+        analytic = f"{share(of, 'analytic')} | {of['analytic_speed']['improvement_percent']:.1f} %"
+        naive = f"{of['naive']['mean_duration_s']:.2f} s"
+        rows.append(
+            f"{link} | {of['situations']} | {naive} | {heading} | {gain(of['refined_speed'])} | "
+            f"{analytic}"
+        )
+    return table(
+        [
+            "robot",
+            "chains",
+            "naive",
+            "refined, heading: gain (95 %)",
+            "of the oracle's",
+            "slower",
+            "with speed: gain (95 %)",
+            "analytic, heading: of the oracle's",
+            "analytic, with speed: gain",
+        ],
+        rows,
+    )
+
+
+def few_drives(work: Path) -> str:
+    """Return the tables of `few_drives.py` for all its domains, as one."""
+    lines: list[str] = []
+    for domain in ("tour", "pursuit", "building"):
+        text = (work / f"few_{domain}.md").read_text(encoding="utf-8")
+        lines += text.strip().splitlines()[2 if lines else 0 :]
+    return "\n".join(lines)
+
+
+def few_episodes(work: Path) -> str:
+    """Return what soccer gains behind the gate with models of few episodes."""
+    rows = []
+    folders = sorted(work.glob("few_soccer_*"), key=lambda folder: int(folder.name[11:]))
+    for folder in folders:
+        summary = _summary(folder)
+        heading, moving = summary["gated"], summary["gated_speed"]
+        rows.append(
+            f"{folder.name[11:]} | {share(summary, 'gated')} | {heading['lower']} | {gain(moving)} | "
+            f"{moving['lower']}"
+        )
+    head = ["episodes", "heading: of the oracle's gain", "slower", "heading and speed: gain"]
+    return table([*head, "slower"], rows)
+
+
+def write_tables(root: Path, docs: Path, work: Path | None = None) -> None:
+    """Replace the tables of the pages below `root`.
+
+    `docs` has the reports; `work` is a working folder of `make reproduce`, or None.
+    """
+    made: dict[str, str] = {}
+    for report in sorted(docs.glob("evaluation*")):
+        made[report.name] = evaluation(docs, report.name)
+    made |= {"gains": gains(docs), "table1": table1(docs), "studies": studies(docs)}
+    if work is not None and (work / "few_building.md").exists():
+        made["few_drives"] = few_drives(work)
+    if work is not None and list(work.glob("few_soccer_*")):
+        made["few_episodes"] = few_episodes(work)
+    for name in PAGES:
+        page = root / name
+        text = page.read_text(encoding="utf-8")
+
+        def block(found: re.Match[str]) -> str:
+            content = made.get(found[1])
+            shown = found[2] if content is None else f"\n{content}\n"
+            return f"<!-- begin {found[1]} -->{shown}<!-- end -->"
+
+        pattern = r"<!-- begin (\w+) -->(.*?)<!-- end -->"
+        page.write_text(re.sub(pattern, block, text, flags=re.DOTALL), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    write_tables(ROOT, ROOT / "docs", *map(Path, sys.argv[1:2]))
