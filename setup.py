@@ -61,7 +61,8 @@ def data_files() -> list[tuple[str, list[str]]]:
 setup(
     name=PACKAGE,
     version="0.2.0",
-    description="Refines the subgoals of action chains with performance models learned from experience",
+    description="Refines the subgoals of action chains with performance models learned from "
+    "experience",
     license="Apache-2.0",
     packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*", EXAMPLES]),
     package_data={PACKAGE: ["py.typed"]},

@@ -74,7 +74,8 @@ def report(record: ChainPerformance, *, refined: bool) -> str:
         yaw = math.degrees(2.0 * math.atan2(pose.orientation.z, pose.orientation.w))
         goal = f"({pose.position.x:.2f}, {pose.position.y:.2f}), heading {yaw:.0f} deg"
         steps.append(
-            f"  step {action.step + 1}, {action.call.top}: goal {goal}, speed {action.call.speed:.2f} m/s, "
+            f"  step {action.step + 1}, {action.call.top}: goal {goal}, "
+            f"speed {action.call.speed:.2f} m/s, "
             f"took {action.actual.duration:.2f} s"
         )
     return "\n".join([first, *steps])

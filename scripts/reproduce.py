@@ -77,7 +77,7 @@ class Step:
 
 
 def steps(sizes: Sizes) -> Iterator[Step]:
-    """Yield all steps. Paths are relative to the working folder, where models/ and docs/ are made."""
+    """Yield all steps. Paths are relative to the working folder, which gets models/ and docs/."""
     n = sizes
     scripts = f"python {ROOT}/scripts"
     benchmarks = f"python {ROOT}/benchmarks"
@@ -94,6 +94,8 @@ def steps(sizes: Sizes) -> Iterator[Step]:
         yield Step(f"{part}:figures", figures, trained)
         actions = f"{benchmarks}/actions.py {action_set}--situations {n.actions}"
         yield Step(f"{part}:actions", f"{actions} --out actions_{part}.md")
+    race = "demo --models models --out demo.png --animation docs/race.gif"
+    yield Step("default:race", race, ("default:train",))
     both = ("default:train", "bezier:train")
     page = f"{scripts}/accuracy.py --models models --out models/accuracy.md"
     yield Step("accuracy:models", page, both)
@@ -331,7 +333,7 @@ class Run:
 
 
 def publish(work: Path, out: Path) -> None:
-    """Copy models, reports and figures to `out`; write the tables of the pages if they ship there."""
+    """Copy models, reports and figures to `out`; write the pages' tables if they ship there."""
     for folder in ("models", "docs"):
         shutil.copytree(work / folder, out / folder, dirs_exist_ok=True)
     for study in work.glob("studies/*/study.json"):

@@ -14,10 +14,11 @@ LAYERS = [
     "actions", "tops", "simulation", "experience", "performance", "refinement", "execution",
     "domains", "planning", "evaluation", "learning", "nodes", "view", "tools",
 ]  # fmt: skip
-"""Modules and folders of the package, lowest layer first; each imports only from itself and lower ones."""
+"""Modules and folders of the package, lowest first; each imports from itself and lower ones."""
 WITH_ROS = {"nodes", "tools", "view"}
 ROS = {
-    "action_msgs", "ator_interfaces", "builtin_interfaces", "diagnostic_msgs", "geometry_msgs", "launch",
+    "action_msgs", "ator_interfaces", "builtin_interfaces", "diagnostic_msgs", "geometry_msgs",
+    "launch",
     "launch_ros", "nav_msgs", "rcl_interfaces", "rclpy", "rosgraph_msgs", "sensor_msgs", "std_msgs",
     "std_srvs", "tf2_msgs", "unique_identifier_msgs", "visualization_msgs",
 }  # fmt: skip

@@ -1,4 +1,4 @@
-"""Names from outside reach logs, answers and terminals cut, escaped, and in messages of one line."""
+"""Names from outside are cut and escaped in logs, answers and terminals."""
 
 import json
 from collections.abc import Callable

@@ -81,7 +81,7 @@ _LEAST_TIME = 1.0
 _SEGMENT = 100  # numbers that need as much memory as a segment without messages
 _JUMPS = "the pose jumps during the drive"
 _TOO_LONG = f"expected at most {_LONGEST:.0f} s"
-_WIDTH = 6  # columns of odometry
+_WIDTH = 7  # columns of odometry
 _ROUNDING = 1e-6  # s; stamps since 1970 are rounded to 0.24 us
 _DIGITS = 6  # of times in s, likewise
 
@@ -121,9 +121,9 @@ class Rows:
 
 @dataclass
 class Segment:
-    """Recorded without a gap: odom (t, x, y, yaw, v, w), commands (t, v, w), objects (t, x, y)."""
+    """Recorded without a gap: odom (t, x, y, yaw, v, w, vy), commands (t, speed, w), objects (t, x, y)."""
 
-    odom: Rows = field(default_factory=lambda: Rows(6))
+    odom: Rows = field(default_factory=lambda: Rows(_WIDTH))
     cmd_vel: Rows = field(default_factory=lambda: Rows(3))
     objects: dict[str, Rows] = field(default_factory=lambda: defaultdict(lambda: Rows(3)))
 
@@ -198,7 +198,7 @@ class Reader:
             elif role == CMD_VEL:
                 command = command_from(message, CMD_VEL)
                 if newest.odom:  # a Twist has no stamp: it gets that of the last odometry message
-                    newest.cmd_vel.append(now, command.v, command.w)
+                    newest.cmd_vel.append(now, math.hypot(command.vx, command.vy), command.w)
                     self._numbers += 3
             elif role == RECORDS:
                 self.records.append(episode_of(message, self._domain, self._robot))
@@ -369,8 +369,8 @@ class Reader:
         if odom and not 0.0 <= time - last <= SILENCE:
             self.segments.append(Segment())
             self._numbers += _SEGMENT
-        self.segments[-1].odom.append(time, *robot.pose, robot.v, robot.w)
-        self._numbers += 6
+        self.segments[-1].odom.append(time, *robot.pose, robot.vx, robot.w, robot.vy)
+        self._numbers += _WIDTH
 
     def _add_transforms(self, message: Any, *, fixed: bool) -> None:
         for transform in message.transforms:
@@ -433,8 +433,8 @@ class Track:
 
     Attributes
     ----------
-    odom : ndarray, shape (n, 6)
-        t, x, y, yaw, v, w in the order of time, with unwrapped yaw.
+    odom : ndarray, shape (n, 7)
+        t, x, y, yaw, v, w, vy in the order of time, with unwrapped yaw.
     begin, end : float
         Times in s of the first and the last odometry.
     objects : mapping of str to ndarray, shape (n, 3)
@@ -466,7 +466,7 @@ class Track:
         return other
 
     def states(self, times: FloatArray) -> FloatArray:
-        """Return the states at times (n,) in s, one a row: t, x, y, yaw, v, w, then x, y of each object.
+        """Return the states at times (n,) in s, one a row: t, x, y, yaw, v, w, vy, then x, y of each object.
 
         Objects are NaN before their first message. The times increase.
         """
@@ -478,17 +478,17 @@ class Track:
         ]
         states, (x, y, yaw) = np.column_stack([times, *columns]), self._odom_pose
         turn = np.array([[math.cos(yaw), math.sin(yaw)], [-math.sin(yaw), math.cos(yaw)]])
-        for first in (1, *range(6, states.shape[1], 2)):
+        for first in (1, *range(_WIDTH, states.shape[1], 2)):
             states[:, first : first + 2] = states[:, first : first + 2] @ turn + (x, y)
         states[:, 3] = wrap_angles(states[:, 3] + yaw)
         return states
 
     def world(self, time: float) -> World:
         """Return the state at `time` (s), with the objects that had a message by then."""
-        _, x, y, yaw, v, w, *places = self.states(np.array([time]))[0].tolist()
+        _, x, y, yaw, vx, w, vy, *places = self.states(np.array([time]))[0].tolist()
         found = zip(self.objects, places[::2], places[1::2], strict=True)
         objects = {name: ObjectState(*place) for name, *place in found if not math.isnan(place[0])}
-        return World(time, RobotState(Pose(x, y, yaw), v, w), objects)
+        return World(time, RobotState(Pose(x, y, yaw), vx, w, vy=vy), objects)
 
     def samples(self, begin: float, end: float, objects: Collection[str]) -> FloatArray:
         """Return the samples of an episode from `begin` to `end` (s) with some objects; see `Episode`."""
@@ -526,7 +526,7 @@ class Track:
         """Return whether the robot stood at any time between two (s)."""
         times = self._times
         during = self.odom[np.searchsorted(times, since, "right") : np.searchsorted(times, until)]
-        return bool(NOT_DRIVEN.holds(during[:, 4], during[:, 5]).any())
+        return bool(NOT_DRIVEN.holds(np.hypot(during[:, 4], during[:, 6]), during[:, 5]).any())
 
 
 def _around(table: FloatArray, times: FloatArray) -> FloatArray:
@@ -674,7 +674,7 @@ def _spans(commands: FloatArray, track: Track) -> Iterator[tuple[float, float]]:
 def _rest(track: Track, ceased: float) -> float:
     """Return when (s) the robot came to rest after its commands ceased; `ceased` if it did not."""
     after = track.between(ceased, ceased + PAUSE + _ROUNDING)
-    still = NOT_DRIVEN.holds(after[:, 4], after[:, 5])
+    still = NOT_DRIVEN.holds(np.hypot(after[:, 4], after[:, 6]), after[:, 5])
     return float(after[still][0, 0]) if still.any() else ceased
 
 

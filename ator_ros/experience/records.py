@@ -11,7 +11,7 @@ from ator_ros.actions.base import Goal, Point
 from ator_ros.actions.goal_variables import GoalVariable
 from ator_ros.actions.situation import ActionSpec, Situation
 from ator_ros.bases.description import Robot
-from ator_ros.bases.differential.drive_parts import DriveParts
+from ator_ros.bases.drive_parts import DriveParts
 from ator_ros.experience.table import LARGEST, Episode
 from ator_ros.files import is_name
 from ator_ros.printable import printable, quoted

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 import shutil
 import warnings
 from collections.abc import Mapping, Sequence
@@ -29,7 +28,6 @@ from ator_ros.learning.sets import (
     seal,
     sets_in,
 )
-from ator_ros.performance.driving import plain_driving
 from ator_ros.performance.features import PATHS, Feature, declared_by, names_of
 from ator_ros.performance.model import MEASURES, PerformanceModel
 from ator_ros.performance.model_file import (
@@ -39,7 +37,6 @@ from ator_ros.performance.model_file import (
     models_folder,
     save_model,
 )
-from ator_ros.performance.observation import backward_above
 from ator_ros.performance.training import (
     duration_features,
     error_process,
@@ -79,12 +76,10 @@ def _improved(
     if current is not None:
         driving = current.driving
     elif set(features) & set(PATHS):
-        driving = plain_driving(robot)
-    learns_angle = driving is not None and driving.backward_above == math.pi
-    if driving is not None and learns_angle and len(rows) >= _RECORDS_FOR_ANGLE:
-        # Present trees have no features of the straight, which depend on this angle.
-        above = backward_above(succeeded, robot)
-        driving = dataclasses.replace(driving, backward_above=above)
+        driving = robot.unobserved_driving()
+    if driving is not None and len(rows) >= _RECORDS_FOR_ANGLE:
+        # Present trees have no features that depend on what the driving leaves open.
+        driving = robot.completed_driving(driving, succeeded)
     former = {name: model for name, model in former.items() if model.driving == driving}
     of_durations = duration_features(features, succeeded, driving)
     known = {feature.name: feature for feature in of_durations}

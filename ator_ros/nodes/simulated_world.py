@@ -40,7 +40,9 @@ class SimulatedWorld:
         robots: Sequence[SimulatedRobot],
         object_starts: Mapping[str, tuple[float, float]],
     ) -> None:
-        self.robot, self.robots, self._object_starts = robot, tuple(robots), object_starts
+        self.robot = robot
+        self.robots = tuple(robots)
+        self._object_starts = object_starts
         self._idle = set[str]()
         for each in self.robots:
             self._check_inside(each.start.x, each.start.y, f"robot_start {each.name}".strip())
@@ -77,7 +79,7 @@ class SimulatedWorld:
         self._observe_all()
 
     def awaited(self) -> set[int]:
-        """Return the numbers (indices in `robots`) of the robots whose next command a tick waits for.
+        """Return the robots whose next command a tick waits for, by their indices in `robots`.
 
         Of several robots those that were commanded to stop are left out, as the others need their
         odometry.
@@ -94,7 +96,8 @@ class SimulatedWorld:
         """Advance by one control tick; return the names of the robots that have come to stand."""
         self.simulation.tick()
         self._observe_all()
-        previous, self._idle = self._idle, set[str]()
+        previous = self._idle
+        self._idle = set[str]()
         for number, robot in enumerate(self.robots):
             is_standing = self.simulation.world(number=number).robot.is_standing
             if is_standing and self.simulation.commanded(number=number) in (None, STOP):
@@ -106,18 +109,20 @@ class SimulatedWorld:
         self.simulation.close()
         self._begin()
 
-    def place_robot(self, pose: Pose, number: int, *, v: float, w: float) -> None:
-        """Put the axle of robot `number`, its index in `robots`, at `pose`, moving at v (m/s) and w (rad/s).
+    def place_robot(self, pose: Pose, number: int, velocity: Command = STOP) -> None:
+        """Put the axle of a robot at `pose`, moving at `velocity`.
 
-        Raises MessageError outside the floor, in another body, or beyond the robot's limits.
+        `number` is its index in `robots`. Raises MessageError outside the floor, in another body,
+        or beyond the robot's limits.
         """
         self._check_inside(pose.x, pose.y, "pose.pose.position")
-        velocity = Command(v, w)
-        for axis in self.robot.axes:
-            value = getattr(velocity, axis.name)
-            messages.number(value, axis.name, low=-axis.backward, high=axis.limit, unit=axis.unit)
+        axes = {axis.name: axis for axis in self.robot.axes}
+        for name, unit in (("vx", "m/s"), ("vy", "m/s"), ("w", "rad/s")):
+            low = -axes[name].backward if name in axes else 0.0
+            high = axes[name].limit if name in axes else 0.0
+            messages.number(getattr(velocity, name), name, low=low, high=high, unit=unit)
         _check_clear(self.simulation.robot_overlap(pose, number=number), "pose.pose.position")
-        self.simulation.place_robot(pose, v=v, w=w, number=number)
+        self.simulation.place_robot(pose, velocity, number=number)
         self.robots[number].sensors.reset()
         self._observe(number)
 

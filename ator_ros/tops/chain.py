@@ -67,7 +67,7 @@ class Top:
         """Return the goal variables that determine each of the robot's variables after an arrival."""
         at, other = ("hold", "robot") if self.point is Point.HOLD else ("robot", "hold")
         beside = {f"{other}.{axis}": (axis, "yaw") for axis in "xy"}
-        robot = {"robot.yaw": ("yaw",), "robot.v": ("speed",), "robot.w": ()}
+        robot = {"robot.yaw": ("yaw",), "robot.vx": ("speed",), "robot.vy": (), "robot.w": ()}
         return {f"{at}.x": ("x",), f"{at}.y": ("y",), **beside, **robot}
 
     def unmet(self, world: World, goal: Goal, robot: Robot) -> list[str]:
@@ -190,9 +190,8 @@ def projected(world: World, call: TopCall, robot: Robot) -> World:
     state = call.top.post.apply(state_of(world, robot), goal_values(call.goal))
     if not call.top.arrives and any(name.startswith("robot.") for name in variables):
         pose = Pose(state["robot.x"], state["robot.y"], state["robot.yaw"])
-        world = dataclasses.replace(
-            world, robot=RobotState(pose, state["robot.v"], state["robot.w"])
-        )
+        vx, vy, w = (state[f"robot.{name}"] for name in ("vx", "vy", "w"))
+        world = dataclasses.replace(world, robot=RobotState(pose, vx, w, vy=vy))
     for name in sorted(call.top.post.objects()):
         x, y = state.get(f"{name}.x"), state.get(f"{name}.y")
         if variables & {f"{name}.x", f"{name}.y"} and x is not None and y is not None:

@@ -33,7 +33,7 @@ def state_variables(objects: Iterable[str], *, holder: bool = True) -> tuple[str
 
     See `state_of`.
     """
-    robot = (f"robot.{name}" for name in ("x", "y", "yaw", "v", "w"))
+    robot = (f"robot.{name}" for name in ("x", "y", "yaw", "vx", "vy", "w"))
     moving = (f"{name}.{axis}" for name in objects for axis in ("x", "y", "vx", "vy"))
     return (*robot, *(("hold.x", "hold.y") if holder else ()), *moving)
 
@@ -44,17 +44,19 @@ def state_of(world: World, robot: Robot) -> dict[str, float]:
     Returns
     -------
     dict
-        robot.x, robot.y (m), robot.yaw (rad), robot.v (m/s), robot.w (rad/s); hold.x, hold.y (m),
-        where a robot with a holder would hold an object; of each known object, with its name before
-        the dot, x, y (m), vx, vy (m/s).
+        robot.x, robot.y (m), robot.yaw (rad), robot.vx, robot.vy (m/s, forward and to the left),
+        robot.w (rad/s); hold.x, hold.y (m), where a robot with a holder would hold an object; of
+        each known object, with its name before the dot, x, y (m), vx, vy (m/s).
     """
-    pose, v, w = world.robot.pose, world.robot.v, world.robot.w
+    moving = world.robot
+    pose = moving.pose
     state = {
         "robot.x": pose.x,
         "robot.y": pose.y,
         "robot.yaw": pose.yaw,
-        "robot.v": v,
-        "robot.w": w,
+        "robot.vx": moving.vx,
+        "robot.vy": moving.vy,
+        "robot.w": moving.w,
     }
     if robot.holder is not None:
         hold = robot.hold_point(pose)
@@ -66,7 +68,7 @@ def state_of(world: World, robot: Robot) -> dict[str, float]:
 
 def arrived(world: World, goal: Goal, robot: Robot) -> World:
     """Return the world when the robot has arrived at `goal` and nothing else has changed."""
-    return dataclasses.replace(world, robot=RobotState(goal.robot_pose(robot), goal.speed, 0.0))
+    return dataclasses.replace(world, robot=RobotState(goal.robot_pose(robot), goal.speed))
 
 
 # Clauses

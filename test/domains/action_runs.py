@@ -75,8 +75,8 @@ def execute_situation(situation: Situation, task: Task) -> Outcome:
         if step.status is Status.RUNNING:
             command = step.command or STOP
             worlds.append(world)
-            backward.append(-command.v)
-            excess.append(max(abs(command.v) / limits.v, abs(command.w) / limits.w))
+            backward.append(-command.vx)
+            excess.append(max(abs(command.vx) / limits.v, abs(command.w) / limits.w))
         return step
 
     with Simulation(robot) as simulation:

@@ -1,4 +1,4 @@
-"""Samplers make a bounded number of draws, and only tasks that the robot can do within the time limit."""
+"""Samplers make few draws, and only tasks that the robot can do within the time limit."""
 
 import dataclasses
 import itertools

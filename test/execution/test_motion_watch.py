@@ -1,4 +1,4 @@
-"""The motion watch: bases that do not follow commands are detected in time, without false alarms."""
+"""The motion watch detects bases that do not follow commands, in time and without false alarms."""
 
 import dataclasses
 from dataclasses import dataclass
@@ -67,7 +67,7 @@ def test_a_base_that_moves_without_a_command_ends_the_goal(axis: str, speed: flo
 def test_odometry_that_shows_a_fraction_of_the_motion_is_detected_in_time(share: float) -> None:
     def shrunk(_: float, state: RobotState) -> RobotState:
         return RobotState(
-            Pose(*(share * part for part in state.pose)), share * state.v, share * state.w
+            Pose(*(share * part for part in state.pose)), share * state.vx, share * state.w
         )
 
     done = execute(LIBRARY, AHEAD, base(), sense=shrunk)
@@ -107,7 +107,7 @@ def test_a_twist_that_is_smoothed_ends_no_goal(lag: float) -> None:
     def smoothed(time: float, state: RobotState) -> RobotState:
         nonlocal v, w, last
         share = min(1.0, (time - last) / lag)
-        v, w, last = v + share * (state.v - v), w + share * (state.w - w), time
+        v, w, last = v + share * (state.vx - v), w + share * (state.w - w), time
         return RobotState(state.pose, v, w)
 
     turns = chain(("goToPose", Pose(3.5, 1.0, 1.0)))
@@ -117,14 +117,14 @@ def test_a_twist_that_is_smoothed_ends_no_goal(lag: float) -> None:
 
 @pytest.mark.parametrize("rate", [20.0, 30.0, 50.0])
 def test_wheels_that_slip_for_a_moment_end_no_goal(rate: float) -> None:
-    """They turn as commanded while the pose, as of a filter with a camera, is constant for 0.3 s."""
+    """They turn as commanded while the pose, as of a filter, is constant for 0.3 s."""
     before = shown = Pose(0.0, 0.0, 0.0)
 
     def slips(time: float, state: RobotState) -> RobotState:
         nonlocal before, shown
         moved, before = before.relative(state.pose), state.pose
         shown = shown if 2.0 <= time < 2.295 else shown.compose(moved)
-        return RobotState(shown, state.v, state.w)
+        return RobotState(shown, state.vx, state.w)
 
     done = execute(LIBRARY, AHEAD, base(), rate=rate, sense=slips)
     assert done.ending is Ending.SUCCEEDED, done.execution.reason
@@ -154,7 +154,7 @@ def test_where_the_twist_contradicts_the_pose_the_pose_decides(
     check, remarks = TwistCheck(), list[str]()
 
     def checked(time: float, state: RobotState) -> RobotState:
-        twist = share[0] * state.v, share[1] * state.w
+        twist = share[0] * state.vx, share[1] * state.w
         robot, remark = check.check(time, RobotState(state.pose, *twist))
         remarks.extend([remark] * bool(remark))
         return robot
@@ -218,7 +218,7 @@ class Kind:
 
     def response(self, command: Command) -> Command:
         """Return the command that a base as described follows in the same way."""
-        v = 0.0 if abs(command.v) <= self.dead_zone.v else self.share * command.v
+        v = 0.0 if abs(command.vx) <= self.dead_zone.vx else self.share * command.vx
         w = 0.0 if abs(command.w) <= self.dead_zone.w else self.share * command.w
         return Command(v, w)
 
@@ -234,7 +234,7 @@ KINDS = {
 
 
 class Watched(ChainExecutor):
-    """Executes a chain on a kind of base; keeps the faults that the motion watch and the fence raise.
+    """Executes a chain on a kind of base; keeps the faults of motion watch and fence.
 
     They are kept until the robot collides: it decelerates five times as fast as it can brake. With
     the paper's actions, a base with slow motors may hit a goal post.
@@ -251,7 +251,7 @@ class Watched(ChainExecutor):
         self.faults: set[str] = set()
 
     def step(self, world: World) -> Step:
-        speed = abs(world.robot.v)
+        speed = abs(world.robot.vx)
         self.collided |= self._speed - speed > 5.0 * ROBOT.limits.brake * TICK
         self._speed = speed
         observed = self._sensors.observe(world)
@@ -316,13 +316,13 @@ def test_commands_in_transit_count_when_another_goal_takes_over(preempts: bool) 
         sent.append(Command(0.8, 0.0) if tick < 9 else STOP)
         watch.sent(time, sent[-1])
         acting = sent[tick - 10] if tick >= 10 else STOP
-        v = ramped(Command(v, 0.0), acting, TICK, ROBOT.limits, ROBOT.stop).v
+        v = ramped(Command(v, 0.0), acting, TICK, ROBOT.limits, ROBOT.stop).vx
         x += v * TICK
     assert any(faults) is not preempts
 
 
 def fault_of_coasting(deceleration: float) -> str | None:
-    """Return the fault of a base that is commanded to stop at full speed and decelerates by this (m/s^2)."""
+    """Return the fault of a base that is to stop at full speed and decelerates by this (m/s^2)."""
     watch, x, v, fault = MotionWatch(ROBOT, 0.0), 0.0, ROBOT.limits.v, None
     for tick in range(80):
         fault = fault or watch.fault(tick * TICK, RobotState(Pose(x, 0.0, 0.0), v), tick * TICK)
@@ -393,7 +393,7 @@ def test_a_delayed_command_counts_from_when_it_was_sent() -> None:
 
 @pytest.mark.parametrize("in_odometry", [True, False])
 def test_corrections_of_the_pose_in_tf_are_not_motion(in_odometry: bool) -> None:
-    """A localization shifts odometry's frame in the map by 5 cm twice a second, dated ahead as by AMCL."""
+    """A localization shifts odometry's frame by 5 cm twice a second, dated ahead as by AMCL."""
     known, estimate, watch = Transforms(), RobotVelocity(1.2, 2.4), MotionWatch(ROBOT, 0.0)
     faults: set[str | None] = set()
     for tick in range(100):

@@ -14,7 +14,7 @@ from turning_action import TurnDriveTurn
 from ator_ros.actions.base import Action, ActionError, Goal, Point
 from ator_ros.actions.situation import ActionSpec, Situation
 from ator_ros.bases.description import Robot, load_robot
-from ator_ros.bases.differential.drive_parts import DriveParts
+from ator_ros.bases.drive_parts import DriveParts
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import BALL, ball_of, field_of
 from ator_ros.domains.soccer.tops import GO_TO_BALL, GO_TO_POSE
@@ -63,12 +63,12 @@ def test_situations_lie_on_the_field_and_within_the_limits(action: str, robot: R
         for x, y in [situation.goal.pose[:2]] + [(b.x, b.y) for b in [ball_of(situation)] if b]:
             assert abs(x) <= field_of(robot).length / 2
             assert abs(y) <= field_of(robot).width / 2
-        assert abs(situation.robot.v) <= robot.limits.v
+        assert abs(situation.robot.vx) <= robot.limits.v
         assert abs(situation.robot.w) <= robot.limits.w
         fastest = robot.holder_for("a test").limits.v
         assert 0.0 <= situation.goal.speed <= fastest
         if ball_of(situation) is not None and action != "goToPose":
-            assert situation.robot.v <= fastest
+            assert situation.robot.vx <= fastest
 
 
 def starts(action: Action, situation: Situation) -> bool:
@@ -83,7 +83,7 @@ def starts(action: Action, situation: Situation) -> bool:
 @every_robot
 @pytest.mark.parametrize("action", list(SOCCER.actions()))
 def test_drawn_starts_are_feasible(action: str, robot: Robot) -> None:
-    """A large robot may have no path to an arrival at speed beside the fence, which is a recorded failure."""
+    """A large robot may have no path to an arrival at speed beside the fence."""
     factory = SOCCER.actions()[action].factory
     impossible = [s for s in draw(action, robot, 10) if not starts(factory(robot), s)]
     assert len(impossible) <= (0 if robot is PIONEER else 1)

@@ -20,7 +20,10 @@ from ator_ros.refinement.refiner import Refiner
 from ator_ros.world.messages import MessageError
 
 X, Y = 5e5, 5e6
-OUTSIDE = "chain.calls[0].goal (goToPose): expected a place for the robot inside the fence (x from 499995 to"
+OUTSIDE = (
+    "chain.calls[0].goal (goToPose): expected a place for the robot inside the fence "
+    "(x from 499995 to"
+)
 
 
 @pytest.fixture

@@ -58,7 +58,7 @@ def models(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def serve(client: Client, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Planned]]:
-    """Yield a function that starts a planner: around the wall, for the first `finds` pairs of places.
+    """Yield a function that starts a planner: around the wall, for the first `finds` pairs.
 
     It interrupts requests while `interruptions` has items: "abort", as when another client sends
     one, or "cancel", as when another client cancels all.

@@ -69,7 +69,7 @@ def test_openings_are_returned_unchanged() -> None:
 
 
 class TestAlternatives:
-    """Several chains for the same goal: a detour, a straight one, and a shot from an invalid position."""
+    """Several chains for the same goal: a detour, a straight one, and an invalid shot."""
 
     far = (
         call("goToBall", Pose(0.0, 0.0, 0.0), opened=("yaw",)),

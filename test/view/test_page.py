@@ -103,7 +103,8 @@ def test_a_drag_keeps_the_offset_of_its_start(shown: Shown) -> None:
 
 
 HOSTILE = [
-    math.nan, math.inf, -math.inf, 1e308, -1e308, 2**63, -(2**63), -1, 0.5, None, True, "", "a\n\x1b[2J",
+    math.nan, math.inf, -math.inf, 1e308, -1e308, 2**63, -(2**63), -1, 0.5, None, True, "",
+    "a\n\x1b[2J",
     1e-7, 5e-324,
     "x" * 100_000, b"x", [], [[]], [1.0, 2.0], {"a": 1}, "1e308",
 ]  # fmt: skip

@@ -72,7 +72,7 @@ def test_stamps_since_1970_and_projected_coordinates_keep_their_precision() -> N
     first, robot = OdometryReader("odom").read(odometry(FAR, vector(15.0), 0.5, time=0.02))
     second, _ = OdometryReader("odom").read(odometry(FAR, vector(15.0), time=0.04))
     assert second - first == pytest.approx(0.02, abs=1e-6)
-    assert (robot.pose.x, robot.pose.y, robot.v, robot.w) == (FAR.x, FAR.y, 15.0, 0.5)
+    assert (robot.pose.x, robot.pose.y, robot.vx, robot.w) == (FAR.x, FAR.y, 15.0, 0.5)
 
 
 @pytest.mark.parametrize("length", [1e-3, 1.5])
@@ -220,7 +220,7 @@ def test_where_pose_and_twist_contradict_each_other_the_pose_decides(wrong: str)
         v = 0.4 * math.sin(0.8 * time)  # forward and backward
         given = {"unsigned": abs(v), "scaled": 3.6 * v, "none": 0.0}[wrong]
         _, robot = reader.read(odometry(pose, vector(given), time=time))
-        off.append(abs(robot.v - v))
+        off.append(abs(robot.vx - v))
         pose = pose.compose(Pose(0.05 * 0.4 * math.sin(0.8 * (time + 0.025)), 0.0, 0.0))
     confirmed = off[12:] if wrong != "unsigned" else off  # after 3 cm
     assert max(confirmed) < 0.09  # at the first change of direction
@@ -381,17 +381,19 @@ def twist(**parts: float) -> Any:
     return SimpleNamespace(linear=linear, angular=angular)
 
 
-def test_a_command_has_two_components() -> None:
-    assert messages.command_from(twist(x=0.5, w=-1.0), "cmd") == Command(0.5, -1.0)
-    stamped = SimpleNamespace(twist=twist(x=0.5, w=-1.0, y=9e-4))
+def test_a_command_is_in_the_plane() -> None:
+    given = twist(x=0.5, y=0.2, w=-1.0)
+    assert messages.command_from(given, "cmd") == Command(0.5, -1.0, vy=0.2)
+    stamped = SimpleNamespace(twist=twist(x=0.5, w=-1.0, z=9e-4))
     assert messages.command_from(stamped, "cmd") == Command(0.5, -1.0)
-    for name in ("y", "z", "roll", "pitch"):
-        with pytest.raises(MessageError, match=r"cmd: linear\.y.*expected 0"):
-            messages.command_from(twist(x=0.5, **{name: 2e-3}), "cmd")
-    with pytest.raises(MessageError, match=r"cmd\.angular\.z"):
-        messages.command_from(twist(w=101.0), "cmd")
-    with pytest.raises(MessageError, match=r"cmd\.linear\.x"):
-        messages.command_from(twist(x=math.nan), "cmd")
+    for name in ("z", "roll", "pitch"):
+        for value in (2e-3, -2e-3):
+            with pytest.raises(MessageError, match=r"cmd: linear\.z.*expected 0"):
+                messages.command_from(twist(x=0.5, **{name: value}), "cmd")
+    for name, place in (("x", r"linear\.x"), ("y", r"linear\.y"), ("w", r"angular\.z")):
+        for value in (101.0, math.nan):
+            with pytest.raises(MessageError, match=rf"cmd\.{place}"):
+                messages.command_from(twist(**{name: value}), "cmd")
 
 
 def transform(frame: str, child: str, yaw: float = 0.5) -> Any:
@@ -425,9 +427,9 @@ def test_a_robot_in_tf_has_the_velocity_of_its_poses_in_odometry() -> None:
         moved = messages.robot_from_placement(corrected, time, jumping, (time, here))
     assert found[0] == time
     assert found[1].pose == pytest.approx(Pose(0.76, 1.0, 0.0))
-    assert (found[1].v, found[1].w) == pytest.approx((0.8, 0.0))
+    assert (found[1].vx, found[1].w) == pytest.approx((0.8, 0.0))
     assert moved[1].pose == pytest.approx(Pose(5.78, -1.0, 0.0))
-    assert (moved[1].v, moved[1].w) == pytest.approx((0.8, 0.0))
+    assert (moved[1].vx, moved[1].w) == pytest.approx((0.8, 0.0))
 
 
 def test_an_object_in_tf_or_as_a_pose_has_the_velocity_of_its_positions() -> None:
@@ -455,9 +457,9 @@ def test_a_twist_in_the_frame_of_the_pose_is_rotated(yaw: float) -> None:
     linear = vector(0.5 * math.cos(yaw), 0.5 * math.sin(yaw))
     for child in ("odom", "/odom"):
         _, robot = OdometryReader("odom").read(odometry(given, linear, child=child))
-        assert robot.v == pytest.approx(0.5)
+        assert robot.vx == pytest.approx(0.5)
     _, robot = OdometryReader("odom").read(odometry(given, vector(0.5, 9.0), child=""))
-    assert robot.v == pytest.approx(0.5)
+    assert robot.vx == pytest.approx(0.5)
 
 
 def test_the_frame_of_the_first_message_is_expected_of_all() -> None:
@@ -474,13 +476,13 @@ def test_a_recording_is_read_as_it_is() -> None:
         _, robot = reader.read(
             odometry(Pose(0.05 * tick, 0.0, 0.0), vector(-1.0), time=0.05 * tick)
         )
-        assert robot.v == -1.0
+        assert robot.vx == -1.0
     assert reader.remark == ""
 
 
 def situation(*objects: Any, **changes: Any) -> Any:
     robot = SimpleNamespace(position=vector(1.0, 2.0), orientation=turned(0.5))
-    fields = {"header": header(0.5, "odom"), "robot": robot, "v": 0.3, "w": -0.2}
+    fields = {"header": header(0.5, "odom"), "robot": robot, "vx": 0.3, "vy": 0.1, "w": -0.2}
     return SimpleNamespace(**{**fields, "objects": list(objects), **changes})
 
 
@@ -489,11 +491,17 @@ def thing(name: str, x: float = 3.0) -> Any:
 
 
 def test_a_situation_is_a_world() -> None:
-    robot = RobotState(Pose(1.0, 2.0, 0.5), 0.3, -0.2)
     objects = {"cup": ObjectState(3.0, 4.0, 0.5, -0.6), "ball": ObjectState(5.0, 4.0, 0.5, -0.6)}
     read = messages.world_from(situation(thing("cup"), thing("ball", 5.0)), frame="odom")
-    assert read.robot.pose == pytest.approx(robot.pose)
-    assert read == World(EPOCH + 0.5, RobotState(read.robot.pose, 0.3, -0.2), objects)
+    assert read.robot.pose == pytest.approx(Pose(1.0, 2.0, 0.5))
+    assert read == World(EPOCH + 0.5, RobotState(read.robot.pose, 0.3, -0.2, vy=0.1), objects)
+
+
+def test_a_situation_of_a_former_recording_has_a_forward_velocity() -> None:
+    former = situation(v=0.4)
+    del former.vx, former.vy
+    robot = messages.world_from(former).robot
+    assert (robot.vx, robot.vy, robot.w) == (0.4, 0.0, -0.2)
 
 
 @pytest.mark.parametrize(

@@ -101,7 +101,7 @@ def test_the_velocity_of_a_robot_is_that_of_its_arc(period: float, v: float, w: 
         half = w * period / 2.0
         chord = 2.0 * radius * math.sin(half) if w else v * period
         pose = pose.compose(Pose(chord * math.cos(half), chord * math.sin(half), w * period))
-    assert (state.v, state.w) == pytest.approx((v, w))
+    assert (state.vx, state.w) == pytest.approx((v, w))
 
 
 @pytest.mark.parametrize("time", [-3.0, 2.0])
@@ -110,7 +110,7 @@ def test_after_a_gap_or_a_reset_a_robot_is_at_rest(time: float) -> None:
     for tick in range(10):
         estimate.state(0.05 * tick, Pose(0.04 * tick, 0.0, 0.0))
     state = estimate.state(time, Pose(5.0, 0.0, 0.0))
-    assert (state.v, state.w) == (0.0, 0.0)
+    assert (state.vx, state.w) == (0.0, 0.0)
 
 
 @pytest.mark.parametrize("distance", [0.05, 0.4])
@@ -119,7 +119,7 @@ def test_jumps_to_and_fro_do_not_become_a_velocity(distance: float) -> None:
     for tick in range(80):
         x = 0.1 * 0.02 * tick + (distance if tick % 4 else 0.0)
         state = estimate.state(0.02 * tick, Pose(x, 0.0, 0.0))
-        assert abs(state.v) <= 0.75
+        assert abs(state.vx) <= 0.75
 
 
 @pytest.mark.parametrize(("v", "w"), [(1.7, 0.0), (-1.7, 0.0), (0.0, 3.5), (0.0, -3.5)])
@@ -128,7 +128,7 @@ def test_motion_of_up_to_half_above_the_limits_is_no_jump(v: float, w: float) ->
         estimate = RobotVelocity(*LIMITS)
         estimate.state(0.0, Pose(0.0, 0.0, 0.0))
         state = estimate.state(0.1, Pose(0.1 * v * factor, 0.0, 0.1 * w * factor))
-        assert ((state.v, state.w) != (0.0, 0.0)) is is_motion
+        assert ((state.vx, state.w) != (0.0, 0.0)) is is_motion
 
 
 def test_a_robot_that_jumps_sideways_keeps_its_velocity() -> None:
@@ -136,12 +136,12 @@ def test_a_robot_that_jumps_sideways_keeps_its_velocity() -> None:
     for tick in range(10):
         estimate.state(0.05 * tick, Pose(0.04 * tick, 0.0, 0.0))
     state = estimate.state(0.5, Pose(0.4, 0.2, 0.0))
-    assert (state.v, state.w) == pytest.approx((0.8, 0.0))
+    assert (state.vx, state.w) == pytest.approx((0.8, 0.0))
 
 
 def test_two_jumps_that_continue_each_other_are_motion() -> None:
     estimate = RobotVelocity(0.5, 1.0)
-    speeds = [estimate.state(0.05 * tick, Pose(0.1 * tick, 0.0, 0.0)).v for tick in range(6)]
+    speeds = [estimate.state(0.05 * tick, Pose(0.1 * tick, 0.0, 0.0)).vx for tick in range(6)]
     assert speeds[:2] == [0.0, 0.0]
     assert speeds[2:] == pytest.approx([2.0] * 4)
 
@@ -152,14 +152,14 @@ def test_three_tenths_of_a_second_are_a_gap(gap: float, v: float) -> None:
     for tick in range(10):
         estimate.state(0.05 * tick, Pose(0.04 * tick, 0.0, 0.0))
     state = estimate.state(0.45 + gap, Pose(0.36 + 0.8 * gap, 0.0, 0.0))
-    assert state.v == pytest.approx(v)
+    assert state.vx == pytest.approx(v)
 
 
 def test_the_velocity_is_the_mean_of_a_control_tick() -> None:
     estimate = RobotVelocity(*LIMITS)
     for tick in range(11):  # at 100 Hz, with a change of speed
         state = estimate.state(0.01 * tick, Pose(0.005 * tick, 0.0, 0.0))
-    assert state.v == pytest.approx(0.5)
+    assert state.vx == pytest.approx(0.5)
     for tick in range(1, 3):
         state = estimate.state(0.1 + 0.01 * tick, Pose(0.05 + 0.01 * tick, 0.0, 0.0))
-    assert state.v == pytest.approx(0.75)
+    assert state.vx == pytest.approx(0.75)

@@ -11,6 +11,7 @@ from ator_ros.world.state import (
     RESTING,
     STANDING,
     STILL,
+    Command,
     ObjectState,
     RobotState,
     Standstill,
@@ -37,7 +38,7 @@ def test_a_standstill_is_tested_elementwise_up_to_its_bounds() -> None:
 
 
 def test_levels_of_standstill_grow_with_the_noise_of_what_they_measure() -> None:
-    assert AT_REST.v < STILL.v < STANDING.v == RESTING.v
+    assert AT_REST.speed < STILL.speed < STANDING.speed == RESTING.speed
     assert STILL.w < STANDING.w
 
 
@@ -56,10 +57,24 @@ def test_a_robot_is_still_or_stands(v: float, w: float, is_still: bool, is_stand
     assert (robot.is_still, robot.is_standing) == (is_still, is_standing)
 
 
+def robot_velocity(robot: RobotState) -> tuple[float, float, float]:
+    return robot.vx, robot.vy, robot.w
+
+
+def test_a_robot_has_a_speed_in_any_direction() -> None:
+    robot = RobotState(Pose(0.0, 0.0, 0.0), 0.3, 0.5, vy=-0.4)
+    assert robot.speed == pytest.approx(0.5)
+    assert robot.velocity == Command(0.3, 0.5, vy=-0.4)
+    assert not RobotState(Pose(0.0, 0.0, 0.0), vy=0.1).is_standing
+
+
 def test_whole_numbers_are_read_as_floats() -> None:
-    robot = RobotState(Pose(1, 2, 3), np.int64(4), 5)
-    assert robot == RobotState(Pose(1.0, 2.0, 3.0), 4.0, 5.0)
-    assert {type(value) for value in (*robot.pose, robot.v, robot.w)} == {float}
+    for robot in (
+        RobotState(Pose(1, 2, 3), np.int64(4), 5, vy=6),
+        RobotState(Pose(1.0, 2.0, 3.0), 4.0, 5.0, vy=6),
+    ):
+        assert robot == RobotState(Pose(1.0, 2.0, 3.0), 4.0, 5.0, vy=6.0)
+        assert {type(value) for value in (*robot.pose, *robot_velocity(robot))} == {float}
     thing = ObjectState(1, np.int32(2), 3, 4)
     assert thing == ObjectState(1.0, 2.0, 3.0, 4.0)
     assert {type(value) for value in (thing.x, thing.y, thing.vx, thing.vy)} == {float}
@@ -72,7 +87,7 @@ def test_an_object_continues_at_constant_velocity(vx: float, vy: float, seconds:
     assert (later.x - 1.0, later.y + 2.0) == pytest.approx((vx * seconds, vy * seconds))
     assert (later.vx, later.vy, later.speed) == (vx, vy, thing.speed)
     assert thing.speed == pytest.approx((vx**2 + vy**2) ** 0.5)
-    assert thing.is_resting == (thing.speed <= RESTING.v)
+    assert thing.is_resting == (thing.speed <= RESTING.speed)
 
 
 def test_an_object_is_added_or_replaced() -> None:

@@ -121,7 +121,7 @@ class GoToPose(PlannedAction):
         stays = start.is_still and speed == 0.0 and not self._approach
         if stays and pose.distance(goal) < _TURNS_WITHIN:
             return turn_on_spot(self.robot, pose, goal.yaw, limits, obstacles)
-        entries, tries = free_entries(limits, start.v), TRIES if speed == 0.0 else _TRIES_AT_SPEED
+        entries, tries = free_entries(limits, start.vx), TRIES if speed == 0.0 else _TRIES_AT_SPEED
         return self._fastest(pose, goal, entries, exits, obstacles, tries)
 
     def _fastest(
@@ -162,7 +162,7 @@ class GoToPose(PlannedAction):
             except ActionError as error:
                 failure = error
                 continue
-            entry = found.entry._replace(length=away, outer_speed=start.v)
+            entry = found.entry._replace(length=away, outer_speed=start.vx)
             found = dataclasses.replace(found, start=start.pose, entry=entry)
             if best is None or found.duration < best.duration:
                 best = found

@@ -188,7 +188,7 @@ class DribbleBall(HoldingAction):
         entries = entries_with_ball(
             self.robot,
             limits,
-            round(max(0.0, world.robot.v), 3),
+            round(max(0.0, world.robot.vx), 3),
         )
         exits = dribble_exits(self.robot, limits, self.goal.speed)
         start = world.robot.pose
