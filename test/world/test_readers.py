@@ -8,8 +8,8 @@ import pytest
 
 from ator_ros.geometry import Pose, quaternion_from_yaw, wrap_angle
 from ator_ros.schema import SchemaError
-from ator_ros.world import messages
-from ator_ros.world.messages import (
+from ator_ros.world import readers
+from ator_ros.world.readers import (
     FrameError,
     MessageError,
     ObjectReader,
@@ -284,7 +284,7 @@ def test_a_goal_in_degrees_is_refused_and_other_lengths_are_normalized() -> None
 
 @pytest.mark.parametrize("value", [-1.0, 2.5, 0])
 def test_a_number_within_its_bounds_is_returned_as_a_float(value: float) -> None:
-    found = messages.number(value, "here", low=-1.0, high=2.5)
+    found = readers.number(value, "here", low=-1.0, high=2.5)
     assert found == value
     assert type(found) is float
 
@@ -293,54 +293,54 @@ def test_a_number_within_its_bounds_is_returned_as_a_float(value: float) -> None
 def test_a_number_beyond_its_bounds_is_refused(value: float) -> None:
     text = "here: expected a finite number from -1 to 2.5 m, got "
     with pytest.raises(MessageError, match=text):
-        messages.number(value, "here", low=-1.0, high=2.5, unit="m")
+        readers.number(value, "here", low=-1.0, high=2.5, unit="m")
 
 
 def test_positions_and_velocities_have_physical_bounds() -> None:
-    assert messages.position(-1e8, "x") == -1e8
-    assert messages.velocity(100.0, "v") == 100.0
+    assert readers.position(-1e8, "x") == -1e8
+    assert readers.velocity(100.0, "v") == 100.0
     with pytest.raises(MessageError, match="to 100000000 m, got"):
-        messages.position(1.1e8, "x")
+        readers.position(1.1e8, "x")
     with pytest.raises(MessageError, match="-100 to 100 rad/s, got"):
-        messages.velocity(-101.0, "w", "rad/s")
+        readers.velocity(-101.0, "w", "rad/s")
 
 
 def test_names_are_those_that_are_allowed_each_once() -> None:
-    assert messages.name("cup", "here", allowed=["ball", "cup"]) == "cup"
+    assert readers.name("cup", "here", allowed=["ball", "cup"]) == "cup"
     with pytest.raises(MessageError, match=r"here: expected one of \['ball', 'cup'\], got 'hat'"):
-        messages.name("hat", "here", allowed=["cup", "ball"])
-    assert messages.names(["cup"], "here", allowed=["ball", "cup"]) == {"cup"}
+        readers.name("hat", "here", allowed=["cup", "ball"])
+    assert readers.names(["cup"], "here", allowed=["ball", "cup"]) == {"cup"}
     for wrong in (["cup", "cup"], ["hat"]):
         with pytest.raises(MessageError, match=r"here: expected names of .* each once, got"):
-            messages.names(wrong, "here", allowed=["cup", "ball"])
+            readers.names(wrong, "here", allowed=["cup", "ball"])
 
 
 @pytest.mark.parametrize(("count", "is_right"), [(1, False), (2, True), (4, True), (5, False)])
 def test_items_are_counted(count: int, is_right: bool) -> None:
     if is_right:
-        messages.count([0] * count, "here", least=2, most=4)
+        readers.count([0] * count, "here", least=2, most=4)
     else:
         with pytest.raises(MessageError, match=f"here: expected 2 to 4 items, got {count}"):
-            messages.count([0] * count, "here", least=2, most=4)
+            readers.count([0] * count, "here", least=2, most=4)
     with pytest.raises(MessageError, match=f"here: expected 9 items, got {count}"):
-        messages.count([0] * count, "here", least=9, most=9)
+        readers.count([0] * count, "here", least=9, most=9)
 
 
 @pytest.mark.parametrize(("sec", "nanosec"), [(-1, 0), (0, 10**9), (0, -1)])
 def test_a_stamp_is_a_time_since_zero(sec: int, nanosec: int) -> None:
     with pytest.raises(MessageError, match="stamp: expected a time since 0 s"):
-        messages.seconds_from(SimpleNamespace(sec=sec, nanosec=nanosec), "stamp")
+        readers.seconds_from(SimpleNamespace(sec=sec, nanosec=nanosec), "stamp")
     whole = SimpleNamespace(sec=3, nanosec=999_999_999)
-    assert messages.seconds_from(whole) == pytest.approx(3.999999999, abs=1e-9)
-    assert messages.seconds_from(SimpleNamespace(sec=0, nanosec=0)) == 0.0
+    assert readers.seconds_from(whole) == pytest.approx(3.999999999, abs=1e-9)
+    assert readers.seconds_from(SimpleNamespace(sec=0, nanosec=0)) == 0.0
 
 
 def test_any_frame_will_do_where_none_is_expected() -> None:
-    messages.expect_frame("map", "here", expected="")
-    messages.expect_frame("", "here", expected="map")
-    messages.expect_frame("/map", "here", expected="map")
+    readers.expect_frame("map", "here", expected="")
+    readers.expect_frame("", "here", expected="map")
+    readers.expect_frame("/map", "here", expected="map")
     with pytest.raises(FrameError, match="here: expected the frame 'map', got 'odom'") as error:
-        messages.expect_frame("odom", "here", expected="map")
+        readers.expect_frame("odom", "here", expected="map")
     assert error.value.got == "odom"
 
 
@@ -354,10 +354,10 @@ def test_a_robot_tilts_by_at_most_thirty_degrees(degrees: float, axis: int, is_r
     parts[axis] = math.sin(half)
     pose = SimpleNamespace(position=vector(), orientation=quaternion(*parts))
     if is_right:
-        assert messages.pose_from(pose, "here").yaw == pytest.approx(0.0)
+        assert readers.pose_from(pose, "here").yaw == pytest.approx(0.0)
     else:
         with pytest.raises(MessageError, match="at most 30 degrees"):
-            messages.pose_from(pose, "here")
+            readers.pose_from(pose, "here")
 
 
 @pytest.mark.parametrize(("length", "is_right"), [(1.99, True), (2.01, False)])
@@ -383,17 +383,17 @@ def twist(**parts: float) -> Any:
 
 def test_a_command_is_in_the_plane() -> None:
     given = twist(x=0.5, y=0.2, w=-1.0)
-    assert messages.command_from(given, "cmd") == Command(0.5, -1.0, vy=0.2)
+    assert readers.command_from(given, "cmd") == Command(0.5, -1.0, vy=0.2)
     stamped = SimpleNamespace(twist=twist(x=0.5, w=-1.0, z=9e-4))
-    assert messages.command_from(stamped, "cmd") == Command(0.5, -1.0)
+    assert readers.command_from(stamped, "cmd") == Command(0.5, -1.0)
     for name in ("z", "roll", "pitch"):
         for value in (2e-3, -2e-3):
             with pytest.raises(MessageError, match=r"cmd: linear\.z.*expected 0"):
-                messages.command_from(twist(x=0.5, **{name: value}), "cmd")
+                readers.command_from(twist(x=0.5, **{name: value}), "cmd")
     for name, place in (("x", r"linear\.x"), ("y", r"linear\.y"), ("w", r"angular\.z")):
         for value in (101.0, math.nan):
             with pytest.raises(MessageError, match=rf"cmd\.{place}"):
-                messages.command_from(twist(**{name: value}), "cmd")
+                readers.command_from(twist(**{name: value}), "cmd")
 
 
 def transform(frame: str, child: str, yaw: float = 0.5) -> Any:
@@ -405,13 +405,13 @@ def transform(frame: str, child: str, yaw: float = 0.5) -> Any:
 
 
 def test_a_transform_is_read_with_its_frames() -> None:
-    frame, child, time, placement = messages.transform_from(transform("/odom", "/base_link"))
+    frame, child, time, placement = readers.transform_from(transform("/odom", "/base_link"))
     assert (frame, child, time) == ("odom", "base_link", EPOCH + 0.5)
     assert placement.origin == (1.0, 2.0, 3.0)
     assert placement.turn == pytest.approx(quaternion_from_yaw(0.5))
     for frame, child in (("odom", "odom"), ("", "odom"), ("odom", "/"), ("/odom", "odom")):
         with pytest.raises(MessageError, match="tf: expected two frames, got"):
-            messages.transform_from(transform(frame, child))
+            readers.transform_from(transform(frame, child))
 
 
 def placement(x: float, y: float, yaw: float = 0.0) -> Placement:
@@ -422,9 +422,9 @@ def test_a_robot_in_tf_has_the_velocity_of_its_poses_in_odometry() -> None:
     plain, corrected = RobotVelocity(2.0, 2.0), RobotVelocity(2.0, 2.0)
     for tick in range(20):
         time, here = 0.05 * tick, placement(0.04 * tick, 1.0)
-        found = messages.robot_from_placement(plain, time, here)
+        found = readers.robot_from_placement(plain, time, here)
         jumping = placement(5.0 + 0.04 * tick + 0.02 * (tick % 2), -1.0)
-        moved = messages.robot_from_placement(corrected, time, jumping, (time, here))
+        moved = readers.robot_from_placement(corrected, time, jumping, (time, here))
     assert found[0] == time
     assert found[1].pose == pytest.approx(Pose(0.76, 1.0, 0.0))
     assert (found[1].vx, found[1].w) == pytest.approx((0.8, 0.0))
@@ -492,7 +492,7 @@ def thing(name: str, x: float = 3.0) -> Any:
 
 def test_a_situation_is_a_world() -> None:
     objects = {"cup": ObjectState(3.0, 4.0, 0.5, -0.6), "ball": ObjectState(5.0, 4.0, 0.5, -0.6)}
-    read = messages.world_from(situation(thing("cup"), thing("ball", 5.0)), frame="odom")
+    read = readers.world_from(situation(thing("cup"), thing("ball", 5.0)), frame="odom")
     assert read.robot.pose == pytest.approx(Pose(1.0, 2.0, 0.5))
     assert read == World(EPOCH + 0.5, RobotState(read.robot.pose, 0.3, -0.2, vy=0.1), objects)
 
@@ -500,7 +500,7 @@ def test_a_situation_is_a_world() -> None:
 def test_a_situation_of_a_former_recording_has_a_forward_velocity() -> None:
     former = situation(v=0.4)
     del former.vx, former.vy
-    robot = messages.world_from(former).robot
+    robot = readers.world_from(former).robot
     assert (robot.vx, robot.vy, robot.w) == (0.4, 0.0, -0.2)
 
 
@@ -517,7 +517,7 @@ def test_a_situation_of_a_former_recording_has_a_forward_velocity() -> None:
 )
 def test_a_wrong_situation_is_refused(given: Any, text: str) -> None:
     with pytest.raises(MessageError, match=text):
-        messages.world_from(given, frame="odom")
+        readers.world_from(given, frame="odom")
 
 
 @pytest.mark.parametrize(
@@ -548,15 +548,15 @@ def test_second_senders_in_tf_are_refused() -> None:
     for tick in range(40):
         known.add("odom", "base_link", 0.025 * tick, placement(0.4 * (tick % 2), 0.0))
     with pytest.raises(SendersError, match=r"tf: 'odom' to 'base_link': .* to and fro by 0.40 m"):
-        messages.check_senders(known, "odom", "base_link")
+        readers.check_senders(known, "odom", "base_link")
     known = Transforms()
     for tick in range(40):
         known.add("odom" if tick % 2 else "map", "base_link", 0.1 * tick, placement(0.0, 0.0))
     text = "tf: 'base_link': expected one parent, got 'map' and 'odom' in turn"
-    assert messages.second_parent(known, "odom", "base_link").startswith(text)
+    assert readers.second_parent(known, "odom", "base_link").startswith(text)
     with pytest.raises(SendersError, match=text):
-        messages.check_senders(known, "odom", "base_link")
+        readers.check_senders(known, "odom", "base_link")
     known = Transforms()
     known.add("odom", "base_link", 0.0, placement(0.0, 0.0))
-    assert messages.second_parent(known, "odom", "base_link") == ""
-    messages.check_senders(known, "odom", "base_link")
+    assert readers.second_parent(known, "odom", "base_link") == ""
+    readers.check_senders(known, "odom", "base_link")
