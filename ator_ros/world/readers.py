@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import re
+import sys
 from collections.abc import Callable, Collection, Sized
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -113,11 +114,19 @@ def number(
     high: float,
     unit: str = "",
 ) -> float:
-    """Return `value` if it is a finite number in [low, high]."""
-    if not (math.isfinite(value) and low <= value <= high):
+    """Return `value` if it is a finite number in [low, high].
+
+    rclpy reads the memory of a whole number that a client assigns to a float field as if it were a
+    float: negative ones arrive as NaN, and positive ones as denormal numbers.
+    """
+    value = float(value)
+    denormal = 0.0 < abs(value) < sys.float_info.min
+    if denormal or not (math.isfinite(value) and low <= value <= high):
         bounds = f"a finite number from {low:.10g} to {high:.10g} {unit}".rstrip()
-        raise MessageError(f"{where}: expected {bounds}, got {value!r}")
-    return float(value)
+        remedy = " (Python clients must assign 2.0, not 2)"
+        hint = remedy if denormal or math.isnan(value) else ""
+        raise MessageError(f"{where}: expected {bounds}, got {value!r}{hint}")
+    return value
 
 
 def position(value: float, where: str) -> float:

@@ -9,7 +9,7 @@ from faulty_base import Failure, KinematicBase, execute
 
 from ator_ros.actions.base import Status, Step
 from ator_ros.bases.differential.response import ramped
-from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.domain import find_domain
 from ator_ros.domains.trials import random_trial
 from ator_ros.evaluation.chain_run import run_chain
 from ator_ros.execution.chain_executor import ChainExecutor, Ending
@@ -23,6 +23,8 @@ from ator_ros.world.readers import robot_from_placement
 from ator_ros.world.robot_velocity import RobotVelocity, TwistCheck
 from ator_ros.world.state import STOP, Command, RobotState, World
 from ator_ros.world.transforms import HERE, Placement, Transforms
+
+SOCCER = find_domain("soccer")
 
 TICK = 0.05
 AHEAD = chain(("goToPose", Pose(4.0, 0.0, 0.0)))

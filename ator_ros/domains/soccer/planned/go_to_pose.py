@@ -11,8 +11,7 @@ from ator_ros.bases.differential.description import differential
 from ator_ros.bases.differential.manoeuvre import Manoeuvre
 from ator_ros.bases.differential.paths import Ends
 from ator_ros.domains.soccer.field import BALL, ball_of
-from ator_ros.domains.soccer.planned.planned_action import PlannedAction
-from ator_ros.domains.soccer.planned.planner import (
+from ator_ros.domains.soccer.planned.free_paths import (
     TRIES,
     Obstacles,
     distance_to_clear,
@@ -22,6 +21,7 @@ from ator_ros.domains.soccer.planned.planner import (
     run_exits,
     turn_on_spot,
 )
+from ator_ros.domains.soccer.planned.planned_action import PlannedAction
 from ator_ros.domains.soccer.thresholds import approach_run, caught_within
 from ator_ros.geometry import Pose
 from ator_ros.tops.objects import is_at_front

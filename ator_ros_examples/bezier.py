@@ -1,4 +1,7 @@
-"""The paper's actions, each along a Bezier curve that is recomputed at every tick (section 3)."""
+"""The paper's actions, each along a Bezier curve that is recomputed at every tick (section 3).
+
+They are the action set `bezier` of soccer, which an entry point of `ator_ros.action_sets` adds.
+"""
 
 from __future__ import annotations
 
@@ -9,9 +12,11 @@ from typing import ClassVar
 import numpy as np
 
 from ator_ros.actions.base import Action, ActionError, Goal, Status, Step, finished
+from ator_ros.actions.situation import ActionSpec
 from ator_ros.bases.description import Robot
 from ator_ros.bases.differential.description import differential
 from ator_ros.bases.differential.limits import Limits
+from ator_ros.domains.soccer import samplers
 from ator_ros.domains.soccer.field import (
     BALL,
     ball_of,
@@ -23,6 +28,7 @@ from ator_ros.domains.soccer.field import (
 )
 from ator_ros.domains.soccer.thresholds import ball_clearance, check_arrival, check_held, lost_ball
 from ator_ros.geometry import FloatArray, Pose, wrap_angle
+from ator_ros.performance.features import PAPER_11, names_of
 from ator_ros.tops.objects import is_at_front
 from ator_ros.world.state import (
     CONTROL_PERIOD,
@@ -693,3 +699,12 @@ class BezierShoot(_BezierHolding):
         if _SHOT_OVER.holds(ball.speed) and _SHOT_OVER.holds(world.robot.vx):
             return finished(Status.FAILED, "missed: the ball came to rest outside the goal")
         return Step(STOP, Status.RUNNING, "waiting for the ball to roll into the goal")
+
+
+_PAPER = names_of(PAPER_11)
+ACTIONS = (
+    ActionSpec("goToPose", BezierGoToPose, samplers.go_to_pose, _PAPER),
+    ActionSpec("dribbleBall", BezierDribbleBall, samplers.dribble_ball, _PAPER),
+    ActionSpec("shoot", BezierShoot, samplers.shoot, _PAPER),
+)
+"""The paper's action set; its models have the paper's eleven features."""
