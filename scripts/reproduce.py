@@ -43,9 +43,9 @@ class Sizes:
     drives: int = 400  # of the tour's server
     fresh_drives: int = 100
     few: tuple[int, ...] = (50, 200)  # drives or episodes of models from few
-    situations: int = 200  # of the dribble, whose gain is smallest
+    situations: int = 150  # of the dribble, whose gain is smallest
     chains: int = 60  # that are longer, or gain more
-    tours: int = 40  # with models from few drives
+    tours: int = 40  # with models from few drives, or of other robots
     rounds: int = 15  # in the building
     on_the_job: int = 100  # chains, while learning
     actions: int = 50
@@ -208,7 +208,7 @@ def steps(sizes: Sizes) -> Iterator[Step]:
         yield Step(
             f"studies:{robot}",
             f"study --robot {ROOT}/{file} --episodes {n.study_episodes} "
-            f"--situations {max(n.chains, 10)} --seed 71 --out studies/{robot}",
+            f"--situations {max(n.tours, 10)} --seed 71 --out studies/{robot}",
         )
 
 
