@@ -37,7 +37,7 @@ from ator_ros.geometry import FloatArray, IntArray, Pose, wrap_angle, wrap_angle
 from ator_ros.printable import printable, quoted
 from ator_ros.tops.chain import Top
 from ator_ros.tops.objects import held_first, held_last, is_held
-from ator_ros.world.messages import (
+from ator_ros.world.readers import (
     MessageError,
     ObjectReader,
     OdometryReader,
