@@ -55,7 +55,7 @@ class DriveToStandIn(Action):
         if self._law.phase in (Phase.MISSED, Phase.TOO_LONG):
             return finished(Status.FAILED, f"the server {self._law.phase.value}")
         robot = world.robot
-        command = self._law.step(State(world.time, *robot.pose, robot.v, robot.w))
+        command = self._law.step(State(world.time, *robot.pose, robot.vx, robot.w))
         return Step(Command(*command), Status.RUNNING, self._law.phase.value)
 
 

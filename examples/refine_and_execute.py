@@ -31,7 +31,7 @@ _TIMEOUT = 60.0  # s
 def pose(x: float, y: float, yaw: float) -> Pose:
     """Return a pose in m and rad."""
     turn = Quaternion(z=math.sin(yaw / 2.0), w=math.cos(yaw / 2.0))
-    return Pose(position=Point(x=x, y=y), orientation=turn)
+    return Pose(position=Point(x=float(x), y=float(y)), orientation=turn)
 
 
 def request() -> RefineSubgoal.Request:

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from ator_ros.bases.description import Robot
-from ator_ros.bases.differential.drive_parts import DriveParts, parts_of_drive
+from ator_ros.bases.drive_parts import DriveParts, parts_of_drive
 from ator_ros.bases.routes import routes_of
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience.table import columns
@@ -34,7 +34,7 @@ def synthetic_experience(action: str, *, episodes: int = 300, seed: int = 1) -> 
     frame = pd.DataFrame({
         "action": action, "episode": np.arange(episodes), "t": 0.0, "x": x, "y": y, "yaw": yaw,
         "v": 0.0,
-        "w": 0.0, "ball_x": np.nan, "ball_y": np.nan, "xg": xg, "yg": yg, "yawg": yawg,
+        "w": 0.0, "vy": 0.0, "ball_x": np.nan, "ball_y": np.nan, "xg": xg, "yg": yg, "yawg": yawg,
         "speedg": 0.0,
         "hold": 0, "time_to_go": duration, "duration": duration,
         "success": rng.random(episodes) > 0.1 * dist, "reason": "made up",

@@ -14,12 +14,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ator_ros.bases.base import Axis
 from ator_ros.bases.description import Robot
-from ator_ros.bases.differential.description import differential
-from ator_ros.bases.differential.response import clip
 from ator_ros.bases.foresight import Foresight
 from ator_ros.execution.odometry_point import OdometryPoint
-from ator_ros.geometry import wrap_angle
+from ator_ros.geometry import clip, wrap_angle
 from ator_ros.world.state import STOP, Command, RobotState
 
 _DELAY = 0.1  # s by which a base may be later than `latency`: two messages at 20 Hz
@@ -49,11 +48,11 @@ _CONTRADICTS = 0.15  # s over which pose and twist are compared when there is a 
 _LATEST, _LATE_STEP = 0.6, 0.05
 _COMPARED = 0.8  # s of motion for that
 
-# A speed that is the opposite of the commands: see `Axis._is_opposite`.
+# A speed that is the opposite of the commands: see `AxisWatch._is_opposite`.
 _OPPOSITE = 0.3  # s of motion that are compared
 _LATE = (0.0, 0.05, 0.1)  # s by which the base may be late in that comparison
 
-# A speed that is constant whatever is commanded: see `Axis._is_constant`.
+# A speed that is constant whatever is commanded: see `AxisWatch._is_constant`.
 _CONSTANT = 0.25  # s of motion that are compared, besides the lag of the motors
 _FEWEST = 4  # least number of messages in that time, and to determine the share
 _VARIES = 0.5  # greatest variation as a multiple of the tolerance
@@ -61,14 +60,16 @@ _VARIES = 0.5  # greatest variation as a multiple of the tolerance
 _NEAR_LIMIT = 0.75
 _CONSTANT_PERSISTS = 0.06  # s after which the fault is reported, in two messages at least
 _ROUNDING = 1e-6
+_PLACES = {"m/s": "position", "rad/s": "heading"}
+_VERBS = {"move": "drives", "turn": "turns"}  # of a base that is slower than commanded
+_LEAST_TOLERANCE = {"m/s": 0.04, "rad/s": 0.1}  # noise and dead band of usual bases
 
 
 @dataclass(frozen=True, slots=True)
 class Thresholds:
-    """Limits and thresholds of one axis (driving or turning), in m and m/s or in rad and rad/s.
+    """Limits and thresholds of one axis, in m and m/s or in rad and rad/s.
 
-    The tolerance is 4 % of the limit, at least 0.04 m/s or 0.1 rad/s (noise, dead band), at most 40
-    %.
+    The tolerance is 4 % of the limit, at least `_LEAST_TOLERANCE`, at most 40 %.
     """
 
     limit: float  # described greatest speed
@@ -79,18 +80,11 @@ class Thresholds:
     window: float  # s over which the measured change of speed is compared with the predicted one
 
     @classmethod
-    def of(cls, robot: Robot) -> tuple[Thresholds, Thresholds]:
-        """Return the thresholds of driving and of turning."""
-        robot = differential(robot)
-        limits, lag = robot.limits, robot.motor_time_constant
-        window = _WINDOW + 2.0 * lag
-        v, w = (
-            min(max(0.04 * x, least), 0.4 * x) for x, least in ((limits.v, 0.04), (limits.w, 0.1))
-        )
-        return (
-            cls(limits.v, min(limits.a, limits.brake), lag, robot.stop.backward, v, window),
-            cls(limits.w, limits.aw, lag, robot.stop.turning, w, window),
-        )
+    def of(cls, robot: Robot, axis: Axis) -> Thresholds:
+        """Return the thresholds of an axis of a robot."""
+        tolerance = min(max(0.04 * axis.limit, _LEAST_TOLERANCE[axis.unit]), 0.4 * axis.limit)
+        window = _WINDOW + 2.0 * robot.lag
+        return cls(axis.limit, axis.rate, robot.lag, axis.stop, tolerance, window)
 
 
 class Fault(enum.Enum):
@@ -147,7 +141,7 @@ class Gap:
     ended: float
 
 
-class Axis:
+class AxisWatch:
     """Compares one velocity of the base with the commands.
 
     The speed at the start of a window is predicted forward under the commands sent since, for a
@@ -474,7 +468,7 @@ class Commands:
 
 
 class MotionWatch:
-    """Compares odometry with the commands that were sent, separately for driving and turning.
+    """Compares odometry with the commands that were sent, separately for each axis of the base.
 
     Faults are those of `Fault`, and a pose that is constant while the velocity is not. With
     odometry below 6.7 Hz (at the default `odom_timeout`) the robot is commanded to stand between
@@ -487,7 +481,8 @@ class MotionWatch:
 
     def __init__(self, robot: Robot, latency: float) -> None:
         self._robot, self._latency = robot, latency
-        self._driving, self._turning = Thresholds.of(robot)
+        self._axes = robot.axes
+        self._thresholds = [Thresholds.of(robot, axis) for axis in robot.axes]
         self.foresight = Foresight(robot, latency)
         self._point = OdometryPoint(robot.reach)
         self._forget()
@@ -511,13 +506,10 @@ class MotionWatch:
 
     def _forget(self) -> None:
         early = min(self._latency, _EARLY)
-        self._v, self._w = Axis(self._driving, early), Axis(self._turning, early)
+        self._watches = [AxisWatch(each, early) for each in self._thresholds]
         # These raise no fault where a shorter latency explains the motion.
-        self._without_latency = (
-            Axis(self._driving, self._latency),
-            Axis(self._turning, self._latency),
-        )
-        self._commands = Commands(), Commands()
+        self._without_latency = [AxisWatch(each, self._latency) for each in self._thresholds]
+        self._commands = [Commands() for _ in self._axes]
         self._last = STOP
         self._faulty, self._is_driving_faulty, self._late = False, False, False
         self._states: deque[tuple[float, RobotState]] = deque()
@@ -527,9 +519,9 @@ class MotionWatch:
     def remark(self) -> str:
         """A sentence on a slow or fast base, and on odometry of another point than the axle; else empty."""
         parts = [
-            f"{verb} at about {_percent(axis.share)} % of the commanded speed"
-            for verb, axis in (("drives", self._v), ("turns", self._w))
-            if axis.share != 1.0
+            f"{_VERBS[axis.verb]} at about {_percent(watch.share)} % of the commanded speed"
+            for axis, watch in zip(self._axes, self._watches, strict=True)
+            if watch.share != 1.0
         ]
         slow = f"the base {' and '.join(parts)}" if parts else ""
         return "; ".join(filter(None, (slow, self._point.remark)))
@@ -557,8 +549,12 @@ class MotionWatch:
             self._forget()
             return
         self._answered, self._last = min(self._answered, now), command
-        for commands, value in zip(self._commands, (command.v, command.w), strict=True):
+        for commands, value in zip(self._commands, self._parts(command), strict=True):
             commands.add(time + self._latency, value)
+
+    def _parts(self, velocity: Command | RobotState) -> list[float]:
+        """Return the velocity of each axis."""
+        return [getattr(velocity, axis.name) for axis in self._axes]
 
     def fault(self, time: float, robot: RobotState, now: float) -> str | None:
         """Process odometry of `time` (s), received at `now` (real s).
@@ -576,25 +572,23 @@ class MotionWatch:
         self._states.append((time, robot))
         while len(self._states) > 1 and self._states[1][0] <= time - 1.0:
             self._states.popleft()
-        v, w = self._shown(last[1], robot, gap)
+        shown = self._shown(last[1], robot, gap)
         faults = [
-            axis.update(time, speed, commands, gap)
-            for axis, speed, commands in zip(
-                (self._v, self._w), (v, w), self._commands, strict=True
-            )
+            watch.update(time, speed, commands, gap)
+            for watch, speed, commands in zip(self._watches, shown, self._commands, strict=True)
         ]
         if self._latency > _EARLY:
-            for number, (axis, speed) in enumerate(zip(self._without_latency, (v, w), strict=True)):
-                tolerant = axis.update(time, speed, self._commands[number], gap)
+            for number, watch in enumerate(self._without_latency):
+                tolerant = watch.update(time, shown[number], self._commands[number], gap)
                 if tolerant is None and faults[number] is not None:
                     faults[number] = Fault.EARLY
         if any(faults) or self._faulty:
             self._faulty = True
-            self._late |= self._is_late(time, 0) or self._is_late(time, 1)
+            self._late |= any(self._is_late(time, axis) for axis in range(len(self._axes)))
             late = [None if fault is None else Fault.LATE for fault in faults]
             faults = late if self._late and Fault.EARLY not in faults else faults
         for commands in self._commands:
-            commands.forget(time - max(2.0 * self._driving.window, _COMPARED + _LATEST))
+            commands.forget(time - max(2.0 * self._thresholds[0].window, _COMPARED + _LATEST))
         # Where the poses contradict the twist they decide: see `TwistCheck`.
         trusted = [
             None if fault is not None and self._contradicts(time, number) else fault
@@ -613,18 +607,21 @@ class MotionWatch:
             for commands in self._commands:
                 commands.delay_last(late / (gap.ended - gap.began) * gap.elapsed)
 
-    def _shown(self, before: RobotState, robot: RobotState, gap: Gap) -> tuple[float, float]:
+    def _shown(self, before: RobotState, robot: RobotState, gap: Gap) -> list[float]:
         """Return the velocities by odometry.
 
         In a long gap the base may have moved and then stopped by itself, so its mean velocity
         counts, too.
         """
         if gap.elapsed <= _LONG_GAP:
-            return robot.v, robot.w
-        seconds = min(gap.elapsed, self._driving.window)
-        along, turned = _moved(before, robot)
-        v = robot.v if abs(robot.v) >= self._driving.tolerance else along / seconds
-        return v, robot.w if abs(robot.w) >= self._turning.tolerance else turned / seconds
+            return self._parts(robot)
+        seconds = min(gap.elapsed, self._thresholds[0].window)
+        return [
+            speed if abs(speed) >= axis.tolerance else moved / seconds
+            for speed, axis, moved in zip(
+                self._parts(robot), self._thresholds, self._moved(before, robot), strict=True
+            )
+        ]
 
     def _frozen(self, time: float, robot: RobotState) -> str | None:
         """Return the fault if the robot is commanded to move and reports it, but its pose is constant."""
@@ -637,19 +634,19 @@ class MotionWatch:
         elapsed = time - began
         if elapsed > _LONG_GAP * len(states):
             return None  # messages are missing, between which the robot may have moved to and fro
-        for axis, name, unit in ((0, "position", "m/s"), (1, "heading", "rad/s")):
-            tolerance = (self._driving, self._turning)[axis].tolerance
-            reported = (robot.v, robot.w)[axis]
+        for number, axis in enumerate(self._axes):
+            tolerance = self._thresholds[number].tolerance
+            reported = self._parts(robot)[number]
             sign = math.copysign(1.0, reported)
-            least = min(sign * (state.v, state.w)[axis] for state in states)
-            commanded = min(sign * sent for sent in self._commands[axis].between(began, time))
-            moved = max(abs(_moved(first, state)[axis]) for state in states)
+            least = min(sign * self._parts(state)[number] for state in states)
+            commanded = min(sign * sent for sent in self._commands[number].between(began, time))
+            moved = max(abs(self._moved(first, state)[number]) for state in states)
             moves = min(least, commanded) >= tolerance
             if moves and moved < _SAME * least * elapsed:
                 return (
-                    f"odometry is frozen: it reports {robot.v:.2f} m/s and {robot.w:.2f} rad/s, "
-                    f"but its {name} has been constant for {elapsed:.2f} s "
-                    f"(velocity {reported:.2f} {unit})"
+                    f"odometry is frozen: it reports {self._words(robot)}, "
+                    f"but its {_PLACES[axis.unit]} has been constant for {elapsed:.2f} s "
+                    f"(velocity {reported:.2f} {axis.unit})"
                 )
         return None
 
@@ -659,10 +656,10 @@ class MotionWatch:
         if not recent:
             return False
         (began, first), (_, last) = recent[0], recent[-1]
-        tolerance = (self._driving, self._turning)[axis].tolerance
-        moved = _moved(first, last)[axis] / (time - began)
+        tolerance = self._thresholds[axis].tolerance
+        moved = self._moved(first, last)[axis] / (time - began)
         # The last velocities: one that jumped may have done so at any time between two messages.
-        speeds = [(state.v, state.w)[axis] for _, state in recent[1:]]
+        speeds = [self._parts(state)[axis] for _, state in recent[1:]]
         reported = min(max(moved, min(speeds)), max(speeds))
         greatest = max(abs(moved), abs(reported))
         return abs(moved - reported) >= max(tolerance, 0.5 * greatest) and moved != 0.0
@@ -670,8 +667,8 @@ class MotionWatch:
     def _is_late(self, time: float, axis: int) -> bool:
         """Return whether the base follows the commands of an axis, but later than `latency`."""
         recent = self._since(time - _COMPARED) or list(self._states)
-        speeds = np.array([(state.v, state.w)[axis] for _, state in recent])
-        tolerance = (self._driving, self._turning)[axis].tolerance
+        speeds = np.array([self._parts(state)[axis] for _, state in recent])
+        tolerance = self._thresholds[axis].tolerance
         if np.ptp(speeds) < 2.0 * tolerance:
             return False  # a base that does not move does not react later
 
@@ -694,27 +691,44 @@ class MotionWatch:
 
     def _message(self, robot: RobotState, faults: Sequence[Fault | None]) -> str | None:
         """Return the fault of the first axis that has one, in words."""
-        shown = (
-            f"commanded to {self._last.v:.2f} m/s and {self._last.w:.2f} rad/s, "
-            f"odometry shows {robot.v:.2f} m/s and {robot.w:.2f} rad/s"
-        )
-        axes = ((self._v, self._last.v, "move", "m/s"), (self._w, self._last.w, "turn", "rad/s"))
-        for fault, (axis, command, move, unit) in zip(faults, axes, strict=True):
+        shown = f"commanded to {self._words(self._last)}, odometry shows {self._words(robot)}"
+        for number, fault in enumerate(faults):
             if fault is not None:
-                against = axis.speed * command <= -axis.thresholds.tolerance * abs(command)
+                axis, watch = self._axes[number], self._watches[number]
+                command = self._parts(self._last)[number]
+                against = watch.speed * command <= -watch.thresholds.tolerance * abs(command)
                 fault = Fault.REVERSED if fault is Fault.STILL and against and command else fault
-                limit = axis.thresholds.limit
                 text = fault.value.format(
-                    move=move,
+                    move=axis.verb,
                     shown=shown,
-                    limit=limit,
-                    unit=unit,
+                    limit=axis.limit,
+                    unit=axis.unit,
                     latency=self._latency,
                     late=self._lateness,
                 )
-                backward = fault is Fault.STILL and axis is self._v and command < 0.0
+                backward = fault is Fault.STILL and axis.name == "vx" and command < 0.0
                 return f"the base {text}{_NEVER_BACKWARD if backward else ''}"
         return None
+
+    def _words(self, velocity: Command | RobotState) -> str:
+        """Return the velocity of each axis with its unit."""
+        parts = zip(self._parts(velocity), self._axes, strict=True)
+        return " and ".join(f"{speed:.2f} {axis.unit}" for speed, axis in parts)
+
+    def _moved(self, before: RobotState, after: RobotState) -> list[float]:
+        """Return how far a robot moved along each axis, in m and rad.
+
+        A base that cannot move sideways has driven the whole distance.
+        """
+        moved = before.pose.relative(after.pose)
+        distance = before.pose.distance(after.pose)
+        ahead = (
+            moved.x
+            if any(axis.name == "vy" for axis in self._axes)
+            else math.copysign(distance, moved.x)
+        )
+        parts = {"vx": ahead, "vy": moved.y, "w": wrap_angle(after.pose.yaw - before.pose.yaw)}
+        return [parts[axis.name] for axis in self._axes]
 
 
 def _steps(seconds: float) -> tuple[int, float]:
@@ -731,13 +745,3 @@ def _percent(share: float) -> int:
 def _is_below_quarter(speed: float, command: float) -> bool:
     """Return whether a speed is less than a quarter of the command, or in the other direction."""
     return speed * command < _QUARTER * command * command
-
-
-def _moved(before: RobotState, after: RobotState) -> tuple[float, float]:
-    """Return the signed distance in m, negative for backward, and the angle in rad by which a robot moved."""
-    distance, turned = (
-        before.pose.distance(after.pose),
-        wrap_angle(after.pose.yaw - before.pose.yaw),
-    )
-    ahead = before.pose.relative(after.pose).x
-    return math.copysign(distance, ahead), turned

@@ -69,7 +69,8 @@ def pose_of(pose: Pose) -> PoseMessage:
 def twist_of(command: Command) -> Twist:
     """Write a velocity command."""
     message = Twist()
-    message.linear.x = float(command.v)
+    message.linear.x = float(command.vx)
+    message.linear.y = float(command.vy)
     message.angular.z = float(command.w)
     return message
 
@@ -131,7 +132,7 @@ def odometry_of(time: float, robot: RobotState, *, frame: str, child: str) -> Od
     message.header.stamp = stamp_of(time)
     message.header.frame_id = frame
     message.pose.pose = pose_of(robot.pose)
-    message.twist.twist = twist_of(Command(robot.v, robot.w))
+    message.twist.twist = twist_of(robot.velocity)
     return message
 
 
@@ -171,7 +172,7 @@ def grid_from(message: OccupancyGrid, topic: str, *, frame: str) -> GridMap:
 def situation_of(world: World, *, frame: str) -> msg.Situation:
     """Write the state of robot and objects."""
     robot = world.robot
-    message = msg.Situation(robot=pose_of(robot.pose), v=float(robot.v), w=float(robot.w))
+    message = msg.Situation(robot=pose_of(robot.pose), v=float(robot.vx), w=float(robot.w))
     message.header.stamp = stamp_of(world.time)
     message.header.frame_id = frame
     for name, there in world.objects.items():

@@ -109,19 +109,20 @@ class SimulatedWorld:
         self.simulation.close()
         self._begin()
 
-    def place_robot(self, pose: Pose, number: int, *, v: float, w: float) -> None:
-        """Put the axle of a robot at `pose`, moving at v (m/s) and w (rad/s).
+    def place_robot(self, pose: Pose, number: int, velocity: Command = STOP) -> None:
+        """Put the axle of a robot at `pose`, moving at `velocity`.
 
         `number` is its index in `robots`. Raises MessageError outside the floor, in another body,
         or beyond the robot's limits.
         """
         self._check_inside(pose.x, pose.y, "pose.pose.position")
-        velocity = Command(v, w)
-        for axis in self.robot.axes:
-            value = getattr(velocity, axis.name)
-            messages.number(value, axis.name, low=-axis.backward, high=axis.limit, unit=axis.unit)
+        axes = {axis.name: axis for axis in self.robot.axes}
+        for name, unit in (("vx", "m/s"), ("vy", "m/s"), ("w", "rad/s")):
+            low = -axes[name].backward if name in axes else 0.0
+            high = axes[name].limit if name in axes else 0.0
+            messages.number(getattr(velocity, name), name, low=low, high=high, unit=unit)
         _check_clear(self.simulation.robot_overlap(pose, number=number), "pose.pose.position")
-        self.simulation.place_robot(pose, v=v, w=w, number=number)
+        self.simulation.place_robot(pose, velocity, number=number)
         self.robots[number].sensors.reset()
         self._observe(number)
 

@@ -46,7 +46,7 @@ from ator_ros.simulation.urdf import WHEEL_NAMES, robot_urdf
 from ator_ros.world import messages as checks
 from ator_ros.world.messages import MessageError
 from ator_ros.world.scene import Area
-from ator_ros.world.state import STOP
+from ator_ros.world.state import STOP, Command
 
 _COMMON = (
     *FRAMES,
@@ -237,7 +237,7 @@ class SimulationNode(Node):
         frame = self._topics[number].frame
         checks.expect_frame(request.pose.header.frame_id, "pose.header.frame_id", expected=frame)
         pose = checks.pose_from(request.pose.pose, "pose.pose")
-        self._world.place_robot(pose, number, v=request.v, w=request.w)
+        self._world.place_robot(pose, number, Command(request.v, request.w))
         who = self._world.robots[number].name or "robot"
         return f"{who} at x {pose.x:.3f} m, y {pose.y:.3f} m, yaw {pose.yaw:.3f} rad"
 

@@ -11,14 +11,14 @@ from typing import Annotated, Any
 
 import numpy as np
 
+from ator_ros.bases.base import Driving
 from ator_ros.bases.description import Robot
+from ator_ros.bases.direct import Direct
 from ator_ros.compiled import compiled
 from ator_ros.geometry import FloatArray
 from ator_ros.performance.derived import ANGLE_BETWEEN, DIST, RESTS, Geometry
-from ator_ros.performance.direct import Direct
-from ator_ros.performance.driving import DrivingStyle
 from ator_ros.performance.error_process import ErrorProcess
-from ator_ros.performance.features import OF_STRAIGHT, Feature, declared_by, derived_from, names_of
+from ator_ros.performance.features import Feature, declared_by, derived_from
 from ator_ros.performance.tree.nodes import ModelTree, RuleWriter
 from ator_ros.schema import Within
 from ator_ros.world.state import CONTROL_PERIOD
@@ -103,7 +103,7 @@ class PerformanceModel:
         By name: those of the trees, and perhaps others.
     metadata : mapping
         Where the model comes from and how accurate it is; see `model_file`.
-    driving : DrivingStyle or None
+    driving : Driving or None
         How the action was observed to drive; None where no feature needs it.
     at_goal : AtGoal or None
         How long it takes at its goal; None where the tree predicts that too.
@@ -118,7 +118,7 @@ class PerformanceModel:
     trees: Mapping[str, ModelTree]
     features: Mapping[str, Feature]
     metadata: Mapping[str, Any] = field(default_factory=dict)
-    driving: DrivingStyle | None = None
+    driving: Driving | None = None
     at_goal: AtGoal | None = UNOBSERVED
     errors: ErrorProcess | None = None
     arrival: Arrival | None = None
@@ -205,10 +205,9 @@ class PerformanceModel:
     def rules(self, measure: str = "duration") -> str:
         """Return the rules of one measure as text in the paper's form, one a line, after what they share."""
         rules = self._writer(measure).rules()
-        if self.driving is None or not {*names_of(OF_STRAIGHT)} & {*self.trees[measure].names}:
+        if self.driving is None or not {*self.driving.quantities} & {*self.trees[measure].names}:
             return rules
-        above = math.degrees(self.driving.backward_above)
-        return f"straights are backward if angle_to_dest > {above:.3g}°\n{rules}"
+        return f"{self.driving.rule()}\n{rules}"
 
     def explain(self, direct: Direct) -> str:
         """Return the rule that predicts the duration in one situation, and what each of its terms adds."""

@@ -48,6 +48,8 @@ _EITHER_DIRECTION: dict[str, FloatArray] = {
     "angle_after_straight": _ANGLES,
 }
 """The same for an action that drives backward above an angle."""
+OF_DIRECTION = tuple(name for name in _EITHER_DIRECTION if name not in RISING)
+"""The features of either direction that others do not have."""
 _ON_MAP: dict[str, FloatArray] = {
     "route_length": np.zeros(1),
     "route_turn": np.zeros(1),

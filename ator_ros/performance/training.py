@@ -13,20 +13,21 @@ import numpy as np
 import pandas as pd
 
 from ator_ros.actions.goal_variables import direct_name
+from ator_ros.bases.base import Driving
 from ator_ros.bases.description import Robot
+from ator_ros.bases.direct import DIRECT_VARIABLES, NEAR_GOAL
+from ator_ros.bases.drive_parts import part_times
 from ator_ros.experience.table import ExperienceError, goal_variables_of_columns
 from ator_ros.geometry import BoolArray, FloatArray, IntArray, wrap_angles
 from ator_ros.performance.derived import ANGLE_BETWEEN, RESTS, Geometry
-from ator_ros.performance.direct import DIRECT_VARIABLES
-from ator_ros.performance.driving import DrivingStyle
 from ator_ros.performance.error_process import ErrorProcess, fit_error_process
 from ator_ros.performance.features import (
     CANDIDATES,
     GENERAL,
-    OF_STRAIGHT,
     PATHS,
     ROUTE_ANGLE_AT,
     Feature,
+    base_features,
     declared_by,
     feature_table,
     names_of,
@@ -38,8 +39,8 @@ from ator_ros.performance.model import (
     PerformanceModel,
     narrowed,
 )
-from ator_ros.performance.observation import NEAR_GOAL, observed_driving, part_times
 from ator_ros.performance.rising_terms import (
+    OF_DIRECTION,
     RISING,
     rising_in,
     rising_terms,
@@ -140,7 +141,7 @@ def train(
             f"{action}: expected at least {LEAST_EPISODES} episodes that succeeded, "
             f"got {len(good_starts)} of {len(starts)}{remarks}"
         )
-    driving = observed_driving(rows, robot) if set(features) & set(PATHS) else None
+    driving = robot.observed_driving(rows) if set(features) & set(PATHS) else None
     of_durations = duration_features(features, good_starts, driving)
     examples = examples_of(starts, robot, of_durations, driving)
     good = examples["duration"]
@@ -198,7 +199,7 @@ def examples_of(
     starts: pd.DataFrame,
     robot: Robot,
     features: Sequence[Feature],
-    driving: DrivingStyle | None,
+    driving: Driving | None,
 ) -> dict[str, Examples]:
     """Return the examples of each measure: of success all, of the others those that succeeded.
 
@@ -210,7 +211,7 @@ def examples_of(
         The robot of the experience.
     features : sequence of Feature
         The features to compute.
-    driving : DrivingStyle or None
+    driving : Driving or None
         How the action drives, if features depend on it.
     """
     table = features_of(starts, robot, features, driving)
@@ -267,12 +268,12 @@ def without_routes(
 
 
 def duration_features(
-    features: Sequence[Feature], starts: pd.DataFrame, driving: DrivingStyle | None
+    features: Sequence[Feature], starts: pd.DataFrame, driving: Driving | None
 ) -> tuple[Feature, ...]:
     """Return the candidate features of durations.
 
-    These are `features`, and `OF_STRAIGHT` if straights may be backward. The latter are candidates
-    only without a map, and if the action drives from rest to rest.
+    These are `features`, and those that the base adds if the action drives so that they matter.
+    The latter are candidates only without a map, and if the action drives from rest to rest.
 
     Parameters
     ----------
@@ -280,14 +281,13 @@ def duration_features(
         Candidates of all measures.
     starts : pandas.DataFrame
         First rows of the episodes of the action.
-    driving : DrivingStyle or None
+    driving : Driving or None
         How the action was observed to drive.
     """
-    may_reverse = driving is not None and driving.backward_above < math.pi
     names = {*names_of(features)}
-    has_straights = {*RISING} <= names and _LENGTH not in names
-    if may_reverse and has_straights and _is_at_rest(starts):
-        return tuple(dict.fromkeys((*features, *OF_STRAIGHT)))
+    is_drive = {*RISING} <= names and _LENGTH not in names
+    if driving is not None and driving.uses_quantities and is_drive and _is_at_rest(starts):
+        return tuple(dict.fromkeys((*features, *base_features(type(driving)))))
     return tuple(features)
 
 
@@ -314,7 +314,7 @@ def features_of(
     rows: pd.DataFrame,
     robot: Robot,
     features: Sequence[Feature],
-    driving: DrivingStyle | None,
+    driving: Driving | None,
 ) -> pd.DataFrame:
     """Return the features of n rows of an experience table, a column for each, in SI units."""
     table = feature_table(direct_of(rows), robot, features, driving)
@@ -378,7 +378,7 @@ def _on_sum(
     # By parts, the terms have the thresholds of the turns: the tree splits by distance only.
     terms_by_parts = partial(_minus_terms, parts=pd.DataFrame(parts, table.index))
     by_parts = learn(terms_by_parts, tree_features=basic.columns[:1])
-    without_straights = table.drop(columns=list(names_of(OF_STRAIGHT)), errors="ignore")
+    without_straights = table.drop(columns=list(OF_DIRECTION), errors="ignore")
     by_whole = _on_sum(without_straights, durations, None)
     error_by_parts = np.abs(by_parts[1][drives]).mean()
     error_by_whole = np.abs(by_whole[1][drives]).mean()
@@ -397,7 +397,7 @@ def _is_at_rest(rows: pd.DataFrame) -> bool:
     """Return whether the robot stands at the goals, and hardly moves at the starts of episodes."""
     arriving = rows["speedg"].abs()
     starting = rows["v"].abs()
-    return bool(arriving.max() <= AT_REST.v and starting.quantile(_MOSTLY) <= _STOPPING)
+    return bool(arriving.max() <= AT_REST.speed and starting.quantile(_MOSTLY) <= _STOPPING)
 
 
 def _far_from_goal(table: pd.DataFrame) -> BoolArray:

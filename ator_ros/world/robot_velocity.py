@@ -151,14 +151,14 @@ class TwistCheck:
         if elapsed < least:  # it was placed there
             self._restart()
             return robot, ""
-        reported = 0.5 * elapsed * np.array([before.v + robot.v, before.w + robot.w])
+        reported = 0.5 * elapsed * np.array([before.vx + robot.vx, before.w + robot.w])
         motion = np.array([(_arc(moved)[0], moved.yaw), reported])
         self._add_step(elapsed, motion)
         self._elapsed += elapsed
         self._motion = self._motion + motion
         remark = self._judge() if self._elapsed >= _WINDOW - _ROUNDING else ""
-        v, w = (self._velocity(axis, value) for axis, value in enumerate((robot.v, robot.w)))
-        return dataclasses.replace(robot, v=v, w=w), remark
+        vx, w = (self._velocity(axis, value) for axis, value in enumerate((robot.vx, robot.w)))
+        return dataclasses.replace(robot, vx=vx, w=w), remark
 
     def _add_step(self, elapsed: float, motion: FloatArray) -> None:
         """Add the motion between two messages; the noise of shorter steps would be too large."""

@@ -52,7 +52,7 @@ def goals(robot: Robot, speed: float) -> dict[str, Pose]:
 
 def moments(plain: Goal, robot: Robot) -> dict[str, float]:
     """Return the times in s at which a failure of the base starts."""
-    fastest = max(abs(state.v) for _, state in plain.states)
+    fastest = max(abs(state.vx) for _, state in plain.states)
 
     def first(holds: Callable[[RobotState], bool]) -> float | None:
         return next((time for time, state in plain.states if holds(state)), None)
@@ -60,7 +60,7 @@ def moments(plain: Goal, robot: Robot) -> dict[str, float]:
     found = {
         "start": 0.0,
         "driving": first(
-            lambda state: fastest > 0.1 * robot.limits.v and abs(state.v) > 0.8 * fastest
+            lambda state: fastest > 0.1 * robot.limits.v and abs(state.vx) > 0.8 * fastest
         ),
         "turning": first(lambda state: abs(state.w) > 0.4 * robot.limits.w),
         "near the goal": (plain.ended or 0.0) - 0.4,
@@ -159,7 +159,7 @@ def noisy(seed: int) -> Callable[[float, RobotState], RobotState]:
             y + rng.normal(0.0, 0.005),
             wrap_angle(yaw + rng.normal(0.0, math.radians(0.5))),
         )
-        return RobotState(pose, state.v + rng.normal(0.0, 0.02), state.w + rng.normal(0.0, 0.02))
+        return RobotState(pose, state.vx + rng.normal(0.0, 0.02), state.w + rng.normal(0.0, 0.02))
 
     return sense
 

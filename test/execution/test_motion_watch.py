@@ -9,7 +9,7 @@ from faulty_base import Failure, KinematicBase, execute
 
 from ator_ros.actions.base import Status, Step
 from ator_ros.bases.differential.response import ramped
-from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.domain import find_domain
 from ator_ros.domains.trials import random_trial
 from ator_ros.evaluation.chain_run import run_chain
 from ator_ros.execution.chain_executor import ChainExecutor, Ending
@@ -23,6 +23,8 @@ from ator_ros.world.messages import robot_from_placement
 from ator_ros.world.robot_velocity import RobotVelocity, TwistCheck
 from ator_ros.world.state import STOP, Command, RobotState, World
 from ator_ros.world.transforms import HERE, Placement, Transforms
+
+SOCCER = find_domain("soccer")
 
 TICK = 0.05
 AHEAD = chain(("goToPose", Pose(4.0, 0.0, 0.0)))
@@ -67,7 +69,7 @@ def test_a_base_that_moves_without_a_command_ends_the_goal(axis: str, speed: flo
 def test_odometry_that_shows_a_fraction_of_the_motion_is_detected_in_time(share: float) -> None:
     def shrunk(_: float, state: RobotState) -> RobotState:
         return RobotState(
-            Pose(*(share * part for part in state.pose)), share * state.v, share * state.w
+            Pose(*(share * part for part in state.pose)), share * state.vx, share * state.w
         )
 
     done = execute(LIBRARY, AHEAD, base(), sense=shrunk)
@@ -107,7 +109,7 @@ def test_a_twist_that_is_smoothed_ends_no_goal(lag: float) -> None:
     def smoothed(time: float, state: RobotState) -> RobotState:
         nonlocal v, w, last
         share = min(1.0, (time - last) / lag)
-        v, w, last = v + share * (state.v - v), w + share * (state.w - w), time
+        v, w, last = v + share * (state.vx - v), w + share * (state.w - w), time
         return RobotState(state.pose, v, w)
 
     turns = chain(("goToPose", Pose(3.5, 1.0, 1.0)))
@@ -124,7 +126,7 @@ def test_wheels_that_slip_for_a_moment_end_no_goal(rate: float) -> None:
         nonlocal before, shown
         moved, before = before.relative(state.pose), state.pose
         shown = shown if 2.0 <= time < 2.295 else shown.compose(moved)
-        return RobotState(shown, state.v, state.w)
+        return RobotState(shown, state.vx, state.w)
 
     done = execute(LIBRARY, AHEAD, base(), rate=rate, sense=slips)
     assert done.ending is Ending.SUCCEEDED, done.execution.reason
@@ -154,7 +156,7 @@ def test_where_the_twist_contradicts_the_pose_the_pose_decides(
     check, remarks = TwistCheck(), list[str]()
 
     def checked(time: float, state: RobotState) -> RobotState:
-        twist = share[0] * state.v, share[1] * state.w
+        twist = share[0] * state.vx, share[1] * state.w
         robot, remark = check.check(time, RobotState(state.pose, *twist))
         remarks.extend([remark] * bool(remark))
         return robot
@@ -218,7 +220,7 @@ class Kind:
 
     def response(self, command: Command) -> Command:
         """Return the command that a base as described follows in the same way."""
-        v = 0.0 if abs(command.v) <= self.dead_zone.v else self.share * command.v
+        v = 0.0 if abs(command.vx) <= self.dead_zone.vx else self.share * command.vx
         w = 0.0 if abs(command.w) <= self.dead_zone.w else self.share * command.w
         return Command(v, w)
 
@@ -251,7 +253,7 @@ class Watched(ChainExecutor):
         self.faults: set[str] = set()
 
     def step(self, world: World) -> Step:
-        speed = abs(world.robot.v)
+        speed = abs(world.robot.vx)
         self.collided |= self._speed - speed > 5.0 * ROBOT.limits.brake * TICK
         self._speed = speed
         observed = self._sensors.observe(world)
@@ -316,7 +318,7 @@ def test_commands_in_transit_count_when_another_goal_takes_over(preempts: bool) 
         sent.append(Command(0.8, 0.0) if tick < 9 else STOP)
         watch.sent(time, sent[-1])
         acting = sent[tick - 10] if tick >= 10 else STOP
-        v = ramped(Command(v, 0.0), acting, TICK, ROBOT.limits, ROBOT.stop).v
+        v = ramped(Command(v, 0.0), acting, TICK, ROBOT.limits, ROBOT.stop).vx
         x += v * TICK
     assert any(faults) is not preempts
 

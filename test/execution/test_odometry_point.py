@@ -31,7 +31,9 @@ def driven(
         x, y, yaw = state.pose.compose(Pose(*offset, 0.0))
         dx, dy, turn = rng.normal(0.0, noise, 3)
         sideways = offset[1] * state.w if own_twist else 0.0
-        return RobotState(Pose(x + dx, y + dy, wrap_angle(yaw + turn)), state.v - sideways, state.w)
+        return RobotState(
+            Pose(x + dx, y + dy, wrap_angle(yaw + turn)), state.vx - sideways, state.w
+        )
 
     base = base or KinematicBase(ROBOT, Pose(0.0, 0.0, 0.0))
     return execute(LIBRARY, chain(("goToPose", goal)), base, sense=sense, longest=7.0)

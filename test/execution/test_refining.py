@@ -135,8 +135,8 @@ def assert_smooth(commands: list[Command]) -> None:
     """
     limits = ROBOT.limits
     for one, other in itertools.pairwise(commands):
-        change = other.v - one.v
-        most = (limits.a if abs(other.v) > abs(one.v) else limits.brake) * CONTROL_PERIOD
+        change = other.vx - one.vx
+        most = (limits.a if abs(other.vx) > abs(one.vx) else limits.brake) * CONTROL_PERIOD
         assert abs(change) <= 1.1 * most + 1e-6, f"{one} to {other}"
         assert abs(other.w - one.w) <= 1.5 * limits.aw * CONTROL_PERIOD + 1e-6, f"{one} to {other}"
 
@@ -198,7 +198,7 @@ def test_a_robot_pushed_off_its_path_causes_one_question(simulation: Simulation)
     drive = Drive(simulation, ANYWHERE)
     drive.tick(30)
     there = simulation.world().robot
-    simulation.place_robot(there.pose._replace(y=there.pose.y - 0.3), v=there.v, w=there.w)
+    simulation.place_robot(there.pose._replace(y=there.pose.y - 0.3), velocity=there.velocity)
     drive.tick(2)
     question = drive.run.question
     assert question.cause.endswith("m off its path")
@@ -234,7 +234,7 @@ def test_completed_steps_that_plans_share_are_not_repeated() -> None:
 
 def test_the_question_has_the_moving_robot_and_the_current_ball(drive: Drive) -> None:
     question = moved_ball_question(drive)
-    assert question.world.robot.v > 0.3
+    assert question.world.robot.vx > 0.3
     assert question.step == 0
     assert question.chain.calls[0].goal.pose == Pose(0.3, 0.4, 0.0)
     assert question.chain.calls[1] == CHAIN.calls[1]

@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 from bags import ROBOT, action_performance, own_types
 
-from ator_ros.bases.differential.drive_parts import DriveParts
+from ator_ros.bases.drive_parts import DriveParts, part_times
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience.records import episode_of
 from ator_ros.geometry import Pose
-from ator_ros.performance.observation import part_times
 from ator_ros.world.messages import MessageError
 
 TYPES = own_types()

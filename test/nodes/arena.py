@@ -34,7 +34,7 @@ SETTINGS: dict[str, dict[str, object]] = {
     "refinement": {},
 }
 _STANDS = "robot stands"
-_STATUS = re.compile(rf"(\S+) s: ({_STANDS}|Command\(v=\S+, w=\S+\))")
+_STATUS = re.compile(rf"(\S+) s: ({_STANDS}|Command\(vx=\S+, vy=\S+, w=\S+\))")
 
 
 class ArenaClient(ChainClient):

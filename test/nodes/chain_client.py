@@ -102,7 +102,7 @@ class ChainClient:
 
     def standing(self) -> bool:
         robot = self.ros.robot()
-        return abs(robot.v) < 0.03 and abs(robot.w) < 0.06
+        return abs(robot.vx) < 0.03 and abs(robot.w) < 0.06
 
     def wait_until_moving(self) -> None:
-        self.ros.eventually(lambda: self.ros.robot().v > 0.2, "the robot drives")
+        self.ros.eventually(lambda: self.ros.robot().vx > 0.2, "the robot drives")

@@ -56,8 +56,8 @@ class MovingBase:
         state = self.state()
         yaw = self.pose.yaw + 0.5 * PERIOD * state.w
         self.pose = Pose(
-            self.pose.x + PERIOD * state.v * math.cos(yaw),
-            self.pose.y + PERIOD * state.v * math.sin(yaw),
+            self.pose.x + PERIOD * state.vx * math.cos(yaw),
+            self.pose.y + PERIOD * state.vx * math.sin(yaw),
             self.pose.yaw + PERIOD * state.w,
         )
         self.time += PERIOD

@@ -11,11 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ator_ros.bases.description import Robot, load_robot
+from ator_ros.bases.differential.driving import plain_driving
+from ator_ros.bases.direct import DIRECT_VARIABLES
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.geometry import FloatArray
-from ator_ros.performance.direct import DIRECT_VARIABLES
-from ator_ros.performance.driving import plain_driving
-from ator_ros.performance.features import OF_STRAIGHT, PAPER_3, PAPER_11, PATHS, Feature, names_of
+from ator_ros.performance.features import PAPER_3, PAPER_11, PATHS, Feature, base_features, names_of
 from ator_ros.performance.features import feature_table as table_of_features
 
 ROBOT = load_robot()
@@ -24,7 +24,7 @@ NAMES = tuple(FEATURES)
 Direct = dict[str, FloatArray]
 
 
-DRIVING = dataclasses.replace(plain_driving(ROBOT), backward_above=2.0)
+DRIVING = dataclasses.replace(plain_driving(ROBOT.limits), backward_above=2.0)
 
 
 def feature_table(direct: Mapping[str, Any], robot: Robot, names: Sequence[str]) -> FloatArray:
@@ -148,6 +148,6 @@ def test_a_drive_backward_turns_from_and_to_the_opposite_headings() -> None:
         "yaw": np.array([1.9, 2.5]),
         "yawg": 3.0,
     }
-    forward, backward = feature_table(direct, ROBOT, names_of(OF_STRAIGHT))
+    forward, backward = feature_table(direct, ROBOT, names_of(base_features(ROBOT.driving)))
     assert forward == pytest.approx([1.9, 3.0, 0.0, 0.0])
     assert backward == pytest.approx([math.pi - 2.5, math.pi - 3.0, 1.0, 2.0])

@@ -102,7 +102,7 @@ def test_the_velocity_of_a_robot_is_that_of_its_arc(period: float, v: float, w: 
         half = w * period / 2.0
         chord = 2.0 * radius * math.sin(half) if w else v * period
         pose = pose.compose(Pose(chord * math.cos(half), chord * math.sin(half), w * period))
-    assert (state.v, state.w) == pytest.approx((v, w))
+    assert (state.vx, state.w) == pytest.approx((v, w))
 
 
 @pytest.mark.parametrize("time", [-3.0, 2.0])
@@ -111,7 +111,7 @@ def test_after_a_gap_or_a_reset_a_robot_is_at_rest(time: float) -> None:
     for tick in range(10):
         estimate.state(0.05 * tick, Pose(0.04 * tick, 0.0, 0.0))
     state = estimate.state(time, Pose(5.0, 0.0, 0.0))
-    assert (state.v, state.w) == (0.0, 0.0)
+    assert (state.vx, state.w) == (0.0, 0.0)
 
 
 @pytest.mark.parametrize("distance", [0.05, 0.4])
@@ -120,7 +120,7 @@ def test_jumps_to_and_fro_do_not_become_a_velocity(distance: float) -> None:
     for tick in range(80):
         x = 0.1 * 0.02 * tick + (distance if tick % 4 else 0.0)
         state = estimate.state(0.02 * tick, Pose(x, 0.0, 0.0))
-        assert abs(state.v) <= 0.75
+        assert abs(state.vx) <= 0.75
 
 
 def senders(

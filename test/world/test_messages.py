@@ -67,7 +67,7 @@ def test_stamps_since_1970_and_projected_coordinates_keep_their_precision() -> N
     first, robot = OdometryReader("odom").read(odometry(FAR, vector(15.0), 0.5, time=0.02))
     second, _ = OdometryReader("odom").read(odometry(FAR, vector(15.0), time=0.04))
     assert second - first == pytest.approx(0.02, abs=1e-6)
-    assert (robot.pose.x, robot.pose.y, robot.v, robot.w) == (FAR.x, FAR.y, 15.0, 0.5)
+    assert (robot.pose.x, robot.pose.y, robot.vx, robot.w) == (FAR.x, FAR.y, 15.0, 0.5)
 
 
 @pytest.mark.parametrize("length", [1e-3, 1.5])
@@ -215,7 +215,7 @@ def test_where_pose_and_twist_contradict_each_other_the_pose_decides(wrong: str)
         v = 0.4 * math.sin(0.8 * time)  # forward and backward
         given = {"unsigned": abs(v), "scaled": 3.6 * v, "none": 0.0}[wrong]
         _, robot = reader.read(odometry(pose, vector(given), time=time))
-        off.append(abs(robot.v - v))
+        off.append(abs(robot.vx - v))
         pose = pose.compose(Pose(0.05 * 0.4 * math.sin(0.8 * (time + 0.025)), 0.0, 0.0))
     confirmed = off[12:] if wrong != "unsigned" else off  # after 3 cm
     assert max(confirmed) < 0.09  # at the first change of direction
