@@ -38,7 +38,7 @@ from ator_ros.printable import printable
 from ator_ros.refinement.refiner import SubgoalCurve
 from ator_ros.view.draft import Draft
 from ator_ros.view.runs import OTHERS, Answer, History, Run
-from ator_ros.world.messages import MessageError, world_from
+from ator_ros.world.readers import MessageError, world_from
 from ator_ros.world.state import ObjectState, RobotState, World
 
 _SPIN = 0.02  # real s

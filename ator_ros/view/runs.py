@@ -17,7 +17,7 @@ from ator_ros.printable import printable
 from ator_ros.refinement.refiner import SubgoalCurve
 from ator_ros.tops.chain import TopChain
 from ator_ros.view.draft import Draft
-from ator_ros.world.messages import pose_from, world_from
+from ator_ros.world.readers import pose_from, world_from
 from ator_ros.world.state import World
 
 OTHERS = "others"  # label of the executions that other clients started
