@@ -34,7 +34,7 @@ from ator_ros.geometry import FloatArray, Pose, wrap_angle
 from ator_ros.printable import printable, quoted
 from ator_ros.tops.chain import Top
 from ator_ros.tops.objects import held_first, held_last, is_held
-from ator_ros.world.messages import (
+from ator_ros.world.readers import (
     MessageError,
     ObjectReader,
     OdometryReader,
@@ -104,7 +104,9 @@ class Reader:
         self.action_sets: set[str] = set()
         self._remarks: list[str] = []
         self._robot_in_tf = robot_in_tf
-        self._odometry = OdometryReader(_ODOMETRY_FRAME if robot_in_tf else "", corrects=False)
+        self._odometry = OdometryReader(
+            _ODOMETRY_FRAME if robot_in_tf else "", corrects=False, sideways=robot.moves_sideways
+        )
         self._objects = {source.name: ObjectReader(source) for source in sources}
         self._in_tf = {
             source.name: source.topic_or_frame for source in sources if source.type == "tf"
@@ -112,7 +114,9 @@ class Reader:
         self._transforms = Transforms()
         self._servers = status_topics(domain)
         self._goals = ServerGoals(self._odom_pose_in)
-        self._velocity = RobotVelocity(robot.greatest_speed(), robot.greatest_turn_rate)
+        self._velocity = RobotVelocity(
+            robot.greatest_speed(), robot.greatest_turn_rate, sideways=robot.moves_sideways
+        )
         self._is_older = False
         self._counts: Counter[str] = Counter()
         self._numbers = 0

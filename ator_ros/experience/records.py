@@ -16,7 +16,7 @@ from ator_ros.experience.table import LARGEST, Episode
 from ator_ros.files import is_name
 from ator_ros.printable import printable, quoted
 from ator_ros.tops.chain import Top
-from ator_ros.world.messages import MessageError, ObjectSource, pose_from, velocity, world_from
+from ator_ros.world.readers import MessageError, ObjectSource, pose_from, velocity, world_from
 
 _SUCCEEDED = 1
 _FAILED = 2

@@ -16,7 +16,7 @@ from ator_ros.actions.remote import status_name
 from ator_ros.experience.records import Vocabulary
 from ator_ros.geometry import Pose
 from ator_ros.printable import quoted
-from ator_ros.world.messages import MessageError, plain_frame, pose_from, seconds_from
+from ator_ros.world.readers import MessageError, plain_frame, pose_from, seconds_from
 
 PLAN = "plan"
 """Role of the topic of the path to a goal (nav_msgs/Path)."""

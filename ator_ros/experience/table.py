@@ -23,7 +23,7 @@ from ator_ros.files import atomic_write, content_of, header, is_name
 from ator_ros.geometry import FloatArray
 from ator_ros.printable import ReadableError, printable, quoted
 from ator_ros.schema import SchemaError
-from ator_ros.world.messages import MOST_OBJECTS
+from ator_ros.world.readers import MOST_OBJECTS
 from ator_ros.world.state import World
 
 
