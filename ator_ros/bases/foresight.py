@@ -57,7 +57,9 @@ class Foresight:
         if self._latency == 0.0:
             return world
         self._forget(world.time)
-        robot, now, end = world.robot, world.time, world.time + self._latency
+        robot = world.robot
+        now = world.time
+        end = now + self._latency
         command: Command | None = None
         for stamp, following in (*self._sent, (world.time, None)):
             acts = min(stamp + self._latency, end)
@@ -69,5 +71,6 @@ class Foresight:
         return World(end, robot, objects)
 
     def _forget(self, time: float) -> None:
-        while self._sent and self._sent[0][0] < time - self._latency - _EXPIRES:
+        expired = time - self._latency - _EXPIRES
+        while self._sent and self._sent[0][0] < expired:
             self._sent.popleft()
