@@ -1,4 +1,4 @@
-"""Outside the bases, simulations of them, and the planned actions nothing knows how a robot moves."""
+"""Outside bases, simulation and planned actions nothing knows how a robot moves."""
 
 import ast
 from collections.abc import Iterator
