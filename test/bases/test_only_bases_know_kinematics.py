@@ -7,7 +7,11 @@ from pathlib import Path
 import pytest
 
 PACKAGE = Path(__file__).resolve().parents[2] / "ator_ros"
-KNOWING = ("bases/", "simulation/", "domains/soccer/planned/", "domains/planned/")
+PLANNED = (
+    "planned/",
+    *(f"soccer/{name}" for name in ("planned/", "go_to_ball", "holding", "shoot")),
+)
+KNOWING = ("bases/", "simulation/", *(f"domains/{place}" for place in PLANNED))
 IDENTIFIES = ("tools/calibrate.py",)
 """The tool that identifies a base with two driven wheels."""
 OTHERS = [
