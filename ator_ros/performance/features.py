@@ -110,7 +110,7 @@ A positive angle continues the first turn, a negative one is opposite to it.
 LATERAL = (_basic("vy_by_turn", "m/s", f"{_POSES} vy"),)
 """The lateral velocity relative to the same side, of a base that moves sideways."""
 
-_MOTION = variables(f"{_POSES} speedg v w vy")
+_MOTION = variables(f"{_POSES} speedg v w")
 PATHS = (
     Feature(
         "path_time",
