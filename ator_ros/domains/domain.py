@@ -40,7 +40,7 @@ from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.objects import objects_in
 from ator_ros.tops.ranges import USUAL_RANGES, Ranges, declared_ranges
 from ator_ros.world.grid_map import GridMap, Planner, load_map
-from ator_ros.world.messages import ObjectSource
+from ator_ros.world.readers import ObjectSource
 from ator_ros.world.scene import Bay, RoundObject, Scene
 from ator_ros.world.state import World
 

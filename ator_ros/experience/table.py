@@ -23,7 +23,7 @@ from ator_ros.files import atomic_write, content_of, header, is_name
 from ator_ros.geometry import FloatArray
 from ator_ros.printable import ReadableError, printable, quoted
 from ator_ros.schema import SchemaError
-from ator_ros.world.messages import MOST_OBJECTS
+from ator_ros.world.readers import MOST_OBJECTS
 from ator_ros.world.state import World
 
 
@@ -38,7 +38,7 @@ LARGEST = 1e9
 
 
 class Column(NamedTuple):
-    """A column of experience: what it means, the range of its numbers, and whether NaN is allowed."""
+    """A column: what it means, the range of its numbers, and whether NaN is allowed."""
 
     meaning: str
     low: float = -LARGEST
@@ -104,7 +104,7 @@ _AFTER = {
     ),
 }
 STATE_COLUMNS = tuple(_STATE)
-"""Time and the robot's state, in the order of a sample: s since the start, m, m, rad, m/s, rad/s, m/s."""
+"""Time and the robot's state, in the order of a sample."""
 _TEXTS = ("action", "reason")
 _TYPES = {"episode": np.int32, "hold": np.int8, "success": bool}
 """Columns of whole numbers and of true and false; all other numbers are floats."""
@@ -127,7 +127,7 @@ def columns(objects: Iterable[str], goal_variables: Iterable[str] = ()) -> dict[
 
 
 def object_columns(objects: Iterable[str]) -> list[str]:
-    """Return the names of the columns of objects: NAME_x and NAME_y of each, in m, NaN where unknown."""
+    """Return the names of the columns of objects: NAME_x and NAME_y of each."""
     return [f"{name}_{axis}" for name in objects for axis in "xy"]
 
 
@@ -244,7 +244,7 @@ _KEY = b"ator_ros"
 
 
 def checked_rows(source: Path | str, frame: pd.DataFrame, action_set: object) -> pd.DataFrame:
-    """Check rows of experience, with columns of any types, and return their known columns with plain types.
+    """Check rows of experience, of any types, and return their known columns with plain types.
 
     Parameters
     ----------

@@ -133,7 +133,8 @@ def _usable(rows: pd.DataFrame, features: Sequence[Feature]) -> pd.DataFrame:
     if not set(rows.columns).issuperset(wanted):
         return rows[:0]
     rows = rows[rows[wanted].notna().all(axis=1)]
-    durations, good = rows["duration"].to_numpy(dtype=float), rows["success"].to_numpy(dtype=bool)
+    durations = rows["duration"].to_numpy(dtype=float)
+    good = rows["success"].to_numpy(dtype=bool)
     usual = float(np.median(durations[good])) if good.any() else 0.0
     return rows[~good | ((durations > 0.0) & (durations < max(10.0 * usual, 1.0)))]
 
@@ -165,7 +166,9 @@ class Source:
 
 
 def learn(source: Source, *, time: str) -> dict[str, Any]:
-    """Compare models, and make a new set with this time stamp if one is better; it is not published.
+    """Compare models, and make a new set with this time stamp if one is better.
+
+    It is not published.
 
     Returns
     -------
@@ -185,7 +188,8 @@ def learn(source: Source, *, time: str) -> dict[str, Any]:
         for action, rows in read_records(records, action_set).groupby("action", sort=True):
             if action not in source.domain.actions(action_set):
                 continue
-            name, current = f"{action_set}/{action}", source.model(base, str(action), action_set)
+            name = f"{action_set}/{action}"
+            current = source.model(base, str(action), action_set)
             verdicts, model = _improved(
                 str(action),
                 rows,
@@ -201,7 +205,8 @@ def learn(source: Source, *, time: str) -> dict[str, Any]:
                     each: getattr(verdict, each) for each in ("episodes", "reason", "kind")
                 }
                 if verdict.tree is not None:
-                    reasons[key], seen[key] = verdict.reason, int(rows[NUMBER].max()) + 1
+                    reasons[key] = verdict.reason
+                    seen[key] = int(rows[NUMBER].max()) + 1
             episodes[name] = max(verdict.episodes for verdict in verdicts.values())
             if model is not None:
                 metadata = _metadata(source, action_set, verdicts, episodes[name], current)

@@ -19,7 +19,7 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 from ator_ros.nodes.inputs import GAPS, MOST_NAMED, WARNING_PERIOD, Subscriptions
 from ator_ros.nodes.qos import RESULTS
 from ator_ros.printable import listed, one_line, printable
-from ator_ros.world.messages import FrameError, SendersError, second_parent
+from ator_ros.world.readers import FrameError, SendersError, second_parent
 
 STEADY = Clock(clock_type=ClockType.STEADY_TIME)  # of timers that are independent of simulated time
 _PERIOD = 1.0  # s, as usual for /diagnostics

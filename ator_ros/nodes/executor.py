@@ -68,7 +68,7 @@ from ator_ros.nodes.running import run_node, spin_out
 from ator_ros.printable import one_line
 from ator_ros.tops.objects import missing_in
 from ator_ros.world.inputs import ClockJumpError, Inputs
-from ator_ros.world.messages import MessageError
+from ator_ros.world.readers import MessageError
 from ator_ros.world.sightings import ObjectTracker, Sightings
 from ator_ros.world.state import STOP, Command, ObjectState, RobotState, World
 

@@ -30,7 +30,7 @@ from ator_ros.printable import one_line
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.delay import Delay
-from ator_ros.world.messages import MessageError
+from ator_ros.world.readers import MessageError
 from ator_ros.world.state import World
 
 _FEEDBACK_PERIOD = 0.1  # s on odometry's clock, if neither step nor phase changes

@@ -24,7 +24,7 @@ from ator_ros.geometry import Pose
 from ator_ros.nodes.parameters import STATE, SetupError
 from ator_ros.nodes.qos import LATCHED_BY_MANY, RESULTS, SENSOR_DATA
 from ator_ros.printable import listed, one_line, printable, quoted
-from ator_ros.world.messages import (
+from ator_ros.world.readers import (
     MessageError,
     ObjectReader,
     ObjectSource,

@@ -42,7 +42,7 @@ from ator_ros.nodes.qos import RESULTS, SERVICES
 from ator_ros.nodes.running import run_node
 from ator_ros.printable import one_line
 from ator_ros.world.grid_map import GridMap, save_map
-from ator_ros.world.messages import MessageError
+from ator_ros.world.readers import MessageError
 
 PARAMETERS = (
     FRAME,

@@ -19,7 +19,7 @@ from std_msgs.msg import Empty
 from ator_ros.nodes.diagnostics import type_name
 from ator_ros.nodes.qos import LEASE
 from ator_ros.printable import printable, quoted
-from ator_ros.world.messages import MessageError
+from ator_ros.world.readers import MessageError
 
 _DISCOVERY_TIMEOUT = 3.0  # real s until a publisher that the graph does not list counts as gone
 

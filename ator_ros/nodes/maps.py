@@ -19,7 +19,7 @@ from ator_ros.nodes.parameters import SetupError, map_topic
 from ator_ros.nodes.qos import LATCHED
 from ator_ros.printable import one_line, quoted
 from ator_ros.world.grid_map import GridMap, describe_values
-from ator_ros.world.messages import MessageError
+from ator_ros.world.readers import MessageError
 
 _PERIOD = 0.5  # real s between two checks whether a node that was busy is idle
 

@@ -41,9 +41,9 @@ from ator_ros.refinement.refiner import (
 from ator_ros.tops.chain import EVERYTHING, TopCall, TopChain
 from ator_ros.tops.conditions import Condition, Region
 from ator_ros.tops.library import LeftOutError, TopLibrary
-from ator_ros.world import messages as checks
+from ator_ros.world import readers as checks
 from ator_ros.world.grid_map import GridMap, map_of_grid
-from ator_ros.world.messages import FARTHEST, MessageError, goal_pose_from, pose_from
+from ator_ros.world.readers import FARTHEST, MessageError, goal_pose_from, pose_from
 from ator_ros.world.state import Command, ObjectState, RobotState, World
 
 # times the robot's limit, which may be an estimate; a speed in km/h would be 3.6 times

@@ -27,7 +27,7 @@ from ator_ros.printable import ReadableError, printable, quoted
 from ator_ros.tops.chain import Top
 from ator_ros.tops.conditions import Condition
 from ator_ros.tops.library import TopLibrary
-from ator_ros.world.messages import plain_frame
+from ator_ros.world.readers import plain_frame
 
 
 class SetupError(ReadableError):

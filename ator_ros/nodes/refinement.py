@@ -59,7 +59,7 @@ from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.conditions import state_variables
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.grid_map import PATHS_OF
-from ator_ros.world.messages import MessageError, count, pose_from, world_from
+from ator_ros.world.readers import MessageError, count, pose_from, world_from
 from ator_ros.world.state import World
 
 _LONGEST_DEADLINE = 60.0  # s, as the longest `refinement_timeout` of the executor

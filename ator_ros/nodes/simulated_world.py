@@ -9,8 +9,8 @@ from ator_ros.bases.description import Robot
 from ator_ros.geometry import Pose
 from ator_ros.simulation.sensors import Sensors
 from ator_ros.simulation.simulation import Simulation
-from ator_ros.world import messages
-from ator_ros.world.messages import MessageError
+from ator_ros.world import readers
+from ator_ros.world.readers import MessageError
 from ator_ros.world.state import STOP, Command, World
 
 _FASTEST = 10.0  # m/s of a placed object: it then moves by its radius in one step of the physics
@@ -120,7 +120,7 @@ class SimulatedWorld:
         for name, unit in (("vx", "m/s"), ("vy", "m/s"), ("w", "rad/s")):
             low = -axes[name].backward if name in axes else 0.0
             high = axes[name].limit if name in axes else 0.0
-            messages.number(getattr(velocity, name), name, low=low, high=high, unit=unit)
+            readers.number(getattr(velocity, name), name, low=low, high=high, unit=unit)
         _check_clear(self.simulation.robot_overlap(pose, number=number), "pose.pose.position")
         self.simulation.place_robot(pose, velocity, number=number)
         self.robots[number].sensors.reset()
@@ -133,7 +133,7 @@ class SimulatedWorld:
         """
         self._check_inside(x, y, "position.point")
         for axis, value in (("x", vx), ("y", vy)):
-            messages.number(value, f"velocity.{axis}", low=-_FASTEST, high=_FASTEST, unit="m/s")
+            readers.number(value, f"velocity.{axis}", low=-_FASTEST, high=_FASTEST, unit="m/s")
         _check_clear(self.simulation.object_overlap(name, x, y), "position.point")
         self.simulation.place_object(name, x, y, vx=vx, vy=vy)
         self._observe_placed(name)
@@ -145,8 +145,8 @@ class SimulatedWorld:
 
     def _check_inside(self, x: float, y: float, where: str) -> None:
         x_min, y_min, x_max, y_max = self.robot.scene.area.floor
-        messages.number(x, f"{where}.x", low=x_min, high=x_max, unit="m")
-        messages.number(y, f"{where}.y", low=y_min, high=y_max, unit="m")
+        readers.number(x, f"{where}.x", low=x_min, high=x_max, unit="m")
+        readers.number(y, f"{where}.y", low=y_min, high=y_max, unit="m")
 
 
 def _check_clear(overlap: str, where: str) -> None:

@@ -43,8 +43,8 @@ from ator_ros.printable import quoted
 from ator_ros.simulation.sensors import ObjectErrors, SensorConfig, Sensors
 from ator_ros.simulation.simulation import TICK
 from ator_ros.simulation.urdf import WHEEL_NAMES, robot_urdf
-from ator_ros.world import messages as checks
-from ator_ros.world.messages import MessageError
+from ator_ros.world import readers as checks
+from ator_ros.world.readers import MessageError
 from ator_ros.world.scene import Area
 from ator_ros.world.state import STOP, Command
 

@@ -46,7 +46,7 @@ from ator_ros.nodes.remote_messages import action_type
 from ator_ros.nodes.running import pause, run_node, spin_out
 from ator_ros.printable import one_line, quoted
 from ator_ros.tops.chain import TopCall, TopChain
-from ator_ros.world.messages import (
+from ator_ros.world.readers import (
     FrameError,
     MessageError,
     expect_frame,

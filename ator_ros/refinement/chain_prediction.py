@@ -118,7 +118,7 @@ class StepRows:
     Parameters
     ----------
     start : callable
-        Returns the start variables x, y, yaw, v, w, vy for candidates of the subgoal before the step.
+        Returns the start variables x, y, yaw, v, w, vy for candidates of the subgoal before.
     goal, free : Goal, sequence of str
         The subgoal that the step leads to, and the names of its free variables.
     """

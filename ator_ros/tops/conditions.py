@@ -19,7 +19,7 @@ from ator_ros.actions.base import Goal
 from ator_ros.bases.description import Robot
 from ator_ros.geometry import wrap_angle, wrap_angles
 from ator_ros.schema import Within, require
-from ator_ros.world.messages import RESERVED
+from ator_ros.world.readers import RESERVED
 from ator_ros.world.state import RobotState, World
 
 # State variables

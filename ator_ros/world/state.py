@@ -66,7 +66,10 @@ class RobotState:
     def __post_init__(self) -> None:
         """Read whole numbers as floats; states are created at a high rate, with floats only."""
         x, y, yaw = self.pose
-        if type(x) is type(y) is type(yaw) is type(self.vx) is type(self.w) is float:
+        vx = self.vx
+        vy = self.vy
+        w = self.w
+        if type(x) is type(y) is type(yaw) is type(vx) is type(vy) is type(w) is float:
             return
         object.__setattr__(self, "pose", decimal_pose(self.pose))
         for name in ("vx", "vy", "w"):

@@ -16,7 +16,7 @@ from ator_ros.bases.direct import DIRECT_VARIABLES, direct_table
 from ator_ros.experience.table import checked_rows
 from ator_ros.geometry import Pose
 from ator_ros.tops.conditions import state_of
-from ator_ros.world.messages import MessageError, command_from, world_from
+from ator_ros.world.readers import MessageError, command_from, world_from
 from ator_ros.world.state import Command, RobotState, World
 
 ROBOT = load_robot()

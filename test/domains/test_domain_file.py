@@ -21,7 +21,7 @@ from ator_ros.geometry import Pose
 from ator_ros.tops.chain import Top
 from ator_ros.tops.conditions import Condition, Region, Term
 from ator_ros.tops.ranges import USUAL_RANGES
-from ator_ros.world.messages import ObjectSource
+from ator_ros.world.readers import ObjectSource
 from ator_ros_examples.stand_ins import DriveToStandIn
 
 ROBOT = load_robot()

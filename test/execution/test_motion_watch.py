@@ -19,7 +19,7 @@ from ator_ros.geometry import Pose
 from ator_ros.simulation.sensors import SensorConfig, Sensors
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
-from ator_ros.world.messages import robot_from_placement
+from ator_ros.world.readers import robot_from_placement
 from ator_ros.world.robot_velocity import RobotVelocity, TwistCheck
 from ator_ros.world.state import STOP, Command, RobotState, World
 from ator_ros.world.transforms import HERE, Placement, Transforms

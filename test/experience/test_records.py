@@ -12,7 +12,7 @@ from ator_ros.bases.drive_parts import DriveParts, part_times
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience.records import episode_of
 from ator_ros.geometry import Pose
-from ator_ros.world.messages import MessageError
+from ator_ros.world.readers import MessageError
 
 TYPES = own_types()
 LONG_NAME = "b" * 1_000_000

@@ -24,7 +24,7 @@ from ator_ros.geometry import Pose
 from ator_ros.nodes.messages import pose_of
 from ator_ros.nodes.qos import NEWEST, RESULTS, SENSOR_DATA
 from ator_ros.nodes.remote_actions import cancel_request_for_unknown_goal
-from ator_ros.world.messages import ObjectReader, ObjectSource, OdometryReader, seconds_from
+from ator_ros.world.readers import ObjectReader, ObjectSource, OdometryReader, seconds_from
 from ator_ros.world.state import ObjectState, RobotState
 
 RETRY = 8.0

@@ -20,7 +20,7 @@ from ator_ros.domains.soccer.shoot import Shoot
 from ator_ros.geometry import Pose, wrap_angle
 from ator_ros.nodes import messages
 from ator_ros.tops.library import TopLibrary
-from ator_ros.world.messages import (
+from ator_ros.world.readers import (
     FARTHEST,
     FASTEST,
     MessageError,

@@ -17,7 +17,7 @@ from ator_ros.geometry import Pose
 from ator_ros.nodes.messages import pose_of
 from ator_ros.nodes.refinement import refine_request
 from ator_ros.refinement.refiner import Refiner
-from ator_ros.world.messages import MessageError
+from ator_ros.world.readers import MessageError
 
 X, Y = 5e5, 5e6
 OUTSIDE = (

@@ -7,7 +7,7 @@ from std_msgs.msg import Empty
 
 from ator_ros.nodes.leases import LeaseWatch, publish_lease
 from ator_ros.nodes.qos import LEASE, NEWEST
-from ator_ros.world.messages import MessageError
+from ator_ros.world.readers import MessageError
 
 CLIENT = {"silent": True}
 

@@ -35,7 +35,7 @@ from ator_ros.nodes.parameters import SetupError
 from ator_ros.performance.model_file import load_model, save_model
 from ator_ros.performance.training import train
 from ator_ros.world.grid_map import save_map
-from ator_ros.world.messages import pose_from
+from ator_ros.world.readers import pose_from
 
 pytestmark = pytest.mark.node
 WALL = hall_map("map.yaml")

@@ -24,7 +24,7 @@ from ator_ros.geometry import Pose
 from ator_ros.nodes.diagnostics import type_name
 from ator_ros.nodes.qos import LATCHED, RESULTS, SENSOR_DATA
 from ator_ros.performance.model_file import load_model
-from ator_ros.world.messages import pose_from
+from ator_ros.world.readers import pose_from
 
 DEPTH = 5000
 """Queue depth for a busy machine: nodes may publish hundreds of messages per second."""

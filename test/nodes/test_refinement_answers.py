@@ -17,7 +17,7 @@ from ator_ros.nodes.refinement import refine_request
 from ator_ros.refinement import RefinementError
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.world.grid_map import GridMap
-from ator_ros.world.messages import MessageError
+from ator_ros.world.readers import MessageError
 
 
 def request(*calls: TopCall) -> RefineSubgoal.Request:

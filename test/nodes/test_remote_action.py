@@ -17,7 +17,7 @@ from ator_ros.actions.base import Goal, Status, Step
 from ator_ros.bases.description import load_robot
 from ator_ros.geometry import Pose
 from ator_ros.nodes.remote_actions import RemoteAction, RemoteServer
-from ator_ros.world.messages import pose_from
+from ator_ros.world.readers import pose_from
 from ator_ros.world.state import STOP, RobotState, World
 
 ROBOT = load_robot()

@@ -8,7 +8,7 @@ from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.geometry import Pose
 from ator_ros.nodes.simulated_world import SimulatedRobot, SimulatedWorld
 from ator_ros.simulation.sensors import SensorConfig, Sensors
-from ator_ros.world.messages import MessageError
+from ator_ros.world.readers import MessageError
 
 ROBOT = SOCCER.robot()
 START = Pose(-2.0, 0.0, 0.0)

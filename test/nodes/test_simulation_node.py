@@ -19,7 +19,7 @@ from ator_interfaces.srv import PlaceObject, PlaceRobot
 from ator_ros.geometry import Pose, yaw_from_quaternion
 from ator_ros.nodes.messages import pose_of
 from ator_ros.nodes.qos import LATCHED, NEWEST, SENSOR_DATA
-from ator_ros.world.messages import OdometryReader
+from ator_ros.world.readers import OdometryReader
 
 START = Pose(-2.0, 0.0, 0.0)
 

@@ -19,9 +19,9 @@ from ator_ros.geometry import Pose
 from ator_ros.simulation.urdf import robot_urdf
 from ator_ros.view.draft import situation_draft
 from ator_ros.view.editor import NAIVE, Editor
+from ator_ros.view.floor import LOOPBACK, serve
 from ator_ros.view.page import Page, clock_text, gate_text, rules_text, times_text
 from ator_ros.view.runs import OTHERS, Run
-from ator_ros.view.scene import LOOPBACK, serve
 from ator_ros.world.state import RobotState, World
 
 ROBOT = SOCCER.robot()
