@@ -126,6 +126,11 @@ class Base(ABC):
         """In rad/s; 0 if the base never turns."""
         return max((axis.limit for axis in self.axes if axis.name == "w"), default=0.0)
 
+    @property
+    def moves_sideways(self) -> bool:
+        """Whether the base controls its lateral velocity; otherwise that is 0, whatever is measured."""
+        return any(axis.name == "vy" for axis in self.axes)
+
     @abstractmethod
     def moved(self, robot: RobotState, command: Command | None, seconds: float) -> RobotState:
         """Return the state after `seconds` under one command; None: at constant velocity."""

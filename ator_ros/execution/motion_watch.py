@@ -722,11 +722,7 @@ class MotionWatch:
         """
         moved = before.pose.relative(after.pose)
         distance = before.pose.distance(after.pose)
-        ahead = (
-            moved.x
-            if any(axis.name == "vy" for axis in self._axes)
-            else math.copysign(distance, moved.x)
-        )
+        ahead = moved.x if self._robot.moves_sideways else math.copysign(distance, moved.x)
         parts = {"vx": ahead, "vy": moved.y, "w": wrap_angle(after.pose.yaw - before.pose.yaw)}
         return [parts[axis.name] for axis in self._axes]
 

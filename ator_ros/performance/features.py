@@ -109,8 +109,20 @@ A positive angle continues the first turn, a negative one is opposite to it.
 
 _MOTION = variables(f"{_POSES} speedg v w")
 PATHS = (
-    Feature("path_time", "s", _MOTION, lambda g: g.path[0], PATH_TIME),
-    Feature("path_turn", "rad", _MOTION, lambda g: g.path[1], PATH_TURN),
+    Feature(
+        "path_time",
+        "s",
+        _MOTION,
+        lambda g: g.path[0],
+        PATH_TIME,
+    ),
+    Feature(
+        "path_turn",
+        "rad",
+        _MOTION,
+        lambda g: g.path[1],
+        PATH_TURN,
+    ),
 )
 """Time of, and angle turned on, the fastest path as the action was observed to drive.
 

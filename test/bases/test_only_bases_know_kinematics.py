@@ -1,4 +1,4 @@
-"""Outside the bases, simulations of them, and the planned actions nothing knows how a robot moves."""
+"""Outside bases, their simulation and planned actions nothing knows how a robot moves."""
 
 import ast
 from collections.abc import Iterator
@@ -19,7 +19,8 @@ OTHERS = [
 ]
 NAMES = {
     "DifferentialRobot", "Limits", "StopBraking", "differential", "wheel_radius", "wheel_torque",
-    "motor_time_constant", "grip", "v_back", "turn_time", "drive_time", "backward_above", "plain_driving",
+    "motor_time_constant", "grip", "v_back", "turn_time", "drive_time", "backward_above",
+    "plain_driving",
     "fastest_paths",
 }  # fmt: skip
 """Names of a base with two driven wheels."""

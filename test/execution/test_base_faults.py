@@ -89,7 +89,7 @@ def stops(
             plain = execute(library, chain, KinematicBase(robot, Pose(0.0, 0.0, 0.0)))
             assert plain.ending is Ending.SUCCEEDED
             for when, since in moments(plain, robot).items():
-                for axis in ("v", "w"):
+                for axis in ("vx", "w"):
                     for failure in failures(axis, getattr(robot.limits, axis), since):
                         base = KinematicBase(robot, Pose(0.0, 0.0, 0.0), failure=failure)
                         done = execute(library, chain, base, longest=since + 6.0, until_stood=False)
@@ -117,7 +117,7 @@ def test_a_base_that_fails_on_one_axis_is_stopped_within_half_a_second() -> None
 def test_a_base_that_keeps_driving_is_stopped_although_plans_start_at_its_speed(
     since: float,
 ) -> None:
-    failure = Failure("constant", "v", since, "motion", 0.8)
+    failure = Failure("constant", "vx", since, "motion", 0.8)
     base = KinematicBase(PIONEER, Pose(-2.0, 0.0, 0.0), failure=failure)
     chain = go(PIONEER, Pose(2.0, 1.0, 0.0))
     done = execute(
@@ -142,7 +142,7 @@ def test_a_dribbling_base_that_stops_turning_is_stopped() -> None:
     top = library["dribbleBall"]
     chain = TopChain((TopCall(top, ActionGoal(Pose(1.5, 1.0, 1.57), 0.0, top.point)),))
     ball = {BALL: ObjectState(PIONEER.hold, 0.0)}
-    for axis, kind in (("w", "stuck"), ("v", "stuck"), ("v", "reversed")):
+    for axis, kind in (("w", "stuck"), ("vx", "stuck"), ("vx", "reversed")):
         base = KinematicBase(PIONEER, Pose(0.0, 0.0, 0.0), failure=Failure(kind, axis, 0.0))
         done = execute(library, chain, base, objects=lambda _: ball, longest=4.0, until_stood=False)
         assert done.ended is not None
@@ -210,7 +210,7 @@ def test_a_base_at_half_speed_is_reported() -> None:
 
 
 @pytest.mark.parametrize("since", [0.5, 1.0, 1.5, 2.0])
-@pytest.mark.parametrize("axis", ["v", "w"])
+@pytest.mark.parametrize("axis", ["vx", "w"])
 def test_a_base_that_drops_to_half_speed_raises_no_fault(axis: str, since: float) -> None:
     for pose in (Pose(4.0, 1.0, 0.0), Pose(2.0, 1.0, 1.57)):
         base = KinematicBase(
@@ -222,7 +222,7 @@ def test_a_base_that_drops_to_half_speed_raises_no_fault(axis: str, since: float
 
 def test_a_canceled_goal_reports_that_the_base_still_moves() -> None:
     base = KinematicBase(
-        PIONEER, Pose(0.0, 0.0, 0.0), failure=Failure("constant", "v", 1.5, "motion", 0.8)
+        PIONEER, Pose(0.0, 0.0, 0.0), failure=Failure("constant", "vx", 1.5, "motion", 0.8)
     )
     done = execute(
         SOCCER.library(PIONEER), go(PIONEER, Pose(3.0, 0.0, 0.0)), base, cancel=1.55,
@@ -255,7 +255,7 @@ def test_a_latency_that_is_set_far_too_high_is_named(rate: float) -> None:
     assert done.execution.reason.startswith(expected)
 
 
-@pytest.mark.parametrize("axis", ["v", "w"])
+@pytest.mark.parametrize("axis", ["vx", "w"])
 @pytest.mark.parametrize("kind", ["stuck", "reversed"])
 def test_a_high_latency_does_not_hide_a_fault(axis: str, kind: str) -> None:
     failure = Failure(kind, axis, 1.0, "motion")
@@ -269,7 +269,7 @@ def test_a_high_latency_does_not_hide_a_fault(axis: str, kind: str) -> None:
 
 
 def test_a_base_that_refuses_to_drive_backward_names_the_setting() -> None:
-    failure = Failure("constant", "v", 0.2, "motion", 0.0)
+    failure = Failure("constant", "vx", 0.2, "motion", 0.0)
     base = KinematicBase(PIONEER, Pose(0.0, 0.0, 0.0), failure=failure)
     chain = go(PIONEER, Pose(-1.5, 0.0, 0.0))
     done = execute(SOCCER.library(PIONEER), chain, base, longest=6.0)

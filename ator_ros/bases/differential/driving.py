@@ -256,7 +256,16 @@ def forward_shapes(
     ends = [(0.0, limits.w, math.nan, math.nan)] if free_heading else ends
     slowest = _SLOWEST * limits.w
     return [
-        Shape(gain, rate, loss, other, share, entry, start, arrival)
+        Shape(
+            gain,
+            rate,
+            loss,
+            other,
+            share,
+            entry,
+            start,
+            arrival,
+        )
         for gain, rate, entry, start in begins
         for loss, other, share, arrival in ends
         if min(rate, other) > slowest
