@@ -301,9 +301,9 @@ class AxisWatch:
         if not _GAIN * min(low, 0.0) - beyond <= speed <= _GAIN * max(high, 0.0) + beyond:
             return Fault.EXCESS
         least = self._response.least
-        if abs(least) >= self.tolerance and speed * least < _QUARTER * least * least:
-            return Fault.STILL
-        return None
+        is_opposite = speed * least < 0.0 and abs(speed - least) >= beyond
+        is_slow = abs(least) >= self.tolerance and speed * least < _QUARTER * least * least
+        return Fault.STILL if is_opposite or is_slow else None
 
     def _is_constant(self, time: float, speed: float) -> bool:
         """Return whether the speed is constant and no known share of the commands."""
