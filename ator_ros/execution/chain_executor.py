@@ -424,14 +424,14 @@ class StepRun:
             times, speeds = np.array(self._speeds).T
             parts = parts_of_drive(times - start.time, speeds, world.time - start.time)
         return ActionRecord(
-            self._index,
-            self._chain,
-            start,
-            world,
-            ending,
-            reason,
-            pose.distance(goal),
-            abs(pose.relative(goal).yaw),
-            parts,
-            held if lost else None,
+            index=self._index,
+            chain=self._chain,
+            start=start,
+            end=world,
+            ending=ending,
+            reason=reason,
+            position_error=pose.distance(goal),
+            heading_error=abs(pose.relative(goal).yaw),
+            parts=parts,
+            lost=held if lost else None,
         )

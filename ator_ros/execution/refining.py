@@ -45,6 +45,29 @@ class Question:
     cause: str = ""  # the change since the question before, in words; empty for the first question
 
 
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """An answer of refinement to a `Question`, or why there is none.
+
+    Attributes
+    ----------
+    chain : TopChain or None
+        The chain to execute, None if there is none. An unrefined one may differ from the question:
+        naive values replace placeholders.
+    refined : bool
+        Whether goals were changed.
+    reason : str
+        A sentence on the result.
+    chosen : int
+        Index of the chain: 0 is that of the question, others are its alternatives.
+    """
+
+    chain: TopChain | None
+    refined: bool
+    reason: str
+    chosen: int = 0
+
+
 class Refining:
     """The questions of one goal to refinement, one at a time, and the effect of the answers.
 
@@ -93,7 +116,7 @@ class Refining:
         # planned at the last question, or later for another step
         self._path: FloatArray | None = None
         self._call: TopCall | None = None  # the step of that path
-        self._answer: tuple[TopChain, str, int] | None = None
+        self._answer: Answer | None = None  # until it is applied
         self._first: str | None = None  # result of the first question
         # results of the last question that changed the chain, and after
         self._changed = self._unchanged = ""
@@ -151,43 +174,39 @@ class Refining:
         off = 0.0 if self._path is None else _distance(world.robot.pose, self._path)
         return f"the robot is {off:.2f} m off its path" if off > most else ""
 
-    def take(self, chain: TopChain, refined: bool, reason: str, chosen: int) -> None:
-        """Accept the answer to `question`, see `Supervisor.refined_to`.
-
-        Later `apply` applies it.
-        """
+    def answer(self, answer: Answer) -> None:
+        """Process the answer to `question`: before the chain starts at once, later by `apply`."""
         assert self.question is not None
         choices = len(self._plans) if self._first is None else 1 + len(self.question.others)
-        if chosen >= choices:
-            self.refuse(f"chosen: expected an index from 0 to {choices - 1}, got {chosen}")
+        if answer.chain is None:
+            self._refuse(answer.reason)
+        elif answer.chosen >= choices:
+            self._refuse(f"chosen: expected an index from 0 to {choices - 1}, got {answer.chosen}")
         elif self._first is None:
-            self._start_with(self.question, chain, refined, reason, chosen)
-        elif refined or chosen:
-            self._answer = chain, reason, chosen
+            self._start(self.question, answer.chain, answer)
+        elif answer.refined or answer.chosen:
+            self._answer = answer
         else:  # the chain being executed has no placeholders left
-            self._close(reason, changed=False)
+            self._close(answer.reason, changed=False)
 
-    def _start_with(
-        self, question: Question, chain: TopChain, refined: bool, reason: str, chosen: int
-    ) -> None:
-        planned = self._plans[chosen]
+    def _start(self, question: Question, refined: TopChain, answer: Answer) -> None:
+        planned = self._plans[answer.chosen]
         asked = dataclasses.replace(question, chain=planned)
         try:
-            executed = refined_chain(planned, asked, chain, question.world, self._library)
+            executed = refined_chain(planned, asked, refined, question.world, self._library)
         except InvalidChainError as error:
-            self.refuse(f"the answer cannot be used: {error}")
+            self._refuse(f"the answer cannot be used: {error}")
             return
         self._executor.choose(executed)
-        self._choose(chosen, reason, changed=refined and executed != planned)
+        self._choose(answer.chosen, answer, changed=answer.refined and executed != planned)
 
-    def refuse(self, why: str) -> None:
+    def _refuse(self, why: str) -> None:
         """Continue with the naive chain, or the one in execution: there is no valid answer."""
         if self._first is None and self.question is not None:
             sent = self._executor.chain
             self._number = self._plans.index(sent)
             naive = self._naive(self.question.world)
-            if naive != sent:
-                self._executor.choose(naive)
+            self._executor.choose(naive)
             why = f"{_executed(sent, naive)}, refinement failed: {why}"
         self._close(why, changed=False)
 
@@ -222,16 +241,14 @@ class Refining:
         answer = self._answer
         question = self.question
         self._answer = None
-        if answer is None or question is None:
+        if answer is None or answer.chain is None or question is None:
             return False
-        refined, reason, chosen = answer
-        obstacle = self._switch(question, refined, chosen, world)
+        obstacle = self._switch(question, answer.chain, answer.chosen, world)
         if obstacle:
-            self.refuse(obstacle)
+            self._refuse(obstacle)
             return False
-        self._choose(
-            question.others[chosen - 1][0] if chosen else self._number, reason, changed=True
-        )
+        others = [self._number, *(number for number, _ in question.others)]
+        self._choose(others[answer.chosen], answer, changed=True)
         return True
 
     def _switch(self, question: Question, refined: TopChain, chosen: int, world: World) -> str:
@@ -254,8 +271,9 @@ class Refining:
             return "no path leads from here to the refined subgoal"
         return ""
 
-    def _choose(self, number: int, reason: str, *, changed: bool) -> None:
+    def _choose(self, number: int, answer: Answer, *, changed: bool) -> None:
         other = number != self._number
+        reason = answer.reason
         self._number = number
         self._close(
             f"alternative {number} is chosen: {reason}" if other else reason, changed=changed

@@ -12,7 +12,7 @@ from ator_ros.actions.base import Status
 from ator_ros.execution.chain_executor import NOT_DONE, ChainExecutor, Ending
 from ator_ros.execution.fence import Fence, FenceWatch
 from ator_ros.execution.predictions import Forecast, Predictor
-from ator_ros.execution.refining import AGAIN_AFTER, Question, Refining
+from ator_ros.execution.refining import AGAIN_AFTER, Answer, Question, Refining
 from ator_ros.execution.rolling import Rolling
 from ator_ros.execution.state_watch import DelayWatch, ObjectWatch, Timeliness
 from ator_ros.geometry import FloatArray
@@ -379,8 +379,7 @@ class Supervisor:
         return (
             f"odom: expected messages at most {self._deadlines.stop_after:.2f} s apart, got "
             f"{len(self._gaps)} longer gaps, up to {max(self._gaps):.2f} s, in which the robot "
-            f"stood: "
-            "check the network and its driver"
+            "stood: check the network and its driver"
         )
 
     def odometry_received(self, now: float) -> None:
@@ -409,7 +408,8 @@ class Supervisor:
                 )
         if self.question is not None and now - self.question.asked > self._deadlines.refinement:
             within = f"{self._deadlines.refinement:g} s"
-            self.unrefined(f"no answer within {within}; is a refinement node running?")
+            why = f"no answer within {within}; is a refinement node running?"
+            self.answer(Answer(None, False, why))
         limit = self.slowdown * self._deadlines.odom
         if self.phase is Phase.WAITING:
             limit = max(limit, _FIRST_GAP)
@@ -422,23 +422,11 @@ class Supervisor:
 
     # Answers of refinement
 
-    def refined_to(self, chain: TopChain, refined: bool, reason: str, *, chosen: int = 0) -> None:
-        """Accept the answer `chain` to `question`.
-
-        `chosen` is its index: 0 is the chain of the question, others are its alternatives. An
-        unrefined chain may differ from the question: naive values replace placeholders.
-        """
-        if self.question is not None:
-            self.refining.take(chain, refined, reason, chosen)
-            self._start_answered()
-
-    def unrefined(self, why: str) -> None:
-        """Continue with the naive chain, or the one in execution: there is no valid answer."""
-        if self.question is not None:
-            self.refining.refuse(why)
-            self._start_answered()
-
-    def _start_answered(self) -> None:
+    def answer(self, answer: Answer) -> None:
+        """Process the answer to `question`; without a question it is ignored."""
+        if self.question is None:
+            return
+        self.refining.answer(answer)
         if self.phase is Phase.REFINING:
             self.phase = Phase.EXECUTING
             self.reason = self.phase.value  # for feedback before the next tick
