@@ -35,6 +35,7 @@ DOMAINS = {
     "soccer": f"{PACKAGE}.domains.soccer.domain:SOCCER",
     "tour": f"{EXAMPLES}.tour:TOUR",
 }
+ACTION_SETS = {"soccer.bezier": f"{EXAMPLES}.bezier:ACTIONS"}
 STAND_INS = {
     "drive_to": f"{EXAMPLES}.stand_ins:DriveToStandIn",
     "pursue": f"{EXAMPLES}.stand_ins:PursuitStandIn",
@@ -61,7 +62,8 @@ def data_files() -> list[tuple[str, list[str]]]:
 setup(
     name=PACKAGE,
     version="0.2.0",
-    description="Refines the subgoals of action chains with performance models learned from experience",
+    description="Refines the subgoals of action chains with performance models learned from "
+    "experience",
     license="Apache-2.0",
     packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*", EXAMPLES]),
     package_data={PACKAGE: ["py.typed"]},
@@ -76,6 +78,7 @@ setup(
             for name in names
         ],
         f"{PACKAGE}.domains": [f"{name} = {value}" for name, value in DOMAINS.items()],
+        f"{PACKAGE}.action_sets": [f"{name} = {value}" for name, value in ACTION_SETS.items()],
         f"{PACKAGE}.stand_ins": [f"{name} = {value}" for name, value in STAND_INS.items()],
         f"{PACKAGE}.planners": [f"{name} = {value}" for name, value in PLANNERS.items()],
     },

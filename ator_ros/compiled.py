@@ -54,8 +54,10 @@ def code_digest(module: str, name: str) -> str:
         if (module, name) in seen or module.partition(".")[0] not in packages:
             continue
         seen.add((module, name))
+        file = _file_of(module)
         submodule = f"{module}.{name}"
-        if _file_of(submodule) is not None:
+        # Looking for a submodule imports the module, which only a package needs.
+        if file is not None and file.stem == "__init__" and _file_of(submodule) is not None:
             module = submodule
             name = _ANY
         definitions = _definitions(module)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -14,7 +15,15 @@ IntArray = NDArray[np.intp]
 Records = NDArray[np.void]
 """An array of records."""
 Record: TypeAlias = Any
-"""One record, whose fields compiled code reads and writes as attributes."""
+"""One record of such an array; its fields are attributes, see `record_type`."""
+
+
+def record_type(fields: Sequence[tuple[Any, ...]]) -> np.dtype[np.void]:
+    """Return the type of records with these fields: name, type and, for an array, its shape.
+
+    Fields are read and written as attributes of a record, in compiled code as in Python.
+    """
+    return np.dtype((np.record, [*fields]))
 
 
 class Pose(NamedTuple):
@@ -92,3 +101,8 @@ def yaw_from_quaternion(
 def quaternion_from_yaw(yaw: float) -> tuple[float, float, float, float]:
     """Return the unit quaternion (x, y, z, w) of a heading in rad."""
     return 0.0, 0.0, math.sin(yaw / 2.0), math.cos(yaw / 2.0)
+
+
+def clip(value: float, bound: float) -> float:
+    """Return `value` clipped to [-bound, bound]."""
+    return max(-bound, min(bound, value))

@@ -1,4 +1,4 @@
-"""Path planning on a grid after Nav2's NavFn: inflated costs, a navigation function, gradient descent.
+"""Paths on a grid after Nav2's NavFn: inflated costs, a navigation function, gradient descent.
 
 Source: nav2_navfn_planner and the inflation layer of nav2_costmap_2d; K. Konolige, A gradient
 method for realtime robot control, IROS 2000. NavFn expands a wavefront; here the potential is swept

@@ -1,4 +1,4 @@
-"""Control law of the server `pursuit_server`: Nav2's regulated pure pursuit controller with a rotation shim.
+"""Control law of `pursuit_server`: Nav2's regulated pure pursuit controller with a rotation shim.
 
 On a map it follows a path of `NavFn`; without a map the path is straight. Like `RotateDriveRotate`
 it is independent of ator_ros and of ROS. Source: the configuration guide of Nav2 (docs.nav2.org).
@@ -119,7 +119,7 @@ class Pursuit:
         return math.remainder(direction - state.yaw, math.tau)
 
     def _follow(self, angle: float) -> tuple[float, float]:
-        """Return the velocities toward the lookahead point: slower in sharp curves and near the goal."""
+        """Return velocities toward the lookahead point: slower in curves and near the goal."""
         tuning = self.tuning
         curvature = 2.0 * math.sin(angle) / min(self.distance, tuning.lookahead_dist)
         sharpness = abs(curvature) * tuning.regulated_linear_scaling_min_radius
@@ -160,7 +160,7 @@ class _Path:
         self._near += int(np.argmin(away))
 
     def ahead(self, x: float, y: float, lookahead: float) -> tuple[float, float]:
-        """Return the first point of the rest that is `lookahead` m away from (x, y), or the goal."""
+        """Return the first point of the rest that is `lookahead` m from (x, y), or the goal."""
         rest = self._points[self._near :]
         far = np.flatnonzero(np.hypot(*(rest - (x, y)).T) >= lookahead)
         x, y = rest[far[0] if len(far) else -1].tolist()

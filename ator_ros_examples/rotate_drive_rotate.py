@@ -1,4 +1,4 @@
-"""Control law of the server `drive_to_server`: rotate to the path, follow it, rotate to the goal's heading.
+"""Control law of `drive_to_server`: rotate to the path, follow it, rotate to the goal's heading.
 
 It has its own tolerances and rules, and is independent of ator_ros and of ROS. A simulation without
 ROS executes the same law.
@@ -171,7 +171,7 @@ class RotateDriveRotate:
         return self._heading_error(state, self._goal[0], self._goal[1])
 
     def _heading_error(self, state: State, x: float, y: float) -> float:
-        """Return by how much (rad) to turn until (x, y) lies ahead, or behind in a drive backward."""
+        """Return the turn (rad) until (x, y) lies ahead, or behind in a drive backward."""
         flipped = 0.0 if self._sign > 0.0 else math.pi
         return _wrapped(math.atan2(y - state.y, x - state.x) + flipped - state.yaw)
 
@@ -187,7 +187,7 @@ class RotateDriveRotate:
 
 
 def _toward(value: float, target: float, most: float, *, slowing: float) -> float:
-    """Return `value` moved toward `target` by at most `most`, or `slowing` if its absolute value falls."""
+    """Return `value` moved toward `target` by at most `most`, or `slowing` where it slows down."""
     step = slowing if abs(target) < abs(value) and target * value >= 0.0 else most
     return value + max(-step, min(step, target - value))
 

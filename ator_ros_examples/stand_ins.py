@@ -1,4 +1,4 @@
-"""Stand-ins for the example servers: actions that drive in simulations without ROS as the servers do.
+"""Stand-ins for the example servers: actions that drive as these do, without ROS.
 
 A *control law* computes the velocity command of an action server from the state of the robot. A
 *stand-in* is an action with the control law of a server, and with its delays over ROS. So drives of
@@ -55,7 +55,7 @@ class DriveToStandIn(Action):
         if self._law.phase in (Phase.MISSED, Phase.TOO_LONG):
             return finished(Status.FAILED, f"the server {self._law.phase.value}")
         robot = world.robot
-        command = self._law.step(State(world.time, *robot.pose, robot.v, robot.w))
+        command = self._law.step(State(world.time, *robot.pose, robot.vx, robot.w))
         return Step(Command(*command), Status.RUNNING, self._law.phase.value)
 
 

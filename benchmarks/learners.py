@@ -21,13 +21,12 @@ import numpy as np
 from sklearn.ensemble import HistGradientBoostingRegressor, RandomForestRegressor
 from sklearn.tree import DecisionTreeRegressor
 
+from ator_ros.bases.base import Driving
 from ator_ros.bases.description import Robot
 from ator_ros.domains.domain import find_domain
 from ator_ros.experience.table import Experience, read_experience
 from ator_ros.geometry import FloatArray
-from ator_ros.performance.driving import DrivingStyle
 from ator_ros.performance.features import PAPER_11, Feature, feature_table
-from ator_ros.performance.observation import observed_driving
 from ator_ros.performance.training import direct_of
 from ator_ros.performance.tree.model_tree import ModelTreeRegressor
 
@@ -45,7 +44,7 @@ def examples(
     action: str,
     features: tuple[Feature, ...],
     robot: Robot,
-    driving: DrivingStyle,
+    driving: Driving,
 ) -> tuple[FloatArray, FloatArray]:
     """Return features and durations (s) of an action's episodes that succeeded."""
     frame = experience.of(action)
@@ -96,7 +95,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     experience = read_experience(options.experience)
     fresh = read_experience(options.fresh)
     for action in experience.frame["action"].unique():
-        driving = observed_driving(experience.of(action), robot)
+        driving = robot.observed_driving(experience.of(action))
         for features, kind in ((PAPER_11, "of the paper"), (domain.candidates(action), "shipped")):
             X, y = examples(experience, action, features, robot, driving)
             test, test_y = examples(fresh, action, features, robot, driving)

@@ -49,7 +49,7 @@ KINDS = {
 
 
 def navigation() -> str:
-    """Return tables of contents of the four kinds: the links in docs/README.md, and the generated pages."""
+    """Return tables of contents by kind: the links in docs/README.md, and generated pages."""
     pages: dict[str, list[str]] = {kind: [] for kind in KINDS}
     kind = ""
     for line in (ROOT / "docs" / "README.md").read_text(encoding="utf-8").splitlines():
@@ -68,7 +68,7 @@ def navigation() -> str:
 
 
 def adapt(_app: Sphinx, page: str, source: list[str]) -> None:
-    """Change the links that GitHub shows as folders or files, and add the navigation to the first page."""
+    """Change links to folders and files of GitHub, and add the navigation to the first page."""
     generated = f"]({'' if page.startswith('docs/') else 'docs/'}generated/interfaces.md"
     text = re.sub(r"\]\([./]*ator_interfaces/?\)", f"{generated})", source[0])
     text = re.sub(
@@ -101,7 +101,7 @@ def skip(
 def restore(
     _app: Sphinx, kind: str, _name: str, _item: object, _options: object, lines: list[str]
 ) -> None:
-    """Put back the words before a colon, which napoleon takes for the type of an attribute or a property."""
+    """Put back words before a colon, which napoleon takes for the type of an attribute."""
     if kind in ("attribute", "property") and lines and lines[-1].startswith(":type: "):
         lines[0] = f"{lines.pop().removeprefix(':type: ')}: {lines[0]}"
 

@@ -94,7 +94,7 @@ def _cancel(acceptance: Any) -> None:
 def go_to_pose(x: float, y: float, yaw: float, open_variables: Sequence[str] = ()) -> TopCall:
     """Return a step to a pose in m and rad; refinement chooses the open variables."""
     orientation = Quaternion(z=math.sin(yaw / 2.0), w=math.cos(yaw / 2.0))
-    pose = Pose(position=Point(x=x, y=y), orientation=orientation)
+    pose = Pose(position=Point(x=float(x), y=float(y)), orientation=orientation)
     return TopCall(top="goToPose", goal=PoseStamped(pose=pose), open=list(open_variables))
 
 

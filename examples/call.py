@@ -1,8 +1,8 @@
-"""Call a service, send a goal to an action, or echo a topic, where the command `ros2` is not installed.
+"""Call a service, send a goal to an action, or echo a topic, without the command `ros2`.
 
     python3 examples/call.py /reset std_srvs/srv/Trigger
     python3 examples/call.py /pause std_srvs/srv/SetBool "{data: true}"
-    python3 examples/call.py /execute_chain ator_interfaces/action/ExecuteChain "{refine: true, ...}"
+    python3 examples/call.py /execute_chain ator_interfaces/action/ExecuteChain "{refine: true}"
     python3 examples/call.py echo /performance/chain
 
 The values are YAML; other fields keep their defaults. --feedback prints a line when a text or an
@@ -123,7 +123,7 @@ def _without_floats(value: Any) -> Any:
 
 
 def reason_of(result: Any) -> str:
-    """Return the reason in a result, such as that of execute_chain, in one line; empty without one."""
+    """Return the reason in a result, such as that of execute_chain, in one line, or ""."""
     reason = getattr(getattr(result, "outcome", None), "reason", "")
     return " ".join(str(reason).split())
 

@@ -25,12 +25,13 @@ from sklearn.tree import DecisionTreeClassifier
 from tqdm import tqdm
 
 from ator_ros.actions.base import ActionError, Goal, Point, Status
-from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.domain import find_domain
 from ator_ros.geometry import FloatArray, Pose, wrap_angles
 from ator_ros.simulation.run import place, run_action
 from ator_ros.simulation.simulation import Simulation
 from ator_ros.world.state import World
 
+SOCCER = find_domain("soccer")
 ROBOT = SOCCER.robot()
 ACTIONS = SOCCER.actions("bezier")
 CHAIN = ("goToPose", "dribbleBall")
@@ -44,7 +45,7 @@ TIME_LIMIT = 30.0  # s, of an action alone and of a chain
 
 
 def observe(action: str, seed: int, number: int) -> tuple[FloatArray, float]:
-    """Return a random situation, shape (7,), and an action's duration in it in s, NaN if the action fails."""
+    """Return a random situation, shape (7,), and an action's duration in s, NaN if it fails."""
     random = np.random.default_rng([seed, CHAIN.index(action), number])
     drawn = ACTIONS[action].sample(ROBOT, random)
     with Simulation(ROBOT) as simulation:
@@ -64,7 +65,7 @@ def execute(simulation: Simulation, action: str, goal: Goal) -> bool:
 
 
 def situation_of(start: Pose, goal: Goal) -> FloatArray:
-    """Return the direct variables x, y, yaw, xg, yg, yawg (m, rad), and the distance kept from the goal (m).
+    """Return x, y, yaw, xg, yg, yawg (m, rad), and the distance kept from the goal (m).
 
     At a ball, the axle stops behind the goal, so that the ball is at the robot's front.
     """
@@ -276,7 +277,7 @@ def with_heading(goal: Goal, yaw: float) -> Goal:
 
 
 def features_of_chains(task: Task, headings: Iterable[float]) -> tuple[FloatArray, FloatArray]:
-    """Return the features of both actions, each of shape (n, 11), for headings at the ball, shape (n,)."""
+    """Return the features of both actions, shapes (n, 11), for n headings at the ball."""
     subgoals = [with_heading(task.subgoal, yaw) for yaw in headings]
     first = [situation_of(task.world.robot.pose, subgoal) for subgoal in subgoals]
     second = [situation_of(subgoal.robot_pose(ROBOT), task.goal) for subgoal in subgoals]
@@ -284,7 +285,7 @@ def features_of_chains(task: Task, headings: Iterable[float]) -> tuple[FloatArra
 
 
 def choose_headings(models: Mapping[str, Node], task: Task) -> tuple[float, float]:
-    """Return the headings in rad for which the first action alone (naive), and the chain, are fastest."""
+    """Return the headings (rad) for which the first action (naive), and the chain, are fastest."""
     # 4.3, optimization: the duration of the chain is predicted by summing over the models of its
     # actions.
     tables = zip(CHAIN, features_of_chains(task, HEADINGS), strict=True)
@@ -315,7 +316,7 @@ def execute_chain(task: Task, yaw: float) -> float:
 
 
 def labels_of(naive: FloatArray, refined: FloatArray) -> NDArray[np.str_]:
-    """Return for each run whether refinement made the performance Higher, Equal (within 2 %) or Lower."""
+    """Return for each run whether refinement made it Higher, Equal (within 2 %) or Lower."""
     return np.select([refined < 0.98 * naive, refined > 1.02 * naive], ["Higher", "Lower"], "Equal")
 
 
@@ -337,14 +338,14 @@ def print_table(title: str, naive: FloatArray, refined: FloatArray) -> None:
 def experience(
     pool: Executor, action: str, seed: int, numbers: range
 ) -> tuple[FloatArray, FloatArray]:
-    """Return features, shape (n, 11), and durations in s, shape (n,), of the executions that succeeded."""
+    """Return features, shape (n, 11), and durations in s, shape (n,), of successful executions."""
     observed = pool.map(observe, repeat(action), repeat(seed), numbers)
     situations, durations = map(np.array, zip(*tqdm(observed, action, len(numbers)), strict=True))
     return features_of(situations)[np.isfinite(durations)], durations[np.isfinite(durations)]
 
 
 def run(pool: Executor, episodes: int, situations: int, seed: int) -> None:
-    """Learn from `episodes` of each action, and execute chains in twice as many situations as given."""
+    """Learn from `episodes` of each action, and execute chains in `situations` for each half."""
     models = {}
     for action in CHAIN:
         models[action] = learn(*experience(pool, action, seed, range(episodes)))

@@ -31,7 +31,7 @@ _TIMEOUT = 60.0  # s
 def pose(x: float, y: float, yaw: float) -> Pose:
     """Return a pose in m and rad."""
     turn = Quaternion(z=math.sin(yaw / 2.0), w=math.cos(yaw / 2.0))
-    return Pose(position=Point(x=x, y=y), orientation=turn)
+    return Pose(position=Point(x=float(x), y=float(y)), orientation=turn)
 
 
 def request() -> RefineSubgoal.Request:
@@ -74,7 +74,8 @@ def report(record: ChainPerformance, *, refined: bool) -> str:
         yaw = math.degrees(2.0 * math.atan2(pose.orientation.z, pose.orientation.w))
         goal = f"({pose.position.x:.2f}, {pose.position.y:.2f}), heading {yaw:.0f} deg"
         steps.append(
-            f"  step {action.step + 1}, {action.call.top}: goal {goal}, speed {action.call.speed:.2f} m/s, "
+            f"  step {action.step + 1}, {action.call.top}: goal {goal}, "
+            f"speed {action.call.speed:.2f} m/s, "
             f"took {action.actual.duration:.2f} s"
         )
     return "\n".join([first, *steps])

@@ -38,7 +38,7 @@ MOST_V, MOST_W = 0.8, 0.8  # m/s and rad/s at the start
 
 
 def who_goes(times: Sequence[float], spreads: Sequence[float], now: int | None = None) -> int:
-    """Return the index of the robot that goes, from predicted times and their standard deviations (s).
+    """Return the index of the robot that goes, by predicted times and standard deviations (s).
 
     The robot that goes `now` is replaced only if another one is faster by more than the standard
     deviation of the difference. Otherwise two robots that are equally near would alternate.
@@ -79,7 +79,7 @@ def random_worlds(random: np.random.Generator) -> list[World]:
 
 
 def compared(number: int, seed: int) -> tuple[list[float], int, int] | None:
-    """Return both times to the ball (s), and the index of the robot by distance and by predicted time.
+    """Return both times to the ball (s), and the robots chosen by distance and predicted time.
 
     Return None if one of the robots does not reach the ball in this random situation.
     """
@@ -110,7 +110,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         loss = durations - times.min(axis=1)
         low, high = mean_ci95(loss)
         print(
-            f"{name}: {durations.mean():.2f} s to the ball, {loss.mean():.2f} s later than the faster robot "
+            f"{name}: {durations.mean():.2f} s to the ball, "
+            f"{loss.mean():.2f} s later than the faster robot "
             f"(95 % CI {low:.2f} to {high:.2f} s), {np.count_nonzero(loss)} wrong choices"
         )
 

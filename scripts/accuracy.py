@@ -95,7 +95,7 @@ def ablation_table(
         if action not in fresh:
             continue
         starts = fresh[action]
-        starts = starts[(starts["t"] == 0.0) & (starts["v"].abs() <= AT_REST.v)]
+        starts = starts[(starts["t"] == 0.0) & (starts["v"].abs() <= AT_REST.speed)]
         chosen = domain.candidates(action)
         for label, features in {**ABLATION, "shipped": chosen}.items():
             model = train(action, rows, robot, features=features)

@@ -21,7 +21,7 @@ from matplotlib.figure import Figure
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.actions.base import Goal
 from ator_ros.bases.description import Robot
-from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.domain import find_domain
 from ator_ros.domains.soccer.field import objects_of
 from ator_ros.files import write_text
 from ator_ros.geometry import FloatArray, Pose
@@ -36,6 +36,7 @@ from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import ObjectState, RobotState, World
 
+SOCCER = find_domain("soccer")
 DISTANCE = 2.0  # m to the ball straight ahead, in Figure 4
 STEP = math.radians(0.5)  # rad between angles in Figure 4
 EXAMPLE = math.radians(45.0)  # the angle whose rule is printed

@@ -185,7 +185,7 @@ def executed(name: str, count: int) -> list[Json]:
                 time_limit=domain.time_limit,
                 executor=executor,
             )
-        table = np.array([(command.v, command.w) for command in sent])
+        table = np.array([(command.vx, command.w) for command in sent])
         found.append(
             {
                 "duration": run.duration,

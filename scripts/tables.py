@@ -61,7 +61,7 @@ def gain(row: Json) -> str:
 
 
 def share(summary: Json, policy: str) -> str:
-    """Return the captured share of the gain of the oracle with the same variables, if there is one."""
+    """Return the captured share of the gain of the oracle with the same variables, if any."""
     captured = summary[policy]["oracle_captured_percent"]
     moving = policy.endswith("_speed") and "oracle_speed" not in summary
     is_known = captured is not None and captured > 0.0 and not moving
@@ -176,7 +176,8 @@ def few_episodes(work: Path) -> str:
         summary = _summary(folder)
         heading, moving = summary["gated"], summary["gated_speed"]
         rows.append(
-            f"{folder.name[11:]} | {share(summary, 'gated')} | {heading['lower']} | {gain(moving)} | "
+            f"{folder.name[11:]} | {share(summary, 'gated')} | {heading['lower']} | "
+            f"{gain(moving)} | "
             f"{moving['lower']}"
         )
     head = ["episodes", "heading: of the oracle's gain", "slower", "heading and speed: gain"]

@@ -112,7 +112,7 @@ HEADINGS = (0.6, -1.1, 2.0, -2.8, 1.4)
 
 
 def drives(jump: float = 0.0) -> list[list[Tick]]:
-    """Return ticks of drives: turn, drive and stop for each heading; the base follows commands immediately.
+    """Return ticks of drives: turn, drive and stop for each heading, without a lag.
 
     The robot's clock jumps by `jump` s after the first drive.
     """
@@ -212,7 +212,8 @@ def action_performance(
     unknown = performance(duration=np.nan, spread=np.nan, success=np.nan, accuracy=np.nan)
     actual = performance(duration=duration, spread=0.0, success=float(code == 1), accuracy=0.01)
     return types["ator_interfaces/msg/ActionPerformance"](
-        header=header, chain_id="0", step=0, steps=1, action=action, action_set=action_set, call=call,
+        header=header, chain_id="0", step=0, steps=1, action=action, action_set=action_set,
+        call=call,
         start=situation, end=situation, predicted=unknown, actual=actual, first_turn=0.4,
         last_turn=0.6, driven=1.5, heading_error=0.02,
         outcome=types["ator_interfaces/msg/Outcome"](code=code, reason="so it went"),

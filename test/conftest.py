@@ -10,7 +10,7 @@ _LONG = ("learning", "tools", "test")
 
 
 def pytest_configure() -> None:
-    """Restore default signal handlers: background jobs of a shell ignore SIGINT, and under nohup SIGHUP.
+    """Restore default signal handlers: background jobs ignore SIGINT, and under nohup SIGHUP.
 
     Child processes inherit ignored signals.
     """

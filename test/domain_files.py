@@ -1,8 +1,10 @@
 """Domains as YAML files, valid and invalid, and as entry points of packages."""
 
 import copy
+from collections.abc import Mapping
 from importlib.metadata import EntryPoint
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import pytest
@@ -72,11 +74,21 @@ def file_of(folder: Path, data: object) -> Path:
     return file
 
 
-def install(monkeypatch: pytest.MonkeyPatch, name: str, value: str) -> None:
-    """Install a single domain of this name with `value` as its entry point."""
-    monkeypatch.setattr(
-        domains, "entry_points", lambda **_: [EntryPoint(name, value, domains.GROUP)]
-    )
+def install(
+    monkeypatch: pytest.MonkeyPatch,
+    name: str,
+    value: str,
+    *,
+    action_sets: Mapping[str, str] = MappingProxyType({}),
+) -> None:
+    """Install a single domain of this name with `value` as its entry point, and `action_sets`."""
+    groups = {domains.GROUP: {name: value}, domains.ACTION_SETS: action_sets}
+
+    def entry_points(group: str) -> list[EntryPoint]:
+        installed = groups.get(group, {})
+        return [EntryPoint(entry, module, group) for entry, module in installed.items()]
+
+    monkeypatch.setattr(domains, "entry_points", entry_points)
 
 
 def visiting(cart: dict[str, Any], target: str) -> dict[str, Any]:

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from ator_ros.bases.description import Robot
-from ator_ros.bases.differential.drive_parts import DriveParts, parts_of_drive
+from ator_ros.bases.drive_parts import DriveParts, parts_of_drive
 from ator_ros.bases.routes import routes_of
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience.table import columns
@@ -32,8 +32,10 @@ def synthetic_experience(action: str, *, episodes: int = 300, seed: int = 1) -> 
     dist = np.hypot(xg - x, yg - y)
     duration = 0.5 + dist + 0.7 * turn
     frame = pd.DataFrame({
-        "action": action, "episode": np.arange(episodes), "t": 0.0, "x": x, "y": y, "yaw": yaw, "v": 0.0,
-        "w": 0.0, "ball_x": np.nan, "ball_y": np.nan, "xg": xg, "yg": yg, "yawg": yawg, "speedg": 0.0,
+        "action": action, "episode": np.arange(episodes), "t": 0.0, "x": x, "y": y, "yaw": yaw,
+        "v": 0.0,
+        "w": 0.0, "vy": 0.0, "ball_x": np.nan, "ball_y": np.nan, "xg": xg, "yg": yg, "yawg": yawg,
+        "speedg": 0.0,
         "hold": 0, "time_to_go": duration, "duration": duration,
         "success": rng.random(episodes) > 0.1 * dist, "reason": "made up",
         "position_error": 0.01 * dist, "heading_error": 0.02, **DriveParts()._asdict(),
@@ -59,7 +61,7 @@ def uncertain(model: PerformanceModel) -> PerformanceModel:
 
 
 def dead_zone_time(direct: Mapping[str, Any]) -> Any:
-    """Return the duration (s) of drives of a server that rotates to the path only beyond 45 degrees."""
+    """Return durations (s) of drives of a server that rotates to the path beyond 45 degrees."""
     dx, dy = direct["xg"] - direct["x"], direct["yg"] - direct["y"]
     path = np.arctan2(dy, dx)
     to, at = np.abs(wrap_angles(path - direct["yaw"])), np.abs(wrap_angles(direct["yawg"] - path))
@@ -81,7 +83,7 @@ def dead_zone_drives(count: int, *, seed: int, noise: float = 0.12) -> pd.DataFr
 def whole_drives(
     count: int, *, seed: int, noise: float, backward_above: float = math.pi
 ) -> tuple[pd.DataFrame, FloatArray]:
-    """Return drives at 10 Hz whose straights have noise (s), and their durations (s) without it, shape (n,).
+    """Return drives at 10 Hz with noise (s) on straights, and durations (s) without it, shape (n,).
 
     Turns take as long as in `dead_zone_time`. Above an angle (rad) straights are backward, at 0.4
     m/s.
@@ -107,7 +109,8 @@ def whole_drives(
         parts = parts_of_drive(t, v, duration)._asdict()
         drives.append(
             starts.iloc[[index] * len(t)].assign(
-                t=t, x=starts["x"][index] + share * dx[index], y=starts["y"][index] + share * dy[index],
+                t=t, x=starts["x"][index] + share * dx[index],
+                y=starts["y"][index] + share * dy[index],
                 v=v, time_to_go=duration - t, duration=duration, **parts,
             )
         )  # fmt: skip

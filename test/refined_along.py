@@ -1,4 +1,4 @@
-"""Execution of a chain that is refined again during execution, as in the executor node, without ROS.
+"""Execution of a chain that is refined again on the way, as in the executor node, without ROS.
 
 An instance replaces the chain executor in `ator_ros.evaluation.chain_run.run_chain`.
 """
@@ -20,7 +20,7 @@ from ator_ros.world.state import World
 
 
 class RefinedAlong:
-    """Executes a chain as `ChainExecutor` does; answers of refinement arrive one tick after questions.
+    """Executes a chain as `ChainExecutor` does; refinement answers one tick later.
 
     `chain` was chosen by refinement from `plan`, which has its open variables.
     """

@@ -107,7 +107,7 @@ def three_steps(opened: frozenset[str] = ANGLE) -> TopChain:
 
 
 StepCost = Callable[[int, FloatArray, FloatArray], FloatArray]
-"""Returns the cost of step i, shape (n,), from the subgoals before and after it, shapes (n or 1, k)."""
+"""Returns the cost of step i, shape (n,), from its subgoals, shapes (n or 1, k)."""
 
 
 def pair_by_pair(cost: StepCost) -> StepCosts:

@@ -76,7 +76,7 @@ def round_of(folder: Path, models: Path = SOCCER.shipped_models) -> dict[str, An
 
 
 def losses(reason: str) -> tuple[float, float]:
-    """Return the mean losses of the tree in use and of the best candidate in the reason of a verdict."""
+    """Return the mean losses of the tree in use and of the best candidate, by a verdict."""
     found = re.search(r"from ([\d.e-]+) to ([\d.e-]+)", reason)
     assert found is not None, reason
     return float(found.group(1)), float(found.group(2))

@@ -33,13 +33,13 @@ SMALL = {
 _VIEW = "nodes/test_view_node.py"
 _ROS = "nodes/test_documented_commands.py"
 BY_TEST = {
-    r"make demo": "nodes/test_demo_node.py::test_it_prints_the_gain",
+    r"make demo( ARGS='--animation .*')?": "nodes/test_demo_node.py::test_it_prints_the_gain",
     r"make reproduce( ARGS=.*)?": "test_documentation.py::test_all_results_can_be_reproduced",
-    r"(ros2 run ator_ros )?calibrate( .*)?": "nodes/test_calibrate_node.py::test_a_description_is_written",
-    r"(ros2 run ator_ros )?study .*": "tools/test_tools_study.py::test_a_study_reports_actions_and_ref",
+    r"(ros2 run ator_ros )?calibrate( .*)?": "nodes/test_calibrate_node.py::test_a_description_is_",
+    r"(ros2 run ator_ros )?study .*": "tools/test_tools_study.py::test_a_study_reports_actions_and",
     r"make view|(ros2 run ator_ros )?view": f"{_VIEW}::test_the_page_runs_a_race",
-    r"view --attach --robots ann bob": "nodes/test_view_backend.py::test_two_robots_of_one_simulation_",
-    r"scripts/run python scripts/golden\.py .*": "golden/test_golden.py::test_the_command_writes_and_",
+    r"view --attach --robots ann bob": "nodes/test_view_backend.py::test_two_robots_of_one_simulat",
+    r"scripts/run python scripts/golden\.py .*": "golden/test_golden.py::test_the_command_writes_a",
     r"make docs": "test_site.py::test_the_site_is_built_without_warnings",
     r"make setup": "test_documentation.py::test_set_up_has_nothing_to_do",
     r"make clean": "test_documentation.py::test_clean_leaves_the_sources",
@@ -51,35 +51,35 @@ BY_TEST = {
     r"ros2 (service|action) \w+": "nodes/test_call_example.py::test_a_service_is_",
     r"make run EXE=\w+ .*my_config.*": f"{_ROS}::test_a_copy_of_the_configuration_is_used",
     r"ros2 action send_goal /execute_chain .*": f"{_ROS}::test_the_printed_requests",
-    r"make run EXE=(simulation|executor|refinement)( .*factor.*)?": f"{_ROS}::test_nodes_run_without_",
-    r"ros2 service call /(refine_subgoal|reset|place_ball) .*": f"{_ROS}::test_the_printed_requests",
+    r"make run EXE=(simulation|executor|refinement)( .*factor.*)?": f"{_ROS}::test_nodes_run_witho",
+    r"ros2 service call /(refine_subgoal|reset|place_ball) .*": f"{_ROS}::test_the_printed_request",
     r"ros2 service call /plan_chains .*": f"{_ROS}::test_the_printed_requests",
     r"ros2 action send_goal --feedback .*": f"{_ROS}::test_the_printed_requests",
     r"ros2 action send_goal /(ann|bob)/.*": f"{_ROS}::test_two_robots_drive_at_the_same_time",
     r"ros2 run ator_ros simulation .*robots:=.*": f"{_ROS}::test_two_robots_drive_at_the_same_time",
-    r"ros2 run ator_ros \w+ .*__ns:=/(ann|bob) .*": f"{_ROS}::test_two_robots_drive_at_the_same_time",
+    r"ros2 run ator_ros \w+ .*__ns:=/(ann|bob) .*": f"{_ROS}::test_two_robots_drive_at_the_same_ti",
     r"ros2 topic echo .*/performance/(action|chain) .*": f"{_ROS}::test_the_printed_requests",
     r"ros2 launch ator_ros .*real_time_factor.*": f"{_ROS}::test_the_printed_requests",
-    r"ros2 launch ator_ros .*learning:=.*": "test_launch_file.py::test_it_starts_the_nodes_in_one_namespace",
-    r"(cp -rL|ros2 launch ator_ros) .*my_config": f"{_ROS}::test_a_copy_of_the_configuration_is_used",
+    r"ros2 launch ator_ros .*learning:=.*": "test_launch_file.py::test_it_starts_the_nodes_in_one_",
+    r"(cp -rL|ros2 launch ator_ros) .*my_config": f"{_ROS}::test_a_copy_of_the_configuration_is_us",
     r"cd ~/ws && git clone .*": f"{_ROS}::test_a_workspace_is_built",
     r"colcon build --base-paths .*": f"{_ROS}::test_a_workspace_is_built",
     r"\. install/setup\.sh && .*": f"{_ROS}::test_a_workspace_is_built",
     r"(scripts/run python -m )?colcon build": f"{_ROS}::test_a_checkout_is_built_by_hand",
-    r"export ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET": "nodes/test_network.py::test_user_settings_are_kept",
+    r"export ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET": "nodes/test_network.py::test_user_settings_are",
     r"ros2 run ator_ros \w+ .*nav2\.yaml.*": "nodes/test_nav2_files.py::test_nodes_start",
     r"ros2 service call /predict_durations .*": "nodes/test_rounds_page.py::test_a_round_is_",
     r"ros2 run ator_ros \w+ .*domain:=drive.*": "nodes/test_rounds_page.py::test_a_round_is_",
     r"ros2 run ator_ros waypoints .*": "nodes/test_waypoints_node.py::test_waypoints_are_followed_",
-    r"(ros2 run ator_ros )?collect .*--attach.*": "nodes/test_attached.py::test_drives_are_kept_on_",
-    r"ros2 run ator_ros train .*--planner .*": "nodes/test_path_planner.py::test_models_are_learned_from_",
-    r"ros2 run ator_ros train .*--map .*": "performance/test_route_features.py::test_a_model_learned_with_",
-    r"ros2 action send_goal -f /execute_chain .*x: 4.*": "domains/test_remote_documentation.py::test_the_",
+    r"(ros2 run ator_ros )?collect .*--attach.*": "nodes/test_attached.py::test_drives_are_kept_on",
+    r"ros2 run ator_ros train .*--planner .*": "nodes/test_path_planner.py::test_models_are_learne",
+    r"ros2 run ator_ros train .*--map .*": "performance/test_route_features.py::test_a_model_learn",
+    r"ros2 action send_goal -f /execute_chain .*x: 4.*": "domains/test_remote_documentation.py::te",
     r"ros2 action send_goal -f /execute_chain .*": "nodes/test_own_server.py::test_own_",
     r"ros2 run ator_ros collect --domain building .*": "examples/test_building.py::test_drives_on_",
     r"ros2 run .* domain:=building": "nodes/test_map_node.py::test_a_tour_of_the_",
     r"ros2 run ator_ros learning": "nodes/test_learning_node.py::test_learning_can_be_frozen_and_",
-    r"scripts/run pip install .* \./my_package": "nodes/test_outside_domain.py::test_a_domain_from_another_",
+    r"scripts/run pip install .* \./my_package": "nodes/test_outside_domain.py::test_a_domain_from",
     r".* examples/paper_in_one_file\.py": "test_paper_in_one_file.py::test_it_prints_",
     r".* examples/who_goes_to_the_ball\.py .*": "test_programs.py::test_both_decisions_are_",
     r".* examples/plan_with_durations\.py .*": "test_programs.py::test_stations_are_divided_",
@@ -88,24 +88,24 @@ BY_TEST = {
     r".* examples/refine_and_execute\.py": "nodes/test_client_example.py::test_it_drives_the_",
     r"make run EXE=\w+ ARGS='.*/ws/src/shuttle/.*'": "nodes/test_own_server.py::test_own_",
     r"scripts/run python ~/ws/src/shuttle/server\.py": "nodes/test_own_server.py::test_own_",
-    r"ros2 run ator_ros train rosbag2_.*": "nodes/test_recording_node.py::test_the_installed_train_learns_",
+    r"ros2 run ator_ros train rosbag2_.*": "nodes/test_recording_node.py::test_the_installed_train",
 }
-"""Commands, as regular expressions, and the test that executes them, shortened or in another folder."""
+"""Commands, as regular expressions, and the test that executes them, perhaps shortened."""
 
 NOT_HERE = {
-    r"make (test|test-long|lint|format|test-apt-versions)": "runs these tests and checks themselves",
+    r"make (test|test-long|lint|format|test-apt-versions)": "runs these tests and checks",
     r"scripts/run python -m colcon test": "runs these tests themselves",
     r"make setup PYTHON=python3\.12": "compiles pybullet, nine minutes, over this very environment",
-    r"(sudo )?apt install .*|rosdep install .*|export PIP_BREAK_.*": "changes the system; needs ROS from apt",
+    r"(sudo )?apt install .*|rosdep install .*|export PIP_BREAK_.*": "changes the system",
     r"python3 -m pip install --user .*|pip install distributed": "changes the user's packages",
     r"python3 scripts/lock\.py": "asks the package registry for every version again",
     r"ros2 run ator_ros NAME ARGS|make run EXE=\w+ ARGS='(ARGS|…)'": "shows the form of others",
     r"mkdir -p ~/ws/src .*|cd ~/ws && ~/ator_ros/.*|\. ~/ws/install/.*": "see test_environment.py",
     r"ros2 action info -t": "ros2cli is not among the wheels",
-    r"ros2 bag (record|play)( .*)?": "rosbag2 is not among the wheels; test_recording_node.py writes it",
+    r"ros2 bag (record|play)( .*)?": "rosbag2 is not among the wheels; see test_recording_node.py",
     r"(ros2 security .*|ros2 security|keystore=.*|policy=.*|for node in .*|done)": "needs SROS2",
     r"export ROS_SECURITY_.*|ros2 run .* --enclave .*": "needs Fast DDS with the security plugins",
-    r"ros2 launch ator_ros ator\.launch\.xml (view|rviz):=true": "needs ros2 launch; test_launch_file.py",
+    r"ros2 launch ator_ros ator\.launch\.xml (view|rviz):=true": "see test_launch_file.py",
     r"ros2 (run|launch)( ator_ros …)?|python -m": "a name in a sentence",
 }
 """Commands, as regular expressions, that no test executes, and why."""
@@ -326,9 +326,21 @@ def test_the_predicted_times_of_the_readme_agree_with_the_report() -> None:
     assert list(map(float, formulas)) == pytest.approx(means("analytic"), abs=0.06)
 
 
+def test_the_layout_names_every_folder_and_its_files() -> None:
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8").partition("## The layout")[2]
+    package = ROOT / "ator_ros"
+    folders = {folder.name for folder in package.iterdir() if any(folder.glob("*.py"))}
+    rows = re.findall(r"^\| (.*?) \| (.*) \|$", text, flags=re.MULTILINE)
+    assert folders == {name for row in rows for name in re.findall(r"`(\w+)/`", row[0])}
+    files = {name for row in rows for name in re.findall(r"`(\w+/[\w/]+\.py)`", row[1])}
+    assert len(files) >= 10
+    assert [name for name in files if not (package / name).is_file()] == []
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_source_files_named_on_a_page_exist(page: Path) -> None:
-    folders = (ROOT / name for name in ("ator_ros", "test", "benchmarks", "scripts"))
+    names = ("ator_ros", "ator_ros_examples", "test", "benchmarks", "scripts")
+    folders = (ROOT / name for name in names)
     paths = [f"/{file.relative_to(ROOT)}" for folder in folders for file in folder.rglob("*.py")]
     named = re.findall(r"`((?:[\w.]+/)*\w+\.py)", page.read_text(encoding="utf-8"))
     assert [name for name in named if not any(path.endswith(f"/{name}") for path in paths)] == []

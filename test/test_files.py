@@ -1,4 +1,4 @@
-"""Files of this package: valid ones are read, errors are reported in one line with their location."""
+"""Files of this package: valid ones are read, errors are reported in one line."""
 
 import json
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Names from outside reach logs, answers and terminals cut, escaped, and in messages of one line."""
+"""Names from outside are cut and escaped in logs, answers and terminals."""
 
 import json
 from collections.abc import Callable
@@ -23,7 +23,7 @@ from ator_ros.printable import ReadableError, listed, one_line
 from ator_ros.resources import resource_path
 from ator_ros.tools import train
 from ator_ros.world.grid_map import load_map
-from ator_ros.world.messages import (
+from ator_ros.world.readers import (
     FrameError,
     MessageError,
     OdometryReader,

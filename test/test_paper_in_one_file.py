@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.domain import find_domain
 from ator_ros.domains.soccer.field import BALL
 from ator_ros.domains.trials import random_trial
 from ator_ros.experience.simulated import run_episode
@@ -21,6 +21,8 @@ from ator_ros.refinement.refiner import Refiner
 from ator_ros.simulation.simulation import Simulation
 from ator_ros.tops.library import top_of
 from examples import paper_in_one_file as example
+
+SOCCER = find_domain("soccer")
 
 ROBOT = SOCCER.robot()
 LIBRARY = SOCCER.library(ROBOT, "bezier")

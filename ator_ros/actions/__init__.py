@@ -1,4 +1,4 @@
-"""Actions: control programs that return a velocity command, or none, for the estimated state of each tick."""
+"""Actions: control programs that return a velocity command, or none, for the state of each tick."""
 
 DEFAULT_SET = "default"
 """The set of actions that every domain has."""

@@ -1,6 +1,8 @@
-"""The interface of actions: control programs from estimated state to velocity commands (paper, section 2.1).
+"""The interface of actions (paper, section 2.1).
 
-An action that another program executes returns no commands.
+Actions are control programs from estimated state to velocity commands.
+
+One that another program executes returns no commands.
 """
 
 from __future__ import annotations
@@ -24,7 +26,7 @@ class Status(enum.Enum):
     SUCCEEDED = "succeeded"
     FAILED = "failed"
     REFUSED = "refused"
-    """Its action server did not accept the goal; nothing was executed, and nothing is learned from it."""
+    """Its action server did not accept the goal: nothing was executed, so nothing is learned."""
 
 
 class Point(enum.Enum):
@@ -105,7 +107,11 @@ class Action(ABC):
         """
 
     @abstractmethod
-    def start(self, world: World, goal: Goal) -> None:
+    def start(
+        self,
+        world: World,
+        goal: Goal,
+    ) -> None:
         """Commit to `goal` from the state `world`.
 
         Raises
@@ -126,9 +132,9 @@ class Action(ABC):
         return False
 
     def path(self) -> FloatArray | None:
-        """Return the planned poses of the axle, shape (n, 3): x, y in m, yaw in rad; None without a plan.
+        """Return the planned poses of the axle, shape (n, 3): x, y in m, yaw in rad.
 
-        For drawing only; execution does not need it.
+        None without a plan. For drawing only; execution does not need it.
         """
         return None
 
@@ -140,6 +146,10 @@ class Action(ABC):
         """
 
 
-def finished(status: Status, message: str, command: Command | None = STOP) -> Step:
+def finished(
+    status: Status,
+    message: str,
+    command: Command | None = STOP,
+) -> Step:
     """Return the last step of an action."""
     return Step(command, status, message)

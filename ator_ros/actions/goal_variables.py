@@ -1,4 +1,4 @@
-"""The variables of goals: pose and arrival speed, which all goals have, and those that an action declares."""
+"""The variables of goals: pose and arrival speed of all goals, and what an action declares."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 from ator_ros.actions.base import Goal
 from ator_ros.files import is_name
+from ator_ros.geometry import Pose
 from ator_ros.printable import printable
 from ator_ros.schema import require
 
@@ -42,16 +43,40 @@ class GoalVariable:
     rest: float | None = None
 
     def __post_init__(self) -> None:
-        require(is_name(self.name), "name", "a name of letters, digits and _", self.name)
-        others = f"none of {', '.join(GOAL_VARIABLES)}, which every goal has"
-        require(self.name not in GOAL_VARIABLES, "name", others, self.name)
-        bounds = (self.low, self.high)
-        finite = all(map(math.isfinite, bounds)) and self.low < self.high
-        require(finite, f"{self.name}: low, high", "finite numbers, low below high", bounds)
-        require(self.steps >= 1, f"{self.name}: steps", "a whole number from 1", self.steps)
-        inside = self.rest is None or self.low <= self.rest <= self.high
         require(
-            inside, f"{self.name}: rest", f"a number from {self.low:g} to {self.high:g}", self.rest
+            is_name(self.name),
+            "name",
+            "a name of letters, digits and _",
+            self.name,
+        )
+        others = f"none of {', '.join(GOAL_VARIABLES)}, which every goal has"
+        require(
+            self.name not in GOAL_VARIABLES,
+            "name",
+            others,
+            self.name,
+        )
+        bounds = (self.low, self.high)
+        ascending = -math.inf < self.low < self.high < math.inf
+        require(
+            ascending,
+            f"{self.name}: low, high",
+            "finite numbers, low below high",
+            bounds,
+        )
+        require(
+            self.steps >= 1,
+            f"{self.name}: steps",
+            "a whole number from 1",
+            self.steps,
+        )
+        inside = self.rest is None or self.low <= self.rest <= self.high
+        numbers = f"a number from {self.low:g} to {self.high:g}"
+        require(
+            inside,
+            f"{self.name}: rest",
+            numbers,
+            self.rest,
         )
 
     @property
@@ -61,19 +86,20 @@ class GoalVariable:
 
 
 def goal_values(goal: Goal) -> dict[str, float]:
-    """Return all variables of a goal by name: x, y (m), yaw (rad), speed (m/s), and the declared ones."""
-    pose = goal.pose
-    return {"x": pose.x, "y": pose.y, "yaw": pose.yaw, "speed": float(goal.speed), **goal.values}
+    """Return all variables of a goal by name: x, y (m), yaw (rad), speed (m/s), declared ones."""
+    return {**goal.pose._asdict(), "speed": goal.speed, **goal.values}
 
 
 def with_values(goal: Goal, values: Mapping[str, float]) -> Goal:
     """Return `goal` with the goal variables in `values` replaced."""
-    plain = {name: float(value) for name, value in values.items()}
-    pose = goal.pose._replace(**{name: plain[name] for name in goal.pose._fields if name in plain})
-    declared = {name: value for name, value in plain.items() if name not in GOAL_VARIABLES}
-    speed, others = plain.get("speed", goal.speed), {**goal.values, **declared}
+    given = {name: float(value) for name, value in values.items()}
+    pose = {name: given.pop(name) for name in Pose._fields if name in given}
+    speed = given.pop("speed", goal.speed)
     return dataclasses.replace(
-        goal, pose=pose, speed=speed, values=others if declared else goal.values
+        goal,
+        pose=goal.pose._replace(**pose),
+        speed=speed,
+        values={**goal.values, **given},
     )
 
 
@@ -89,13 +115,12 @@ def wrong_values(goal: Goal, declared: Iterable[GoalVariable]) -> str | None:
     """
     known = {variable.name: variable for variable in declared}
     if set(goal.values) != set(known):
-        wanted, given = (
-            printable(", ".join(names)) or "no variable" for names in (known, goal.values)
-        )
+        wanted = printable(", ".join(known)) or "no variable"
+        given = printable(", ".join(goal.values)) or "no variable"
         return f"expected values of {wanted}, got those of {given}"
     for name, value in goal.values.items():
-        low, high = known[name].low, known[name].high
-        if not low <= value <= high:
-            bounds = f"a number from {low:g} to {high:g} {known[name].unit}".rstrip()
+        variable = known[name]
+        if not variable.low <= value <= variable.high:
+            bounds = f"a number from {variable.low:g} to {variable.high:g} {variable.unit}".rstrip()
             return f"{name}: expected {bounds}, got {value:g}"
     return None

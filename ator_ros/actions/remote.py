@@ -47,11 +47,26 @@ class Filling:
 
     def __post_init__(self) -> None:
         both = [name for name in (self.source, self.constant) if name is not None]
-        require(len(both) == 1, "source, constant", "one of the two", both)
+        require(
+            len(both) == 1,
+            "source, constant",
+            "one of the two",
+            both,
+        )
         named = self.source in (None, *_SOURCES) or self.goal_variable is not None
-        require(named, "source", f"one of {', '.join(_SOURCES)}, or goal.NAME", self.source)
+        require(
+            named,
+            "source",
+            f"one of {', '.join(_SOURCES)}, or goal.NAME",
+            self.source,
+        )
         framed = self.frame is None or self.source == "goal"
-        require(framed, "frame", "none without `source: goal`", self.frame)
+        require(
+            framed,
+            "frame",
+            "none without `source: goal`",
+            self.frame,
+        )
 
     @property
     def goal_variable(self) -> str | None:
@@ -81,7 +96,12 @@ class Success:
     reason: str | None = None
 
     def __post_init__(self) -> None:
-        require(bool(self.status), "status", "at least one state", list(self.status))
+        require(
+            bool(self.status),
+            "status",
+            "at least one state",
+            list(self.status),
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,11 +139,26 @@ class RemoteCall:
             self.type,
         )
         fields = [filling.field for filling in self.goal]
-        require(bool(fields), "goal", "at least one field", fields)
-        require(len(set(fields)) == len(fields), "goal", "each field once", fields)
+        require(
+            bool(fields),
+            "goal",
+            "at least one field",
+            fields,
+        )
+        require(
+            len(set(fields)) == len(fields),
+            "goal",
+            "each field once",
+            fields,
+        )
         others = list(self.cancel_too)
         distinct = len({self.server, *others}) == len(others) + 1
-        require(distinct, "cancel_too", f"each name once, without {self.server}", others)
+        require(
+            distinct,
+            "cancel_too",
+            f"each name once, without {self.server}",
+            others,
+        )
 
 
 class UnreachableAction(Action):
@@ -131,7 +166,11 @@ class UnreachableAction(Action):
 
     name = "remote"
 
-    def start(self, world: World, goal: Goal) -> None:  # noqa: ARG002
+    def start(
+        self,
+        world: World,  # noqa: ARG002
+        goal: Goal,  # noqa: ARG002
+    ) -> None:
         """Raise ActionError."""
         raise ActionError("its action server can be used over ROS only")
 
@@ -140,8 +179,9 @@ class UnreachableAction(Action):
         raise NotImplementedError
 
 
-_ERROR_CODE, _ERROR_TEXT = "error_code", "error_msg"
-"""Fields of the results of Nav2's actions, and of others that follow them."""
+# Fields of the results of Nav2's actions, and of others that follow them.
+_ERROR_CODE = "error_code"
+_ERROR_TEXT = "error_msg"
 _STATUS = ("unknown", "accepted", "executing", "canceling", "succeeded", "canceled", "aborted")
 """Names of the states of action_msgs/GoalStatus, by number."""
 
@@ -151,19 +191,23 @@ def status_name(status: int) -> str:
     return _STATUS[status] if 0 <= status < len(_STATUS) else str(status)
 
 
-def failure_in(call: RemoteCall, status: int, result: Any) -> str | None:
+def failure_in(
+    call: RemoteCall,
+    status: int,
+    result: Any,
+) -> str | None:
     """Return why a result means failure; None if it means success."""
     success = call.success
-    wrong = [] if status_name(status) in success.status else [f"its goal is {status_name(status)}"]
+    wrong = []
+    if status_name(status) not in success.status:
+        wrong.append(f"its goal is {status_name(status)}")
     for expected in success.fields:
-        value, name = value_at(result, expected.field), _constant_name(result, expected.field)
-        if isinstance(expected.equals, float) and isinstance(value, int | float):
-            equal = math.isclose(value, expected.equals, rel_tol=1e-6, abs_tol=1e-9)
-        else:
-            equal = bool(value == expected.equals)
-        if not equal:
-            expects = f"expected {quoted(expected.equals)}, got {quoted(value)}"
-            wrong.append(f"{expected.field}: {f'{name} ({value})' if name else expects}")
+        value = value_at(result, expected.field)
+        if _equal(value, expected.equals):
+            continue
+        name = _constant_name(result, expected.field)
+        expects = f"expected {quoted(expected.equals)}, got {quoted(value)}"
+        wrong.append(f"{expected.field}: {f'{name} ({value})' if name else expects}")
     if not wrong:
         return None
     declared = {expected.field for expected in success.fields}
@@ -178,29 +222,45 @@ def failure_in(call: RemoteCall, status: int, result: Any) -> str | None:
     return "; ".join(wrong) + (f" ({printable(reason, 200)})" if reason else "")
 
 
+def _equal(value: Any, expected: Scalar) -> bool:
+    """Return whether a value of a result is the expected one; a float up to its precision."""
+    if isinstance(expected, float) and isinstance(value, int | float):
+        return math.isclose(
+            value,
+            expected,
+            rel_tol=1e-6,
+            abs_tol=1e-9,
+        )  # of 32-bit floats
+    return bool(value == expected)
+
+
 def _constant_name(result: Any, path: str) -> str:
-    """Return the name of the only constant with the value of an integer in a result; else an empty text.
+    """Return the name of the only constant with the value of an integer in a result, or "".
 
     Constants of the message that holds the integer come first. Those of other actions of the
     package follow: Nav2's navigators forward the codes of the planner and the controller.
     """
     parent, _, _ = path.rpartition(".")
-    value, owner = value_at(result, path), type(value_at(result, parent) if parent else result)
-    package = sys.modules.get(type(result).__module__.rpartition(".")[0])
-    actions = vars(package) if package else {}
-    others = {
-        f" of {name}": kind.Result for name, kind in actions.items() if hasattr(kind, "Result")
-    }
-    for kinds in ({"": owner}, others):
-        found = [
-            f"{name}{of_action}"
-            for of_action, kind in kinds.items()
-            for name, constant in vars(kind).items()
-            if name.isupper() and type(constant) is type(value) is int and constant == value
-        ]
-        if found:
-            return found[0] if len(found) == 1 else ""
-    return ""
+    value = value_at(result, path)
+    if type(value) is not int:
+        return ""
+    names = _constants(type(value_at(result, parent) if parent else result), value)
+    if not names:
+        package = sys.modules.get(type(result).__module__.rpartition(".")[0])
+        for action, kind in vars(package).items() if package else ():
+            found = _constants(getattr(kind, "Result", None), value)
+            names += [f"{name} of {action}" for name in found]
+    return names[0] if len(names) == 1 else ""
+
+
+def _constants(kind: Any, value: int) -> list[str]:
+    """Return the names of the constants of a message's type that have a value."""
+    constants = vars(kind) if kind else {}
+    return [
+        name
+        for name, constant in constants.items()
+        if name.isupper() and type(constant) is int and constant == value
+    ]
 
 
 def parts(path: str) -> list[tuple[str, bool]]:

@@ -26,9 +26,13 @@ _MOST_DRAWS = 10_000  # of a sampler, which needs a few tens in scenes with enou
 
 SHORT = 0.5
 """Distance in m between start and goal below which a drive is short."""
-_TURNS, _SHORT_DRIVES, _STAYS = 0.06, 0.06, 0.03
-"""Shares of situations in which the robot turns on the spot, drives less than `SHORT`, or is at its goal."""
-_STAYS_WITHIN = (0.03, 0.08)  # m and rad between start and goal of a robot that is at its goal
+# Shares of situations, so that one in seven is short: enough for the leaves of a tree.
+_TURNS = 0.06  # the robot turns on the spot
+_SHORT_DRIVES = 0.06  # it drives less than `SHORT`
+_STAYS = 0.03  # it is at its goal
+# Between start and goal of a robot that is at its goal: within the tolerances of usual TOPs.
+_STAYS_WITHIN = 0.03  # m
+_STAYS_TURNED = 0.08  # rad
 
 
 class NoPlaceError(ConfigError):
@@ -66,30 +70,44 @@ def drawn_until(
     raise NoPlaceError(expected() if most == 1 else f"{expected()}: none of {most} draws fits")
 
 
-def short_goal(start: Pose, rng: np.random.Generator, *, turns: bool = True) -> Pose | None:
-    """Draw a goal near the start of the robot, or of the object that it holds; None in six of seven cases.
+def short_goal(
+    start: Pose,
+    rng: np.random.Generator,
+    *,
+    turns: bool = True,
+) -> Pose | None:
+    """Draw a goal near the start of the robot, or of the object that it holds.
 
-    It is a turn on the spot by any angle (if `turns`), a goal closer than `SHORT` in any direction
-    with any heading, or the start itself, exactly or within centimeters.
+    None in six of seven cases. It is a turn on the spot by any angle (if `turns`), a goal closer
+    than `SHORT` in any direction with any heading, or the start itself, exactly or within
+    centimeters.
     """
-    share, heading = rng.random(), float(rng.uniform(-math.pi, math.pi))
+    share = rng.random()
+    heading = float(rng.uniform(-math.pi, math.pi))
     if share < _TURNS:
         return start._replace(yaw=heading) if turns else None
     if share < _TURNS + _SHORT_DRIVES:
         return _displaced(start, rng, SHORT)._replace(yaw=heading)
     if share < _TURNS + _SHORT_DRIVES + _STAYS:
-        most, angle = _STAYS_WITHIN if rng.random() < 0.5 else (0.0, 0.0)
-        return _displaced(start, rng, most)._replace(
-            yaw=start.yaw + float(rng.uniform(-angle, angle))
-        )
+        exactly = rng.random() >= 0.5
+        there = _displaced(start, rng, 0.0 if exactly else _STAYS_WITHIN)
+        angle = 0.0 if exactly else _STAYS_TURNED
+        return there._replace(yaw=start.yaw + float(rng.uniform(-angle, angle)))
     return None
 
 
-def _displaced(pose: Pose, rng: np.random.Generator, most: float) -> Pose:
+def _displaced(
+    pose: Pose,
+    rng: np.random.Generator,
+    most: float,
+) -> Pose:
     """Return a pose moved in a random direction by up to `most` m."""
-    distance, direction = rng.uniform(0.0, most), rng.uniform(-math.pi, math.pi)
-    x = pose.x + float(distance * math.cos(direction))
-    return pose._replace(x=x, y=pose.y + float(distance * math.sin(direction)))
+    distance = rng.uniform(0.0, most)
+    direction = rng.uniform(-math.pi, math.pi)
+    return pose._replace(
+        x=pose.x + float(distance * math.cos(direction)),
+        y=pose.y + float(distance * math.sin(direction)),
+    )
 
 
 ActionFactory = Callable[[Robot], Action]
@@ -98,7 +116,7 @@ Sampler = Callable[[Robot, np.random.Generator], Situation]
 
 @dataclass(frozen=True)
 class ActionSpec:
-    """One action of a set: its factory, the situations to learn it in, and the features of its model.
+    """One action of a set: its factory, situations to learn it in, and features of its model.
 
     Attributes
     ----------
@@ -127,7 +145,11 @@ class ActionSpec:
     remote: RemoteCall | None = None
     goal_variables: tuple[GoalVariable, ...] = ()
 
-    def situation(self, robot: Robot, rng: np.random.Generator) -> Situation:
+    def situation(
+        self,
+        robot: Robot,
+        rng: np.random.Generator,
+    ) -> Situation:
         """Draw a situation to learn in.
 
         On a map, one with a route to the goal. May raise NoPlaceError.
@@ -145,4 +167,5 @@ class ActionSpec:
         """Why the simulator cannot execute it: its server has no stand-in; None if it can."""
         if self.factory is not UnreachableAction:
             return None
-        return f"{self.name} has no `stand_in`, so only `collect --over-ros` and the nodes can execute it"
+        needed = "so only `collect --over-ros` and the nodes can execute it"
+        return f"{self.name} has no `stand_in`, {needed}"

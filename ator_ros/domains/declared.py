@@ -29,7 +29,7 @@ from ator_ros.tops.chain import Top, TopCall, TopChain
 from ator_ros.tops.conditions import Condition, Region, Term
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.ranges import USUAL_RANGES, Range
-from ator_ros.world.messages import FARTHEST, ObjectSource
+from ator_ros.world.readers import FARTHEST, ObjectSource
 from ator_ros.world.state import RobotState, World
 
 T = TypeVar("T")

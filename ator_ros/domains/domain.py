@@ -40,12 +40,14 @@ from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.objects import objects_in
 from ator_ros.tops.ranges import USUAL_RANGES, Ranges, declared_ranges
 from ator_ros.world.grid_map import GridMap, Planner, load_map
-from ator_ros.world.messages import ObjectSource
+from ator_ros.world.readers import ObjectSource
 from ator_ros.world.scene import Bay, RoundObject, Scene
 from ator_ros.world.state import World
 
 GROUP = "ator_ros.domains"
 """Group of entry points: the installed domains."""
+ACTION_SETS = "ator_ros.action_sets"
+"""Group of entry points: further action sets of installed domains, each named DOMAIN.SET."""
 STAND_INS = "ator_ros.stand_ins"
 """Group of entry points: actions that replace action servers in simulations without ROS."""
 PLANNERS = "ator_ros.planners"
@@ -215,6 +217,21 @@ class Domain:
     def _of_map(self) -> tuple[Feature, ...]:
         return () if self.grid is None else ROUTE_FEATURES
 
+    def with_action_sets(self, further: Mapping[str, tuple[ActionSpec, ...]]) -> Domain:
+        """Return this domain with further action sets, by name.
+
+        Raises
+        ------
+        DomainError
+            A set has the name of one that the domain already has, or does not suit its TOPs.
+        """
+        twice = sorted(further.keys() & self.action_sets.keys())
+        if twice:
+            raise DomainError(
+                f"action sets of {self.name}: expected each name once, got {', '.join(twice)} twice"
+            )
+        return dataclasses.replace(self, action_sets={**self.action_sets, **further})
+
     def on_map(self, grid: GridMap | Path | str) -> Domain:
         """Return this domain on a map or on that of a map_server file; itself for an empty name.
 
@@ -378,7 +395,19 @@ def find_domain(name: str = DEFAULT) -> Domain:
     domain = _loaded(GROUP, name, "domain")
     if not isinstance(domain, Domain):
         raise DomainError(f"domain {name}: expected a Domain, got {type(domain).__name__}")
-    return domain
+    prefix = f"{name}."
+    entries = [entry for entry in entry_points_of(ACTION_SETS) if entry.startswith(prefix)]
+    further = {entry.removeprefix(prefix): _loaded_action_set(entry) for entry in entries}
+    return domain.with_action_sets(further) if further else domain
+
+
+def _loaded_action_set(entry: str) -> tuple[ActionSpec, ...]:
+    specs = _loaded(ACTION_SETS, entry, "action set")
+    if isinstance(specs, tuple) and all(isinstance(spec, ActionSpec) for spec in specs):
+        return specs
+    raise DomainError(
+        f"action set {entry}: expected a tuple of ActionSpec, got {type(specs).__name__}"
+    )
 
 
 def _loaded(group: str, name: str, place: str) -> Any:

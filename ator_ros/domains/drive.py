@@ -11,7 +11,7 @@ from ator_ros.actions import DEFAULT_SET
 from ator_ros.actions.situation import SHORT, ActionSpec, Situation
 from ator_ros.bases.description import Robot
 from ator_ros.domains.domain import Domain
-from ator_ros.domains.soccer import chains, situations
+from ator_ros.domains.soccer import chains, samplers
 from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
 from ator_ros.domains.soccer.tops import GO_TO_POSE
 from ator_ros.resources import resource_path
@@ -41,7 +41,7 @@ RANGES: Ranges = {
 
 def go_to_pose(robot: Robot, rng: np.random.Generator) -> Situation:
     """Draw a drive to a pose; every second goal that is not near the start has an arrival speed."""
-    situation = situations.go_to_pose(robot, rng, time_limit=TIME_LIMIT)
+    situation = samplers.go_to_pose(robot, rng, time_limit=TIME_LIMIT)
     if situation.robot.pose.distance(situation.goal.pose) < SHORT:
         return situation
     speed = float(rng.uniform(0.0, arrival_limit(robot))) if rng.random() < 0.5 else 0.0

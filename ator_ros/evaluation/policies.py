@@ -11,12 +11,12 @@ from functools import partial
 from types import MappingProxyType
 from typing import Any
 
+from ator_ros.bases.base import Driving
 from ator_ros.bases.description import Robot
 from ator_ros.domains.trials import Trial, open_places, open_speeds, reopened, with_headings
 from ator_ros.evaluation.toolset import Toolset
 from ator_ros.geometry import Pose
 from ator_ros.performance.derived import Geometry
-from ator_ros.performance.driving import DrivingStyle
 from ator_ros.performance.features import PATHS, ROUTE_TIME
 from ator_ros.performance.model import Prediction
 from ator_ros.refinement.chain_prediction import ChainPrediction
@@ -55,12 +55,12 @@ class PathTime:
     Attributes
     ----------
     robot : Robot
-    driving : DrivingStyle or None
+    driving : Driving or None
         How the action drives; None: all that the base can do.
     """
 
     robot: Robot
-    driving: DrivingStyle | None = None
+    driving: Driving | None = None
     used_variables = PATHS[0].derives
     arrival = None
 

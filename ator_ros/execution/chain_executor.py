@@ -11,7 +11,7 @@ import numpy as np
 from ator_ros.actions import TIME_LIMIT
 from ator_ros.actions.base import Action, ActionError, Status, Step
 from ator_ros.actions.goal_variables import goal_values
-from ator_ros.bases.differential.drive_parts import DriveParts, parts_of_drive
+from ator_ros.bases.drive_parts import DriveParts, parts_of_drive
 from ator_ros.execution.rolling import Rolling
 from ator_ros.geometry import FloatArray
 from ator_ros.tops.chain import TopCall, TopChain
@@ -356,7 +356,7 @@ class StepRun:
         self.action = action
         self._start = world
         self.stage = Stage.ACTING
-        self._speeds = [(world.time, world.robot.v)]
+        self._speeds = [(world.time, world.robot.vx)]
         return None
 
     def step(self, world: World) -> Step:
@@ -371,7 +371,7 @@ class StepRun:
 
     def _next(self, world: World) -> Step:
         if self.begun:
-            self._speeds.append((world.time, world.robot.v))
+            self._speeds.append((world.time, world.robot.vx))
         if self.stage is Stage.STANDING:
             if not world.robot.is_standing:
                 return Step(STOP, Status.RUNNING, STOPPING)

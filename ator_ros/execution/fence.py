@@ -217,9 +217,9 @@ class FenceWatch:
         if max(outside(*stands.commanded), braking) <= self._allowed:
             return None
         return (
-            f"the robot would leave the {self._fence}: it drives at {robot.v:.2f} m/s from x "
-            f"{pose.x:.2f} m, "
-            f"y {pose.y:.2f} m, {math.degrees(pose.yaw):.0f} degrees, and could not stand inside"
+            f"the robot would leave the {self._fence}: it drives at {robot.speed:.2f} m/s "
+            f"from x {pose.x:.2f} m, y {pose.y:.2f} m, {math.degrees(pose.yaw):.0f} degrees, "
+            "and could not stand inside"
         )
 
     def _following(self, world: World, call: TopCall) -> str | None:

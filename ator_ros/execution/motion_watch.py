@@ -18,7 +18,7 @@ from ator_ros.bases.base import Axis
 from ator_ros.bases.description import Robot
 from ator_ros.bases.foresight import Foresight
 from ator_ros.execution.odometry_point import OdometryPoint
-from ator_ros.geometry import wrap_angle
+from ator_ros.geometry import clip, wrap_angle
 from ator_ros.world.state import STOP, Command, RobotState
 
 # What a base that follows its commands may do:
@@ -59,6 +59,9 @@ _SLOW = 0.75
 _FAST = 1.05
 _STEADY = 1.0  # s for which it must be so
 _ROUNDING = 1e-6
+_LEAST_TOLERANCE = {"m/s": 0.04, "rad/s": 0.1}  # noise and dead bands of small bases
+_PLACES = {"m/s": "position", "rad/s": "heading"}
+_VERBS = {"move": "drives", "turn": "turns"}  # of a base that is slower than commanded
 
 
 class Fault(enum.Enum):
@@ -126,7 +129,7 @@ class Commands:
         """Add a command that acts from `acts` (s) on and replaces later ones."""
         earlier = bisect.bisect_left(self._times, acts)
         self._times[earlier:] = [acts]
-        self._sent[earlier:] = [_clipped(command, self._limit)]
+        self._sent[earlier:] = [clip(command, self._limit)]
 
     def delay_last(self, seconds: float) -> None:
         """Let the last command act later."""
@@ -172,7 +175,7 @@ class Follower:
         """Follow the command of `time` (s) for `dt` s."""
         command = commands.at(time - self._delay)
         rate = self._stop if command == 0.0 else self._rate
-        self._setpoint += _clipped(command - self._setpoint, rate * dt)
+        self._setpoint += clip(command - self._setpoint, rate * dt)
         self.speed += (self._setpoint - self.speed) * min(1.0, dt / max(self._lag, dt))
 
 
@@ -241,8 +244,7 @@ class AxisWatch:
 
     def __init__(self, axis: Axis, latency: float, lag: float) -> None:
         self._axis = axis
-        least = 0.04 if axis.unit == "m/s" else 0.1  # noise and dead bands of small bases
-        self.tolerance = min(max(0.04 * axis.limit, least), 0.4 * axis.limit)
+        self.tolerance = min(max(0.04 * axis.limit, _LEAST_TOLERANCE[axis.unit]), 0.4 * axis.limit)
         self.commands = Commands(axis.limit)
         self._early = min(latency, _EARLY)
         self._lag = lag
@@ -456,6 +458,7 @@ class MotionWatch:
         self._axes = {
             axis: AxisWatch(axis, self._latency, self._robot.lag) for axis in self._robot.axes
         }
+        self._ahead = next(iter(self._axes.values()))
         self._last = STOP
         self._fault: tuple[Axis, Fault] | None = None  # the first one
         self._delay = ""
@@ -468,8 +471,7 @@ class MotionWatch:
     def remark(self) -> str:
         """A sentence on a slow, fast, early or late base, and on odometry of another point."""
         parts = [
-            f"{'drives' if axis.verb == 'move' else f'{axis.verb}s'} at about "
-            f"{_percent(watch.share)} % of the commanded speed"
+            f"{_VERBS[axis.verb]} at about {_percent(watch.share)} % of the commanded speed"
             for axis, watch in self._axes.items()
             if watch.share != 1.0
         ]
@@ -520,7 +522,8 @@ class MotionWatch:
             for axis, watch in self._axes.items()
             if (found := watch.update(self._measured(axis), gap)) is not None
         }
-        self._point.update(time, robot.pose, self._commanded_speed(time))
+        if not self._robot.moves_sideways:
+            self._point.update(time, robot.pose, self._ahead.commands.at(time))
         self._judge_delay(time)
         if faults and self._fault is None:
             self._fault = next(iter(faults.items()))
@@ -531,10 +534,6 @@ class MotionWatch:
             return frozen
         axis, found = next(iter(faults.items()))
         return self._message(axis, found, robot)
-
-    def _commanded_speed(self, time: float) -> float:
-        """Return the speed in m/s at which the base should drive ahead."""
-        return next(iter(self._axes.values())).commands.at(time)
 
     def _delay_late_answer(self, gap: Gap) -> None:
         """Let a command that was sent late in a long gap act later.
@@ -577,11 +576,10 @@ class MotionWatch:
             moved = max(abs(_moved(first, state)[axis.name]) for state in states)
             moves = min(least, commanded) >= watch.tolerance
             if moves and moved < _SAME * least * elapsed:
-                part = "heading" if axis.verb == "turn" else "position"
                 return (
-                    f"odometry is frozen: it reports {_speeds(robot, self._axes)}, but its {part} "
-                    f"has "
-                    f"been constant for {elapsed:.2f} s (velocity {reported:.2f} {axis.unit})"
+                    f"odometry is frozen: it reports {_speeds(robot, self._axes)}, but its "
+                    f"{_PLACES[axis.unit]} has been constant for {elapsed:.2f} s "
+                    f"(velocity {reported:.2f} {axis.unit})"
                 )
         return None
 
@@ -639,7 +637,7 @@ class MotionWatch:
         if self._delay:
             return f"{self._delay}: {shown}"
         text = fault.value.format(verb=axis.verb, shown=shown, limit=axis.limit, unit=axis.unit)
-        is_backward = axis.verb == "move" and getattr(self._last, axis.name) < 0.0
+        is_backward = axis.name == "vx" and self._last.vx < 0.0
         hint = _NEVER_BACKWARD if fault is Fault.STILL and is_backward else ""
         return f"the base {text}{hint}"
 
@@ -654,13 +652,9 @@ def _percent(share: float) -> int:
     return round(100 * share) if share > 1.0 else 10 * round(10 * share)
 
 
-def _clipped(value: float, bound: float) -> float:
-    return max(-bound, min(bound, value))
-
-
 def _moved(before: RobotState, after: RobotState) -> dict[str, float]:
     """Return by how much a robot moved along each axis, in m and rad."""
     turned = wrap_angle(after.pose.yaw - before.pose.yaw)
     middle = before.pose._replace(yaw=before.pose.yaw + 0.5 * turned)
     moved = middle.relative(after.pose)
-    return {"v": moved.x, "vx": moved.x, "vy": moved.y, "w": turned}
+    return {"vx": moved.x, "vy": moved.y, "w": turned}

@@ -172,7 +172,7 @@ class _FixedObject:
         self._place = _relative(first, name)
         self._last = first
         self._turned = 0.0  # rad
-        self._slowest = self._fastest = first.robot.v  # m/s
+        self._slowest = self._fastest = first.robot.vx  # m/s
 
     def continues(self, world: World, name: str) -> bool:
         """Process the next state; return whether the object `name` is still at that place."""
@@ -181,10 +181,10 @@ class _FixedObject:
         self._last = world
         self.driven += before.pose.distance(robot.pose)
         self._turned += before.pose.relative(robot.pose).yaw
-        self._slowest = min(self._slowest, robot.v)
-        self._fastest = max(self._fastest, robot.v)
+        self._slowest = min(self._slowest, robot.vx)
+        self._fastest = max(self._fastest, robot.vx)
         off = self._place.distance(_relative(world, name))
-        return name == self._name and off <= _FIXED + _FIXED_TIME * abs(robot.v)
+        return name == self._name and off <= _FIXED + _FIXED_TIME * abs(robot.vx)
 
     def moves_with(self, robot: Robot) -> bool:
         """Return whether the robot has moved so that no other object could have kept its place."""

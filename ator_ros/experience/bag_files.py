@@ -58,7 +58,7 @@ _OTHER_ENCODING = "topics in another encoding than cdr"
 
 
 class _Raw(NamedTuple):
-    """A message as recorded: time of arrival in ns, topic, data in CDR, and text of its definition."""
+    """A message as recorded: time of arrival in ns, topic, data in CDR, and its definition."""
 
     time: int
     topic: Topic
@@ -492,7 +492,7 @@ def _in_order(messages: Iterable[_Raw]) -> Iterator[_Raw]:
 
 
 def _decoder_or_error(kind: str, definition: str) -> Callable[[bytes], Any]:
-    """Return the decoder of a type; without a usable definition, it raises the reason as ValueError."""
+    """Return the decoder of a type; it raises ValueError without a usable definition."""
     try:
         return _decoder(kind, definition)
     except ImportError:

@@ -1,4 +1,4 @@
-"""Files of SQLite from others: only their tables are read, in bounded memory, and signals end it."""
+"""Files of SQLite from others: only tables are read, in bounded memory; signals end it."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def connected(file: Path, options: str, *, longest: int) -> sqlite3.Connection:
 
 
 def limit(database: sqlite3.Connection, *, longest: int) -> None:
-    """Let signals interrupt the queries of a database; texts of more than `longest` bytes are errors."""
+    """Let signals interrupt queries; texts of more than `longest` bytes are errors."""
     database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, longest)
     # A pending signal makes the call of the handler fail, which interrupts the query.
     database.set_progress_handler(lambda: 0, _STEPS)

@@ -37,7 +37,7 @@ from ator_ros.geometry import FloatArray, IntArray, Pose, wrap_angle, wrap_angle
 from ator_ros.printable import printable, quoted
 from ator_ros.tops.chain import Top
 from ator_ros.tops.objects import held_first, held_last, is_held
-from ator_ros.world.messages import (
+from ator_ros.world.readers import (
     MessageError,
     ObjectReader,
     OdometryReader,
@@ -51,7 +51,9 @@ from ator_ros.world.sightings import JUMP
 from ator_ros.world.state import ObjectState, RobotState, Standstill, World
 from ator_ros.world.transforms import Transforms
 
-ODOM, CMD_VEL, RECORDS = "odom", "cmd_vel", "performance/action"
+ODOM = "odom"
+CMD_VEL = "cmd_vel"
+RECORDS = "performance/action"
 TF = ("tf", "tf_static")
 """Roles of topics."""
 _ODOMETRY_FRAME = "odom"  # REP-105
@@ -81,7 +83,7 @@ _LEAST_TIME = 1.0
 _SEGMENT = 100  # numbers that need as much memory as a segment without messages
 _JUMPS = "the pose jumps during the drive"
 _TOO_LONG = f"expected at most {_LONGEST:.0f} s"
-_WIDTH = 6  # columns of odometry
+_WIDTH = 7  # columns of odometry
 _ROUNDING = 1e-6  # s; stamps since 1970 are rounded to 0.24 us
 _DIGITS = 6  # of times in s, likewise
 
@@ -121,9 +123,12 @@ class Rows:
 
 @dataclass
 class Segment:
-    """Recorded without a gap: odom (t, x, y, yaw, v, w), commands (t, v, w), objects (t, x, y)."""
+    """Recorded without a gap: rows of odometry, commands and objects.
 
-    odom: Rows = field(default_factory=lambda: Rows(6))
+    odom: t, x, y, yaw, v, w, vy; cmd_vel: t, speed, w; objects: t, x, y of each.
+    """
+
+    odom: Rows = field(default_factory=lambda: Rows(_WIDTH))
     cmd_vel: Rows = field(default_factory=lambda: Rows(3))
     objects: dict[str, Rows] = field(default_factory=lambda: defaultdict(lambda: Rows(3)))
 
@@ -134,7 +139,7 @@ class Segment:
 
 
 class Reader:
-    """Sorts the messages of a robot: its segments, the goals of action servers, and the executor's records.
+    """Sorts the messages of a robot: segments, goals of action servers, the executor's records.
 
     A new segment begins after a reset or a long silence.
 
@@ -159,13 +164,16 @@ class Reader:
 
     def __init__(self, robot: Robot, domain: Vocabulary, *, robot_in_tf: bool = False) -> None:
         sources = [domain.source(name) for name in domain.objects]
-        self._robot, self._domain = robot, domain
+        self._robot = robot
+        self._domain = domain
         self.segments = [Segment()]
         self.records: list[Episode] = []
         self.action_sets: set[str] = set()
         self._remarks: list[str] = []
         self._robot_in_tf = robot_in_tf
-        self._odometry = OdometryReader(_ODOMETRY_FRAME if robot_in_tf else "", corrects=False)
+        self._odometry = OdometryReader(
+            _ODOMETRY_FRAME if robot_in_tf else "", corrects=False, sideways=robot.moves_sideways
+        )
         self._objects = {source.name: ObjectReader(source) for source in sources}
         self._in_tf = {
             source.name: source.topic_or_frame for source in sources if source.type == "tf"
@@ -173,7 +181,9 @@ class Reader:
         self._transforms = Transforms()
         self._servers = status_topics(domain)
         self._goals = ServerGoals(self._odom_pose_in)
-        self._velocity = RobotVelocity(robot.greatest_speed(), robot.greatest_turn_rate)
+        self._velocity = RobotVelocity(
+            robot.greatest_speed(), robot.greatest_turn_rate, sideways=robot.moves_sideways
+        )
         self._is_older = False
         self._counts: Counter[str] = Counter()
         self._numbers = 0
@@ -198,7 +208,7 @@ class Reader:
             elif role == CMD_VEL:
                 command = command_from(message, CMD_VEL)
                 if newest.odom:  # a Twist has no stamp: it gets that of the last odometry message
-                    newest.cmd_vel.append(now, command.v, command.w)
+                    newest.cmd_vel.append(now, math.hypot(command.vx, command.vy), command.w)
                     self._numbers += 3
             elif role == RECORDS:
                 self.records.append(episode_of(message, self._domain, self._robot))
@@ -234,7 +244,7 @@ class Reader:
         return bool(self._goals.goals)
 
     def episodes(self) -> list[Episode]:
-        """Return the executor's records or, without any, the goals of action servers or else the drives."""
+        """Return the executor's records, else the goals of action servers, else the drives."""
         if self.records:
             return self.records
         if episodes := self._server_episodes():
@@ -245,7 +255,7 @@ class Reader:
         return self._accepted("drives", (("", each) for each in found))
 
     def _accepted(self, what: str, found: Iterable[tuple[str, Episode | str]]) -> list[Episode]:
-        """Return the episodes among what was found for each action, and note why others are left out."""
+        """Return the episodes among what was found, and note why others are left out."""
         episodes: list[Episode] = []
         total: Counter[str] = Counter()
         rejected: Counter[tuple[str, str]] = Counter()
@@ -268,12 +278,11 @@ class Reader:
         return episodes
 
     def remarks(self) -> list[str]:
-        """Return remarks about doubtful messages, and about messages that were left out, by role."""
-        left_out = (
-            f"left out {count} of {self._counts[role]} {'records' if role == RECORDS else 'messages'}: "
-            f"{self.errors[role]}"
-            for role, count in self.left_out.items()
-        )
+        """Return remarks about doubtful messages and those that were left out."""
+        left_out = []
+        for role, count in self.left_out.items():
+            what = "records" if role == RECORDS else "messages"
+            left_out.append(f"left out {count} of {self._counts[role]} {what}: {self.errors[role]}")
         return [*self._doubts(), *self._remarks, *left_out]
 
     def _doubts(self) -> Iterator[str]:
@@ -288,8 +297,9 @@ class Reader:
         same = [segment for segment in states if segment.odom.first[0] == segment.odom.last[0]]
         if len(states) == len(same) == 1 and len(same[0].odom) > 1:
             yield (
-                f"odom.header.stamp: expected stamps that increase, got {same[0].odom.last[0]:g} s in all "
-                f"{len(same[0].odom)} messages: the driver has to set them"
+                "odom.header.stamp: expected stamps that increase, got "
+                f"{same[0].odom.last[0]:g} s in all {len(same[0].odom)} messages: "
+                "the driver has to set them"
             )
         if self._robot_in_tf and not states and self._parents:
             frames = ", ".join(printable(name) for name in self._transforms.frames[:8])
@@ -301,7 +311,8 @@ class Reader:
             return
         corrected = sorted(set().union(*(each.track.corrected for each in states)))
         if corrected:
-            yield f"odom: {' and '.join(corrected)} and poses contradict each other; the poses decide"
+            names = " and ".join(corrected)
+            yield f"odom: {names} and poses contradict each other; the poses decide"
 
     def _server_episodes(self) -> list[Episode]:
         """Return the goals that action servers executed.
@@ -328,7 +339,8 @@ class Reader:
 
     def _server_episode(self, goal: ServerGoal) -> Episode | str:
         """Return the episode of a server's goal, in the goal's frame, or why it cannot be used."""
-        segment, robot = self.segments[goal.segment], self._robot
+        segment = self.segments[goal.segment]
+        robot = self._robot
         if segment is not self.segments[-1] and goal.end == segment.odom.last[0]:
             return "odometry was interrupted"
         if goal.end - goal.begin > _LONGEST:
@@ -336,7 +348,8 @@ class Reader:
         top = next((top for top in self._domain.tops if top.action == goal.action), None)
         if top is None or goal.pose is None or goal.odom_pose is None:
             return "no TOP calls the action"
-        track, errors = segment.track.seen_from(goal.odom_pose), (math.nan, math.nan)
+        track = segment.track.seen_from(goal.odom_pose)
+        errors = (math.nan, math.nan)
         if goal.final_pose is not None:
             reached = (
                 robot.hold_point(goal.final_pose) if top.point is Point.HOLD else goal.final_pose
@@ -369,8 +382,8 @@ class Reader:
         if odom and not 0.0 <= time - last <= SILENCE:
             self.segments.append(Segment())
             self._numbers += _SEGMENT
-        self.segments[-1].odom.append(time, *robot.pose, robot.v, robot.w)
-        self._numbers += 6
+        self.segments[-1].odom.append(time, *robot.pose, robot.vx, robot.w, robot.vy)
+        self._numbers += _WIDTH
 
     def _add_transforms(self, message: Any, *, fixed: bool) -> None:
         for transform in message.transforms:
@@ -388,7 +401,7 @@ class Reader:
                 self._add_object(name, *self._objects[name].read_placement(*found))
 
     def _check_frames(self, parent: str, child: str) -> None:
-        """Note the parent of a frame in tf; raise MessageError if there are too many, or long, names."""
+        """Note the parent of a frame in tf; raise MessageError for too many or long names."""
         if len(parent) > _LONGEST_NAME or len(child) > _LONGEST_NAME:
             raise MessageError(
                 f"tf: expected names of at most {_LONGEST_NAME} characters, got {quoted(child)}"
@@ -398,7 +411,7 @@ class Reader:
         self._parents[child] = parent
 
     def _robot_frame(self) -> str:
-        """Return the robot's frame in tf: base_link or, without it, the only child of odometry's frame."""
+        """Return the robot's frame in tf: base_link, else the only child of odometry's frame."""
         if _ROBOT_FRAME in self._parents:
             return _ROBOT_FRAME
         children = [
@@ -421,8 +434,8 @@ class Reader:
         odom = self.segments[-1].odom
         if odom and abs(time - odom.last[0]) > JUMP:
             raise MessageError(
-                f"{name}.header.stamp: expected about odometry's {odom.last[0]:.2f} s, got {time:.2f} s: "
-                "another clock"
+                f"{name}.header.stamp: expected about odometry's {odom.last[0]:.2f} s, "
+                f"got {time:.2f} s: another clock"
             )
         self.segments[-1].objects[name].append(time, state.x, state.y)
         self._numbers += 3
@@ -433,8 +446,8 @@ class Track:
 
     Attributes
     ----------
-    odom : ndarray, shape (n, 6)
-        t, x, y, yaw, v, w in the order of time, with unwrapped yaw.
+    odom : ndarray, shape (n, 7)
+        t, x, y, yaw, v, w, vy in the order of time, with unwrapped yaw.
     begin, end : float
         Times in s of the first and the last odometry.
     objects : mapping of str to ndarray, shape (n, 3)
@@ -450,7 +463,8 @@ class Track:
         self._times = np.ascontiguousarray(self.odom[:, 0])  # searching a column would copy it
         self.objects = {name: rows.in_order() for name, rows in segment.objects.items() if rows}
         self._odom_pose = Pose(0.0, 0.0, 0.0)
-        self.begin, self.end = float(self.odom[0, 0]), float(self.odom[-1, 0])
+        self.begin = float(self.odom[0, 0])
+        self.end = float(self.odom[-1, 0])
         self._rows = [
             np.vstack([np.round(table[:, 0] - self.begin, _DIGITS), table.T[1:]])
             for table in (self.odom, *self.objects.values())
@@ -466,9 +480,9 @@ class Track:
         return other
 
     def states(self, times: FloatArray) -> FloatArray:
-        """Return the states at times (n,) in s, one a row: t, x, y, yaw, v, w, then x, y of each object.
+        """Return the states at times (n,) in s, which increase.
 
-        Objects are NaN before their first message. The times increase.
+        A row has t, x, y, yaw, v, w, vy, then x and y of each object, NaN before its first message.
         """
         since = np.round(times - self.begin, _DIGITS)
         columns = [
@@ -476,22 +490,23 @@ class Track:
             for stamps, *rows in (_around(table, since) for table in self._rows)
             for row in rows
         ]
-        states, (x, y, yaw) = np.column_stack([times, *columns]), self._odom_pose
+        states = np.column_stack([times, *columns])
+        x, y, yaw = self._odom_pose
         turn = np.array([[math.cos(yaw), math.sin(yaw)], [-math.sin(yaw), math.cos(yaw)]])
-        for first in (1, *range(6, states.shape[1], 2)):
+        for first in (1, *range(_WIDTH, states.shape[1], 2)):
             states[:, first : first + 2] = states[:, first : first + 2] @ turn + (x, y)
         states[:, 3] = wrap_angles(states[:, 3] + yaw)
         return states
 
     def world(self, time: float) -> World:
         """Return the state at `time` (s), with the objects that had a message by then."""
-        _, x, y, yaw, v, w, *places = self.states(np.array([time]))[0].tolist()
+        _, x, y, yaw, vx, w, vy, *places = self.states(np.array([time]))[0].tolist()
         found = zip(self.objects, places[::2], places[1::2], strict=True)
         objects = {name: ObjectState(*place) for name, *place in found if not math.isnan(place[0])}
-        return World(time, RobotState(Pose(x, y, yaw), v, w), objects)
+        return World(time, RobotState(Pose(x, y, yaw), vx, w, vy=vy), objects)
 
     def samples(self, begin: float, end: float, objects: Collection[str]) -> FloatArray:
-        """Return the samples of an episode from `begin` to `end` (s) with some objects; see `Episode`."""
+        """Return the samples of an episode from `begin` to `end` (s); see `Episode`."""
         count = int((end - begin - _ROUNDING) / PERIOD) + 1
         times: FloatArray = PERIOD * np.arange(count, dtype=float)
         states = self.states(begin + times)
@@ -526,7 +541,7 @@ class Track:
         """Return whether the robot stood at any time between two (s)."""
         times = self._times
         during = self.odom[np.searchsorted(times, since, "right") : np.searchsorted(times, until)]
-        return bool(NOT_DRIVEN.holds(during[:, 4], during[:, 5]).any())
+        return bool(NOT_DRIVEN.holds(np.hypot(during[:, 4], during[:, 6]), during[:, 5]).any())
 
 
 def _around(table: FloatArray, times: FloatArray) -> FloatArray:
@@ -549,9 +564,8 @@ def _correct_twists(odom: FloatArray) -> set[str]:
     corrected = set[str]()
     by_poses = _velocities_by_pose(odom)
     for column, name, by_pose in zip((4, 5), ("linear", "angular"), by_poses, strict=True):
-        by_twist = odom[:, column]
-        if _contradicts(times, by_twist, by_pose):
-            signed = np.copysign(by_twist, by_pose)
+        if _contradicts(times, odom[:, column], by_pose):
+            signed = np.copysign(odom[:, column], by_pose)
             odom[:, column] = by_pose if _contradicts(times, signed, by_pose) else signed
             corrected.add(f"twist.{name}")
     return corrected
@@ -629,7 +643,8 @@ def drives(segment: Segment, robot: Robot, domain: Vocabulary) -> Iterator[Episo
                 yield unusable
                 continue
             goal_pose = track.world(came_to_rest).robot.pose
-            start, last = track.world(begin), track.world(end)
+            start = track.world(begin)
+            last = track.world(end)
             at_goal = dataclasses.replace(last, robot=RobotState(goal_pose))
             top = top_between(domain.tops, _held(robot, start), _held(robot, at_goal))
             if top is not None:
@@ -666,7 +681,8 @@ def _spans(commands: FloatArray, track: Track) -> Iterator[tuple[float, float]]:
             yield begin, end
             begin = None
         if moves:
-            begin, end = time if begin is None else begin, None
+            begin = time if begin is None else begin
+            end = None
     if begin is not None and end is not None:
         yield begin, end
 
@@ -674,14 +690,14 @@ def _spans(commands: FloatArray, track: Track) -> Iterator[tuple[float, float]]:
 def _rest(track: Track, ceased: float) -> float:
     """Return when (s) the robot came to rest after its commands ceased; `ceased` if it did not."""
     after = track.between(ceased, ceased + PAUSE + _ROUNDING)
-    still = NOT_DRIVEN.holds(after[:, 4], after[:, 5])
+    still = NOT_DRIVEN.holds(np.hypot(after[:, 4], after[:, 6]), after[:, 5])
     return float(after[still][0, 0]) if still.any() else ceased
 
 
 def top_between(tops: Sequence[Top], first: str | None, last: str | None) -> Top | None:
-    """Return the TOP that drives, with the object `first` held at its start and `last` at its end, or None.
+    """Return the TOP that drives with the objects held at its start and end, or None.
 
-    If there is none, it is the first TOP that drives without an object.
+    Without one, it is the first TOP that drives without an object.
     """
     driving = {(held_first(top), held_last(top)): top for top in reversed(tops) if top.arrives}
     return driving.get((first, last)) or driving.get((None, None))

@@ -50,7 +50,8 @@ class PartialResults:
             self._write(identity)
         elif rows[0] != json.loads(json.dumps(identity)):
             raise FileError(
-                f"{path}: expected {expected}, got others: choose another --out, or delete that file"
+                f"{path}: expected {expected}, got others: choose another --out, "
+                "or delete that file"
             )
         self.results: list[dict[str, Any]] = rows[1:]
 

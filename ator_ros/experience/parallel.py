@@ -55,7 +55,8 @@ def workers(jobs: int, cluster: str | None = None) -> Iterator[None]:
                 client = stack.enter_context(Client(cluster))
             except (OSError, ValueError) as error:
                 raise BackendError(
-                    f"cluster: expected a dask scheduler as in tcp://host:8786, got {cluster!r}: {error}"
+                    "cluster: expected a dask scheduler as in tcp://host:8786, "
+                    f"got {cluster!r}: {error}"
                 ) from error
             try:
                 client.wait_for_workers(1, timeout=_WORKERS_S)

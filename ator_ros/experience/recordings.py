@@ -1,4 +1,4 @@
-"""Experience from recordings (``ros2 bag record``, MCAP or sqlite3), and from all sources of `train`.
+"""Experience from recordings (``ros2 bag record``), and from all sources of `train`.
 
 Records of the executor on ``performance/action`` are episodes. Without records, the goals of the
 domain's action servers are. Without both, drives are found in ``odom``, ``cmd_vel`` and the topics
@@ -79,15 +79,17 @@ def _select(
     skipped: list[str] = []
     namespace: str | None = None  # unknown: that of the root
     for role, name, types in wanted:  # odometry first, then actions
-        named = [
-            (topic, kind) for topic, kind in topics if topic == name or topic.endswith(f"/{name}")
-        ]
-        found = [(topic, kind) for topic, kind in named if kind in types]
-        skipped += [
-            f"skipped {printable(topic)}: expected {' or '.join(sorted(types))}, got {printable(kind)}"
-            for topic, kind in named
-            if kind not in types
-        ]
+        found = []
+        for topic, kind in topics:
+            if topic != name and not topic.endswith(f"/{name}"):
+                continue
+            if kind in types:
+                found.append((topic, kind))
+                continue
+            expected = " or ".join(sorted(types))
+            skipped.append(
+                f"skipped {printable(topic)}: expected {expected}, got {printable(kind)}"
+            )
         if len(found) > 1 and role != RECORDS:
             near = [topic for topic in found if topic[0] == f"{namespace or '/'}{name}"]
             if role in TF and not near:
@@ -98,8 +100,8 @@ def _select(
             found = near
         if found and namespace is None and (role == ODOM or types == _STATUS):
             namespace = _namespace(found[0][0], name)
-        for topic in found:
-            roles[topic].append(role)
+        for each in found:
+            roles[each].append(role)
     return roles, skipped
 
 
@@ -138,7 +140,8 @@ def read_recording(
     paths = [Path(path)] if isinstance(path, Path | str) else list(path)
     place = " and ".join(str(each) for each in paths)
     reader, skipped, topics = _read(paths, place, domain, robot, names or {})
-    episodes, remarks = reader.episodes(), skipped + reader.remarks()
+    episodes = reader.episodes()
+    remarks = skipped + reader.remarks()
     if not episodes:
         if wrong := reader.errors.get(RECORDS, ""):
             raise ExperienceError(
@@ -185,8 +188,8 @@ def _without_drives(
     usable = [topic for topic, kind in topics if kind in _TYPES[ODOM] | _TYPES[CMD_VEL]]
     statuses = "".join(f"{name} with tf and {PLAN}, or " for name in status_topics(domain))
     expected = (
-        f"expected the topic {RECORDS}, or {statuses}odom (Odometry) and cmd_vel (Twist or TwistStamped) "
-        "in one namespace"
+        f"expected the topic {RECORDS}, or {statuses}odom (Odometry) and cmd_vel "
+        "(Twist or TwistStamped) in one namespace"
     )
     found = f"topics of these types: {_listed(usable)}; name them with --odom and --cmd-vel"
     found = found if usable else "there are no topics of these types"
@@ -235,7 +238,8 @@ def _files_of(path: Path) -> list[Path]:
 
 def _wanted(domain: Vocabulary, names: Mapping[str, str]) -> list[_Wanted]:
     """Return the topics to read, those first whose namespace decides."""
-    sources, servers = [domain.source(name) for name in domain.objects], status_topics(domain)
+    sources = [domain.source(name) for name in domain.objects]
+    servers = status_topics(domain)
     wanted = [_Wanted(ODOM, names.get(ODOM, ODOM), _TYPES[ODOM])]
     wanted += [_Wanted(name, name, _STATUS) for name in servers]
     roles = (CMD_VEL, RECORDS, *((PLAN, GOAL_POSE) if servers else ()))
@@ -264,7 +268,7 @@ def read_sources(
     action_set: str | None = None,
     topics: Mapping[str, str] | None = None,
 ) -> Experience:
-    """Read and join all sources; the metadata are those of the first one. Equal episodes count once.
+    """Read and join all sources; metadata are those of the first. Equal episodes count once.
 
     Parameters
     ----------
@@ -282,7 +286,9 @@ def read_sources(
     ExperienceError, FileError
         A source cannot be used, or they are of different robots, domains or action sets.
     """
-    tables, frames, shift = [], [], 0
+    tables = []
+    frames = []
+    shift = 0
     for path, table in _tables(paths, robot, domain, action_set, topics):
         for name, expected, advice in (
             ("domain", domain.name, "name its domain with --domain"),
@@ -337,7 +343,8 @@ def _tables(
                 yield path, table
         else:
             raise ExperienceError(
-                f"{path}: expected a table of collect (.parquet) or a recording (.mcap, .db3, or its folder)"
+                f"{path}: expected a table of collect (.parquet) or a recording "
+                "(.mcap, .db3, or its folder)"
             )
     if len(parts) == 1:
         raise parts.popitem()[1]

@@ -11,16 +11,17 @@ from ator_ros.actions.base import Goal, Point
 from ator_ros.actions.goal_variables import GoalVariable
 from ator_ros.actions.situation import ActionSpec, Situation
 from ator_ros.bases.description import Robot
-from ator_ros.bases.differential.drive_parts import DriveParts
+from ator_ros.bases.drive_parts import DriveParts
 from ator_ros.experience.table import LARGEST, Episode
 from ator_ros.files import is_name
 from ator_ros.printable import printable, quoted
 from ator_ros.tops.chain import Top
-from ator_ros.world.messages import MessageError, ObjectSource, pose_from, velocity, world_from
+from ator_ros.world.readers import MessageError, ObjectSource, pose_from, velocity, world_from
 
-SUCCEEDED, FAILED = 1, 2  # codes of ator_interfaces/msg/Outcome
-ENDED = (SUCCEEDED, FAILED)
-"""Outcomes of actions that ended by themselves."""
+_SUCCEEDED = 1
+_FAILED = 2
+ENDED = (_SUCCEEDED, _FAILED)
+"""Codes of ator_interfaces/msg/Outcome of actions that ended by themselves."""
 # s, twenty default action_timeouts: a farther goal is in another unit or frame
 _LONGEST_DRIVE = 600.0
 # m, above the tolerances of arrival: a robot that is at its goal already arrives in no time
@@ -67,7 +68,8 @@ def episode_of(message: Any, domain: Vocabulary, robot: Robot) -> Episode:
         A value cannot be used, the TOP does not call the action, or the robot cannot have driven so
         far.
     """
-    name, action = message.call.top, message.action
+    name = message.call.top
+    action = message.action
     for field, value in (("action", action), ("action_set", message.action_set or DEFAULT_SET)):
         if not is_name(value):
             raise MessageError(
@@ -78,9 +80,10 @@ def episode_of(message: Any, domain: Vocabulary, robot: Robot) -> Episode:
     if name not in calling and (calling or top is not None):
         expected = f"one of {', '.join(calling)}, which call" if calling else "a TOP that calls"
         raise MessageError(f"call.top: expected {expected} {action}, got {quoted(name)}")
-    start, call = world_from(message.start, where="start"), message.call
-    state, objects = start.robot, start.objects
-    pose, speed = pose_from(call.goal.pose, "call.goal.pose"), velocity(call.speed, "call.speed")
+    start = world_from(message.start, where="start")
+    call = message.call
+    pose = pose_from(call.goal.pose, "call.goal.pose")
+    speed = velocity(call.speed, "call.speed")
     given = {item.name: item.value for item in call.values}
     values = {name: given[name] for name in domain.goal_variables if name in given}
     point = Point.AXLE if top is None else top.point
@@ -91,9 +94,9 @@ def episode_of(message: Any, domain: Vocabulary, robot: Robot) -> Episode:
     )
     parts = DriveParts(first, last, driven if 0.0 < abs(driven) <= LARGEST else math.nan)
     episode = Episode(
-        situation=Situation(message.action, state, objects, Goal(pose, speed, point, values)),
+        situation=Situation(action, start.robot, start.objects, Goal(pose, speed, point, values)),
         duration=message.actual.duration,
-        success=message.outcome.code == SUCCEEDED,
+        success=message.outcome.code == _SUCCEEDED,
         reason=printable(message.outcome.reason, 200),
         position_error=message.actual.accuracy,
         heading_error=message.heading_error,

@@ -16,10 +16,12 @@ from ator_ros.actions.remote import status_name
 from ator_ros.experience.records import Vocabulary
 from ator_ros.geometry import Pose
 from ator_ros.printable import quoted
-from ator_ros.world.messages import MessageError, plain_frame, pose_from, seconds_from
+from ator_ros.world.readers import MessageError, plain_frame, pose_from, seconds_from
 
-PLAN, GOAL_POSE = "plan", "goal_pose"
-"""Roles of topics: the path to a goal (nav_msgs/Path), and a goal as RViz publishes it before it is sent."""
+PLAN = "plan"
+"""Role of the topic of the path to a goal (nav_msgs/Path)."""
+GOAL_POSE = "goal_pose"
+"""Role of the topic of a goal as RViz publishes it before it is sent (PoseStamped)."""
 STATUS_SUFFIX = "/_action/status"
 """Of the topic on which the server of an action publishes the status of its goals."""
 NOT_CONNECTED = "tf does not connect odometry's frame with the goal's"
@@ -85,11 +87,13 @@ class ServerGoal:
     def set_pose(
         self, frame: str, pose: Pose, odom_pose: Pose | None, *, from_goal_pose: bool
     ) -> None:
-        """Set the pose of the goal: a later plan replaces an earlier one, and none replaces a goal_pose."""
+        """Set the pose of the goal: a later plan replaces an earlier one, but no goal_pose."""
         if from_goal_pose or not self.from_goal_pose:
             if frame != self.frame or self.odom_pose is None:
                 self.odom_pose = odom_pose
-            self.frame, self.pose, self.from_goal_pose = frame, pose, from_goal_pose
+            self.frame = frame
+            self.pose = pose
+            self.from_goal_pose = from_goal_pose
 
     def rejection(self) -> str:
         """Return why the goal is no episode; empty if it is one."""
@@ -127,7 +131,8 @@ class ServerGoals:
         is_first = not any(known == action for known, _ in self.goals)
         # those that ended first
         for item in sorted(message.status_list, key=lambda item: -item.status):
-            status, key = status_name(item.status), (action, bytes(item.goal_info.goal_id.uuid))
+            status = status_name(item.status)
+            key = (action, bytes(item.goal_info.goal_id.uuid))
             if key not in self.goals:
                 if len(self.goals) >= _MOST_GOALS:
                     raise MessageError(f"{action}: expected at most {_MOST_GOALS} goals, got more")
@@ -137,17 +142,19 @@ class ServerGoals:
                 self.goals[key] = ServerGoal(action, before_recording=is_first and is_old)
             goal = self.goals[key]
             if status == "executing" and math.isnan(goal.begin):
-                goal.segment, goal.begin = segment, now
+                goal.segment = segment
+                goal.begin = now
                 if self._goal_pose is not None and abs(now - self._goal_pose[0]) <= _RECENT:
                     _, frame, pose = self._goal_pose
                     goal.set_pose(frame, pose, self._odom_pose_in(frame), from_goal_pose=True)
             elif status in _ENDED and not goal.status:
-                goal.status, goal.end = status, now if segment == goal.segment else math.nan
+                goal.status = status
+                goal.end = now if segment == goal.segment else math.nan
                 odom_pose = self._odom_pose_in(goal.frame)
                 goal.final_pose = odom_pose.compose(robot) if odom_pose else None
 
     def add_pose(self, message: Any, now: float) -> None:
-        """Add the path to the active goal, or the pose of the goal that is sent next (PoseStamped)."""
+        """Add the path to the active goal, or the pose of the goal that is sent next."""
         frame = plain_frame(message.header.frame_id)
         if len(frame) > _LONGEST_FRAME:
             raise MessageError(f"{PLAN}.header.frame_id: expected a frame, got {quoted(frame)}")

@@ -16,7 +16,7 @@ from ator_ros.actions.situation import ActionSpec, Situation
 from ator_ros.bases.description import Robot
 from ator_ros.experience.parallel import run_tasks
 from ator_ros.experience.table import Episode, ExperienceError, sample_of
-from ator_ros.simulation.run import judge, place, run_action
+from ator_ros.simulation.run import SimulatedWorld, judge, place, run_action
 from ator_ros.simulation.simulation import Simulation
 from ator_ros.tops.chain import Top
 from ator_ros.tops.library import top_of
@@ -26,7 +26,7 @@ _TICKS_PER_SAMPLE = 2  # of 1/20 s: the paper's 10 Hz
 
 
 def run_episode(
-    simulation: Simulation,
+    simulation: SimulatedWorld,
     action: Action,
     situation: Situation,
     *,
@@ -37,7 +37,7 @@ def run_episode(
 
     Parameters
     ----------
-    simulation : Simulation
+    simulation : SimulatedWorld
         A new simulation, in which robot and objects are placed.
     top : Top
         The TOP whose post-condition decides on success.

@@ -13,11 +13,11 @@ import shutil
 import sqlite3
 import tempfile
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
 from dataclasses import asdict, astuple, dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -35,18 +35,17 @@ from ator_ros.experience.table import Episode, Experience, ExperienceError, chec
 from ator_ros.files import DamagedFileError, FileError, identity_of
 from ator_ros.printable import printable, quoted
 
-T = TypeVar("T")
-
 STORE = "records.db"
 NUMBER = "number"
 """Column of the numbers of episodes, which increase with time and are never used twice."""
 _TABLES = """
 PRAGMA journal_mode = DELETE;
 CREATE TABLE IF NOT EXISTS source (robot_digest TEXT, domain TEXT);
-CREATE TABLE IF NOT EXISTS episodes (number INTEGER PRIMARY KEY AUTOINCREMENT, action_set TEXT, row TEXT);
+CREATE TABLE IF NOT EXISTS episodes
+(number INTEGER PRIMARY KEY AUTOINCREMENT, action_set TEXT, row TEXT);
 CREATE INDEX IF NOT EXISTS by_set ON episodes (action_set, number);
 """
-_SOURCE = "SELECT robot_digest, domain FROM source"
+_SOURCE = "SELECT 0, robot_digest, domain FROM source LIMIT 1"
 _FIRST = "INSERT INTO sqlite_sequence VALUES ('episodes', ?)"
 _STORED = "SELECT seq FROM sqlite_sequence WHERE name = 'episodes'"
 _APPEND = "INSERT INTO episodes (action_set, row) VALUES (:set, :row)"
@@ -98,7 +97,8 @@ class RecordStore:
 
     def __init__(self, folder: Path, info: StoreInfo, *, most: int, first: int = 0) -> None:
         folder.mkdir(parents=True, exist_ok=True)
-        self._file, self._most = folder / STORE, most
+        self._file = folder / STORE
+        self._most = most
         self._opened: tuple[int, int] | None = None  # identity of the open file
         self._database = sqlite3.connect(self._file, check_same_thread=False)
         limit(self._database, longest=_LONGEST)
@@ -128,7 +128,7 @@ class RecordStore:
             with database:
                 database.execute("INSERT INTO source VALUES (?, ?)", astuple(info))
                 database.execute(_FIRST, [first])
-        elif (got := StoreInfo(*source)) != info:
+        elif (got := StoreInfo(*source[1:])) != info:
             raise FileError(f"{self._file}: expected {info}, got {got}: choose another folder")
         (stored,) = database.execute(_STORED).fetchone() or (0,)
         if not isinstance(stored, int):
@@ -188,13 +188,11 @@ def _errors_of(file: Path) -> Iterator[None]:
         raise OSError(errno.ENOSPC if full else errno.EIO, str(error), str(file)) from error
 
 
-_Rows = Iterator[tuple[Any, ...]]
-_Read = Callable[[_Rows], T]
-"""What is done with the rows of a query, one after the other."""
+_Row = tuple[Any, ...]
 
 
-def _read(folder: Path, query: str, values: Sequence[str], read: _Read[T]) -> T:
-    """Return what `read` makes of the rows that a query of a store yields.
+def _read(folder: Path, query: str, *values: str) -> list[_Row]:
+    """Return the rows of a query, whose first values are numbers that increase.
 
     Raises FileError.
     """
@@ -203,32 +201,32 @@ def _read(folder: Path, query: str, values: Sequence[str], read: _Read[T]) -> T:
         if not is_store(folder):
             raise FileError(f"{file}: expected a store of records, there is none")
         with _errors_of(file):
-            return _queried(file, query, values, read)
+            return _queried(file, query, values)
     except OSError as error:
         raise FileError(f"{file}: expected a store of records: {error.strerror}") from error
 
 
-def _queried(file: Path, query: str, values: Sequence[str], read: _Read[T]) -> T:
-    """Return what `read` makes of the rows of a query, also on a read-only medium."""
+def _queried(file: Path, query: str, values: Sequence[str]) -> list[_Row]:
+    """Return the rows of a query, also on a read-only medium."""
     try:
-        return _queried_as("ro", file, query, values, read)
+        return _queried_as("ro", file, query, values)
     except sqlite3.OperationalError as error:
         if code_of(error) == sqlite3.SQLITE_INTERRUPT:
             raise
         # SQLite has to write: a process was killed while it wrote, or the file is of version 0.1
         if os.access(file.parent, os.W_OK):
-            return _queried_as("rw", file, query, values, read)
+            return _queried_as("rw", file, query, values)
     with tempfile.TemporaryDirectory() as writable:
         for part in file.parent.glob(f"{STORE}*"):
             shutil.copyfile(part, Path(writable, part.name))
-        return _queried_as("rw", Path(writable, STORE), query, values, read)
+        return _queried_as("rw", Path(writable, STORE), query, values)
 
 
-def _queried_as(mode: str, file: Path, query: str, values: Sequence[str], read: _Read[T]) -> T:
+def _queried_as(mode: str, file: Path, query: str, values: Sequence[str]) -> list[_Row]:
     with closing(connected(file, f"mode={mode}", longest=_LONGEST)) as database:
         database.text_factory = text_of
         _require_tables(database)
-        return read(database.execute(query, values))
+        return list(_in_order(database.execute(query, values)))
 
 
 def _require_tables(database: sqlite3.Connection) -> None:
@@ -243,13 +241,13 @@ def is_store(path: Path) -> bool:
 
 
 def action_sets_in(folder: Path) -> list[str]:
-    """Return the action sets with episodes in a store."""
-    query = "SELECT number, action_set FROM episodes NOT INDEXED"
-    return _read(folder, query, (), lambda rows: sorted({str(name) for _, name in _in_order(rows)}))
+    """Return the action sets with episodes in a store; raises FileError."""
+    rows = _read(folder, "SELECT number, action_set FROM episodes NOT INDEXED")
+    return sorted({str(name) for _, name in rows})
 
 
-def _in_order(rows: _Rows) -> _Rows:
-    """Yield rows; raise ValueError unless their first values increase: damage can make them endless."""
+def _in_order(rows: Iterable[_Row]) -> Iterator[_Row]:
+    """Yield rows; raise ValueError unless their numbers increase: damage can make them endless."""
     last = None
     for row in rows:
         number = row[0]
@@ -272,20 +270,20 @@ def read_store(folder: Path, action_set: str | None = None) -> Experience:
     rows = read_records(folder, name)
     if rows.empty:
         raise ExperienceError(f"{folder}: expected episodes of the action set {name}, found none")
-    first = _read(folder, _SOURCE, (), lambda rows: next(rows, None))
-    if first is None:
+    sources = _read(folder, _SOURCE)
+    if not sources:
         raise FileError(f"{folder / STORE}: expected a robot and a domain, got none")
-    metadata = {**asdict(StoreInfo(*first)), "action_set": name, "command": "learning"}
+    metadata = {**asdict(StoreInfo(*sources[0][1:])), "action_set": name, "command": "learning"}
     return Experience(rows.drop(columns=NUMBER), metadata)
 
 
 def read_records(folder: Path, action_set: str) -> pd.DataFrame:
-    """Return the starts of the episodes of an action set, oldest first: columns of a table, and `NUMBER`.
+    """Return the starts of the episodes of an action set, oldest first, with `NUMBER`.
 
     Damaged rows are left out with a warning. Raises FileError if `folder` has no store.
     """
     query = "SELECT number, row FROM episodes NOT INDEXED WHERE action_set = ?"
-    stored = _read(folder, query, (action_set,), _parsed_rows)
+    stored = [(number - 1, _parsed(text)) for number, text in _read(folder, query, action_set)]
     usable = _usable(stored, action_set)
     if len(usable) < len(stored):
         text = f"{len(stored) - len(usable)} of {len(stored)} records are damaged and left out"
@@ -294,14 +292,6 @@ def read_records(folder: Path, action_set: str) -> pd.DataFrame:
         return join([]).assign(**{NUMBER: np.empty(0, dtype=np.int64)})
     numbers = [number for number, _ in usable]
     return _checked(usable, action_set).assign(**{NUMBER: numbers})
-
-
-_Row = tuple[int, Any]
-"""Number and content of a stored record."""
-
-
-def _parsed_rows(rows: _Rows) -> list[_Row]:
-    return [(number - 1, _parsed(text)) for number, text in _in_order(rows)]
 
 
 def _parsed(text: str) -> Any:

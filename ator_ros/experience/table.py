@@ -18,12 +18,12 @@ from ator_ros.actions import DEFAULT_SET
 from ator_ros.actions.base import Point
 from ator_ros.actions.goal_variables import MOST_GOAL_VARIABLES, direct_name
 from ator_ros.actions.situation import Situation
-from ator_ros.bases.differential.drive_parts import DriveParts, parts_of_drive
+from ator_ros.bases.drive_parts import DriveParts, parts_of_drive
 from ator_ros.files import atomic_write, content_of, header, is_name
 from ator_ros.geometry import FloatArray
 from ator_ros.printable import ReadableError, printable, quoted
 from ator_ros.schema import SchemaError
-from ator_ros.world.messages import MOST_OBJECTS
+from ator_ros.world.readers import MOST_OBJECTS
 from ator_ros.world.state import World
 
 
@@ -38,7 +38,7 @@ LARGEST = 1e9
 
 
 class Column(NamedTuple):
-    """A column of experience: what it means, the range of its numbers, and whether NaN is allowed."""
+    """A column: what it means, the range of its numbers, and whether NaN is allowed."""
 
     meaning: str
     low: float = -LARGEST
@@ -53,6 +53,7 @@ _STATE = {
     "yaw": Column("rad"),
     "v": Column("m/s, forward"),
     "w": Column("rad/s, counter-clockwise"),
+    "vy": Column("m/s, to the left"),
 }
 _BEFORE = {
     "action": Column("name of the action"),
@@ -103,7 +104,7 @@ _AFTER = {
     ),
 }
 STATE_COLUMNS = tuple(_STATE)
-"""Time and the robot's state, in the order of a sample: s since the start, m, m, rad, m/s, rad/s."""
+"""Time and the robot's state, in the order of a sample."""
 _TEXTS = ("action", "reason")
 _TYPES = {"episode": np.int32, "hold": np.int8, "success": bool}
 """Columns of whole numbers and of true and false; all other numbers are floats."""
@@ -126,7 +127,7 @@ def columns(objects: Iterable[str], goal_variables: Iterable[str] = ()) -> dict[
 
 
 def object_columns(objects: Iterable[str]) -> list[str]:
-    """Return the names of the columns of objects: NAME_x and NAME_y of each, in m, NaN where unknown."""
+    """Return the names of the columns of objects: NAME_x and NAME_y of each."""
     return [f"{name}_{axis}" for name in objects for axis in "xy"]
 
 
@@ -229,7 +230,7 @@ def sample_of(world: World, start: float, objects: Iterable[str]) -> tuple[float
     It has the columns `STATE_COLUMNS`, then x and y in m of each object, NaN where unknown.
     """
     robot = world.robot
-    sample = [world.time - start, *robot.pose, robot.v, robot.w]
+    sample = [world.time - start, *robot.pose, robot.vx, robot.w, robot.vy]
     for name in objects:
         there = world.objects.get(name)
         sample += (math.nan, math.nan) if there is None else (there.x, there.y)
@@ -243,7 +244,7 @@ _KEY = b"ator_ros"
 
 
 def checked_rows(source: Path | str, frame: pd.DataFrame, action_set: object) -> pd.DataFrame:
-    """Check rows of experience, with columns of any types, and return their known columns with plain types.
+    """Check rows of experience, of any types, and return their known columns with plain types.
 
     Parameters
     ----------
@@ -263,6 +264,8 @@ def checked_rows(source: Path | str, frame: pd.DataFrame, action_set: object) ->
     has_parts = {*_PARTS} <= {*frame.columns}
     if not has_parts:
         frame = frame.assign(**DriveParts()._asdict())
+    if "vy" not in frame:  # as in tables of version 0.1
+        frame = frame.assign(vy=0.0)
     if missing := [name for name in wanted if name not in frame.columns]:
         raise ExperienceError(
             f"{source}: expected the columns {', '.join(wanted)}; missing: {', '.join(missing)}"

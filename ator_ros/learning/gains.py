@@ -16,7 +16,8 @@ from ator_ros.files import load, save
 from ator_ros.refinement.gate import MeasuredGain
 from ator_ros.schema import Within
 
-GAINS, KIND = "gains.json", "gains of refinement"
+GAINS = "gains.json"
+KIND = "gains of refinement"
 _MOST = 500  # newest chains that count
 _LONGEST = 1e6  # s; sums of squares of greater numbers would overflow
 # chains up to which the share of comparisons is greatest; then it falls with their root
@@ -92,12 +93,13 @@ class Gains:
 
 
 def chain_gain(record: Any, models: str) -> ChainGain | None:
-    """Return the gain of a chain from an ator_interfaces/ChainPerformance; None if it does not count.
+    """Return the gain of a chain from its ChainPerformance; None if it does not count.
 
     A chain counts if it was refined, or ran naive for comparison, with the models of this
     digest, and succeeded without events that predictions do not cover.
     """
-    gain, counts = record.gain, record.refined or record.gain.comparison
+    gain = record.gain
+    counts = record.refined or gain.comparison
     excess = record.actual.duration - record.predicted.duration
     succeeded = record.outcome.code == record.outcome.SUCCEEDED
     undisturbed = succeeded and not (record.fetched or record.refined_again)

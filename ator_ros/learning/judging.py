@@ -37,15 +37,17 @@ _NO_GAIN = 1e-12  # rounding of a sum of gains whose squares sum to 1
 _TO_DEVIATION = 1.4826  # from the median of absolute errors, for normal errors
 
 Learn = Callable[[Examples, IntArray], ModelTree | None]
-"""Returns a tree learned from the examples at these positions, oldest first; None if they are too few."""
+"""Returns a tree learned from the examples at these positions; None if they are too few."""
 
 
 @dataclass(frozen=True, eq=False)
 class RoundVerdict:
-    """Result of a round of learning for one measure of an action, with the number of its records `episodes`.
+    """Result of a round of learning for one measure of an action.
 
     Attributes
     ----------
+    episodes : int
+        How many records the measure has.
     reason : str
         Why the tree is kept or replaced, with the mean losses of the tree in use and of the best
         candidate: absolute errors (s, m, rad), for success the Brier score.
@@ -190,13 +192,15 @@ def _learned(
 
 
 def _scaled(tree: ModelTree, examples: Examples, which: IntArray) -> ModelTree | None:
-    """Return the tree scaled and shifted to the newest records, by medians, which outliers hardly change."""
+    """Return the tree scaled and shifted to the newest records, by medians."""
     which = which[-_SCALED:]
     if len(which) < _FEWEST_SCALED:
         return None
     predicted = _predicted(examples, tree, which)
     values = examples.values[which]
-    slope = float(np.clip(theilslopes(values, predicted).slope, *_SLOPES))
+    slope = 1.0
+    if np.ptp(predicted) > 0.0:
+        slope = float(np.clip(theilslopes(values, predicted).slope, *_SLOPES))
     shift = float(np.median(values - slope * predicted))
     leaf = tree.is_leaf
     return dataclasses.replace(

@@ -35,7 +35,8 @@ from ator_ros.learning.sets import (
 )
 from ator_ros.schema import SchemaError, structured
 
-ROUND, KIND = "round.json", "round of learning"
+ROUND = "round.json"
+KIND = "round of learning"
 FROZEN = "frozen"
 # real s; a round of 20,000 episodes takes some seconds, but at the lowest priority
 _LONGEST_ROUND = 1800.0
@@ -108,14 +109,18 @@ class Learner:
         batch: int,
         most: int = 20_000,
     ) -> None:
-        self._folder, self._begin, self._batch, self._most = folder, begin, batch, most
-        self._info, self._start = info, start
+        self._folder = folder
+        self._begin = begin
+        self._batch = batch
+        self._most = most
+        self._info = info
+        self._start = start
         self._lock = contextlib.ExitStack()
         # Functions that write a record each, while the folder cannot be written.
         self._waiting: deque[Callable[[], None]] = deque(maxlen=_MOST_WAITING)
         self._round: RoundProcess | None = None
-        # its real time in s, and `stored` when it started
-        self._round_began, self._round_ends = 0.0, 0
+        self._round_began = 0.0  # real time in s
+        self._round_ends = 0  # `stored` when it began
         self._requested = False
         self._last = RoundResult()
         self._is_saved = True  # whether round.json holds `_last`
@@ -251,8 +256,9 @@ class Learner:
         due = max(self._batch, _SHARE * min(self.stored, self._most))
         if self._round is not None:
             if self._round.done:
-                done, self._round = self._round, None
-                return self._finish(done.result())
+                result = self._round.result()
+                self._round = None
+                return self._finish(result)
             if now - self._round_began > _LONGEST_ROUND:
                 self._end_round()
                 return self._finish({"failed": f"it took longer than {_LONGEST_ROUND:g} s"})
@@ -265,7 +271,8 @@ class Learner:
     def _start_round(self, now: float) -> str | None:
         """Start a round at the real time `now` (s); return why it could not start."""
         self._requested = False
-        self._round_began, self._round_ends = now, self.stored
+        self._round_began = now
+        self._round_ends = self.stored
         try:
             self._read_set()  # its process refuses a damaged set
             self._round = self._begin()
@@ -316,7 +323,7 @@ class Learner:
             self._last = replace(self._last, actions=kept)
 
     def _summary(self) -> str:
-        """Return the result of the last round: durations, and other measures whose tree was replaced."""
+        """Return the result of the last round: durations, and what else was replaced."""
         verdicts = self._last.actions.items()
         # "SET/ACTION" is the duration of an action, "SET/ACTION/MEASURE" another measure.
         shown = {
@@ -380,7 +387,7 @@ class Learner:
             self.fault = ""
 
     def _write_oldest(self) -> None:
-        """Write what waits longest; set the store aside if it is damaged, as only records need it."""
+        """Write what waits longest; set the store aside if it is damaged."""
         try:
             self._waiting[0]()
         except DamagedFileError as error:

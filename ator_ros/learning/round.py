@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 import shutil
 import warnings
 from collections.abc import Mapping, Sequence
@@ -29,7 +28,6 @@ from ator_ros.learning.sets import (
     seal,
     sets_in,
 )
-from ator_ros.performance.driving import plain_driving
 from ator_ros.performance.features import PATHS, Feature, declared_by, names_of
 from ator_ros.performance.model import MEASURES, PerformanceModel
 from ator_ros.performance.model_file import (
@@ -39,7 +37,6 @@ from ator_ros.performance.model_file import (
     models_folder,
     save_model,
 )
-from ator_ros.performance.observation import backward_above
 from ator_ros.performance.training import (
     duration_features,
     error_process,
@@ -79,12 +76,10 @@ def _improved(
     if current is not None:
         driving = current.driving
     elif set(features) & set(PATHS):
-        driving = plain_driving(robot)
-    learns_angle = driving is not None and driving.backward_above == math.pi
-    if driving is not None and learns_angle and len(rows) >= _RECORDS_FOR_ANGLE:
-        # Present trees have no features of the straight, which depend on this angle.
-        above = backward_above(succeeded, robot)
-        driving = dataclasses.replace(driving, backward_above=above)
+        driving = robot.unobserved_driving()
+    if driving is not None and len(rows) >= _RECORDS_FOR_ANGLE:
+        # Present trees have no features that depend on what the driving leaves open.
+        driving = robot.completed_driving(driving, succeeded)
     former = {name: model for name, model in former.items() if model.driving == driving}
     of_durations = duration_features(features, succeeded, driving)
     known = {feature.name: feature for feature in of_durations}
@@ -138,7 +133,8 @@ def _usable(rows: pd.DataFrame, features: Sequence[Feature]) -> pd.DataFrame:
     if not set(rows.columns).issuperset(wanted):
         return rows[:0]
     rows = rows[rows[wanted].notna().all(axis=1)]
-    durations, good = rows["duration"].to_numpy(dtype=float), rows["success"].to_numpy(dtype=bool)
+    durations = rows["duration"].to_numpy(dtype=float)
+    good = rows["success"].to_numpy(dtype=bool)
     usual = float(np.median(durations[good])) if good.any() else 0.0
     return rows[~good | ((durations > 0.0) & (durations < max(10.0 * usual, 1.0)))]
 
@@ -170,7 +166,9 @@ class Source:
 
 
 def learn(source: Source, *, time: str) -> dict[str, Any]:
-    """Compare models, and make a new set with this time stamp if one is better; it is not published.
+    """Compare models, and make a new set with this time stamp if one is better.
+
+    It is not published.
 
     Returns
     -------
@@ -190,7 +188,8 @@ def learn(source: Source, *, time: str) -> dict[str, Any]:
         for action, rows in read_records(records, action_set).groupby("action", sort=True):
             if action not in source.domain.actions(action_set):
                 continue
-            name, current = f"{action_set}/{action}", source.model(base, str(action), action_set)
+            name = f"{action_set}/{action}"
+            current = source.model(base, str(action), action_set)
             verdicts, model = _improved(
                 str(action),
                 rows,
@@ -206,7 +205,8 @@ def learn(source: Source, *, time: str) -> dict[str, Any]:
                     each: getattr(verdict, each) for each in ("episodes", "reason", "kind")
                 }
                 if verdict.tree is not None:
-                    reasons[key], seen[key] = verdict.reason, int(rows[NUMBER].max()) + 1
+                    reasons[key] = verdict.reason
+                    seen[key] = int(rows[NUMBER].max()) + 1
             episodes[name] = max(verdict.episodes for verdict in verdicts.values())
             if model is not None:
                 metadata = _metadata(source, action_set, verdicts, episodes[name], current)

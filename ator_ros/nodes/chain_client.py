@@ -94,7 +94,8 @@ class ChainClient:
     """
 
     def __init__(self, node: Node, on_lost: Callable[[str], object] = lambda _: None) -> None:
-        self._node, self._on_lost = node, on_lost
+        self._node = node
+        self._on_lost = on_lost
         self._client = ActionClient(node, ExecuteChain, "execute_chain", **ACTION_QUEUES)
         self._cancel = node.create_client(
             CancelGoal, "execute_chain/_action/cancel_goal", qos_profile=SERVICES
@@ -116,8 +117,9 @@ class ChainClient:
 
         `on_feedback` is called with each ExecuteChain.Feedback.
         """
+        self._watch()
         self._newest = sent = SentChain()
-        if not self.is_ready():
+        if not self._was_ready:
             sent.abandon(Outcome.INPUT_LOST, NO_EXECUTOR)
             return sent
         goal.lease = self._lease
@@ -135,7 +137,8 @@ class ChainClient:
 
     def _watch(self) -> None:
         """Abandon the newest goal if its executor is gone, or was restarted and lost it."""
-        was_ready, self._was_ready = self._was_ready, self.is_ready()
+        was_ready = self._was_ready
+        self._was_ready = self.is_ready()
         # DDS lists an executor that was killed for up to 20 s. After a restart two are listed.
         previous = max(self._executors, 1)
         self._executors = self._node.count_services("execute_chain/_action/send_goal")

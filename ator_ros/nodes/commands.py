@@ -36,12 +36,15 @@ class CommandPublisher:
     """
 
     def __init__(self, node: Node, *, stamped: str, frame: str) -> None:
-        self._node, self._setting, self._frame = node, stamped, frame
+        self._node = node
+        self._setting = stamped
+        self._frame = frame
         self._last = STOP
         self._use(stamped == "true")
 
     def _use(self, stamped: bool) -> None:
-        self._stamped, self.changed = stamped, time.monotonic()
+        self._stamped = stamped
+        self.changed = time.monotonic()
         self._publisher = self._node.create_publisher(self.kind, _TOPIC, NEWEST)
 
     @property
@@ -60,7 +63,8 @@ class CommandPublisher:
         message: Any = twist_of(command)
         if self._stamped:
             message = TwistStamped(twist=message)
-            message.header.stamp, message.header.frame_id = stamp_of(stamp), self._frame
+            message.header.stamp = stamp_of(stamp)
+            message.header.frame_id = self._frame
         self._publisher.publish(message)
 
     def adapt(self) -> None:
@@ -100,11 +104,15 @@ class CommandPublisher:
         return f"{text}; set stamped_commands:={other} (of calibrate: --stamped {other})"
 
     def cause(self) -> str:
-        """Return the most likely cause of a base that does not move, else the nodes that receive commands."""
+        """Return the most likely cause of a base that does not move.
+
+        Without one, return which nodes receive the commands.
+        """
         node = self._node
         if mismatch := self.mismatch():
             return mismatch
-        subscriptions, own_type = self._subscriptions(), type_name(self.kind)
+        subscriptions = self._subscriptions()
+        own_type = type_name(self.kind)
         receivers = [info for info in subscriptions if info.topic_type == own_type]
         others = [info for info in subscriptions if info.topic_type != own_type]
         if not receivers:

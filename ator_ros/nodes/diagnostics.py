@@ -16,23 +16,25 @@ from rclpy.node import Node
 from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
-from ator_ros.nodes.inputs import GAPS, MOST_NAMED, Subscriptions
+from ator_ros.nodes.inputs import GAPS, MOST_NAMED, WARNING_PERIOD, Subscriptions
 from ator_ros.nodes.qos import RESULTS
 from ator_ros.printable import listed, one_line, printable
-from ator_ros.world.messages import FrameError, SendersError, second_parent
+from ator_ros.world.readers import FrameError, SendersError, second_parent
 
 STEADY = Clock(clock_type=ClockType.STEADY_TIME)  # of timers that are independent of simulated time
-WARNING_PERIOD = 2.0  # s between two warnings that one line of code logs
-_PERIOD = 1.0  # s
+_PERIOD = 1.0  # s, as usual for /diagnostics
 # reports in a row after which a problem is logged: inputs are also missing at the start
 _PERSISTENT = 5
 _LONGEST = 500  # characters of a status, which may join the messages of several problems
-_TICKS = 1000
+_TICKS = 1000  # newest ticks that count: 50 s at 20 a second
 
 
 @dataclass(frozen=True, slots=True)
 class Health:
-    """A node's health: its `problem`, or "", and whether that is an `error`, which keeps it from working."""
+    """A node's health.
+
+    `problem` is empty for a healthy node; an `error` is a problem that keeps it from working.
+    """
 
     problem: str = ""
     error: bool = False
@@ -40,7 +42,7 @@ class Health:
 
 
 class Diagnostics:
-    """Publishes a node's health on /diagnostics once a second, in steady time, and logs lasting problems.
+    """Publishes a node's health on /diagnostics once a second, and logs lasting problems.
 
     `topics` are the types of the topics that the node subscribes to, by name: publishers of other
     types are reported.
@@ -49,8 +51,12 @@ class Diagnostics:
     def __init__(
         self, node: Node, health: Callable[[], Health], topics: Mapping[str, type] | None = None
     ) -> None:
-        self._node, self._health, self._topics = node, health, topics or {}
-        self._problem, self._repeats, self._logged = "", 0, ""
+        self._node = node
+        self._health = health
+        self._topics = topics or {}
+        self._problem = ""
+        self._repeats = 0
+        self._logged = ""
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", RESULTS)
         node.create_timer(_PERIOD, self._publish, clock=STEADY)
 
@@ -82,7 +88,10 @@ class Diagnostics:
 
 
 class Warnings:
-    """Logs warnings, each in one line and not more than one in `WARNING_PERIOD`; `last` is the last text."""
+    """Logs warnings, each in one line, at most one in `WARNING_PERIOD`.
+
+    `last` is the text of the last one.
+    """
 
     def __init__(self, node: Node) -> None:
         self._logger = node.get_logger()
@@ -99,7 +108,8 @@ class Ticks:
 
     def __init__(self) -> None:
         self._last = math.inf
-        self._gaps, self._durations = deque([0.0], maxlen=_TICKS), deque([0.0], maxlen=_TICKS)
+        self._gaps = deque([0.0], maxlen=_TICKS)
+        self._durations = deque([0.0], maxlen=_TICKS)
 
     def start(self, now: float) -> None:
         """Record a tick that starts at `now` s."""
@@ -124,7 +134,9 @@ class Diagnosis:
     """Returns the most likely causes of missing inputs of a node; "odom" is the robot."""
 
     def __init__(self, node: Node, subscribed: Subscriptions) -> None:
-        self._node, self._tf, self._inputs = node, subscribed.tf, subscribed.inputs
+        self._node = node
+        self._tf = subscribed.tf
+        self._inputs = subscribed.inputs
 
     @property
     def topics(self) -> dict[str, Any]:
@@ -136,12 +148,14 @@ class Diagnosis:
 
         Else "".
         """
-        gaps, topic = self._inputs[name].gaps, self._inputs[name].topic
+        gaps = self._inputs[name].gaps
+        topic = self._inputs[name].topic
         if len(gaps) < GAPS or (usual := float(np.median(gaps))) <= 0.5 * timeout:
             return ""
+        needed = math.ceil(40.0 * usual) / 10.0
         return (
-            f"{topic}: messages came {usual:.2f} s apart, too rarely for a timeout of {timeout:g} s: the "
-            f"robot pauses between them; set {name}_timeout:={math.ceil(40.0 * usual) / 10.0:.1f}"
+            f"{topic}: messages came {usual:.2f} s apart, too rarely for a timeout of {timeout:g} "
+            f"s: the robot pauses between them; set {name}_timeout:={needed:.1f}"
         )
 
     def senders_problem(self) -> str:
@@ -153,8 +167,10 @@ class Diagnosis:
 
     def cause(self, name: str, timeout: float) -> str:
         """Return why an input is missing; `timeout` is its longest allowed gap in real s."""
-        item, node = self._inputs[name], self._node
-        topic, kind = item.topic, item.kind
+        item = self._inputs[name]
+        node = self._node
+        topic = item.topic
+        kind = item.kind
         if item.frames is not None and item.error is None and node.count_publishers(topic):
             return self._tf.problem(*item.frames)
         infos = node.get_publishers_info_by_topic(topic)
@@ -190,20 +206,25 @@ def unconnected(node: Node, topic: str, kind: type, known: Collection[str] | Non
 
     `known` are topics that the node subscribes to; None if it publishes.
     """
-    does, count = "publishes", node.count_publishers
+    does = "publishes"
+    count = node.count_publishers
     if known is None:
-        does, count = "subscribes to", node.count_subscribers
-    resolved, domain = node.resolve_topic_name(topic), node.context.get_domain_id()
+        does = "subscribes to"
+        count = node.count_subscribers
+    resolved = node.resolve_topic_name(topic)
+    domain = node.context.get_domain_id()
     skipped = {resolved, *map(node.resolve_topic_name, known or ())}
     elsewhere = [
         other
         for other, types in node.get_topic_names_and_types()
         if type_name(kind) in types and other not in skipped and count(other)
     ]
-    text, short = f"no node {does} {resolved} in ROS domain {domain}", _short(type_name(kind))
+    text = f"no node {does} {resolved} in ROS domain {domain}"
+    short = _short(type_name(kind))
     if not elsewhere:
         return f"{text}, and there is no other topic of type {short}: start the node that {does} it"
-    return f"{text}; of type {short} there is {', '.join(elsewhere)}: remap with -r {topic}:={elsewhere[0]}"
+    remedy = f"remap with -r {topic}:={elsewhere[0]}"
+    return f"{text}; of type {short} there is {', '.join(elsewhere)}: {remedy}"
 
 
 def incompatibility(offered: QoSProfile, requested: QoSProfile) -> str:
@@ -232,16 +253,20 @@ def _short(name: str) -> str:
 
 
 def type_mismatch(node: Node, topic: str, kind: type) -> str:
-    """Return which node publishes another type than `node` subscribes to: ROS drops its messages."""
+    """Return which node publishes another type than `node` subscribes to, which ROS drops."""
     for info in node.get_publishers_info_by_topic(topic):
         if info.topic_type != type_name(kind):
-            expected, got = _short(type_name(kind)), _short(info.topic_type)
+            expected = _short(type_name(kind))
+            got = _short(info.topic_type)
             return f"{topic}: expected {expected}, {node_of(info)} publishes {got}"
     return ""
 
 
 def several_publishers(node: Node, topics: Iterable[str]) -> str:
-    """Return the topics with several publishers, which DDS counts for 20 s after they were killed."""
+    """Return the topics with several publishers; empty if there are none.
+
+    DDS counts killed publishers for 20 s.
+    """
     senders = {
         topic: [node_of(s) for s in node.get_publishers_info_by_topic(topic)] for topic in topics
     }

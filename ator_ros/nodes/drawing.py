@@ -29,8 +29,8 @@ from ator_ros.world.state import ObjectState, World
 _ABOVE_FLOOR = 0.02  # m: height of the lines, above the grid that RViz draws
 _POINT = 0.05  # m: radius with which an object of unknown size is drawn
 _PERIOD = 0.2  # s on odometry's clock, between two updates
-_ROUNDING = 1e-6  # s
-_MOST_POSES = 60  # of planned_path
+_ROUNDING = 1e-6  # s; stamps are sums of floats
+_MOST_POSES = 60  # of planned_path: 0.1 m apart on a drive of 6 m
 
 
 class ExecutionDrawing:
@@ -46,7 +46,8 @@ class ExecutionDrawing:
     """
 
     def __init__(self, node: Node, domain: Domain, robot: Robot, frame: str) -> None:
-        self._scene, self._frame = robot.scene, frame
+        self._scene = robot.scene
+        self._frame = frame
         self._path = LazyPublisher(node, Path, "planned_path")
         self._chain = LazyPublisher(node, MarkerArray, "chain_markers")
         self._objects = LazyPublisher(node, MarkerArray, "object_markers")
@@ -62,7 +63,8 @@ class ExecutionDrawing:
         """Publish the status of a goal and draw its chain; `world` is the newest state."""
         now = 0.0 if world is None else world.time
         state = run.published_state
-        is_new, self._state = state != self._state, state
+        is_new = state != self._state
+        self._state = state
         if is_new:
             self._chain.publish(partial(self._chain_message, run.supervisor))
         if is_new or abs(now - self._drawn_at) >= _PERIOD - _ROUNDING:
@@ -83,13 +85,15 @@ class ExecutionDrawing:
     def _chain_message(self, supervisor: Supervisor) -> MarkerArray:
         shapes: list[Segments] = []
         if supervisor.phase is Phase.EXECUTING and supervisor.start is not None:
-            start, executor = supervisor.start.robot.pose, supervisor.executor
+            start = supervisor.start.robot.pose
+            executor = supervisor.executor
             shapes = executed_chain_shapes(start, executor.chain, executor.index)
         return marker_array(shapes, "chain", self._frame)
 
     def _path_message(self, path: FloatArray | None, now: float) -> Path:
         message = Path()
-        message.header.frame_id, message.header.stamp = self._frame, stamp_of(now)
+        message.header.frame_id = self._frame
+        message.header.stamp = stamp_of(now)
         if path is not None and len(path):
             kept = np.linspace(0, len(path) - 1, min(len(path), _MOST_POSES)).round().astype(int)
             for row in path[kept].tolist():
@@ -108,13 +112,14 @@ class LazyPublisher:
         self._publisher = node.create_publisher(kind, topic, LATCHED, event_callbacks=matched)
 
     def publish(self, factory: Callable[[], Any]) -> None:
-        """Publish what `factory` returns, now or once there is a subscriber, unless replaced before."""
+        """Publish what `factory` returns once there is a subscriber, unless replaced before."""
         self._factory = factory
         self._send()
 
     def _send(self) -> None:
         if self._factory is not None and self._publisher.get_subscription_count():
-            factory, self._factory = self._factory, None
+            factory = self._factory
+            self._factory = None
             self._publisher.publish(factory())
 
 
@@ -126,7 +131,9 @@ def marker_array(shapes: Iterable[Segments], namespace: str, frame: str) -> Mark
 def _array(drawn: Iterable[Marker], namespace: str, frame: str) -> MarkerArray:
     markers = [Marker(action=Marker.DELETEALL), *drawn]
     for number, marker in enumerate(markers):
-        marker.header.frame_id, marker.ns, marker.id = frame, namespace, number
+        marker.header.frame_id = frame
+        marker.ns = namespace
+        marker.id = number
     return MarkerArray(markers=markers)
 
 

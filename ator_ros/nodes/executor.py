@@ -43,7 +43,7 @@ from ator_ros.nodes.diagnostics import (
 from ator_ros.nodes.drawing import ExecutionDrawing
 from ator_ros.nodes.goal_run import GoalRun, concluded, unstarted
 from ator_ros.nodes.inputs import Subscriptions
-from ator_ros.nodes.leases import Leases
+from ator_ros.nodes.leases import LeaseWatch
 from ator_ros.nodes.maps import FollowedMap
 from ator_ros.nodes.messages import expect_sizes, into_frame
 from ator_ros.nodes.models import LEARNED, LearnedSets
@@ -68,7 +68,7 @@ from ator_ros.nodes.running import run_node, spin_out
 from ator_ros.printable import one_line
 from ator_ros.tops.objects import missing_in
 from ator_ros.world.inputs import ClockJumpError, Inputs
-from ator_ros.world.messages import MessageError
+from ator_ros.world.readers import MessageError
 from ator_ros.world.sightings import ObjectTracker, Sightings
 from ator_ros.world.state import STOP, Command, ObjectState, RobotState, World
 
@@ -91,8 +91,8 @@ _COMMON = (
     live(
         "odom_timeout",
         _USUAL.odom,
-        "real s without odometry, more if its stamps are slower than real time, at least 2 if faster "
-        "or just after the start, and its greatest delay; the robot pauses after half",
+        "real s without odometry, more if its stamps are slower than real time, at least 2 if "
+        "faster or just after the start, and its greatest delay; the robot pauses after half",
         0.05,
         60.0,
     ),
@@ -165,7 +165,8 @@ class ExecutorNode(Node):
         self._settings = declare_with_domain(self, parameters_for)
         domain, robot = domain_and_robot(self._settings)
         self._domain = domain
-        self._remotes = RemoteServers(self, domain, self._settings["frame"])
+        self._warn = Warnings(self)
+        self._remotes = RemoteServers(self, domain, self._settings["frame"], self._warn)
         self._libraries = self._remotes.libraries(robot)
         reasons = [top.lacks(robot) for top in domain.tops_for(robot)]
         reasons += [
@@ -186,9 +187,10 @@ class ExecutorNode(Node):
         self._rolling = Rolling(robot, slowest=3.0 * max(noises, default=0.0))
         self._world: World | None = None
         self._run: GoalRun | None = None
-        self._odom_at, self._stop_until, self._shutting_down = 0.0, 0.0, False
+        self._odom_at = 0.0
+        self._stop_until = 0.0
+        self._shutting_down = False
         self._motion_remark = ""  # as logged last
-        self._warn = Warnings(self)
         self._ticks = Ticks()
         self._started = time.monotonic()
         self._connect(robot)
@@ -198,35 +200,41 @@ class ExecutorNode(Node):
         sources = " and ".join(["odom" if "odom" in topics else "tf", *domain.objects])
         self.get_logger().info(
             f"ready for chains of {robot.name} (domain {domain.name}, ROS domain "
-            f"{self.context.get_domain_id()}), from {sources} in {self._settings['frame']} to cmd_vel; "
-            f"{self._sets.startup_text()}"
+            f"{self.context.get_domain_id()}), from {sources} in {self._settings['frame']} "
+            f"to cmd_vel; {self._sets.startup_text()}"
         )
 
     def _connect(self, robot: Robot) -> None:
         settings = self._settings
-        stamped, frame = settings["stamped_commands"], settings["robot_frame"]
+        stamped = settings["stamped_commands"]
+        frame = settings["robot_frame"]
         self._commands = CommandPublisher(self, stamped=stamped, frame=frame)
         self._actions = self.create_publisher(ActionPerformance, "performance/action", RESULTS)
         self._chains = self.create_publisher(ChainPerformance, "performance/chain", LATCHED)
-        self._leases = Leases(self)
+        self._lease = LeaseWatch(self)
         self._refinement = self.create_client(RefineSubgoal, "refine_subgoal", qos_profile=SERVICES)
         subscribed = Subscriptions(
             self, settings, robot, map(self._domain.source, self._domain.objects),
             take_robot=self._take_robot, take_object=self._take_object, warn=self._warn,
         )  # fmt: skip
-        self._tf, self._diagnosis = subscribed.tf, Diagnosis(self, subscribed)
+        self._tf = subscribed.tf
+        self._diagnosis = Diagnosis(self, subscribed)
         self._server = ActionServer(
             self, ExecuteChain, "execute_chain", self._execute,
-            goal_callback=lambda _: GoalResponse.REJECT if self._shutting_down else GoalResponse.ACCEPT,
+            goal_callback=self._response,
             cancel_callback=self._cancel,
             result_timeout=_RESULT_TIMEOUT, **ACTION_QUEUES,
         )  # fmt: skip
         self.create_timer(WATCH_PERIOD, self._check_deadlines, clock=STEADY)
 
+    def _response(self, _: ExecuteChain.Goal) -> GoalResponse:
+        return GoalResponse.REJECT if self._shutting_down else GoalResponse.ACCEPT
+
     def _take_map(self, domain: Domain, robot: Robot) -> None:
         """Check goals on another map from now on."""
-        self._domain, self._libraries = domain, self._remotes.libraries(robot)
-        self._sets.load_again(domain, self._libraries)
+        self._domain = domain
+        self._libraries = self._remotes.libraries(robot)
+        self._sets.load(domain, self._libraries)
 
     def _take_object(self, name: str, stamp: float, there: ObjectState) -> None:
         if warning := self._inputs.object(name, stamp, there, time.monotonic()):
@@ -248,7 +256,8 @@ class ExecutorNode(Node):
         run = self._run
         fault = None if run is None else self._motion.fault(world.time, world.robot, now)
         world = self._motion.foresight.ahead(world)
-        self._world, self._odom_at = world, now
+        self._world = world
+        self._odom_at = now
         self._rolling.observe(world)  # also between goals, when the robot has lost an object
         self._ticks.start(now)
         if run is not None:
@@ -284,15 +293,14 @@ class ExecutorNode(Node):
 
     def _check_deadlines(self) -> None:
         self._remotes.check()
-        for warning in self._remotes.warnings():
-            self._warn(warning)
         if self._run is None:
             return
         self._adapt_commands()
-        if self._leases.has_ended(self._run.handle.request.lease):
+        if self._lease.has_ended:
             self._run.supervisor.end(Ending.CANCELED, "the client of this goal is gone")
         now = time.monotonic()
-        silence, ending = now - self._odom_at, self._remotes.ending()
+        silence = now - self._odom_at
+        ending = self._remotes.ending()
         if ending and silence <= self._odom_timeout:
             self._run.supervisor.postpone(now, "waiting until a canceled server has ended")
         silent = (
@@ -307,7 +315,8 @@ class ExecutorNode(Node):
 
     async def _execute(self, handle: ServerGoalHandle) -> Any:
         """Start a goal and wait for its end, which the callbacks of odometry and timer detect."""
-        settings, present = self._settings, self._sets.present
+        settings = self._settings
+        present = self._sets.present
         try:
             self._map.expect_usable()
             sent = handle.request.chain, *handle.request.alternatives
@@ -323,7 +332,7 @@ class ExecutorNode(Node):
                 self._rolling,
                 None if self._is_simulated else self._inputs.delay,
             )
-            self._leases.watch(handle.request.lease)
+            self._lease.watch(handle.request.lease)
         except MessageError as error:  # the running goal continues
             self._warn(f"refused: {error}")
             result = unstarted(handle, Ending.REFUSED, str(error), frame=settings["frame"])
@@ -332,7 +341,8 @@ class ExecutorNode(Node):
         self._inputs.set_timeouts(settings)
         self._motion.begin(settings["latency"], preempts=self._run is not None)
         self._end(Ending.PREEMPTED, "a newer goal took over", at_once=True)
-        self._run, self._stop_until = run, 0.0
+        self._run = run
+        self._stop_until = 0.0
         run.supervisor.may_stall = self._may_stall(time.monotonic())
         # not in the goal callback: rclpy would keep the previous publisher in use
         self._adapt_commands()
@@ -371,8 +381,8 @@ class ExecutorNode(Node):
         self._drawing.follow(run, self._world)
         if not run.ended:
             return
-        self._leases.release(run.handle.request.lease)
-        self._run, now = None, time.monotonic()
+        self._run = None
+        now = time.monotonic()
         if now - self._odom_at > 0.5 * self._odom_timeout:
             self._stop_until = now + LONGEST_STOP_TIME
         self._send(STOP)
@@ -389,7 +399,8 @@ class ExecutorNode(Node):
 
         Empty if unknown.
         """
-        ending, remark = supervisor.ending, self._motion.remark
+        ending = supervisor.ending
+        remark = self._motion.remark
         if ending is Ending.BASE_FAULT:
             return self._motion.cause or self._delay_problem() or self._commands.cause()
         if ending is Ending.SUCCEEDED:
@@ -414,9 +425,10 @@ class ExecutorNode(Node):
         return self._diagnosis.cause(name, timeout)
 
     def _may_stall(self, now: float) -> bool:
-        """Return whether odometry may be missing for a while: of a fast simulation, or after a start.
+        """Return whether odometry may be missing for a while.
 
-        Nodes that start beside this one compile and discover each other.
+        That of a fast simulation may, and any after a start: nodes that start beside this one
+        compile and discover each other.
         """
         return self._inputs.is_fast or now - self._started < _STARTUP
 
@@ -436,8 +448,8 @@ class ExecutorNode(Node):
         if delay <= self._settings["odom_timeout"]:
             return ""
         return (
-            f"odom: states are {delay:.1f} s old when they are read: the network, a node that publishes "
-            "them or this machine cannot keep up"
+            f"odom: states are {delay:.1f} s old when they are read: the network, a node that "
+            "publishes them or this machine cannot keep up"
         )
 
     @property
@@ -461,7 +473,8 @@ class ExecutorNode(Node):
     def _health(self) -> Health:
         silence = time.monotonic() - self._odom_at if self._odom_at else None
         stale = silence is None or silence > self._odom_timeout
-        known, overdue = {} if self._world is None else self._world.objects, self._inputs.overdue
+        known = {} if self._world is None else self._world.objects
+        overdue = self._inputs.overdue
         values: dict[str, object] = {
             "odom": "none yet" if silence is None else f"{1000.0 * silence:.0f} ms ago",
             **{
@@ -477,7 +490,8 @@ class ExecutorNode(Node):
             **self._sets.diagnostics(),
         }
         required = (name for name in self._domain.objects if not self._domain.source(name).optional)
-        lost, missing = [name for name in required if name not in known], ""
+        lost = [name for name in required if name not in known]
+        missing = ""
         self._adapt_commands()
         if stale:
             source = "odom" if "odom" in self._diagnosis.topics else "tf"
@@ -513,7 +527,8 @@ def inputs_of(settings: Mapping[str, Any], objects: Iterable[str]) -> Inputs:
     """Return the inputs for these objects; raises SetupError."""
     sightings = {}
     for name in objects:
-        noise, velocity_noise = settings[f"{name}_noise"], settings[f"{name}_velocity_noise"]
+        noise = settings[f"{name}_noise"]
+        velocity_noise = settings[f"{name}_velocity_noise"]
         if (noise > 0.0) != (velocity_noise > 0.0):
             where = f"parameters {name}_noise and {name}_velocity_noise"
             got = f"{noise:g} and {velocity_noise:g}"

@@ -1,4 +1,4 @@
-"""The node `goal_pose`: drives the robot to the poses of a topic, as of RViz's tool 2D Goal Pose."""
+"""The node `goal_pose`: drives to the poses of a topic, as of RViz's tool 2D Goal Pose."""
 
 from __future__ import annotations
 

@@ -30,19 +30,20 @@ from ator_ros.printable import one_line
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.delay import Delay
-from ator_ros.world.messages import MessageError
+from ator_ros.world.readers import MessageError
 from ator_ros.world.state import World
 
-_FEEDBACK_PERIOD = 0.1  # s on odometry's clock
+_FEEDBACK_PERIOD = 0.1  # s on odometry's clock, if neither step nor phase changes
 # real s in which DDS connects to a refinement node that is there
 _DISCOVERY = 0.5
 _INTERRUPTED = (Ending.CANCELED, Ending.PREEMPTED, Ending.SHUTDOWN, Ending.REFUSED)
 
 
 class GoalRun:
-    """An accepted goal while it is executed; `finished` is the future of its result, which the executor sets.
+    """An accepted goal while it is executed.
 
-    Raises MessageError if the goal cannot be used, or leads out of the fence.
+    `finished` is the future of its result, which the executor sets. Raises MessageError if the goal
+    cannot be used, or leads out of the fence.
     """
 
     def __init__(
@@ -56,7 +57,8 @@ class GoalRun:
         rolling: Rolling,
         delay: Delay | None,
     ) -> None:
-        goal, frame = handle.request, settings["frame"]
+        goal = handle.request
+        frame = settings["frame"]
         action_set = messages.action_set_from(goal.chain, allowed=libraries)
         library = libraries[action_set]
         chain = messages.chain_from(goal.chain, library, frame=frame, fence=fence)
@@ -68,7 +70,8 @@ class GoalRun:
             # only checked here; refinement uses it
             messages.objective_from(goal.objective, failure_cost=1.0)
         timeouts = [field.name for field in dataclasses.fields(Deadlines)]
-        self.handle, self._predictor = handle, Predictor(library.robot, models[action_set].models)
+        self.handle = handle
+        self._predictor = Predictor(library.robot, models[action_set].models)
         self.supervisor = Supervisor(
             library,
             chain,
@@ -83,12 +86,10 @@ class GoalRun:
             rolling=rolling,
             delay=delay,
         )
-        self._library, self._refinement, self._frame, self._fence = (
-            library,
-            refinement,
-            frame,
-            fence,
-        )
+        self._library = library
+        self._refinement = refinement
+        self._frame = frame
+        self._fence = fence
         self._id = _id_of(handle)
         self._records: list[ActionPerformance] = []
         self._gain = gain_of()  # as predicted when the chain was refined
@@ -166,7 +167,8 @@ class GoalRun:
         )
         if self.supervisor.phase is Phase.REFINING:
             request.measure = True
-        else:  # the chain has changed since it was sent; the answer must be better than its present goals
+        else:
+            # the chain has changed since it was sent; the answer must be better than its goals now
             write = partial(
                 messages.chain_of, action_set=self._library.action_set, frame=self._frame
             )
@@ -174,11 +176,13 @@ class GoalRun:
             request.alternatives = [write(chain) for _, chain in question.others]
             request.as_given = True
         request.situation = situation_of(question.world, frame=self._frame)
-        self._asked, self._request = question, self._refinement.call_async(request)
+        self._asked = question
+        self._request = self._refinement.call_async(request)
         self._request.add_done_callback(partial(self._take_answer, question))
 
     def _take_answer(self, question: Question, future: Future) -> None:
-        answer, supervisor = future.result(), self.supervisor
+        answer = future.result()
+        supervisor = self.supervisor
         if answer is None or question is not supervisor.question:  # withdrawn, or late
             return
         reason = one_line(answer.reason)
@@ -186,8 +190,10 @@ class GoalRun:
             supervisor.answer(Answer(None, False, reason))
             return
         if supervisor.phase is Phase.REFINING:
-            self._gain, self._changes = answer.gain, changes_of(answer)
-        frame, where = self._frame, "refined chain"
+            self._gain = answer.gain
+            self._changes = changes_of(answer)
+        frame = self._frame
+        where = "refined chain"
         try:
             chain = messages.chain_from(
                 answer.chain, self._library, frame=frame, where=where, fence=self._fence
@@ -207,7 +213,8 @@ class GoalRun:
         return new
 
     def _action_record(self, record: ActionRecord) -> ActionPerformance:
-        call, frame = record.chain.calls[record.index], self._frame
+        call = record.chain.calls[record.index]
+        frame = self._frame
         end = situation_of(record.end, frame=frame)
         return ActionPerformance(
             header=end.header,
@@ -231,7 +238,8 @@ class GoalRun:
     @property
     def published_state(self) -> tuple[object, ...]:
         """The values whose changes are published immediately."""
-        supervisor, refining = self.supervisor, self.supervisor.refining
+        supervisor = self.supervisor
+        refining = self.supervisor.refining
         changes = refining.refined, refining.refined_again
         return self._id, supervisor.phase, supervisor.executor.index, len(self._records), *changes
 
@@ -240,7 +248,8 @@ class GoalRun:
 
         `world` is the last known state.
         """
-        supervisor, frame = self.supervisor, self._frame
+        supervisor = self.supervisor
+        frame = self._frame
         code = supervisor.ending.value if supervisor.ending else 0
         if self.ended:
             predicted = messages.chain_performance_of(supervisor.forecast.whole)

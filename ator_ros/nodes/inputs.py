@@ -24,7 +24,7 @@ from ator_ros.geometry import Pose
 from ator_ros.nodes.parameters import STATE, SetupError
 from ator_ros.nodes.qos import LATCHED_BY_MANY, RESULTS, SENSOR_DATA
 from ator_ros.printable import listed, one_line, printable, quoted
-from ator_ros.world.messages import (
+from ator_ros.world.readers import (
     MessageError,
     ObjectReader,
     ObjectSource,
@@ -43,9 +43,12 @@ from ator_ros.world.transforms import Placement, Transforms
 
 # takes a frame's stamp in s and its placement in another frame
 Take = Callable[[float, Placement], None]
-GAPS = 5  # last gaps between messages whose median counts: one or two may be lost or late messages
-_WARNING_PERIOD = 2.0  # s
-MOST_NAMED = 8  # frames or nodes in a message
+GAPS = 5
+"""Last gaps between messages whose median counts: one or two may be lost or late messages."""
+MOST_NAMED = 8
+"""Frames or nodes in a message, which is one line."""
+WARNING_PERIOD = 2.0
+"""Real s between two warnings that one line of code logs."""
 
 
 class TfListener:
@@ -56,7 +59,8 @@ class TfListener:
     """
 
     def __init__(self, node: Node) -> None:
-        self._node, self.transforms = node, Transforms()
+        self._node = node
+        self.transforms = Transforms()
         self._subscriptions: dict[bool, Any] = {}  # by whether the transforms are fixed
         self._followed: dict[tuple[str, str], list[Take]] = {}
         self._last: dict[tuple[str, str], float] = {}  # stamp in s that was passed on last
@@ -121,7 +125,7 @@ class TfListener:
                 self.transforms.add(*transform_from(transform), fixed=fixed)
             except MessageError as error:
                 logger = self._node.get_logger()
-                logger.warning(f"ignored: {error}", throttle_duration_sec=_WARNING_PERIOD)
+                logger.warning(f"ignored: {error}", throttle_duration_sec=WARNING_PERIOD)
 
 
 TYPES: dict[str, Any] = {
@@ -133,7 +137,7 @@ TYPES: dict[str, Any] = {
 
 @dataclass(slots=True)
 class Input:
-    """The source of the robot's or an object's state, a topic or two frames in tf, and its last messages.
+    """The source of a state, a topic or two frames in tf, and its last messages.
 
     `last` is the real time in s of the last message, `advanced` that of the last one with a new
     `stamp` (s), and `gaps` are the real s between the last of those. `error` is why the last
@@ -152,16 +156,20 @@ class Input:
 
     def read(self, stamp: float, now: float) -> None:
         """Record a message that could be read, with its stamp in s, at `now` in real s."""
-        self.last, self.error = now, None
+        self.last = now
+        self.error = None
         if stamp == self.stamp:
             return
         if now > self.advanced:
             self.gaps.append(now - self.advanced)
-        self.stamp, self.advanced = stamp, now
+        self.stamp = stamp
+        self.advanced = now
 
 
 class Subscriptions:
-    """Subscribes to the state of a robot and of objects; `inputs` are the sources by name, "odom" the robot.
+    """Subscribes to the state of a robot and of objects.
+
+    `inputs` are the sources by name, "odom" that of the robot.
 
     Parameters
     ----------
@@ -187,8 +195,10 @@ class Subscriptions:
         take_object: Callable[[str, float, ObjectState], None],
         warn: Callable[[str], object],
     ) -> None:
-        self._node, self._warn = node, warn
-        self.tf, self.inputs = TfListener(node), dict[str, Input]()
+        self._node = node
+        self._warn = warn
+        self.tf = TfListener(node)
+        self.inputs = dict[str, Input]()
         frame, robot_frame = frames = settings["frame"], settings["robot_frame"]
         # Objects first: when several messages wait, those of objects are then processed before
         # odometry.
@@ -204,7 +214,11 @@ class Subscriptions:
                 item = Input(source.topic_or_frame, TYPES[source.type], SENSOR_DATA)
                 self._subscribe(source.name, item, reader.read, take)
         if settings[STATE.name] == "odom":
-            odometry = OdometryReader(frame, is_shared=partial(self._is_shared, "odom"))
+            odometry = OdometryReader(
+                frame,
+                is_shared=partial(self._is_shared, "odom"),
+                sideways=robot.moves_sideways,
+            )
             take_odometry = partial(self._take_odometry, odometry, take_robot)
             self._subscribe(
                 "odom", Input("odom", Odometry, SENSOR_DATA), odometry.read, take_odometry
@@ -214,7 +228,9 @@ class Subscriptions:
                 f"parameter robot_frame: expected another frame than frame, got {robot_frame}"
             )
         else:
-            velocity = RobotVelocity(robot.greatest_speed(), robot.greatest_turn_rate)
+            velocity = RobotVelocity(
+                robot.greatest_speed(), robot.greatest_turn_rate, sideways=robot.moves_sideways
+            )
             transforms = self.tf.transforms
 
             def read(stamp: float, placement: Placement) -> tuple[float, RobotState]:
@@ -249,13 +265,15 @@ class Subscriptions:
     def _take(
         self, name: str, read: Callable[..., Any], take: Callable[..., None], *message: Any
     ) -> None:
-        now, item = time.monotonic(), self.inputs[name]
+        now = time.monotonic()
+        item = self.inputs[name]
         try:
             stamp, state = read(*message)
             item.read(stamp, now)
             take(stamp, state)
         except (MessageError, StampError) as error:
-            item.last, item.error = now, error
+            item.last = now
+            item.error = error
             self._warn(f"ignored: {error}")
 
     def _take_odometry(

@@ -22,7 +22,8 @@ from ator_ros.learning.gains import chain_gain
 from ator_ros.learning.learner import Learner
 from ator_ros.learning.process import RoundProcess
 from ator_ros.learning.sets import digest_of_start
-from ator_ros.nodes.diagnostics import STEADY, WARNING_PERIOD, Diagnostics, Health
+from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health
+from ator_ros.nodes.inputs import WARNING_PERIOD
 from ator_ros.nodes.maps import FollowedMap
 from ator_ros.nodes.parameters import (
     FRAME,
@@ -36,12 +37,12 @@ from ator_ros.nodes.parameters import (
     map_file,
     map_topic,
 )
-from ator_ros.nodes.path_planner import expect_planner_usable, planner_name
+from ator_ros.nodes.path_planner import planner_name
 from ator_ros.nodes.qos import RESULTS, SERVICES
 from ator_ros.nodes.running import run_node
 from ator_ros.printable import one_line
 from ator_ros.world.grid_map import GridMap, save_map
-from ator_ros.world.messages import MessageError
+from ator_ros.world.readers import MessageError
 
 PARAMETERS = (
     FRAME,
@@ -52,11 +53,9 @@ PARAMETERS = (
     Parameter("records", ["performance/action"], "topics of the records, of one or several robots"),
     Parameter("chains", ["performance/chain"], "topics of their chain records"),
     Parameter("batch", 20, "new records after which to learn again", 5, 10_000),
-    Parameter(
-        "most_episodes", 20_000, "episodes of each action set that are kept", 1000, 1_000_000
-    ),
 )
-_PERIOD = 0.25  # s
+_PERIOD = 0.25  # real s between two looks at the round under way
+_MOST_EPISODES = 20_000  # of each action set that are kept: 28 hours of drives of 5 s
 _DEFAULT_FOLDER = "~/.ros/ator_ros/learned"
 
 
@@ -84,9 +83,9 @@ class LearningNode(Node):
         self._domain, self._robot = domain_and_robot(settings)
         self._folder = folder = Path(settings["learned"] or _DEFAULT_FOLDER).expanduser()
         given = {name: settings[name] for name in ("domain", "robot", "models", "frame")}
-        planner = planner_name(self, settings)
-        expect_planner_usable(settings, self._domain)
-        self._grid, self._awaits_map = map_file(settings), bool(map_topic(settings))
+        planner = planner_name(self, settings, self._domain)
+        self._grid = map_file(settings)
+        self._awaits_map = bool(map_topic(settings))
         self._topic_map: GridMap | None = None
         self._given = given | {"learned": str(folder), "planner": planner}
         self._fault = ""  # the last one that was logged
@@ -98,7 +97,7 @@ class LearningNode(Node):
                 self._start_round,
                 start=digest_of_start(models, self._domain.action_sets),
                 batch=settings["batch"],
-                most=settings["most_episodes"],
+                most=_MOST_EPISODES,
             )
         except (FileError, OSError) as error:
             raise SetupError(f"parameter learned: {error}") from error
@@ -115,18 +114,24 @@ class LearningNode(Node):
         self.create_service(SetBool, "~/freeze", self._freeze, qos_profile=SERVICES)
         self.create_timer(_PERIOD, self._work, clock=STEADY)
         Diagnostics(self, self._health, subscribed)
+        frozen = ", frozen" if self._learner.frozen else ""
         self.get_logger().info(
-            f"learning from {', '.join(settings['records'])} into {folder}: {self._learner.stored} records, "
-            f"set {self._learner.diagnostics()['set']}{', frozen' if self._learner.frozen else ''}"
+            f"learning from {', '.join(settings['records'])} into {folder}: {self._learner.stored} "
+            f"records, set {self._learner.diagnostics()['set']}{frozen}"
         )
 
     def _take_map(self, domain: Domain, robot: Robot) -> None:
         """Use another map from the next round on."""
-        self._domain, self._robot = domain, robot
-        self._topic_map, self._awaits_map = domain.grid, False
+        self._domain = domain
+        self._robot = robot
+        self._topic_map = domain.grid
+        self._awaits_map = False
 
     def _start_round(self) -> RoundProcess:
-        """Start a round in a process, which reads the map of a topic from a file; raises OSError."""
+        """Start a round in a process, which reads the map of a topic from a file.
+
+        Raises OSError.
+        """
         grid = self._grid
         if self._topic_map is not None:
             grid = str(save_map(self._topic_map, self._folder))

@@ -15,7 +15,7 @@ from ator_ros.experience.parallel import end_with_parent
 from ator_ros.learning.round import Source, learn
 from ator_ros.nodes.path_planner import planned_by
 
-_NICE = 15
+_NICE = 15  # of 19: every other program goes first
 
 
 def main() -> None:
@@ -36,7 +36,8 @@ def main() -> None:
     if given["planner"]:
         rclpy.init()
         domain = planned_by(given["planner"], given["frame"], domain)
-    robot, models = domain.robot(given["robot"] or None), domain.models_root(given["models"])
+    robot = domain.robot(given["robot"] or None)
+    models = domain.models_root(given["models"])
     source = Source(Path(given["learned"]), domain, robot, models)
     sys.stdout.write(json.dumps(learn(source, time=given["time"]), allow_nan=False))
     rclpy.try_shutdown()

@@ -1,7 +1,7 @@
 """Leases of goals: the executor ends a goal of execute_chain whose client is gone.
 
-A client publishes a topic with the quality of service `LEASE` and names it in its goals. DDS reports
-the end of the publisher: immediately if the client ends, and within 2 s if its process was
+A client publishes a topic with the quality of service `LEASE` and names it in its goals. DDS
+reports the end of the publisher: immediately if the client ends, and within 2 s if its process was
 killed. The graph of ROS lists killed nodes for up to 20 s.
 """
 
@@ -19,7 +19,7 @@ from std_msgs.msg import Empty
 from ator_ros.nodes.diagnostics import type_name
 from ator_ros.nodes.qos import LEASE
 from ator_ros.printable import printable, quoted
-from ator_ros.world.messages import MessageError
+from ator_ros.world.readers import MessageError
 
 _DISCOVERY_TIMEOUT = 3.0  # real s until a publisher that the graph does not list counts as gone
 
@@ -31,83 +31,66 @@ def publish_lease(node: Node) -> str:
     return topic
 
 
-class Lease:
-    """Watches a topic of `publish_lease`."""
+class LeaseWatch:
+    """Watches the lease of a node's newest goal.
 
-    def __init__(self, node: Node, topic: str) -> None:
-        self._node, self._topic = node, topic
-        self._since = time.monotonic()
-        self._is_alive: bool | None = None  # None: not reported yet
-        self.users = 0
-        """Number of goals with this topic."""
-        callbacks = SubscriptionEventCallbacks(
-            liveliness=self._take_liveliness, use_default_callbacks=False
-        )
-        self._subscription = node.create_subscription(
-            Empty, topic, lambda _: None, LEASE, event_callbacks=callbacks
-        )
-
-    def _take_liveliness(self, event: Any) -> None:
-        self._is_alive = event.alive_count > 0
-
-    @property
-    def has_ended(self) -> bool:
-        """Whether the client is gone."""
-        if self._is_alive is not None:
-            return not self._is_alive
-        is_discovered = time.monotonic() > self._since + _DISCOVERY_TIMEOUT
-        return is_discovered and not self._node.count_publishers(self._topic)
-
-    def close(self) -> None:
-        """Stop watching."""
-        self._node.destroy_subscription(self._subscription)
-
-
-class Leases:
-    """The leases of a node's goals.
-
-    Goals share the subscription of a topic: Fast DDS reports changes only, so that a second
-    subscription would not learn that the client runs.
+    A goal with the same lease shares its subscription: Fast DDS reports changes only, so that
+    a second subscription would not learn that the client runs.
     """
 
     def __init__(self, node: Node) -> None:
         self._node = node
-        self._watched: dict[str, Lease] = {}
+        self._topic = ""
+        self._subscription: Any = None
+        self._since = 0.0  # monotonic s
+        self._is_alive: bool | None = None  # None: not reported yet
 
     def watch(self, topic: str) -> None:
-        """Watch the lease of one more goal; an empty topic is none.
+        """Watch the lease of a goal, in place of the one before; an empty topic is none.
 
-        Raises MessageError if the topic has no valid name, or another type than Empty.
+        Raises MessageError if the topic has no valid name, or another type than Empty; the lease
+        before is then still watched.
         """
-        if not topic:
+        if topic == self._topic and not self.has_ended:
             return
-        if topic not in self._watched:
-            self._watched[topic] = self._lease(topic)
-        self._watched[topic].users += 1
+        subscription = self._subscribed(topic) if topic else None
+        if self._subscription is not None:
+            self._node.destroy_subscription(self._subscription)
+        self._topic = topic
+        self._subscription = subscription
+        self._since = time.monotonic()
+        self._is_alive = None
 
-    def _lease(self, topic: str) -> Lease:
+    def _subscribed(self, topic: str) -> Any:
         expected = (
             f"lease: expected the name of a topic of type std_msgs/Empty, got {quoted(topic)}"
+        )
+
+        def take_liveliness(event: Any) -> None:
+            if topic == self._topic:
+                self._is_alive = event.alive_count > 0
+
+        callbacks = SubscriptionEventCallbacks(
+            liveliness=take_liveliness, use_default_callbacks=False
         )
         try:
             name = self._node.resolve_topic_name(topic)
             types = dict(self._node.get_topic_names_and_types()).get(name, [])
             if types and type_name(Empty) not in types:
                 raise MessageError(f"{expected} of type {printable(types[0])}")
-            return Lease(self._node, topic)
+            return self._node.create_subscription(
+                Empty, topic, lambda _: None, LEASE, event_callbacks=callbacks
+            )
         # RuntimeError: this node has the topic with another type; rclpy does not export RCLError
         except (InvalidTopicNameException, RuntimeError) as error:
             raise MessageError(expected) from error
 
-    def has_ended(self, topic: str) -> bool:
-        """Return whether the client of a watched lease is gone; an empty topic never ends."""
-        return bool(topic) and self._watched[topic].has_ended
-
-    def release(self, topic: str) -> None:
-        """Stop watching the lease of a goal that has ended."""
-        if not topic:
-            return
-        lease = self._watched[topic]
-        lease.users -= 1
-        if not lease.users:
-            self._watched.pop(topic).close()
+    @property
+    def has_ended(self) -> bool:
+        """Whether the client is gone; one without a lease never is."""
+        if not self._topic:
+            return False
+        if self._is_alive is not None:
+            return not self._is_alive
+        is_discovered = time.monotonic() > self._since + _DISCOVERY_TIMEOUT
+        return is_discovered and not self._node.count_publishers(self._topic)

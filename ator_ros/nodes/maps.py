@@ -12,13 +12,14 @@ from rclpy.node import Node
 from ator_ros.bases.description import Robot
 from ator_ros.domains.domain import Domain
 from ator_ros.files import FileError
-from ator_ros.nodes.diagnostics import STEADY, WARNING_PERIOD
+from ator_ros.nodes.diagnostics import STEADY
+from ator_ros.nodes.inputs import WARNING_PERIOD
 from ator_ros.nodes.messages import grid_from
 from ator_ros.nodes.parameters import SetupError, map_topic
 from ator_ros.nodes.qos import LATCHED
 from ator_ros.printable import one_line, quoted
 from ator_ros.world.grid_map import GridMap, describe_values
-from ator_ros.world.messages import MessageError
+from ator_ros.world.readers import MessageError
 
 _PERIOD = 0.5  # real s between two checks whether a node that was busy is idle
 
@@ -41,8 +42,11 @@ class FollowedMap:
         take: Callable[[Domain, Robot], None],
         is_idle: Callable[[], bool] = lambda: True,
     ) -> None:
-        self._node, self._domain, self._robot = node, domain, robot
-        self._take, self._is_idle = take, is_idle
+        self._node = node
+        self._domain = domain
+        self._robot = robot
+        self._take = take
+        self._is_idle = is_idle
         self._topic = map_topic(settings)
         self._frame = settings.get("frame")  # None: any
         self._pending: OccupancyGrid | None = None
@@ -74,7 +78,8 @@ class FollowedMap:
     def _use_pending(self) -> None:
         if self._pending is None or not self._is_idle():
             return
-        message, self._pending = self._pending, None
+        message = self._pending
+        self._pending = None
         frame = message.header.frame_id if self._frame is None else self._frame
         try:
             grid = grid_from(message, self._topic, frame=frame)
@@ -92,5 +97,6 @@ class FollowedMap:
             )
             return
         self._current = grid
-        self.problem, self.is_missing = "", False
+        self.problem = ""
+        self.is_missing = False
         self._node.get_logger().info(one_line(f"on the map {grid}"))

@@ -41,9 +41,9 @@ from ator_ros.refinement.refiner import (
 from ator_ros.tops.chain import EVERYTHING, TopCall, TopChain
 from ator_ros.tops.conditions import Condition, Region
 from ator_ros.tops.library import LeftOutError, TopLibrary
-from ator_ros.world import messages as checks
+from ator_ros.world import readers as checks
 from ator_ros.world.grid_map import GridMap, map_of_grid
-from ator_ros.world.messages import FARTHEST, MessageError, goal_pose_from, pose_from
+from ator_ros.world.readers import FARTHEST, MessageError, goal_pose_from, pose_from
 from ator_ros.world.state import Command, ObjectState, RobotState, World
 
 # times the robot's limit, which may be an estimate; a speed in km/h would be 3.6 times
@@ -61,14 +61,17 @@ def pose_of(pose: Pose) -> PoseMessage:
     """Write a planar pose."""
     x, y, z, w = quaternion_from_yaw(pose.yaw)
     message = PoseMessage(orientation=Quaternion(x=x, y=y, z=z, w=w))
-    message.position.x, message.position.y = float(pose.x), float(pose.y)
+    message.position.x = float(pose.x)
+    message.position.y = float(pose.y)
     return message
 
 
 def twist_of(command: Command) -> Twist:
     """Write a velocity command."""
     message = Twist()
-    message.linear.x, message.angular.z = float(command.v), float(command.w)
+    message.linear.x = float(command.vx)
+    message.linear.y = float(command.vy)
+    message.angular.z = float(command.w)
     return message
 
 
@@ -102,9 +105,10 @@ def into_frame(
     chains: Iterable[msg.TopChain],
     situations: Iterable[msg.Situation] = (),
 ) -> None:
-    """Transform goals and situations in place to a frame, if `base` (`TfListener.base`) returns its pose.
+    """Transform goals and situations in place to a frame.
 
-    Each frame is looked up once, which takes up to 1 ms.
+    Those whose frame has no pose according to `base` (`TfListener.base`) are left. Each frame is
+    looked up once, which takes up to 1 ms.
     """
     origin_in = cache(partial(base, frame))
     for goal in (call.goal for chain in chains for call in chain.calls):
@@ -125,26 +129,33 @@ def into_frame(
 def odometry_of(time: float, robot: RobotState, *, frame: str, child: str) -> Odometry:
     """Write the robot's odometry: pose in `frame`, twist in the robot's own frame `child`."""
     message = Odometry(child_frame_id=child)
-    message.header.stamp, message.header.frame_id = stamp_of(time), frame
+    message.header.stamp = stamp_of(time)
+    message.header.frame_id = frame
     message.pose.pose = pose_of(robot.pose)
-    message.twist.twist = twist_of(Command(robot.v, robot.w))
+    message.twist.twist = twist_of(robot.velocity)
     return message
 
 
 def object_odometry_of(time: float, there: ObjectState, *, frame: str, height: float) -> Odometry:
     """Write an object's position, `height` m above the floor, and its velocity, both in `frame`."""
     message = Odometry(child_frame_id=frame)
-    message.header.stamp, message.header.frame_id = stamp_of(time), frame
-    position, linear = message.pose.pose.position, message.twist.twist.linear
-    position.x, position.y, position.z = float(there.x), float(there.y), height
-    linear.x, linear.y = float(there.vx), float(there.vy)
+    message.header.stamp = stamp_of(time)
+    message.header.frame_id = frame
+    position = message.pose.pose.position
+    linear = message.twist.twist.linear
+    position.x = float(there.x)
+    position.y = float(there.y)
+    position.z = height
+    linear.x = float(there.vx)
+    linear.y = float(there.vy)
     return message
 
 
 def occupancy_grid_of(grid: GridMap, *, frame: str) -> OccupancyGrid:
     """Write a map: 0 for free cells, 100 for the others."""
     message = OccupancyGrid(data=np.where(grid.free, 0, 100).astype(np.int8).ravel().tolist())
-    message.header.frame_id, message.info.resolution = frame, grid.resolution
+    message.header.frame_id = frame
+    message.info.resolution = grid.resolution
     message.info.height, message.info.width = grid.free.shape
     message.info.origin = pose_of(grid.origin)
     return message
@@ -161,12 +172,15 @@ def grid_from(message: OccupancyGrid, topic: str, *, frame: str) -> GridMap:
 def situation_of(world: World, *, frame: str) -> msg.Situation:
     """Write the state of robot and objects."""
     robot = world.robot
-    message = msg.Situation(robot=pose_of(robot.pose), v=float(robot.v), w=float(robot.w))
-    message.header.stamp, message.header.frame_id = stamp_of(world.time), frame
+    message = msg.Situation(robot=pose_of(robot.pose), v=float(robot.vx), w=float(robot.w))
+    message.header.stamp = stamp_of(world.time)
+    message.header.frame_id = frame
     for name, there in world.objects.items():
         item = msg.ObjectState(name=name)
-        item.position.x, item.position.y = float(there.x), float(there.y)
-        item.velocity.x, item.velocity.y = float(there.vx), float(there.vy)
+        item.position.x = float(there.x)
+        item.position.y = float(there.y)
+        item.velocity.x = float(there.vx)
+        item.velocity.y = float(there.vy)
         message.objects.append(item)
     return message
 
@@ -265,7 +279,10 @@ def call_of(call: TopCall, *, frame: str) -> msg.TopCall:
 def statements_from(
     goal: msg.PlanGoal, named: Mapping[str, Condition], variables: Sequence[str]
 ) -> list[GoalStatement]:
-    """Read the goal of a plan: one of the domain's `named` goals, or terms about its state `variables`."""
+    """Read the goal of a plan.
+
+    That is one of the domain's `named` goals, or terms about its state `variables`.
+    """
     if goal.name and goal.terms:
         raise MessageError("goal: expected a name or terms, got both")
     if goal.name:
@@ -331,7 +348,8 @@ def answer_of(
 ) -> RefineSubgoal.Response:
     """Write the answer to a request, with a reason that is cut to one line."""
     refinement = choice.refinement
-    before, after = refinement.before, refinement.after
+    before = refinement.before
+    after = refinement.after
     response = RefineSubgoal.Response(
         accepted=True,
         refined=refinement.refined,
@@ -413,12 +431,11 @@ def gain_of(
         gain.uncertainty = refinement.uncertainty
         gain.comparison = refinement.comparison
     if measured is not None:
-        gain.refined, gain.compared, gain.measured = (
-            measured.refined,
-            measured.compared,
-            measured.mean,
-        )
-        gain.measured_low, gain.measured_high = measured.low, measured.high
+        gain.refined = measured.refined
+        gain.compared = measured.compared
+        gain.measured = measured.mean
+        gain.measured_low = measured.low
+        gain.measured_high = measured.high
     return gain
 
 
@@ -440,7 +457,8 @@ def _free_variables(refinement: Refinement) -> list[msg.FreeVariable]:
 
 
 def _curve(curve: SubgoalCurve) -> msg.SearchCurve:
-    values, totals = np.ravel(curve.values).tolist(), np.ravel(curve.totals).tolist()
+    values = np.ravel(curve.values).tolist()
+    totals = np.ravel(curve.totals).tolist()
     return msg.SearchCurve(
         subgoal=curve.subgoal, variables=list(curve.names), values=values, totals=totals
     )

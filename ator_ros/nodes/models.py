@@ -7,7 +7,6 @@ import time
 import warnings
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -31,10 +30,11 @@ from ator_ros.tops.library import TopLibrary
 LEARNED = Parameter(
     "learned",
     "",
-    "folder of the node `learning`: its set in use replaces `models` once there is one; empty: none",
+    "folder of the node `learning`, whose set replaces `models` once there is one; empty: none",
 )
-_PERIOD = 0.5  # s
+_PERIOD = 0.5  # real s between two looks at the learned folder
 _LONGEST_READ = 90.0  # real s; a new set may compile for a minute
+_LONGEST_ANSWER = 2.0  # real s of the file system, while the main thread waits for it
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class ModelSet:
 
 @dataclass(frozen=True)
 class LearnedModels:
-    """What a thread read from a learned folder.
+    """What was read from a learned folder.
 
     `place` is the set in use, None without one. `manifest` and `models` are None unless it has
     changed; `failure` is why a new one cannot be used. `gains` are None unless they have changed;
@@ -69,14 +69,21 @@ class LearnedModels:
 
 
 class LearnedSets:
-    """The models of a node: those of its parameter `models`, or the set in use of its parameter `learned`.
+    """The models of a node.
 
-    `present` are the models in use by action set, `gains` the measured gains of chains refined with
-    them. `warm_up` is called with the library of an action set and its models before they are used,
-    in a thread for a new learned set. That thread also watches the learned folder, since a network
-    share may hang. While it cannot be read, what is in use is kept. The main thread reads the
-    folder at the start and for each new map; if its set cannot be read then, those of `models` are
-    used until it can.
+    They are those of its parameter `models`, or the set in use of its parameter `learned`.
+    `warm_up` is called with the library of an action set and its models before they are used, in a
+    thread for a new learned set. That thread also watches the learned folder, since a network share
+    may hang. While it cannot be read, what is in use is kept. The main thread reads the folder at
+    the start and for each new map; if its set cannot be read then, the models of `models` are used
+    until it can.
+
+    Attributes
+    ----------
+    present : mapping of str to ModelSet
+        The models in use by action set.
+    gains : Gains
+        The measured gains of chains refined with them.
     """
 
     def __init__(
@@ -87,54 +94,58 @@ class LearnedSets:
         settings: Mapping[str, Any],
         warm_up: Callable[[TopLibrary, ModelSet], None] = lambda *_: None,
     ) -> None:
-        models, learned = settings["models"], settings["learned"]
-        self._models = models
-        self._node, self._domain, self._libraries, self._warm_up = node, domain, libraries, warm_up
-        self._place = domain.models_root(models)
-        self._source = f"models in {models}" if models else "shipped models"
-        self._start = digest_of_start(self._place, libraries)
+        self._node = node
+        self._warm_up = warm_up
+        self._models = settings["models"]
+        learned = settings["learned"]
         self._folder = Path(learned).expanduser() if learned else None
-        self._newest: Path | None = None  # the last published set, also if it cannot be used
-        self._manifest: Manifest | None = None  # of the learned set in use
-        self._set_problem = self._folder_problem = ""
-        if self._folder is not None:
-            self._read_at_start(self._folder)
+        self._had_set = False  # whether the learned folder has named a set in use
         node.get_logger().info(
             "loading models; the first start compiles code, which may take a minute"
         )
-        self.present: Mapping[str, ModelSet] = self._load(self._place)
-        self.gains, self._gains_state = Gains(self._digest), ("", 0)
-        self._reading: Future[LearnedModels] | None = None
-        self._reading_began = 0.0  # monotonic s
+        self.load(domain, libraries)
         if self._folder is not None:
-            with suppress(FileError, OSError):  # the timer reports it
-                self.gains = read_gains(self._folder, self._digest)
             node.create_timer(_PERIOD, partial(self._check_folder, self._folder), clock=STEADY)
 
-    @property
-    def _digest(self) -> str:
-        """Digest of the models in use."""
-        return self._start if self._manifest is None else self._manifest.digest
+    def load(self, domain: Domain, libraries: Mapping[str, TopLibrary]) -> None:
+        """Load all models, at the start and for a domain on another map."""
+        self._domain = domain
+        self._libraries = libraries
+        self._reading: Future[LearnedModels] | None = None  # one may use the previous map
+        self._reading_began = 0.0  # monotonic s
+        self._newest: Path | None = None  # the last set that was read, also if it cannot be used
+        self._manifest: Manifest | None = None  # of the learned set in use
+        self._set_problem = ""
+        self._folder_problem = ""
+        self.present: Mapping[str, ModelSet] = {}
+        place = domain.models_root(self._models)
+        self.gains = Gains(digest_of_start(place, libraries))
+        self._gains_state = ("", 0)
+        if self._folder is not None:
+            self._read_now(self._folder)
+        if not self.present:
+            self.present = self._load(place)
 
-    def _read_at_start(self, folder: Path) -> None:
-        """Find the set in use."""
+    def _read_now(self, folder: Path) -> None:
+        """Use the set and the gains of the learned folder, if it can be read."""
+        answer = Thread(target=folder.exists, daemon=True)
+        answer.start()
+        answer.join(_LONGEST_ANSWER)
         try:
-            self._newest = current_set(folder)
-            if self._newest is not None:
-                self._manifest = read_manifest(self._newest)
-                self._source, self._place = f"learned set {self._manifest.digest}", self._newest
-        except DamagedFileError as error:
-            self._report_failure(str(error))
+            if answer.is_alive():
+                raise OSError(f"{folder}: expected an answer of the file system")
+            self._use(self._read_folder(folder))
         except (FileError, OSError) as error:
-            self._report_failure(str(error))
-            self._newest = None  # it is read again
+            self._folder_problem = one_line(f"learned: {error}; those of `models` are used")
+            self._node.get_logger().warning(self._folder_problem)
 
     def _load(self, place: Path) -> dict[str, ModelSet]:
         """Read the models of every action set from a folder; log faults."""
         return {name: self._read(library, place) for name, library in self._libraries.items()}
 
     def _read(self, library: TopLibrary, place: Path) -> ModelSet:
-        name, known = library.action_set, self._domain.known_features
+        name = library.action_set
+        known = self._domain.known_features
         try:
             with warnings.catch_warnings(record=True) as caught:
                 warnings.simplefilter("always", RobotMismatchWarning)
@@ -151,19 +162,17 @@ class LearnedSets:
             self._warm_up(library, read)
         return read
 
-    def _read_folder(
-        self, folder: Path, newest: Path | None, digest: str, gains_state: tuple[str, int]
-    ) -> LearnedModels:
-        """Read what changed in the learned folder; in a thread.
+    def _read_folder(self, folder: Path) -> LearnedModels:
+        """Read what changed in the learned folder.
 
-        `newest` is the last set that was read, `digest` that of the models in use. Raises FileError
-        and OSError if the folder cannot be read.
+        Raises FileError and OSError if it cannot be read.
         """
         place = current_set(folder)
-        if place is None and newest is not None:
+        if place is None and self._had_set:
             raise FileError(f"{folder}: expected a set in use, it has disappeared")
         manifest, models, failure = None, None, ""
-        if place is not None and place != newest:
+        digest = self.gains.models
+        if place is not None and place != self._newest:
             try:
                 manifest, models = self._load_learned(place)
                 digest = manifest.digest
@@ -174,16 +183,19 @@ class LearnedSets:
         file = folder / GAINS
         state = digest, file.stat().st_mtime_ns if file.exists() else 0
         gains, problem = None, ""
-        if state != gains_state:
+        if state != self._gains_state:
             try:
                 gains = read_gains(folder, digest)
             except FileError as error:
                 gains = None if manifest is None else Gains(digest)
-                state, problem = gains_state, f"gains of refined chains are not used: {error}"
+                state, problem = self._gains_state, f"gains of refined chains are not used: {error}"
         return LearnedModels(place, state, gains, problem, manifest, models, failure)
 
     def _load_learned(self, place: Path) -> tuple[Manifest, dict[str, ModelSet]]:
-        """Load a learned set; raise FileError if some of it cannot be used, OSError to try again."""
+        """Load a learned set.
+
+        Raises FileError if some of it cannot be used, and OSError to try again.
+        """
         try:
             manifest = read_manifest(place)
         except DamagedFileError:
@@ -203,59 +215,45 @@ class LearnedSets:
                 if now - self._reading_began > _LONGEST_READ:
                     self._folder_problem = f"{folder}: expected an answer of the file system"
                 return
-            reading, self._reading = self._reading, None
             try:
-                read = reading.result()
+                read = self._reading.result()
             except Exception as error:  # whatever it is, what is in use is kept
                 text = str(error) or repr(error)
                 self._folder_problem = f"learned: {text}; models in use are kept"
             else:
-                self._folder_problem = read.gains_problem
                 self._use(read)
+                if read.manifest is not None:
+                    text = _described(read.manifest)
+                    self._node.get_logger().info(f"switched to the learned set {text}")
         self._reading_began = now
-        self._reading = _in_thread(
-            partial(self._read_folder, folder, self._newest, self._digest, self._gains_state)
-        )
+        self._reading = _in_thread(partial(self._read_folder, folder))
 
     def _use(self, read: LearnedModels) -> None:
         """Switch to a set and gains that changed."""
-        self._newest, self._gains_state = read.place, read.gains_state
+        self._newest = read.place
+        self._had_set = self._had_set or read.place is not None
+        self._gains_state = read.gains_state
+        self._folder_problem = read.gains_problem
         if read.gains is not None:
             self.gains = read.gains
-        if read.failure:
-            self._report_failure(read.failure)
-        if read.manifest is not None and read.models is not None and read.place is not None:
-            self._manifest, self.present, self._place = read.manifest, read.models, read.place
+        if read.manifest is not None and read.models is not None:
+            self._manifest = read.manifest
+            self.present = read.models
             self._set_problem = ""
-            text = _described(read.manifest)
-            self._node.get_logger().info(f"switched to the learned set {text}")
-
-    def _report_failure(self, reason: str) -> None:
-        name = "" if self._newest is None else self._newest.name
-        self._set_problem = one_line(f"the learned set {name} is not used: {reason}")
-        self._node.get_logger().warning(self._set_problem)
-
-    def load_again(self, domain: Domain, libraries: Mapping[str, TopLibrary]) -> None:
-        """Load the models in use for a domain on another map."""
-        self._domain, self._libraries = domain, libraries
-        self.present = self._load(self._place)
-        broken = _broken(self.present)
-        if self._manifest is not None and broken:
-            self._report_failure(broken)
-            self._place = domain.models_root(self._models)
-            self.present = self._load(self._place)
-            self._manifest, self._newest = None, None  # the set is loaded again when it is back
-        if self._reading is not None:  # its thread may have used the previous map
-            self._reading, self._newest = None, None
+        elif read.failure and read.place is not None:
+            text = f"the learned set {read.place.name} is not used: {read.failure}"
+            self._set_problem = one_line(text)
+            self._node.get_logger().warning(self._set_problem)
 
     def startup_text(self) -> str:
         """Return the source and names of the models of the default action set."""
         read = self.present[DEFAULT_SET]
-        return (
-            f"{self._source}: {', '.join(read.models)}"
-            if read.models
-            else f"no models ({read.absent})"
-        )
+        if not read.models:
+            return f"no models ({read.absent})"
+        source = f"models in {self._models}" if self._models else "shipped models"
+        if self._manifest is not None:
+            source = f"learned set {self._manifest.digest}"
+        return f"{source}: {', '.join(read.models)}"
 
     @property
     def problem(self) -> str:

@@ -11,12 +11,15 @@ from pathlib import Path
 from ator_ros.printable import ReadableError
 from ator_ros.resources import resource_path
 
-RANGE, THIS_MACHINE = "ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST"
+RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+THIS_MACHINE = "LOCALHOST"
 PROFILES = "FASTRTPS_DEFAULT_PROFILES_FILE"
 _OPEN = ("SUBNET", "SYSTEM_DEFAULT")
 _ELSEWHERE = ("ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER")
-_DOMAINS = 100
-_FIRST_PORT, _PORTS = 7400, 250  # UDP ports of domain 0, and of each domain, in the DDS standard
+_DOMAINS = 100  # greatest ROS domain whose ports are outside the ephemeral ones of Linux
+# UDP ports in the DDS standard: the first one of domain 0, and the number of ports of a domain
+_FIRST_PORT = 7400
+_PORTS = 250
 
 
 class NodesError(ReadableError, RuntimeError):

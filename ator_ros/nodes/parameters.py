@@ -27,7 +27,7 @@ from ator_ros.printable import ReadableError, printable, quoted
 from ator_ros.tops.chain import Top
 from ator_ros.tops.conditions import Condition
 from ator_ros.tops.library import TopLibrary
-from ator_ros.world.messages import plain_frame
+from ator_ros.world.readers import plain_frame
 
 
 class SetupError(ReadableError):
@@ -61,7 +61,8 @@ class Parameter:
         if isinstance(self.default, bool | str) or not math.isfinite(self.high - self.low):
             return descriptor
         if isinstance(self.default, int):
-            low, high = int(self.low), int(self.high)
+            low = int(self.low)
+            high = int(self.high)
             descriptor.integer_range = [IntegerRange(from_value=low, to_value=high, step=1)]
         else:
             descriptor.floating_point_range = [
@@ -97,7 +98,8 @@ MAP = Parameter("map", "", "map of the building: a file (.yaml), or a topic; emp
 PLANNER = Parameter(
     "planner",
     "",
-    "action of type nav2_msgs/ComputePathToPose, whose paths are the routes on the map; empty: own routes",
+    "action of type nav2_msgs/ComputePathToPose, whose paths are the routes on the map; "
+    "empty: own routes",
 )
 FRAMES = (FRAME, ROBOT_FRAME)
 WORLD = (DOMAIN, ROBOT, MAP)
@@ -173,8 +175,9 @@ def declare_parameters(
     """Declare parameters with type, description and bounds, and return their values by name.
 
     The values of live parameters change with them. Unknown parameters, except `unused` and `SHARED`
-    ones, are reported if the node was made with ``automatically_declare_parameters_from_overrides``. Raises
-    SetupError if a value has another type, or is not allowed.
+    ones, are reported if the node was made with
+    ``automatically_declare_parameters_from_overrides``. Raises SetupError if a value has another
+    type, or is not allowed.
     """
     values = {parameter.name: _declared(node, parameter) for parameter in parameters}
     given = [name for name in node.get_parameters_by_prefix("") if _is_implicit(node, name)]
@@ -197,7 +200,7 @@ def declare_parameters(
 def declare_with_domain(
     node: Node, parameters_for: Callable[[Sequence[str]], Sequence[Parameter]]
 ) -> dict[str, Any]:
-    """Declare the parameters, including `WORLD`, that `parameters_for` returns for the objects of the domain.
+    """Declare the parameters that `parameters_for` returns for the domain's objects, with `WORLD`.
 
     Raises SetupError as `declare_parameters`, and if the domain cannot be used.
     """
@@ -224,5 +227,5 @@ def _declared(node: Node, parameter: Parameter) -> Any:
 
 
 def _is_implicit(node: Node, name: str) -> bool:
-    """Return whether a parameter exists only because the command line or a parameter file sets it."""
+    """Return whether a parameter exists only because a command line or parameter file sets it."""
     return node.has_parameter(name) and not node.describe_parameter(name).description

@@ -28,7 +28,9 @@ from ator_ros.refinement import RefinementError
 
 _TYPE = "nav2_msgs/action/ComputePathToPose"
 _PATH_TIMEOUT = 1.0  # real s for each path that a request to refinement needs
-_FIRST_PAUSE, _LONGEST_PAUSE = 0.05, 1.0  # real s before an interrupted request is repeated
+# real s before an interrupted request is repeated: first, doubled each time, and at most
+_FIRST_PAUSE = 0.05
+_LONGEST_PAUSE = 1.0
 # The answers that there is no path. Nav2's server ends a request without any if another client,
 # such as bt_navigator, sends one, or cancels all; TIMEOUT and TF_ERROR may pass, too.
 _NO_PATH = (
@@ -42,9 +44,10 @@ _TOLERANCE = 1.0  # greatest m between a place and the end of its path; Nav2's p
 
 
 class PlannerClient:
-    """The client of a planner server. It can be called within callbacks: it has a node and an executor.
+    """The client of a planner server.
 
-    Raises RemoteError if the type of the action is not installed.
+    It has a node and an executor, so that it can be called within callbacks. Raises RemoteError if
+    the type of the action is not installed.
 
     Parameters
     ----------
@@ -58,7 +61,9 @@ class PlannerClient:
     """
 
     def __init__(self, name: str, frame: str, timeout: float) -> None:
-        self._name, self._frame, self._timeout = name, frame, timeout
+        self._name = name
+        self._frame = frame
+        self._timeout = timeout
         self._kind = action_type(_TYPE)
         self._no_path = [getattr(self._kind.Result, name, None) for name in _NO_PATH]
         self._node = Node(
@@ -84,7 +89,8 @@ class PlannerClient:
         self._was_called = True
         if not self._client.wait_for_server(discovery_timeout):
             raise RefinementError(
-                f"planner: expected the action server {self._name}, got none; start Nav2's planner_server"
+                f"planner: expected the action server {self._name}, got none; "
+                "start Nav2's planner_server"
             )
         end = time.monotonic() + self._timeout
         pause = _FIRST_PAUSE
@@ -96,7 +102,8 @@ class PlannerClient:
                 ended = "canceled" if answer.status == GoalStatus.STATUS_CANCELED else "aborted"
                 raise RefinementError(
                     f"planner: {self._name} {ended} all requests for {self._timeout:g} s "
-                    f"(error code {code}); if another client uses it, such as a driving Nav2, try again later"
+                    f"(error code {code}); if another client uses it, such as a driving Nav2, "
+                    "try again later"
                 )
             time.sleep(pause)
             pause = min(2.0 * pause, _LONGEST_PAUSE)
@@ -108,17 +115,21 @@ class PlannerClient:
             or found.header.frame_id not in ("", self._frame)
         ):
             raise RefinementError(
-                f"planner: expected a path of finite places in {self._frame} from {self._name}, got "
-                f"{len(path)} places in {quoted(found.header.frame_id)}"
+                f"planner: expected a path of finite places in {self._frame} from {self._name}, "
+                f"got {len(path)} places in {quoted(found.header.frame_id)}"
             )
         if max(math.dist(path[0], start), math.dist(path[-1], goal)) > _TOLERANCE:
             raise RefinementError(
-                f"planner: expected a path {_between(start, goal)}, got one {_between(path[0], path[-1])}"
+                f"planner: expected a path {_between(start, goal)}, "
+                f"got one {_between(path[0], path[-1])}"
             )
         return path
 
     def _request(self, start: tuple[float, float], goal: tuple[float, float]) -> Any:
-        """Return the server's answer to a request, of any status; raises RefinementError without one."""
+        """Return the server's answer to a request, of any status.
+
+        Raises RefinementError without one.
+        """
         ends = {"start": self._pose_stamped(*start), "goal": self._pose_stamped(*goal)}
         handle = self._answer(self._client.send_goal_async(self._kind.Goal(use_start=True, **ends)))
         if handle is None:
@@ -148,30 +159,25 @@ def _between(start: Sequence[float], goal: Sequence[float]) -> str:
     return f"from x {start[0]:.2f} m, y {start[1]:.2f} m to x {goal[0]:.2f} m, y {goal[1]:.2f} m"
 
 
-def expect_planner_usable(settings: Mapping[str, Any], domain: Domain) -> None:
-    """Raise SetupError if the parameter `PLANNER` is set without a map or without nav2_msgs."""
-    if not settings[PLANNER.name]:
-        return
+def planner_name(node: Node, settings: Mapping[str, Any], domain: Domain) -> str:
+    """Return the full name of the action that the parameter `PLANNER` names.
+
+    Empty if it names none. Raises SetupError if it is no name, or set without a map or without
+    nav2_msgs.
+    """
+    name = settings[PLANNER.name]
+    if not name:
+        return ""
     if domain.grid is None and not settings[MAP.name]:
         raise SetupError("parameter planner: expected a map, too; set the parameter map")
     try:
         action_type(_TYPE)
+        return str(node.resolve_topic_name(name))
     except RemoteError as error:
         raise SetupError(f"parameter planner: {error}") from error
-
-
-def planner_name(node: Node, settings: Mapping[str, Any]) -> str:
-    """Return the full name of the action that the parameter `PLANNER` names, in the node's namespace.
-
-    Empty if it names none. Raises SetupError if it is no name.
-    """
-    name = settings[PLANNER.name]
-    try:
-        return node.resolve_topic_name(name) if name else ""
     except (ValueError, RuntimeError) as error:
-        raise SetupError(
-            f"parameter planner: expected the name of an action, got {quoted(name)}"
-        ) from error
+        expected = "expected the name of an action"
+        raise SetupError(f"parameter planner: {expected}, got {quoted(name)}") from error
 
 
 def with_planner(
@@ -180,10 +186,9 @@ def with_planner(
     """Return domain and robot as the parameter `PLANNER` of the node `refinement` asks for.
 
     If it names a planner server, their routes are its paths; else they are returned unchanged.
-    Raises SetupError as `expect_planner_usable` does.
+    Raises SetupError as `planner_name` does.
     """
-    expect_planner_usable(settings, domain)
-    name = planner_name(node, settings)
+    name = planner_name(node, settings, domain)
     if not name:
         return domain, robot
     domain = planned_by(name, settings[FRAME.name], domain, timeout=_PATH_TIMEOUT)

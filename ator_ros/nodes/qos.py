@@ -18,10 +18,10 @@ LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """For state that late subscribers must receive: the last record, the robot's description."""
 
 LATCHED_BY_MANY = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-"""For subscribing to latched topics of many publishers, and to latched records, all of which must arrive."""
+"""For subscribing to latched topics of many publishers, and to records, which must all arrive."""
 
 SERVICES = QoSProfile(depth=2000)
-"""For services, actions and their clients: requests beyond the depth, by default 10, are lost silently."""
+"""For services, actions and their clients: requests beyond the depth (10) are lost silently."""
 
 ACTION_QUEUES = {
     f"{service}_service_qos_profile": SERVICES for service in ("goal", "result", "cancel")

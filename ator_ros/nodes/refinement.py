@@ -24,9 +24,9 @@ from ator_ros.execution.fence import Fence
 from ator_ros.execution.predictions import warm_up_refinement
 from ator_ros.learning.gains import Gains
 from ator_ros.nodes import messages
-from ator_ros.nodes.diagnostics import WARNING_PERIOD, Diagnostics, Health
+from ator_ros.nodes.diagnostics import Diagnostics, Health
 from ator_ros.nodes.drawing import LazyPublisher, marker_array
-from ator_ros.nodes.inputs import TfListener
+from ator_ros.nodes.inputs import WARNING_PERIOD, TfListener
 from ator_ros.nodes.maps import FollowedMap
 from ator_ros.nodes.models import LEARNED, LearnedSets, ModelSet
 from ator_ros.nodes.parameters import (
@@ -59,10 +59,10 @@ from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.conditions import state_variables
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.grid_map import PATHS_OF
-from ator_ros.world.messages import MessageError, count, pose_from, world_from
+from ator_ros.world.readers import MessageError, count, pose_from, world_from
 from ator_ros.world.state import World
 
-_LONGEST_DEADLINE = 60.0  # s
+_LONGEST_DEADLINE = 60.0  # s, as the longest `refinement_timeout` of the executor
 
 PARAMETERS = (
     FRAME,
@@ -89,7 +89,7 @@ PARAMETERS = (
     Parameter(
         "deadline",
         0.05,
-        "s of CPU time, with `planner` of real time, after which the best chain found is the answer",
+        "s of CPU time, with `planner` of real time, after which the best chain is the answer",
         0.001,
         _LONGEST_DEADLINE,
     ),
@@ -135,7 +135,9 @@ class RefinementNode(Node):
         self._map = FollowedMap(self, self._settings, domain, robot, self._take_map)
         self._goals = domain.goals(robot)
         self._variables = state_variables(domain.objects, holder=robot.holder is not None)
-        self._answered, self._cut_short, self._last_error = 0, 0, ""
+        self._answered = 0
+        self._cut_short = 0
+        self._last_error = ""
         self._tf = TfListener(self)
         self._markers = LazyPublisher(self, MarkerArray, "refinement_markers")
         # A request between two blocks keeps its group locked: only others of this service wait.
@@ -161,7 +163,8 @@ class RefinementNode(Node):
     def _warm_up(self, library: TopLibrary, read: ModelSet) -> None:
         """Compile what refinement needs, and warn of models that were learned on other routes."""
         grid = self._robot.grid
-        # The thread of a learned set would keep requests from the planner; code is compiled by then.
+        # The thread of a learned set would keep requests from the planner. The code is compiled
+        # by then.
         if grid is None or grid.planner is None or current_thread() is main_thread():
             warm_up_refinement(library, self._refiner(read, Gate()))
         learned = {
@@ -170,18 +173,20 @@ class RefinementNode(Node):
         for other in sorted(learned):
             if grid is not None and (PATHS_OF in other) != (grid.planner is not None):
                 warning = (
-                    f"action set {library.action_set}: models were learned on the map {other}, but are used "
-                    f"on {grid}: set the parameter planner if, and only if, they were learned with it"
+                    f"action set {library.action_set}: models were learned on the map {other}, but "
+                    f"are used on {grid}: set the parameter planner if, and only if, they were "
+                    "learned with it"
                 )
                 self.get_logger().warning(one_line(warning))
 
     def _use(self, domain: Domain, robot: Robot) -> None:
-        self._domain, self._robot = domain, robot
+        self._domain = domain
+        self._robot = robot
         self._libraries = {name: domain.library(robot, name) for name in domain.action_sets}
 
     def _take_map(self, domain: Domain, robot: Robot) -> None:
         self._use(domain, robot)
-        self._sets.load_again(domain, self._libraries)
+        self._sets.load(domain, self._libraries)
 
     def _gate(self, request: RefineSubgoal.Request, gains: Gains) -> Gate:
         """Return the current gate, which draws some executed chains to measure the gain."""
@@ -224,10 +229,12 @@ class RefinementNode(Node):
         # program, for whose paths the search waits.
         planned = self._robot.grid is not None and self._robot.grid.planner is not None
         clock = time.monotonic if planned else time.thread_time
-        deadline, frame = self._settings["deadline"], self._frame
+        deadline = self._settings["deadline"]
+        frame = self._frame
         end = clock() + deadline
         action_set = messages.action_set_from(request.chain, allowed=self._libraries)
-        present, library = self._sets.present[action_set], self._libraries[action_set]
+        present = self._sets.present[action_set]
+        library = self._libraries[action_set]
         if not present.models:
             raise RefinementError(f"action set {action_set}: {present.absent}")
         self._map.expect_usable()
@@ -245,7 +252,8 @@ class RefinementNode(Node):
         )
         self._answered += 1
         self._cut_short += not choice.complete
-        start, found = pose_from(request.situation.robot, "situation.robot"), choice.refinement
+        start = pose_from(request.situation.robot, "situation.robot")
+        found = choice.refinement
 
         def markers() -> MarkerArray:
             shapes = refinement_shapes(start, found.original, found.chain, found.curves)

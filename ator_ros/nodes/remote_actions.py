@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 import uuid
+from collections.abc import Callable
 from functools import partial
 from itertools import chain
 from typing import Any
@@ -37,26 +38,38 @@ _NEWER = 0.5
 class RemoteServers:
     """The servers of a domain's remote actions.
 
-    Faults are logged once. States are in the frame `frame`.
+    Parameters
+    ----------
+    frame : str
+        The frame of states and goals.
+    warn : callable
+        Called with a warning: about a server that cannot be used or has ignored a cancellation, and
+        about goals of other servers that were canceled instead.
+
+    Attributes
+    ----------
+    problem : str
+        The servers that cannot be used as declared, and their actions; empty if there are none.
     """
 
-    def __init__(self, node: Node, domain: Domain, frame: str) -> None:
+    def __init__(
+        self, node: Node, domain: Domain, frame: str, warn: Callable[[str], object]
+    ) -> None:
         self._domain = domain
         callers: dict[RemoteCall, set[str]] = {}
         for spec in chain.from_iterable(domain.action_sets.values()):
             if spec.remote is not None:
                 callers.setdefault(spec.remote, set()).add(spec.name)
         self._servers = {
-            call: RemoteServer(node, call, frame) for call in sorted(callers, key=repr)
+            call: RemoteServer(node, call, frame, warn) for call in sorted(callers, key=repr)
         }
         self.problem = "; ".join(
             f"{server.fault}; without it {', '.join(sorted(callers[call]))} cannot be executed"
             for call, server in self._servers.items()
             if server.fault
         )
-        """The servers that cannot be used as declared, and their actions; empty if there are none."""
         if self.problem:
-            node.get_logger().warning(self.problem)
+            warn(self.problem)
 
     def libraries(self, robot: Robot) -> dict[str, TopLibrary]:
         """Return the libraries of all action sets, in which servers execute the remote actions."""
@@ -75,22 +88,17 @@ class RemoteServers:
         return any(server.ending() for server in self._servers.values())
 
     def check(self) -> None:
-        """Cancel what may still move the robot although its goal was canceled; call this periodically."""
+        """Cancel what may still move the robot although its goal was canceled.
+
+        Call this periodically.
+        """
         for server in self._servers.values():
             server.check()
 
     def stop(self) -> None:
-        """Cancel what may still move the robot, before the node ends and cannot check it any more."""
+        """Cancel what may still move the robot, before the node ends."""
         for server in self._servers.values():
             server.stop()
-
-    def warnings(self) -> list[str]:
-        """Return warnings, each once.
-
-        They are about servers that have ignored a cancellation, and about goals of other servers
-        that were canceled instead.
-        """
-        return [text for server in self._servers.values() for text in server.warnings()]
 
 
 class RemoteAction(Action):
@@ -118,7 +126,8 @@ class RemoteAction(Action):
         """Commit to `goal`; it is sent in a later tick."""
         if self._server.fault:
             raise ActionError(self._server.fault)
-        self._goal, self._since = goal, time.monotonic()
+        self._goal = goal
+        self._since = time.monotonic()
 
     def step(self, world: World) -> Step:
         """Return the next step; its command is None from the tick on in which the goal is sent."""
@@ -138,8 +147,10 @@ class RemoteAction(Action):
 
     def _prepare(self, world: World) -> Step:
         """Stop the robot, wait for the server, then send the goal."""
-        server, now = self._server, time.monotonic()
-        was_stopped, self._stopped = self._stopped, True
+        server = self._server
+        now = time.monotonic()
+        was_stopped = self._stopped
+        self._stopped = True
         if not (was_stopped and world.robot.is_standing):
             self._since = now
             return Step(STOP, Status.RUNNING, f"stopping, before {server.name} takes over")
@@ -149,12 +160,15 @@ class RemoteAction(Action):
                 finished(Status.REFUSED, unusable) if late else Step(STOP, Status.RUNNING, unusable)
             )
         assert self._goal is not None
-        self._sent, self._since = server.send(self._goal), now
+        self._sent = server.send(self._goal)
+        self._since = now
         return Step(None, Status.RUNNING, f"sent to {server.name}")
 
     def _wait(self, world: World, sent: RemoteGoal) -> Step:
         """Check acceptance, result and timeouts of the goal that was sent."""
-        server, name, limits = self._server, self._server.name, self._server.timeouts
+        server = self._server
+        name = self._server.name
+        limits = self._server.timeouts
         if sent.result is not None:
             self._result_at = self._result_at or (time.monotonic(), world.time)
             failure = failure_in(server.call, sent.status, sent.result)
@@ -189,13 +203,18 @@ class RemoteServer:
     `fault` is why the server cannot be used, as without its type; empty if it can.
     """
 
-    def __init__(self, node: Node, call: RemoteCall, frame: str) -> None:
-        self.call, self.name, self.timeouts, self.fault = call, call.server, call.timeouts, ""
+    def __init__(
+        self, node: Node, call: RemoteCall, frame: str, warn: Callable[[str], object]
+    ) -> None:
+        self.call = call
+        self.name = call.server
+        self.timeouts = call.timeouts
+        self.fault = ""
         self._node = node
         self._present_at = -math.inf  # real s
         self._released: RemoteGoal | None = None
         self._cancel_deadline = 0.0  # real s; for the end of `_released`
-        self._warnings: list[str] = []
+        self._warn = warn
         try:
             self._interface = RemoteInterface(call, frame)
             self._client = ActionClient(node, self._interface.kind, call.server, **ACTION_QUEUES)
@@ -251,12 +270,13 @@ class RemoteServer:
         if not sent.release():
             return
         if self.present():
-            self._released, self._cancel_deadline = sent, time.monotonic() + self.timeouts.cancel
+            self._released = sent
+            self._cancel_deadline = time.monotonic() + self.timeouts.cancel
         else:
             self.cancel_others()
 
     def cancel_others(self) -> None:
-        """Cancel all goals of the servers `cancel_too`, which may move the robot without this one."""
+        """Cancel all goals of the servers `cancel_too`, which may still move the robot."""
         for name, client in self._others.items():
             if client.service_is_ready():
                 # an empty goal id and a stamp of 0 mean all goals
@@ -266,9 +286,9 @@ class RemoteServer:
     def _take_canceled(self, name: str, answer: Future) -> None:
         canceled = len(answer.result().goals_canceling)
         if canceled:
-            self._warnings.append(
-                f"{self.name} is gone, hangs or ignored its cancellation; canceled {canceled} goals "
-                f"of {name}"
+            self._warn(
+                f"{self.name} is gone, hangs or ignored its cancellation; canceled {canceled} "
+                f"goals of {name}"
             )
 
     def ending(self) -> bool:
@@ -282,7 +302,7 @@ class RemoteServer:
         """
         if self._is_canceling() and time.monotonic() > self._cancel_deadline:
             self.stop()
-            self._warnings.append(
+            self._warn(
                 f"{self.name} did not end its goal within {self.timeouts.cancel:g} s of its "
                 "cancellation: it may still move the robot"
             )
@@ -293,23 +313,19 @@ class RemoteServer:
             self._released = None
             self.cancel_others()
 
-    def warnings(self) -> list[str]:
-        """Return warnings, each once."""
-        found, self._warnings = self._warnings, []
-        return found
-
     def _is_canceling(self) -> bool:
         return self._released is not None and not self._released.over
 
 
 class RemoteGoal:
-    """One goal of a server: whether it was `accepted`, None before the answer, and its `status` and `result`.
+    """One goal of a server.
 
-    DDS lists a server that was killed for up to 20 s. Therefore the server is requested
-    periodically, one request at a time, to cancel an unknown goal. Each server answers that
-    immediately, except one that has no free thread while it drives: missing answers count only
-    after a first one. A restarted server does not answer requests to its predecessor, and does not
-    execute the goal either.
+    `accepted` is None before the answer; `status` and `result` are those of the server. DDS lists a
+    server that was killed for up to 20 s. Therefore the server is requested periodically, one
+    request at a time, to cancel an unknown goal. Each server answers that immediately, except one
+    that has no free thread while it drives: missing answers count only after a first one. A
+    restarted server does not answer requests to its predecessor, and does not execute the goal
+    either.
     """
 
     def __init__(self, client: ActionClient, message: Any, cancel: Client, silence: float) -> None:
@@ -318,9 +334,11 @@ class RemoteGoal:
         self.result: Any = None
         self._handle: ClientGoalHandle | None = None
         self._released = False
-        self._cancel, self._period = cancel, max(silence / _REQUESTS, _LEAST_PERIOD)
+        self._cancel = cancel
+        self._period = max(silence / _REQUESTS, _LEAST_PERIOD)
         self._request: Future | None = None
-        self._has_answered, self._silence = False, 0.0
+        self._has_answered = False
+        self._silence = 0.0
         self._checked_at = self._requested_at = math.inf
         sent = client.send_goal_async(message, feedback_callback=lambda _: self._reset_silence())
         sent.add_done_callback(self._take_answer)
@@ -355,7 +373,8 @@ class RemoteGoal:
         return self._silence if self._has_answered else 0.0
 
     def _take_reply(self, _: Future) -> None:
-        self._request, self._has_answered = None, True
+        self._request = None
+        self._has_answered = True
         self._reset_silence()
 
     def _reset_silence(self) -> None:
@@ -366,13 +385,15 @@ class RemoteGoal:
         self.accepted = bool(handle.accepted)
         if not self.accepted:
             return
-        self._handle, self._requested_at = handle, time.monotonic()
+        self._handle = handle
+        self._requested_at = time.monotonic()
         handle.get_result_async().add_done_callback(self._take_result)
         if self._released:
             handle.cancel_goal_async()
 
     def _take_result(self, future: Future) -> None:
-        self.status, self.result = future.result().status, future.result().result
+        self.status = future.result().status
+        self.result = future.result().result
 
 
 def cancel_request_for_unknown_goal() -> CancelGoal.Request:

@@ -18,7 +18,8 @@ from ator_ros.actions.remote import Filling, RemoteCall, parts
 from ator_ros.nodes.messages import pose_of
 from ator_ros.printable import ReadableError, printable, quoted
 
-_FLOATS, _TEXTS = ("float", "double"), ("string", "wstring")
+_FLOATS = ("float", "double")
+_TEXTS = ("string", "wstring")
 _POSES = ("geometry_msgs/Pose", "geometry_msgs/PoseStamped")
 _SEQUENCE = re.compile(r"sequence<([^,]+)(?:, \d+)?>")
 
@@ -70,7 +71,8 @@ def action_type(name: str) -> Any:
 
 def _writer(filling: Filling, kind: Any, frame: str, where: str) -> Callable[[Goal], Any]:
     """Return the function from a goal to the value of a field."""
-    slot, source = _type_at(kind, filling.field, where), filling.source
+    slot = _type_at(kind, filling.field, where)
+    source = filling.source
     if source is None:
         constant = _fitting(filling.constant, slot, where)
         return lambda _: constant
@@ -141,7 +143,8 @@ def _fitting(value: Any, slot: str, where: str) -> Any:
     elif slot == "boolean":
         fits = isinstance(value, bool)
     elif slot in _FLOATS:
-        fits, value = number, float(value) if number else value
+        fits = number
+        value = float(value) if number else value
     elif re.fullmatch(r"u?int\d+", slot):
         fits = (
             number and isinstance(value, int) and np.iinfo(slot).min <= value <= np.iinfo(slot).max

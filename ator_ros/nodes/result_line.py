@@ -8,7 +8,7 @@ from typing import Any
 
 from ator_ros.printable import listed, one_line, printable
 
-_MOST_CHANGES = 4
+_MOST_CHANGES = 4  # in the line; "and 2 more" stands for the others
 _MOST_REASON = 150  # characters
 
 
@@ -43,11 +43,9 @@ def result_line(record: Any, *, wanted: bool, changes: Sequence[str]) -> str:
     changes : sequence of str
         See `changes_of`.
     """
-    reason, driven, predicted = (
-        record.outcome.reason,
-        record.actual.duration,
-        record.predicted.duration,
-    )
+    reason = record.outcome.reason
+    driven = record.actual.duration
+    predicted = record.predicted.duration
     if record.outcome.code != record.outcome.SUCCEEDED or not math.isfinite(driven):
         return one_line(reason)
     times = f"{driven:.2f} s driven"

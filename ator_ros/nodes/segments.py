@@ -1,4 +1,4 @@
-"""Drawings on the floor for the page in the browser and RViz: chains, rings, and the surroundings."""
+"""Drawings on the floor for the page and RViz: chains, rings, and the surroundings."""
 
 from __future__ import annotations
 
@@ -23,10 +23,16 @@ VIOLET: Color = (0.6, 0.45, 0.75)
 YELLOW: Color = (1.0, 0.82, 0.24)
 WHITE: Color = (0.93, 0.94, 0.95)
 
-_LEG_WIDTH, _ALTERNATIVE_WIDTH, _LINE_WIDTH, _ARROW_WIDTH = 0.015, 0.008, 0.03, 0.04
+# widths of lines in m
+_LEG_WIDTH = 0.015
+_ALTERNATIVE_WIDTH = 0.008
+_LINE_WIDTH = 0.03
+_ARROW_WIDTH = 0.04
 _ARROW = 0.4  # length of an arrow in m
-_RING_RADIUS, _RING_DEPTH = 0.35, 0.35  # m where the chain is fastest, and more where it is slowest
-_RING_WIDTH, _CHOSEN_WIDTH = 0.03, 0.05
+_RING_RADIUS = 0.35  # m where the chain is fastest
+_RING_DEPTH = 0.35  # m more where it is slowest
+_RING_WIDTH = 0.03
+_CHOSEN_WIDTH = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +88,10 @@ def executed_chain_shapes(start: Pose, chain: TopChain, step: int) -> list[Segme
 def refinement_shapes(
     start: Pose, naive: TopChain, chain: TopChain, curves: Sequence[SubgoalCurve]
 ) -> list[Segments]:
-    """Return the naive chain from `start` in gray, the refined one in blue, rings of searched headings."""
+    """Return the naive chain from `start` in gray, the refined one in blue, and rings.
+
+    See `ring`.
+    """
     return [
         *_chain_shapes("naive", start, naive, GRAY),
         *_chain_shapes("chain", start, chain, BLUE),
@@ -100,10 +109,10 @@ def alternative_shapes(start: Pose, chains: Sequence[TopChain]) -> list[Segments
 
 
 def costs_by_heading(curve: SubgoalCurve) -> tuple[FloatArray, FloatArray]:
-    """Return the searched headings in rad, ascending in [-pi, pi), and the least cost in s through each.
+    """Return the searched headings and the least cost in s through each.
 
-    Both have shape (n,), and are empty where the heading was not searched; infinite costs are left
-    out.
+    Headings are in rad, ascending in [-pi, pi). Both have shape (n,), and are empty where the
+    heading was not searched; infinite costs are left out.
     """
     if "yaw" not in curve.names:
         return np.zeros(0), np.zeros(0)
@@ -125,7 +134,8 @@ def ring(chain: TopChain, curve: SubgoalCurve) -> tuple[Segments, ...]:
     if len(headings) < 3:
         return ()
     pose = chain.calls[curve.subgoal].goal.pose
-    least, most = float(costs.min()), float(costs.max())
+    least = float(costs.min())
+    most = float(costs.max())
     shares = (costs - least) / (most - least) if most > least else np.zeros(len(costs))
     reach = _RING_RADIUS + _RING_DEPTH * shares
     points = np.stack(
@@ -141,14 +151,15 @@ def ring(chain: TopChain, curve: SubgoalCurve) -> tuple[Segments, ...]:
 
 
 def surroundings(domain: Domain, robot: Robot) -> list[Segments]:
-    """Return the outline of the area, the domain's lines, and the walls of the bays as thick lines."""
+    """Return the outline of the area, the domain's lines, and the walls of the bays."""
     x_min, y_min, x_max, y_max = robot.scene.area.lines
     outline = [(x_min, y_min), (x_max, y_min), (x_max, y_max), (x_min, y_max), (x_min, y_min)]
     shapes = [polyline("area", outline, WHITE, _LINE_WIDTH)]
     for number, line in enumerate(domain.lines(robot)):
         shapes.append(polyline(f"line{number}", line, WHITE, _LINE_WIDTH))
     for number, bay in enumerate(robot.scene.bays):
-        front, side = Pose(bay.x, bay.y, bay.yaw), bay.width / 2.0
+        front = Pose(bay.x, bay.y, bay.yaw)
+        side = bay.width / 2.0
         places = ((0.0, side), (bay.depth, side), (bay.depth, -side), (0.0, -side))
         walls = [front.compose(Pose(x, y, 0.0))[:2] for x, y in places]
         shapes.append(polyline(f"bay{number}", walls, GRAY, WALL_THICKNESS))

@@ -9,8 +9,8 @@ from ator_ros.bases.description import Robot
 from ator_ros.geometry import Pose
 from ator_ros.simulation.sensors import Sensors
 from ator_ros.simulation.simulation import Simulation
-from ator_ros.world import messages
-from ator_ros.world.messages import MessageError
+from ator_ros.world import readers
+from ator_ros.world.readers import MessageError
 from ator_ros.world.state import STOP, Command, World
 
 _FASTEST = 10.0  # m/s of a placed object: it then moves by its radius in one step of the physics
@@ -40,7 +40,9 @@ class SimulatedWorld:
         robots: Sequence[SimulatedRobot],
         object_starts: Mapping[str, tuple[float, float]],
     ) -> None:
-        self.robot, self.robots, self._object_starts = robot, tuple(robots), object_starts
+        self.robot = robot
+        self.robots = tuple(robots)
+        self._object_starts = object_starts
         self._idle = set[str]()
         for each in self.robots:
             self._check_inside(each.start.x, each.start.y, f"robot_start {each.name}".strip())
@@ -77,7 +79,7 @@ class SimulatedWorld:
         self._observe_all()
 
     def awaited(self) -> set[int]:
-        """Return the numbers (indices in `robots`) of the robots whose next command a tick waits for.
+        """Return the robots whose next command a tick waits for, by their indices in `robots`.
 
         Of several robots those that were commanded to stop are left out, as the others need their
         odometry.
@@ -94,7 +96,8 @@ class SimulatedWorld:
         """Advance by one control tick; return the names of the robots that have come to stand."""
         self.simulation.tick()
         self._observe_all()
-        previous, self._idle = self._idle, set[str]()
+        previous = self._idle
+        self._idle = set[str]()
         for number, robot in enumerate(self.robots):
             is_standing = self.simulation.world(number=number).robot.is_standing
             if is_standing and self.simulation.commanded(number=number) in (None, STOP):
@@ -106,18 +109,20 @@ class SimulatedWorld:
         self.simulation.close()
         self._begin()
 
-    def place_robot(self, pose: Pose, number: int, *, v: float, w: float) -> None:
-        """Put the axle of robot `number`, its index in `robots`, at `pose`, moving at v (m/s) and w (rad/s).
+    def place_robot(self, pose: Pose, number: int, velocity: Command = STOP) -> None:
+        """Put the axle of a robot at `pose`, moving at `velocity`.
 
-        Raises MessageError outside the floor, in another body, or beyond the robot's limits.
+        `number` is its index in `robots`. Raises MessageError outside the floor, in another body,
+        or beyond the robot's limits.
         """
         self._check_inside(pose.x, pose.y, "pose.pose.position")
-        velocity = Command(v, w)
-        for axis in self.robot.axes:
-            value = getattr(velocity, axis.name)
-            messages.number(value, axis.name, low=-axis.backward, high=axis.limit, unit=axis.unit)
+        axes = {axis.name: axis for axis in self.robot.axes}
+        for name, unit in (("vx", "m/s"), ("vy", "m/s"), ("w", "rad/s")):
+            low = -axes[name].backward if name in axes else 0.0
+            high = axes[name].limit if name in axes else 0.0
+            readers.number(getattr(velocity, name), name, low=low, high=high, unit=unit)
         _check_clear(self.simulation.robot_overlap(pose, number=number), "pose.pose.position")
-        self.simulation.place_robot(pose, v=v, w=w, number=number)
+        self.simulation.place_robot(pose, velocity, number=number)
         self.robots[number].sensors.reset()
         self._observe(number)
 
@@ -128,7 +133,7 @@ class SimulatedWorld:
         """
         self._check_inside(x, y, "position.point")
         for axis, value in (("x", vx), ("y", vy)):
-            messages.number(value, f"velocity.{axis}", low=-_FASTEST, high=_FASTEST, unit="m/s")
+            readers.number(value, f"velocity.{axis}", low=-_FASTEST, high=_FASTEST, unit="m/s")
         _check_clear(self.simulation.object_overlap(name, x, y), "position.point")
         self.simulation.place_object(name, x, y, vx=vx, vy=vy)
         self._observe_placed(name)
@@ -140,8 +145,8 @@ class SimulatedWorld:
 
     def _check_inside(self, x: float, y: float, where: str) -> None:
         x_min, y_min, x_max, y_max = self.robot.scene.area.floor
-        messages.number(x, f"{where}.x", low=x_min, high=x_max, unit="m")
-        messages.number(y, f"{where}.y", low=y_min, high=y_max, unit="m")
+        readers.number(x, f"{where}.x", low=x_min, high=x_max, unit="m")
+        readers.number(y, f"{where}.y", low=y_min, high=y_max, unit="m")
 
 
 def _check_clear(overlap: str, where: str) -> None:

@@ -43,10 +43,10 @@ from ator_ros.printable import quoted
 from ator_ros.simulation.sensors import ObjectErrors, SensorConfig, Sensors
 from ator_ros.simulation.simulation import TICK
 from ator_ros.simulation.urdf import WHEEL_NAMES, robot_urdf
-from ator_ros.world import messages as checks
-from ator_ros.world.messages import MessageError
+from ator_ros.world import readers as checks
+from ator_ros.world.readers import MessageError
 from ator_ros.world.scene import Area
-from ator_ros.world.state import STOP
+from ator_ros.world.state import STOP, Command
 
 _COMMON = (
     *FRAMES,
@@ -80,8 +80,9 @@ _COMMON = (
 )
 _ERRORS = tuple(field.name for field in dataclasses.fields(ObjectErrors))
 _ASIDE = 1.0  # m between the default starts of objects, and of robots
-_FASTEST_PERIOD, _LONGEST_PERIOD = 0.0005, 60.0
-_PAUSED_PERIOD = 0.05
+_FASTEST_PERIOD = 0.0005  # real s between ticks as fast as possible: less than a tick takes
+_LONGEST_PERIOD = 60.0  # real s between ticks, so that a smaller factor can still be changed
+_PAUSED_PERIOD = 0.05  # real s between two messages of a paused world
 _REAL_TIME_TICKS = round(5.0 / TICK)  # ticks at real-time speed after the last command has expired
 _WORLD_FRAME = "world"  # in which the robots of one simulation start
 
@@ -144,8 +145,9 @@ class SimulationNode(Node):
         names = ", ".join(each.name for each in self._world.robots)
         domain = domain_for(settings["domain"], settings["robot"]).name
         self.get_logger().info(
-            f"simulating {robot.name}{f' as {names}' if names else ''} {speed} (domain {domain}, ROS domain "
-            f"{self.context.get_domain_id()}): cmd_vel to {', '.join(('odom', *robot.scene.objects))}"
+            f"simulating {robot.name}{f' as {names}' if names else ''} {speed} (domain {domain}, "
+            f"ROS domain {self.context.get_domain_id()}): cmd_vel to "
+            f"{', '.join(('odom', *robot.scene.objects))}"
         )
 
     def _topics_of(self, number: int) -> RobotTopics:
@@ -165,9 +167,11 @@ class SimulationNode(Node):
         return topics
 
     def _tick(self) -> None:
-        now, period = time.monotonic(), round(1e9 * _period_at(self._settings["real_time_factor"]))
+        now = time.monotonic()
+        period = round(1e9 * _period_at(self._settings["real_time_factor"]))
         if period != self._timer.timer_period_ns:
-            self._deadline, self._real_time_ticks = 0.0, 0
+            self._deadline = 0.0
+            self._real_time_ticks = 0
             self._timer.timer_period_ns = period
             self._timer.reset()
         if now < self._deadline:
@@ -186,7 +190,8 @@ class SimulationNode(Node):
 
     def _schedule(self, now: float) -> None:
         """Set the earliest time of the next tick; the timer may fire before."""
-        factor, wait = self._settings["real_time_factor"], self._settings["command_wait"]
+        factor = self._settings["real_time_factor"]
+        wait = self._settings["command_wait"]
         is_fast = not 0.0 < factor <= 1.0
         self._awaited = self._world.awaited() if is_fast or self._settings["lockstep"] else set()
         if self._awaited:
@@ -219,10 +224,12 @@ class SimulationNode(Node):
     def _serve(self, handle: Callable[[Any], str], request: Any, response: Any) -> Any:
         """Answer a request with the text that `handle` returns, or with its error."""
         try:
-            response.message, response.success = handle(request), True
+            response.message = handle(request)
+            response.success = True
             self._publish()
         except MessageError as error:
-            response.message, response.success = str(error), False
+            response.message = str(error)
+            response.success = False
             self._warn(f"ignored: {error}")
         return response
 
@@ -230,7 +237,7 @@ class SimulationNode(Node):
         frame = self._topics[number].frame
         checks.expect_frame(request.pose.header.frame_id, "pose.header.frame_id", expected=frame)
         pose = checks.pose_from(request.pose.pose, "pose.pose")
-        self._world.place_robot(pose, number, v=request.v, w=request.w)
+        self._world.place_robot(pose, number, Command(request.v, request.w))
         who = self._world.robots[number].name or "robot"
         return f"{who} at x {pose.x:.3f} m, y {pose.y:.3f} m, yaw {pose.yaw:.3f} rad"
 
@@ -242,17 +249,20 @@ class SimulationNode(Node):
         checks.expect_frame(
             request.position.header.frame_id, "position.header.frame_id", expected=frame
         )
-        point, velocity = request.position.point, request.velocity
+        point = request.position.point
+        velocity = request.velocity
         self._world.place_object(name, point.x, point.y, vx=velocity.x, vy=velocity.y)
         return f"{name} at x {point.x:.3f} m, y {point.y:.3f} m"
 
     def _reset(self, _: Trigger.Request) -> str:
         self._world.reset()
-        self._deadline, self._real_time_ticks = 0.0, 0
+        self._deadline = 0.0
+        self._real_time_ticks = 0
         return "a new world, simulated time 0"
 
     def _pause(self, request: SetBool.Request) -> str:
-        self._paused, self._deadline = bool(request.data), 0.0
+        self._paused = bool(request.data)
+        self._deadline = 0.0
         return "paused" if self._paused else "running"
 
     def _health(self) -> Health:
@@ -300,7 +310,8 @@ def world_of(settings: Mapping[str, Any]) -> SimulatedWorld:
     """
     if topic := map_topic(settings):
         raise SetupError(f"parameter map: expected a file (.yaml), got the topic {quoted(topic)}")
-    (_, robot), names = domain_and_robot(settings), settings["robots"]
+    (_, robot) = domain_and_robot(settings)
+    names = settings["robots"]
     if len(set(names)) < len(names) or not all(
         is_name(name) for name in names if name or len(names) > 1
     ):
@@ -331,7 +342,10 @@ def world_of(settings: Mapping[str, Any]) -> SimulatedWorld:
 
 
 def _starts(numbers: Sequence[float], count: int, area: Area) -> list[Pose]:
-    """Return the start of each robot: those given, then each `_ASIDE` to the left of the one before."""
+    """Return the start of each robot.
+
+    Those that are not given start `_ASIDE` to the left of the one before.
+    """
     if (
         len(numbers) % 3
         or not 3 <= len(numbers) <= 3 * count
@@ -355,7 +369,8 @@ class RobotTopics:
     def __init__(
         self, node: Node, description: Robot, robot: SimulatedRobot, settings: Mapping[str, Any]
     ) -> None:
-        self._robot, self._scene = robot, description.scene
+        self._robot = robot
+        self._scene = description.scene
         self.frame, self.robot_frame = map(
             self.resolved, (settings["frame"], settings["robot_frame"])
         )
@@ -384,7 +399,8 @@ class RobotTopics:
 
     def publish(self, wheels: list[float]) -> None:
         """Publish the last observation, and the angles of the left and the right wheel (rad)."""
-        world, state = self._robot.observed, self._robot.observed.robot
+        world = self._robot.observed
+        state = self._robot.observed.robot
         # Objects first: subscribers that act on odom then have the objects of the same tick.
         for name, there in world.objects.items():
             message = object_odometry_of(
@@ -404,9 +420,11 @@ class RobotTopics:
 def transform_of(time: float, pose: Pose, *, frame: str, child: str) -> TransformStamped:
     """Write the pose of the frame `child` in `frame` at `time` (s) as a transform."""
     message = TransformStamped(child_frame_id=child)
-    message.header.stamp, message.header.frame_id = stamp_of(time), frame
+    message.header.stamp = stamp_of(time)
+    message.header.frame_id = frame
     transform = message.transform
-    transform.translation.x, transform.translation.y = float(pose.x), float(pose.y)
+    transform.translation.x = float(pose.x)
+    transform.translation.y = float(pose.y)
     turn = transform.rotation
     turn.x, turn.y, turn.z, turn.w = quaternion_from_yaw(pose.yaw)
     return message

@@ -1,4 +1,4 @@
-"""The node `waypoints`: Nav2's FollowWaypoints and NavigateThroughPoses, executed as refined chains."""
+"""The node `waypoints`: Nav2's FollowWaypoints and NavigateThroughPoses as refined chains."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ from ator_ros.nodes.remote_messages import action_type
 from ator_ros.nodes.running import pause, run_node, spin_out
 from ator_ros.printable import one_line, quoted
 from ator_ros.tops.chain import TopCall, TopChain
-from ator_ros.world.messages import (
+from ator_ros.world.readers import (
     FrameError,
     MessageError,
     expect_frame,
@@ -63,14 +63,15 @@ _INPUT_TIMEOUT = 1.0  # real s until a map counts as missing, and the frame of a
 _SERVER_TIMEOUT = 3.0  # real s until the executor counts as missing; DDS may still be connecting it
 _MOST_WAYPOINTS = 2000  # a goal; three hours of drives of 5 s
 _BLOCK = 50  # poses that are read at once: 5 ms, after which other messages are processed
-_COMPLETED, _FAILED = 1, 3  # a WaypointStatus; 0 means pending
 _FREE = frozenset({"yaw"})
 
 # Nav2's error codes; Jazzy lacks constants for some of them. 0 means no error.
 _FW_UNKNOWN, _FW_NO_VALID_WAYPOINTS, _FW_STOP_ON_MISSED_WAYPOINT = 600, 602, 603  # FollowWaypoints
 _POSE_UNKNOWN, _POSE_TF_ERROR = 9000, 9002  # NavigateToPose, for a missed waypoint
 # NavigateThroughPoses
-_POSES_UNKNOWN, _POSES_FAILED_TO_LOAD_BEHAVIOR_TREE, _POSES_TF_ERROR = 9100, 9101, 9102
+_POSES_UNKNOWN = 9100
+_POSES_FAILED_TO_LOAD_BEHAVIOR_TREE = 9101
+_POSES_TF_ERROR = 9102
 
 _PREEMPTED = "a newer goal took over"
 _SHUTDOWN = "the node waypoints was ended"
@@ -87,7 +88,8 @@ PARAMETERS = (
     Parameter(
         "keep_headings",
         [-1],
-        "indices of waypoints that keep their heading, below 0 from the end; the end of a tour always does",
+        "indices of waypoints that keep their heading, below 0 from the end; "
+        "the end of a tour always does",
         live=True,
     ),
     Parameter(
@@ -102,21 +104,21 @@ class WaypointGoal:
     A *leg* is the drive to one waypoint. The legs of all loops are numbered consecutively: `leg` is
     the current one, `end` the one after the last. `poses` are the waypoints as sent, `targets` by
     index those that can be driven to, in the node's frame. `pace` is the time in s per m along
-    straight lines that is expected before the first prediction. A newer goal has a greater `number`.
+    straight lines that is expected before the first prediction. A newer goal has a greater
+    `number`.
     """
 
-    def __init__(
-        self, handle: ServerGoalHandle, kind: Any, *, pace: float, number: int = 0
-    ) -> None:
+    def __init__(self, handle: ServerGoalHandle, kind: Any, *, pace: float, number: int) -> None:
         request = handle.request
-        self.handle, self.number, self._kind = handle, number, kind
+        self.handle = handle
+        self.number = number
+        self._kind = kind
         self.is_follow_waypoints = loops = hasattr(request, "number_of_loops")
-        poses = getattr(request.poses, "goals", request.poses)  # nav_msgs/Goals since Kilted
-        self.poses: list[PoseStamped] = list(poses)
+        self.poses: list[PoseStamped] = list(request.poses)
         self.targets: dict[int, Pose] = {}
         self.leg = request.goal_index if loops else 0
         self.end = len(self.poses) * (1 + request.number_of_loops if loops else 1)
-        self._missed: list[tuple[int, int, str]] = []  # waypoint index, error code, reason
+        self._missed: dict[int, int] = {}  # error codes by index of the waypoint
         self._start_time = math.nan  # s, by odometry's stamps
         self._pace = pace  # predicted s per m along straight lines, for the chains after this one
         self._lengths: list[float] = []  # m along straight lines from the first pose to each
@@ -145,7 +147,7 @@ class WaypointGoal:
         `frame` is true where tf does not connect the waypoint's frame.
         """
         reason = one_line(reason)
-        self._missed.append((index, _POSE_TF_ERROR if frame else _POSE_UNKNOWN, reason))
+        self._missed[index] = _POSE_TF_ERROR if frame else _POSE_UNKNOWN
         if self.is_follow_waypoints:
             return _FW_STOP_ON_MISSED_WAYPOINT, reason
         return _POSES_TF_ERROR if frame else _POSES_UNKNOWN, reason
@@ -186,12 +188,9 @@ class WaypointGoal:
             distance_remaining=chain + later,
             number_of_poses_remaining=self.end - self.leg,
         )
-        feedback.current_pose.header.stamp, feedback.current_pose.header.frame_id = (
-            stamp_of(now),
-            frame_id,
-        )
+        feedback.current_pose.header.stamp = stamp_of(now)
+        feedback.current_pose.header.frame_id = frame_id
         feedback.current_pose.pose = pose_of(pose)
-        self._write_statuses(feedback)
         self.handle.publish_feedback(feedback)
 
     def summary(self) -> str:
@@ -205,9 +204,11 @@ class WaypointGoal:
         """
         result = self._kind.Result(error_code=code, error_msg=reason)
         if self.is_follow_waypoints:
-            result.missed_waypoints = [self._missed_waypoint(*missed) for missed in self._missed]
-        else:
-            self._write_statuses(result)
+            missed = importlib.import_module("nav2_msgs.msg").MissedWaypoint
+            result.missed_waypoints = [
+                missed(index=index, goal=self.poses[index], error_code=error)
+                for index, error in self._missed.items()
+            ]
         if self.handle.is_cancel_requested:
             self.handle.canceled()
         elif reason:
@@ -215,32 +216,6 @@ class WaypointGoal:
         else:
             self.handle.succeed()
         return result
-
-    def _missed_waypoint(self, index: int, code: int, reason: str) -> Any:
-        nav2, pose = importlib.import_module("nav2_msgs.msg"), self.poses[index]
-        if hasattr(nav2, "MissedWaypoint"):  # Jazzy
-            return nav2.MissedWaypoint(index=index, goal=pose, error_code=code)
-        status = nav2.WaypointStatus(
-            waypoint_status=_FAILED, waypoint_index=index, waypoint_pose=pose
-        )
-        status.error_code, status.error_msg = code, reason
-        return status
-
-    def _write_statuses(self, message: Any) -> None:
-        """Write the status of each waypoint into messages that have it: since Kilted."""
-        if not hasattr(message, "waypoint_statuses"):
-            return
-        status = importlib.import_module("nav2_msgs.msg").WaypointStatus
-        message.waypoint_statuses = [
-            status(
-                waypoint_status=_COMPLETED if index < self.leg else 0,
-                waypoint_index=index,
-                waypoint_pose=pose,
-            )
-            for index, pose in enumerate(self.poses)
-        ]
-        for missed in self._missed:
-            message.waypoint_statuses[missed[0]] = self._missed_waypoint(*missed)
 
 
 class WaypointsNode(Node):
@@ -266,10 +241,12 @@ class WaypointsNode(Node):
         self._settings = settings = declare_parameters(self, PARAMETERS)
         kinds = [action_type(f"nav2_msgs/action/{name}") for name in ACTIONS]
         domain, self._robot = domain_and_robot(settings)
-        self._library, self._fence = domain.library(self._robot), fence_of(settings, self._robot)
-        self._top, self._frame = driving_top(self._library), settings["frame"]
+        self._library = domain.library(self._robot)
+        self._fence = fence_of(settings, self._robot)
+        self._top = driving_top(self._library)
+        self._frame = settings["frame"]
         self._active: WaypointGoal | None = None
-        self._arrived_count = 0
+        self._numbers = itertools.count(1)
         self._arrived: dict[bytes, WaypointGoal] = {}  # by goal id, until they are executed
         self._newest_executed = 0  # number of a goal
         self._waiting: list[Future] = []
@@ -286,7 +263,7 @@ class WaypointsNode(Node):
         self._servers = [
             ActionServer(
                 self, kind, name, self._execute,
-                goal_callback=lambda _: GoalResponse.REJECT if self._shutting_down else GoalResponse.ACCEPT,
+                goal_callback=self._response,
                 handle_accepted_callback=partial(self._take_goal, kind),
                 cancel_callback=self._cancel, **ACTION_QUEUES,
             )
@@ -294,9 +271,12 @@ class WaypointsNode(Node):
         ]  # fmt: skip
         self.create_timer(_PERIOD, self._check, clock=STEADY)
         self.get_logger().info(
-            f"waypoints in {self._frame} become chains of {self._top.name} (domain {domain.name}, ROS domain "
-            f"{self.context.get_domain_id()})"
+            f"waypoints in {self._frame} become chains of {self._top.name} (domain {domain.name}, "
+            f"ROS domain {self.context.get_domain_id()})"
         )
+
+    def _response(self, _: Any) -> GoalResponse:
+        return GoalResponse.REJECT if self._shutting_down else GoalResponse.ACCEPT
 
     def _take_robot(self, stamp: float, robot: RobotState) -> None:
         self._robot_pose = stamp, robot.pose
@@ -306,7 +286,8 @@ class WaypointsNode(Node):
 
     def _check(self) -> None:
         """Continue `_wait_for`."""
-        waiting, self._waiting = self._waiting, []
+        waiting = self._waiting
+        self._waiting = []
         for future in waiting:
             future.set_result(None)
 
@@ -319,10 +300,9 @@ class WaypointsNode(Node):
         return condition()
 
     def _take_goal(self, kind: Any, handle: ServerGoalHandle) -> None:
-        """Start to execute an accepted goal; the order of these calls decides which one is newer."""
-        self._arrived_count += 1
+        """Start to execute an accepted goal; the order of these calls decides which is newer."""
         self._arrived[bytes(handle.goal_id.uuid)] = WaypointGoal(
-            handle, kind, pace=1.0 / self._robot.greatest_speed(), number=self._arrived_count
+            handle, kind, pace=1.0 / self._robot.greatest_speed(), number=next(self._numbers)
         )
         handle.execute()
 
@@ -330,17 +310,21 @@ class WaypointsNode(Node):
         goal = self._arrived.pop(bytes(handle.goal_id.uuid))
         code, reason = await self._read(goal)
         if not reason and goal.number < self._newest_executed:
-            code, reason = goal.unknown_error, _PREEMPTED
+            code = goal.unknown_error
+            reason = _PREEMPTED
         if not reason and not handle.is_cancel_requested:
             self._newest_executed = goal.number
-            previous, self._active = self._active, goal
+            previous = self._active
+            self._active = goal
             code, reason = await self._execute_chains(goal)
             if self._active is goal:
                 self._active = None
             if previous is not None:
-                previous.chain.cancel()  # the executor continues its chain if it refused the new one
+                # the executor continues its chain if it refused the new one
+                previous.chain.cancel()
         if handle.is_cancel_requested:
-            code, reason = 0, "canceled by the client"
+            code = 0
+            reason = "canceled by the client"
         self.get_logger().info(one_line(f"goal ended: {reason or goal.summary()}"))
         return goal.finish(code, reason)
 
@@ -349,7 +333,8 @@ class WaypointsNode(Node):
 
         Return error code and reason if the goal cannot be used, else 0 and "".
         """
-        request, count = goal.handle.request, len(goal.poses)
+        request = goal.handle.request
+        count = len(goal.poses)
         if getattr(request, "behavior_tree", ""):
             reason = f"behavior_tree: expected none, got {quoted(request.behavior_tree)}"
             return _POSES_FAILED_TO_LOAD_BEHAVIOR_TREE, reason
@@ -402,11 +387,11 @@ class WaypointsNode(Node):
         previous: Pose | None,
         origin_in: Callable[[str], Pose | None],
     ) -> Pose:
-        """Read a pose into the node's frame, in which `origin_in` returns the pose of another frame.
+        """Read a pose into the node's frame.
 
-        If its heading does not count, `previous` is the pose before it: a heading that cannot be
-        read becomes the direction from there. Raises MessageError, also if it lies outside the
-        fence.
+        `origin_in` returns the pose of another frame in it. If its heading does not count,
+        `previous` is the pose before it: a heading that cannot be read becomes the direction from
+        there. Raises MessageError, also if it lies outside the fence.
         """
         other = stamped.header.frame_id
         start = None
@@ -441,7 +426,8 @@ class WaypointsNode(Node):
         }
 
     def _chain(self, goal: WaypointGoal, legs: Sequence[int]) -> ChainMessage:
-        calls, kept = [], self._kept_headings(goal)
+        calls = []
+        kept = self._kept_headings(goal)
         for leg in legs:
             index = goal.waypoint_index(leg)
             calls.append(

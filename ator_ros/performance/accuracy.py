@@ -133,7 +133,7 @@ def kinds(starts: pd.DataFrame, robot: Robot) -> dict[str, pd.DataFrame]:
 
     Episodes start at rest and away from the goal, at rest and near it, or in motion.
     """
-    rest = (starts["v"].abs() <= AT_REST.v).to_numpy()
+    rest = (starts["v"].abs() <= AT_REST.speed).to_numpy()
     near = Geometry(direct_of(starts), robot).dist < SHORT
     masks = {
         "at rest": rest & ~near,

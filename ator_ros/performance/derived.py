@@ -9,15 +9,13 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from ator_ros.bases.base import Driving
 from ator_ros.bases.description import Robot
-from ator_ros.bases.differential.description import differential
-from ator_ros.bases.differential.durations import turn_time
-from ator_ros.bases.differential.shapes import fastest_paths
-from ator_ros.compiled import compiled
-from ator_ros.geometry import FloatArray
-from ator_ros.performance.direct import (
+from ator_ros.bases.direct import (
     HOLD,
+    NEAR,
     SPEEDG,
+    VY,
     XG,
     YAW,
     YAWG,
@@ -28,8 +26,10 @@ from ator_ros.performance.direct import (
     X,
     Y,
     direct_table,
+    wrapped,
 )
-from ator_ros.performance.driving import DrivingStyle, plain_driving
+from ator_ros.compiled import compiled
+from ator_ros.geometry import FloatArray
 from ator_ros.world.state import AT_REST
 
 BASICS = (
@@ -54,34 +54,17 @@ BASICS = (
 """Names of the features that the first rows hold, see `ator_ros.performance.features`."""
 (FROM_X, FROM_Y, FROM_YAW, GOAL_X, GOAL_Y, GOAL_YAW, DX, DY, DIST, ANGLE_TO, ANGLE_AT) = range(11)
 AT_BY_TURN, ANGLE_BETWEEN, SPEED, W_BY_TURN, ARRIVAL, HOLDS = range(11, len(BASICS))
-TO_X, TO_Y, TO_DEST, AT_DEST, RESTS, OPENING = range(len(BASICS), len(BASICS) + 6)
+TO_X, TO_Y, TO_DEST, AT_DEST, RESTS, PATH_TIME, PATH_TURN = range(len(BASICS), len(BASICS) + 7)
 """Numbers of the rows after those of `BASICS`.
 
 The destination (m), the signed angles to it and at it (rad), whether the robot stands at both ends
-(1 or 0), and four rows for the end of the opening: x and y (m), heading (rad), and its time (s).
+(1 or 0), and the time (s) of the path and the angle turned on it (rad), which `Geometry.path` writes.
 """
-ENDS = OPENING + 4  # five rows: both ends of the path after the opening, see `fastest_paths`
-PATH_TIME = ENDS + 5  # s; `Geometry.path` writes this row and the next
-PATH_TURN = ENDS + 6  # rad
 ROWS = PATH_TURN + 1
-_REST_V = AT_REST.v
+_REST_V = AT_REST.speed
 _REST_W = AT_REST.w
 
 
-@compiled
-def wrapped(angle: float) -> float:
-    """Return the same angle in [-pi, pi), in rad.
-
-    The result is that of `ator_ros.geometry.wrap_angles`.
-    """
-    turned = angle + math.pi
-    if not 0.0 <= turned < 2.0 * math.pi:  # usually it is, and the remainder is slow
-        turned %= 2.0 * math.pi
-    return turned - math.pi
-
-
-NEAR = 0.04
-"""Distance in m from the goal within which a robot at rest only turns to the goal's heading."""
 # Weight of the goal's heading in the bearing of a goal within `NEAR`. That bearing is noise:
 # without the weight, path times were 3.8 s at any turn.
 _NEAR_PULL = 20.0
@@ -93,14 +76,9 @@ _NEAR_PULL = 20.0
 def _write_rows(
     direct: FloatArray,
     hold: float,
-    aw: float,
     rows: FloatArray,
 ) -> None:
-    """Write all rows but those of the path; `hold` in m.
-
-    In the opening the robot loses its rotation at up to `aw` (rad/s^2), while its speed stays the
-    same.
-    """
+    """Write all rows but those of the path; `hold` in m."""
     for at in range(direct.shape[1]):
         speed = direct[V, at]
         rotation = direct[W, at]
@@ -143,54 +121,10 @@ def _write_rows(
         rows[SPEED, at] = speed
         rows[ARRIVAL, at] = arrival
         rows[HOLDS, at] = direct[HOLD, at]
-        starts_at_rest = abs(speed) <= _REST_V and abs(rotation) <= _REST_W
+        starts_at_rest = (
+            abs(speed) <= _REST_V and abs(direct[VY, at]) <= _REST_V and abs(rotation) <= _REST_W
+        )
         rows[RESTS, at] = starts_at_rest and arrival <= _REST_V
-        time = abs(rotation) * (1.0 / aw)
-        half = 0.5 * rotation * time
-        mean = yaw + (2.0 / 3.0) * half
-        distance = speed * time
-        opened_x = from_x + distance * math.cos(mean)
-        opened_y = from_y + distance * math.sin(mean)
-        opened_yaw = yaw + half
-        rows[OPENING, at] = opened_x
-        rows[OPENING + 1, at] = opened_y
-        rows[OPENING + 2, at] = opened_yaw
-        rows[OPENING + 3, at] = time
-        dx = x - opened_x
-        dy = y - opened_y
-        cos = math.cos(opened_yaw)
-        sin = math.sin(opened_yaw)
-        rows[ENDS, at] = cos * dx + sin * dy
-        rows[ENDS + 1, at] = cos * dy - sin * dx
-        rows[ENDS + 2, at] = wrapped(heading - opened_yaw)
-        rows[ENDS + 3, at] = speed
-        rows[ENDS + 4, at] = arrival
-
-
-ALIGNED = 0.1
-"""Angle in rad up to which a robot may turn on the spot with an object in front."""
-
-
-@compiled
-def _write_paths(
-    rows: FloatArray,
-    paths: FloatArray,
-    w: float,
-    aw: float,
-) -> None:
-    """Write the paths with their openings; `paths`, shape (2, n), are those after the openings.
-
-    A robot at rest within `NEAR` of its goal turns on the spot, with an object in front up to
-    `ALIGNED` only, at rates up to `w` (rad/s) and `aw` (rad/s^2).
-    """
-    for at in range(rows.shape[1]):
-        rows[PATH_TIME, at] = paths[0, at] + rows[OPENING + 3, at]
-        rows[PATH_TURN, at] = paths[1, at]
-        angle = rows[ANGLE_BETWEEN, at]
-        free = rows[HOLDS, at] < 0.5 or angle <= ALIGNED
-        if free and rows[RESTS, at] > 0.5 and rows[DIST, at] < NEAR:
-            rows[PATH_TIME, at] = turn_time(angle, w, aw)
-            rows[PATH_TURN, at] = angle
 
 
 Derived = TypeVar("Derived")
@@ -207,7 +141,7 @@ class Geometry:
         Direct variables, see `direct_table`.
     robot : Robot
         The robot that drives.
-    driving : DrivingStyle, optional
+    driving : Driving, optional
         How the action was observed to drive; by default at all limits of the base.
     further : iterable of str
         Names of goal variables that are required besides.
@@ -222,7 +156,7 @@ class Geometry:
         self,
         direct: Direct,
         robot: Robot,
-        driving: DrivingStyle | None = None,
+        driving: Driving | None = None,
         further: Iterable[str] = (),
     ) -> None:
         self.direct = direct_table(direct, further)
@@ -238,10 +172,11 @@ class Geometry:
         kept: Derived = self._kept[compute]
         return kept
 
-    @property
-    def backward_above(self) -> float:
-        """Angle in rad to the destination above which the action drives backward."""
-        return math.pi if self._driving is None else self._driving.backward_above
+    @cached_property
+    def quantities(self) -> FloatArray:
+        """The quantities of drives that the base adds, shape (k, n), see `Driving.quantities`."""
+        driving = self._driving or self.robot.unobserved_driving()
+        return driving.values(self.dist, self.rows[ANGLE_TO], self.rows[ANGLE_AT])
 
     @cached_property
     def rows(self) -> FloatArray:
@@ -253,7 +188,6 @@ class Geometry:
         _write_rows(
             self._table,
             self.robot.hold,
-            differential(self.robot).limits.aw,
             rows,
         )
         return rows
@@ -279,27 +213,13 @@ class Geometry:
         """Signed angle in rad from the destination's bearing to the heading there."""
         return np.asarray(self.rows[AT_DEST])
 
-    @property
-    def ends(self) -> FloatArray:
-        """Both ends of the path after the opening, see `ator_ros.bases.differential.shapes.fastest_paths`."""
-        return self.rows[ENDS:PATH_TIME]
-
     @cached_property
     def path(self) -> FloatArray:
         """Times (s) of the fastest paths, and angles (rad) turned on them, shape (2, n).
 
-        The paths are those that the action was observed to drive, including their openings.
+        The paths are those that the action was observed to drive.
         """
-        driving = self._driving or plain_driving(self.robot)
-        holding = self.rows[HOLDS] > 0.5
-        held = np.count_nonzero(holding)
-        hold = self.robot.hold if held else 0.0
-        shapes = driving.approach_paths if held else driving.drive_paths
-        paths = fastest_paths(self.ends, shapes, hold=hold)
-        if driving.approaches and 0 < held < len(holding):
-            drives = fastest_paths(self.ends, driving.drive_paths, hold=hold)
-            paths = np.where(holding, paths, drives)
-        _write_paths(self.rows, paths, driving.limits.w, driving.limits.aw)
+        self.rows[PATH_TIME:] = self.robot.fastest(self._table, self._driving)
         return self.rows[PATH_TIME:]
 
 

@@ -8,11 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import cache, partial
 
 import numpy as np
 
 from ator_ros.actions.goal_variables import GoalVariable, direct_name
+from ator_ros.bases.base import Driving
 from ator_ros.bases.description import Robot
+from ator_ros.bases.direct import DIRECT_VARIABLES, Direct
 from ator_ros.bases.routes import routes_of
 from ator_ros.geometry import FloatArray, wrap_angles
 from ator_ros.performance.derived import (
@@ -32,8 +35,6 @@ from ator_ros.performance.derived import (
     TO_Y,
     Geometry,
 )
-from ator_ros.performance.direct import DIRECT_VARIABLES, Direct
-from ator_ros.performance.driving import DrivingStyle
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,8 +109,20 @@ A positive angle continues the first turn, a negative one is opposite to it.
 
 _MOTION = variables(f"{_POSES} speedg v w")
 PATHS = (
-    Feature("path_time", "s", _MOTION, lambda g: g.path[0], PATH_TIME),
-    Feature("path_turn", "rad", _MOTION, lambda g: g.path[1], PATH_TURN),
+    Feature(
+        "path_time",
+        "s",
+        _MOTION,
+        lambda g: g.path[0],
+        PATH_TIME,
+    ),
+    Feature(
+        "path_turn",
+        "rad",
+        _MOTION,
+        lambda g: g.path[1],
+        PATH_TURN,
+    ),
 )
 """Time of, and angle turned on, the fastest path as the action was observed to drive.
 
@@ -117,41 +130,27 @@ See `Geometry.path`.
 """
 
 
-def _of_straight(geometry: Geometry) -> FloatArray:
-    """Return the features of the straight between both turns, shape (4, n)."""
-    dist, to, at = geometry.rows[[DIST, ANGLE_TO, ANGLE_AT]]
-    backward = to > geometry.backward_above
-    to_straight = np.where(backward, np.pi - to, to)
-    after_straight = np.where(backward, np.pi - at, at)
-    return np.stack([to_straight, after_straight, backward, backward * dist])
+def base_features(driving: type[Driving]) -> tuple[Feature, ...]:
+    """Return the features that the base adds, for the class of what is learned of its driving.
+
+    They are candidates of `ator_ros.performance.training.duration_features`.
+    """
+    return _of_base(tuple(driving.quantities.items()))
 
 
-OF_STRAIGHT = (
-    Feature(
-        "angle_to_straight",
-        "rad",
-        variables(_POSES),
-        lambda g: g.once(_of_straight)[0],
-    ),
-    Feature(
-        "angle_after_straight",
-        "rad",
-        variables(_POSES),
-        lambda g: g.once(_of_straight)[1],
-    ),
-    Feature("backward", "", variables(_POSES), lambda g: g.once(_of_straight)[2]),
-    Feature("dist_backward", "m", variables(_POSES), lambda g: g.once(_of_straight)[3]),
-)
-"""Features of a straight that is driven backward if the angle to the destination is large.
+@cache
+def _of_base(quantities: tuple[tuple[str, str], ...]) -> tuple[Feature, ...]:
+    return tuple(
+        Feature(name, unit, variables(_POSES), partial(_quantity, number))
+        for number, (name, unit) in enumerate(quantities)
+    )
 
-The turns before and after the straight, and the part that is driven backward. The angle is
-`DrivingStyle.backward_above`. These are candidates of
-`ator_ros.performance.training.duration_features`.
-"""
 
-GENERAL: dict[str, Feature] = {
-    each.name: each for each in (*PAPER_11, *SIGNED, *PATHS, *OF_STRAIGHT)
-}
+def _quantity(number: int, geometry: Geometry) -> FloatArray:
+    return np.asarray(geometry.quantities[number])
+
+
+GENERAL: dict[str, Feature] = {each.name: each for each in (*PAPER_11, *SIGNED, *PATHS)}
 """The features that every domain has, by name."""
 
 CANDIDATES: tuple[Feature, ...] = (*PAPER_3, *SIGNED, *PATHS)
@@ -220,7 +219,7 @@ def feature_table(
     direct: Direct,
     robot: Robot,
     features: Sequence[Feature],
-    driving: DrivingStyle | None = None,
+    driving: Driving | None = None,
 ) -> FloatArray:
     """Return the features of n situations, shape (n, len(features)), in SI units.
 
@@ -232,7 +231,7 @@ def feature_table(
         The robot that drives.
     features : sequence of Feature
         The columns.
-    driving : DrivingStyle, optional
+    driving : Driving, optional
         How the action was observed to drive, for `PATHS`; by default at all limits of the base.
 
     Raises

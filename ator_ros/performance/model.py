@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -11,14 +10,14 @@ from typing import Annotated, Any
 
 import numpy as np
 
+from ator_ros.bases.base import Driving
 from ator_ros.bases.description import Robot
+from ator_ros.bases.direct import Direct
 from ator_ros.compiled import compiled
 from ator_ros.geometry import FloatArray
 from ator_ros.performance.derived import ANGLE_BETWEEN, DIST, RESTS, Geometry
-from ator_ros.performance.direct import Direct
-from ator_ros.performance.driving import DrivingStyle
 from ator_ros.performance.error_process import ErrorProcess
-from ator_ros.performance.features import OF_STRAIGHT, Feature, declared_by, derived_from, names_of
+from ator_ros.performance.features import Feature, declared_by, derived_from
 from ator_ros.performance.tree.nodes import ModelTree, RuleWriter
 from ator_ros.schema import Within
 from ator_ros.world.state import CONTROL_PERIOD
@@ -103,7 +102,7 @@ class PerformanceModel:
         By name: those of the trees, and perhaps others.
     metadata : mapping
         Where the model comes from and how accurate it is; see `model_file`.
-    driving : DrivingStyle or None
+    driving : Driving or None
         How the action was observed to drive; None where no feature needs it.
     at_goal : AtGoal or None
         How long it takes at its goal; None where the tree predicts that too.
@@ -118,7 +117,7 @@ class PerformanceModel:
     trees: Mapping[str, ModelTree]
     features: Mapping[str, Feature]
     metadata: Mapping[str, Any] = field(default_factory=dict)
-    driving: DrivingStyle | None = None
+    driving: Driving | None = None
     at_goal: AtGoal | None = UNOBSERVED
     errors: ErrorProcess | None = None
     arrival: Arrival | None = None
@@ -151,10 +150,11 @@ class PerformanceModel:
         ranges = self.metadata.get("training", {}).get("starts", {})
         area = self.robot.scene.area
         moved = {"x": area.x, "xg": area.x, "y": area.y, "yg": area.y}
-        return {
-            name: (float(low) + moved.get(name, 0.0), float(high) + moved.get(name, 0.0))
-            for name, (low, high) in ranges.items()
-        }
+        experience = {}
+        for name, (low, high) in ranges.items():
+            by = moved.get(name, 0.0)
+            experience[name] = (float(low) + by, float(high) + by)
+        return experience
 
     def predict(
         self,
@@ -175,40 +175,46 @@ class PerformanceModel:
         """
         geometry = self._geometry(direct)
         fields: dict[str, FloatArray] = {}
-        for name in dict.fromkeys("duration" if each == "spread" else each for each in measures):
-            if name not in self.trees:
-                continue
-            tree = self.trees[name]
-            if name != "duration" and tree.constant is not None:
-                fields[name] = np.full(len(geometry.dist), tree.constant)
-                continue
-            fields[name], leaf = tree.evaluate(self._rows(geometry, tree.names))
-            if name == "duration":  # it is within the bounds of its leaf
-                fields["spread"] = tree.spread.take(leaf)
-                if (there := self.at_goal) is not None:
-                    place, result = (there.dist, there.angle), (there.duration, there.spread)
-                    _write_at_goal(
-                        geometry.rows, place, result, fields["duration"], fields["spread"]
-                    )
-            else:
-                np.clip(fields[name], 0.0, 1.0 if name == "success" else None, out=fields[name])
+        for name, tree in self.trees.items():
+            if name == "duration":
+                if "duration" in measures or "spread" in measures:
+                    fields |= self._durations(geometry)
+            elif name in measures:
+                highest = 1.0 if name == "success" else None
+                fields[name] = np.clip(self._values(geometry, tree), 0.0, highest)
         error = None
         if signs is not None:
-            known = self.errors
-            error = (
-                known.of_sum(self._rows(geometry, known.features).T, signs)
-                if known
-                else (0.0, math.inf)
-            )
+            error = (0.0, math.inf)
+            if self.errors is not None:
+                rows = self._rows(geometry, self.errors.features)
+                error = self.errors.of_sum(rows.T, signs)
         return Prediction(**fields, error_of_sum=error)
+
+    def _durations(self, geometry: Geometry) -> dict[str, FloatArray]:
+        """Return durations and spreads; durations are within the bounds of their leaves."""
+        tree = self.trees["duration"]
+        duration, leaf = tree.evaluate(self._rows(geometry, tree.names))
+        spread = tree.spread.take(leaf)
+        if self.at_goal is not None:
+            place = (self.at_goal.dist, self.at_goal.angle)
+            result = (self.at_goal.duration, self.at_goal.spread)
+            _write_at_goal(geometry.rows, place, result, duration, spread)
+        return {"duration": duration, "spread": spread}
+
+    def _values(self, geometry: Geometry, tree: ModelTree) -> FloatArray:
+        if tree.constant is not None:
+            return np.full(len(geometry.dist), tree.constant)
+        return tree.evaluate(self._rows(geometry, tree.names))[0]
 
     def rules(self, measure: str = "duration") -> str:
         """Return the rules of one measure as text in the paper's form, one a line, after what they share."""
         rules = self._writer(measure).rules()
-        if self.driving is None or not {*names_of(OF_STRAIGHT)} & {*self.trees[measure].names}:
+        if self.driving is None:
             return rules
-        above = math.degrees(self.driving.backward_above)
-        return f"straights are backward if angle_to_dest > {above:.3g}°\n{rules}"
+        names = {*self.driving.quantities}
+        if names.isdisjoint(self.trees[measure].names):
+            return rules
+        return f"{self.driving.rule()}\n{rules}"
 
     def explain(self, direct: Direct) -> str:
         """Return the rule that predicts the duration in one situation, and what each of its terms adds."""
@@ -249,15 +255,3 @@ def _write_at_goal(
             and rows[ANGLE_BETWEEN, at] <= place[1]
         ):
             durations[at], spreads[at] = result
-
-
-def narrowed(tree: ModelTree) -> ModelTree:
-    """Return the same tree over the columns that it uses, so that no others need to be computed."""
-    used = tree.used_features() or tree.names[:1]
-    columns = [tree.names.index(name) for name in used]
-    number = np.zeros(len(tree.names), dtype=np.intp)
-    number[columns] = np.arange(len(columns))
-    coefficients = np.ascontiguousarray(tree.coefficients[:, columns])
-    return dataclasses.replace(
-        tree, names=used, feature=number[tree.feature], coefficients=coefficients
-    )

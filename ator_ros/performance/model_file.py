@@ -13,16 +13,16 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from ator_ros.actions import DEFAULT_SET
+from ator_ros.bases.base import Driving
 from ator_ros.bases.description import Robot
 from ator_ros.files import FileError, is_name, load, save
-from ator_ros.performance.driving import DrivingStyle
 from ator_ros.performance.error_process import ErrorProcess
-from ator_ros.performance.features import ROUTE_FEATURES, Feature, names_of
+from ator_ros.performance.features import ROUTE_FEATURES, Feature, base_features, names_of
 from ator_ros.performance.model import MEASURES, Arrival, AtGoal, PerformanceModel
 from ator_ros.performance.tree.storage import StoredTree, restored, stored
 from ator_ros.printable import printable, quoted
 from ator_ros.resources import resource_path
-from ator_ros.schema import Must, require
+from ator_ros.schema import Must, SchemaError, require, structured, unstructured
 
 KIND = "performance model"
 
@@ -44,7 +44,7 @@ class _ModelFile:
         StoredTree,
     ]
     errors: ErrorProcess | None
-    driving: DrivingStyle | None = None
+    driving: dict[str, Any] | None = None
     arrival: Arrival | None = None
 
     def __post_init__(self) -> None:
@@ -117,7 +117,7 @@ def save_model(path: Path | str, model: PerformanceModel) -> None:
         accuracy=model.metadata.get("accuracy", {}),
         at_goal=model.at_goal,
         trees={measure: stored(tree) for measure, tree in model.trees.items()},
-        driving=model.driving,
+        driving=None if model.driving is None else unstructured(model.driving),
         errors=model.errors,
         arrival=model.arrival,
     )
@@ -150,6 +150,7 @@ def load_model(
     if not Path(path).exists():
         raise FileError(f"{path}: expected a model, there is no such file: run train to make it")
     file = load(path, KIND, _ModelFile)
+    features = {**{item.name: item for item in base_features(robot.driving)}, **features}
     units = {name: features[name].unit for name in file.features if name in features}
     of_routes = set(names_of(ROUTE_FEATURES))
     if of_routes.isdisjoint(features) and not of_routes.isdisjoint(file.features):
@@ -175,8 +176,17 @@ def load_model(
     names = ("action", "action_set", "robot_digest", "training", "versions", "accuracy")
     metadata = {name: getattr(file, name) for name in names}
     trees = {measure: restored(tree) for measure, tree in file.trees.items()}
-    observed = (file.driving, file.at_goal, file.errors, file.arrival)
+    observed = (_driving_of(file, robot, path), file.at_goal, file.errors, file.arrival)
     return PerformanceModel(file.action, robot, trees, named, metadata, *observed)
+
+
+def _driving_of(file: _ModelFile, robot: Robot, path: Path | str) -> Driving | None:
+    if file.driving is None:
+        return None
+    try:
+        return structured(file.driving, robot.driving)
+    except SchemaError as error:
+        raise FileError(f"{path}: driving.{error}") from error
 
 
 def _is_finite(value: Any) -> bool:

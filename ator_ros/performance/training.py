@@ -13,20 +13,21 @@ import numpy as np
 import pandas as pd
 
 from ator_ros.actions.goal_variables import direct_name
+from ator_ros.bases.base import Driving
 from ator_ros.bases.description import Robot
+from ator_ros.bases.direct import DIRECT_VARIABLES, NEAR_GOAL
+from ator_ros.bases.drive_parts import part_times
 from ator_ros.experience.table import ExperienceError, goal_variables_of_columns
 from ator_ros.geometry import BoolArray, FloatArray, IntArray, wrap_angles
 from ator_ros.performance.derived import ANGLE_BETWEEN, RESTS, Geometry
-from ator_ros.performance.direct import DIRECT_VARIABLES
-from ator_ros.performance.driving import DrivingStyle
 from ator_ros.performance.error_process import ErrorProcess, fit_error_process
 from ator_ros.performance.features import (
     CANDIDATES,
     GENERAL,
-    OF_STRAIGHT,
     PATHS,
     ROUTE_ANGLE_AT,
     Feature,
+    base_features,
     declared_by,
     feature_table,
     names_of,
@@ -36,10 +37,9 @@ from ator_ros.performance.model import (
     Arrival,
     AtGoal,
     PerformanceModel,
-    narrowed,
 )
-from ator_ros.performance.observation import NEAR_GOAL, observed_driving, part_times
 from ator_ros.performance.rising_terms import (
+    OF_DIRECTION,
     RISING,
     rising_in,
     rising_terms,
@@ -140,7 +140,7 @@ def train(
             f"{action}: expected at least {LEAST_EPISODES} episodes that succeeded, "
             f"got {len(good_starts)} of {len(starts)}{remarks}"
         )
-    driving = observed_driving(rows, robot) if set(features) & set(PATHS) else None
+    driving = robot.observed_driving(rows) if set(features) & set(PATHS) else None
     of_durations = duration_features(features, good_starts, driving)
     examples = examples_of(starts, robot, of_durations, driving)
     good = examples["duration"]
@@ -198,7 +198,7 @@ def examples_of(
     starts: pd.DataFrame,
     robot: Robot,
     features: Sequence[Feature],
-    driving: DrivingStyle | None,
+    driving: Driving | None,
 ) -> dict[str, Examples]:
     """Return the examples of each measure: of success all, of the others those that succeeded.
 
@@ -210,7 +210,7 @@ def examples_of(
         The robot of the experience.
     features : sequence of Feature
         The features to compute.
-    driving : DrivingStyle or None
+    driving : Driving or None
         How the action drives, if features depend on it.
     """
     table = features_of(starts, robot, features, driving)
@@ -225,7 +225,13 @@ def examples_of(
         parts = part_times(starts[used]) if has_parts else None
         rows = np.flatnonzero(used)
         of_measure = table[used].reset_index(drop=True)
-        found[measure] = Examples(measure, rows, of_measure, values[used], parts)
+        found[measure] = Examples(
+            measure,
+            rows,
+            of_measure,
+            values[used],
+            parts,
+        )
     return found
 
 
@@ -267,12 +273,12 @@ def without_routes(
 
 
 def duration_features(
-    features: Sequence[Feature], starts: pd.DataFrame, driving: DrivingStyle | None
+    features: Sequence[Feature], starts: pd.DataFrame, driving: Driving | None
 ) -> tuple[Feature, ...]:
     """Return the candidate features of durations.
 
-    These are `features`, and `OF_STRAIGHT` if straights may be backward. The latter are candidates
-    only without a map, and if the action drives from rest to rest.
+    These are `features`, and those that the base adds if the action drives so that they matter.
+    The latter are candidates only without a map, and if the action drives from rest to rest.
 
     Parameters
     ----------
@@ -280,14 +286,13 @@ def duration_features(
         Candidates of all measures.
     starts : pandas.DataFrame
         First rows of the episodes of the action.
-    driving : DrivingStyle or None
+    driving : Driving or None
         How the action was observed to drive.
     """
-    may_reverse = driving is not None and driving.backward_above < math.pi
     names = {*names_of(features)}
-    has_straights = {*RISING} <= names and _LENGTH not in names
-    if may_reverse and has_straights and _is_at_rest(starts):
-        return tuple(dict.fromkeys((*features, *OF_STRAIGHT)))
+    is_drive = {*RISING} <= names and _LENGTH not in names
+    if driving is not None and driving.uses_quantities and is_drive and _is_at_rest(starts):
+        return tuple(dict.fromkeys((*features, *base_features(type(driving)))))
     return tuple(features)
 
 
@@ -314,7 +319,7 @@ def features_of(
     rows: pd.DataFrame,
     robot: Robot,
     features: Sequence[Feature],
-    driving: DrivingStyle | None,
+    driving: Driving | None,
 ) -> pd.DataFrame:
     """Return the features of n rows of an experience table, a column for each, in SI units."""
     table = feature_table(direct_of(rows), robot, features, driving)
@@ -361,7 +366,7 @@ def duration_tree(
         earliest = np.quantile(late, _FASTER_SHARE, method="lower")
         faster = earliest < -_FASTER_BY * np.median(durations)
         tree, errors = _best_learning(table, durations, _whole if faster else _minus_path)
-    return narrowed(tree), errors
+    return tree.narrowed(), errors
 
 
 def _on_sum(
@@ -370,15 +375,23 @@ def _on_sum(
     """Return a tree on top of a sum of rising terms, and its errors as `duration_tree` does."""
     rising = rising_in(table.columns)
     basic = table[[*rising, "route_time" if _LENGTH in rising else _PATH]]
-    learn = partial(_best_learning, basic, durations, leaf=_SMALL_LEAF, folds=_FOLDS)
+    learn = partial(
+        _best_learning,
+        basic,
+        durations,
+        leaf=_SMALL_LEAF,
+        folds=_FOLDS,
+    )
     drives = _far_from_goal(table)
-    known = np.isfinite(parts).all(axis=1) if parts is not None else np.full(len(table), False)
+    if parts is None:
+        parts = np.full((len(table), 1), np.nan)
+    known = np.isfinite(parts).all(axis=1)
     if (drives & known).sum() < LEAST_EPISODES:
         return learn(partial(_minus_terms, parts=None))
     # By parts, the terms have the thresholds of the turns: the tree splits by distance only.
     terms_by_parts = partial(_minus_terms, parts=pd.DataFrame(parts, table.index))
     by_parts = learn(terms_by_parts, tree_features=basic.columns[:1])
-    without_straights = table.drop(columns=list(names_of(OF_STRAIGHT)), errors="ignore")
+    without_straights = table.drop(columns=list(OF_DIRECTION), errors="ignore")
     by_whole = _on_sum(without_straights, durations, None)
     error_by_parts = np.abs(by_parts[1][drives]).mean()
     error_by_whole = np.abs(by_whole[1][drives]).mean()
@@ -397,12 +410,13 @@ def _is_at_rest(rows: pd.DataFrame) -> bool:
     """Return whether the robot stands at the goals, and hardly moves at the starts of episodes."""
     arriving = rows["speedg"].abs()
     starting = rows["v"].abs()
-    return bool(arriving.max() <= AT_REST.v and starting.quantile(_MOSTLY) <= _STOPPING)
+    return bool(arriving.max() <= AT_REST.speed and starting.quantile(_MOSTLY) <= _STOPPING)
 
 
 def _far_from_goal(table: pd.DataFrame) -> BoolArray:
     """Return which episodes have a goal away from their start; all, if those are too few."""
-    far: BoolArray = table[next(iter(rising_in(table.columns)))].to_numpy() > NEAR_GOAL
+    distance, *_ = rising_in(table.columns)
+    far: BoolArray = table[distance].to_numpy() > NEAR_GOAL
     return far if far.sum() >= LEAST_EPISODES else np.full(len(far), True)
 
 
@@ -428,7 +442,9 @@ def _minus_path(table: pd.DataFrame, durations: FloatArray) -> _Fitted:
 def _minus_terms(
     table: pd.DataFrame, durations: FloatArray, *, parts: pd.DataFrame | None
 ) -> _Fitted:
-    times = durations[:, None] if parts is None else parts.loc[table.index].to_numpy()
+    times = durations[:, None]
+    if parts is not None:
+        times = parts.loc[table.index].to_numpy()
     used = _far_from_goal(table) & np.isfinite(times).all(axis=1)
     base = rising_terms(table[used], times[used])
     return base, durations - sum_of(base, table)
@@ -465,15 +481,8 @@ def _best_learning(
     base, target = base_of(table, durations)
     best = int(np.argmin(np.abs(errors).sum(axis=1)))
     tree: ModelTree = learners[best].fit(used, target).tree_
-    columns = table.columns.get_indexer(list(tree.names))
-    coefficients = np.zeros((len(tree.feature), table.shape[1]))
-    coefficients[:, columns] = tree.coefficients
-    tree = dataclasses.replace(
-        tree,
-        names=tuple(table),
-        feature=columns[tree.feature],
-    )
-    return dataclasses.replace(tree, coefficients=coefficients, base=base), errors[best]
+    with_base = dataclasses.replace(tree.over(tuple(table)), base=base)
+    return with_base, errors[best]
 
 
 def small_tree(
@@ -494,7 +503,8 @@ def small_tree(
         Least number of episodes at a leaf.
     """
     tree = ModelTreeRegressor(max_leaves=8, min_samples_leaf=leaf, extrapolation=0.0)
-    return narrowed(tree.fit(table, values).tree_)
+    learned: ModelTree = tree.fit(table, values).tree_
+    return learned.narrowed()
 
 
 def _success_tree(happened: FloatArray, table: pd.DataFrame) -> ModelTree:
@@ -508,10 +518,12 @@ def _success_tree(happened: FloatArray, table: pd.DataFrame) -> ModelTree:
         held = fold == number
         seen = fold != number
         tree = small_tree(table[seen], happened[seen])
-        predicted = tree.predict(table.loc[held, list(tree.names)].to_numpy()).clip(0.0, 1.0)
+        features = table.loc[held, list(tree.names)].to_numpy()
+        predicted = tree.predict(features).clip(0.0, 1.0)
         error_of_rate = (happened[seen].mean() - happened[held]) ** 2
         gains[held] = error_of_rate - (predicted - happened[held]) ** 2
-    if gains.mean() > 2.0 * gains.std() / math.sqrt(len(gains)):
+    standard_error = gains.std() / math.sqrt(len(gains))
+    if gains.mean() > 2.0 * standard_error:
         return small_tree(table, happened)
     return small_tree(table, np.full(len(happened), happened.mean()))
 
@@ -553,11 +565,9 @@ def observed_arrival(starts: pd.DataFrame, robot: Robot) -> Arrival | None:
         return None
     angle = GENERAL["angle_at_dest"] if robot.grid is None else ROUTE_ANGLE_AT
     turned = feature_table(direct_of(starts), robot, [angle])[:, 0] > _TURNED
-    errors = (
-        starts["position_error"].median(),
-        starts.loc[turned, "heading_error"].median(),
-    )
-    return Arrival(*(0.0 if math.isnan(error) else float(error) for error in errors))
+    dist = starts["position_error"].median()
+    angle_left = starts.loc[turned, "heading_error"].median()
+    return Arrival(*np.nan_to_num([dist, angle_left]).tolist())
 
 
 def direct_of(rows: pd.DataFrame) -> dict[str, np.ndarray]:
@@ -589,7 +599,8 @@ def start_ranges(rows: pd.DataFrame, robot: Robot) -> dict[str, list[float]]:
     area = robot.scene.area
     moved = {"x": area.x, "xg": area.x, "y": area.y, "yg": area.y}
     relative = {name: starts[name] - moved.get(name, 0.0) for name in names}
-    turns = np.abs(wrap_angles((starts["yawg"] - starts["yaw"]).to_numpy(dtype=float)))
+    between = (starts["yawg"] - starts["yaw"]).to_numpy(dtype=float)
+    turns = np.abs(wrap_angles(between))
     columns = {**relative, "way": _distances(starts, robot), "turn": turns}
     ranges = {}
     for name, values in columns.items():
@@ -623,5 +634,6 @@ def _distances(starts: pd.DataFrame, robot: Robot) -> FloatArray:
 
 def digest(rows: pd.DataFrame) -> str:
     """Return a digest of the rows that a model was learned from: 16 hexadecimal digits."""
-    numbers = rows[[*direct_of(rows), "t", "time_to_go", "success"]].to_numpy(dtype=float)
-    return hashlib.sha256(np.ascontiguousarray(numbers).tobytes()).hexdigest()[:16]
+    names = [*direct_of(rows), "t", "time_to_go", "success"]
+    numbers = np.ascontiguousarray(rows[names].to_numpy(dtype=float))
+    return hashlib.sha256(numbers.tobytes()).hexdigest()[:16]

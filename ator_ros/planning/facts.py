@@ -54,7 +54,12 @@ def after(top: Top, binding: Binding) -> dict[str, Value]:
         if term.variable in arrived:
             target = Value(values[term.variable].symbol)
         else:
-            target = target_of(term, values, binding, top.name)
+            target = target_of(
+                term,
+                values,
+                binding,
+                top.name,
+            )
         values[term.variable] = _near(term, target)
     return values
 
@@ -116,7 +121,12 @@ def _satisfied(
     surely: bool,
 ) -> bool:
     value = values.get(term.variable, Value(term.variable))
-    target = target_of(term, values, binding, "")
+    target = target_of(
+        term,
+        values,
+        binding,
+        "",
+    )
     apart = difference(term.variable, value, target)
     if apart is None:
         return False
@@ -216,7 +226,11 @@ def resolved(binding: Binding, state: State) -> dict[str, float]:
     return values
 
 
-def region_name(top: Top, binding: Binding, thing: str) -> str:
+def region_name(
+    top: Top,
+    binding: Binding,
+    thing: str,
+) -> str:
     """Return a name for the places of `thing` from which a TOP with this goal may start."""
     coordinates = [(name, symbol) for name, symbol in sorted(binding.items()) if name in "xy"]
     there = ", ".join(f"{name} {symbol}" for name, symbol in coordinates)
@@ -248,8 +262,21 @@ def _always_holds(clause: Statement | Relation, binding: Binding) -> bool:
     """Return whether a clause is about one variable only and holds whatever its value."""
     if not isinstance(clause, Statement):
         return False
-    about_itself = target_of(clause, {}, binding, "").symbol == clause.variable
-    return about_itself and _satisfied(clause, {}, binding, surely=False)
+    about_itself = (
+        target_of(
+            clause,
+            {},
+            binding,
+            "",
+        ).symbol
+        == clause.variable
+    )
+    return about_itself and _satisfied(
+        clause,
+        {},
+        binding,
+        surely=False,
+    )
 
 
 def placed_thing(clause: Statement | Relation) -> str | None:

@@ -73,4 +73,9 @@ def statement_from(text: str) -> GoalStatement:
         raise PlanningError(
             f"goal: {variable}: expected LOW <= HIGH, got {numbers[0]:g} and {numbers[1]:g}"
         )
-    return Region(variable, about, numbers[0], numbers[1])
+    return Region(
+        variable,
+        about,
+        numbers[0],
+        numbers[1],
+    )

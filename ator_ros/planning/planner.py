@@ -130,7 +130,15 @@ def _valid_chain(
     calls: list[TopCall] = []
     end = world
     for number, step in enumerate(steps, start=1):
-        calls.append(_call(step, end, library, fence, last=number == len(steps)))
+        calls.append(
+            _call(
+                step,
+                end,
+                library,
+                fence,
+                last=number == len(steps),
+            )
+        )
         end = projected(end, calls[-1], robot)
     chain = TopChain(tuple(calls))
     if out := fence.violation(chain, robot):
@@ -181,7 +189,12 @@ def _call(
         places = fence.narrowed({axis: USUAL_RANGES[axis] for axis in "xy"}, robot)
         along, across = (places[axis](robot, goal) for axis in "xy")
         edges = (along.low, across.low, along.high, across.high)
-        found = _place_in(step.region, step.top, state, edges)
+        found = _place_in(
+            step.region,
+            step.top,
+            state,
+            edges,
+        )
         if found is None:
             raise PlanningError(f"{step.top.name}: expected a place for it in the area, found none")
         place = {"x": found[0], "y": found[1]}

@@ -68,7 +68,12 @@ def facts_of(goal: Sequence[GoalStatement], tops: Sequence[Top]) -> list[Fact]:
     for statement in goal:
         if isinstance(statement, Unspecified):
             low, high = _smallest_range(statement, tops)
-            statement = Region(statement.variable, statement.target, low, high)
+            statement = Region(
+                statement.variable,
+                statement.target,
+                low,
+                high,
+            )
         facts.append(Fact(statement, surely=True))
     return facts
 
@@ -289,7 +294,9 @@ class PlanningProblem:
 
 
 def planning_problem(
-    goal: Sequence[Fact], steps: Sequence[PlannedStep], state: State
+    goal: Sequence[Fact],
+    steps: Sequence[PlannedStep],
+    state: State,
 ) -> PlanningProblem:
     """Return the symbolic problem of a goal.
 

@@ -18,9 +18,9 @@ import numpy as np
 from ator_ros.actions.base import Goal, Point
 from ator_ros.actions.goal_variables import direct_name, goal_values
 from ator_ros.bases.description import Robot
+from ator_ros.bases.direct import DIRECT_VARIABLES, XG, YG, DirectTable
 from ator_ros.bases.routes import arrival_heading, routes_of
 from ator_ros.geometry import FloatArray, wrap_angles
-from ator_ros.performance.direct import DIRECT_VARIABLES, XG, YG, DirectTable
 from ator_ros.performance.model import Arrival
 from ator_ros.refinement.objective import Objective
 from ator_ros.refinement.search import Pairs, StepCosts
@@ -63,7 +63,7 @@ def columns_after(
     point: Point,
     robot: Robot,
 ) -> dict[str, float | FloatArray]:
-    """Return the start variables x, y, yaw, v, w after a subgoal that is reached exactly.
+    """Return the start variables x, y, yaw, v, w, vy after a subgoal that is reached exactly.
 
     They are numbers, or arrays (n,) for n candidates, as the variables of the goal are.
     """
@@ -73,7 +73,7 @@ def columns_after(
     if point is Point.HOLD:
         x = x - robot.hold * np.cos(yaw)
         y = y - robot.hold * np.sin(yaw)
-    return {"x": x, "y": y, "yaw": yaw, "v": goal["speed"], "w": 0.0}
+    return {"x": x, "y": y, "yaw": yaw, "v": goal["speed"], "w": 0.0, "vy": 0.0}
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,7 +118,7 @@ class StepRows:
     Parameters
     ----------
     start : callable
-        Returns the start variables x, y, yaw, v, w for candidates of the subgoal before the step.
+        Returns the start variables x, y, yaw, v, w, vy for candidates of the subgoal before.
     goal, free : Goal, sequence of str
         The subgoal that the step leads to, and the names of its free variables.
     """
@@ -186,7 +186,7 @@ def step_rows(
 def _present(world: World) -> Callable[[FloatArray], Mapping[str, Any]]:
     """Return a function for the start variables of the robot's state, whatever the candidates."""
     state = world.robot
-    columns = {**state.pose._asdict(), "v": state.v, "w": state.w}
+    columns = {**state.pose._asdict(), "v": state.vx, "w": state.w, "vy": state.vy}
     return lambda _: columns
 
 

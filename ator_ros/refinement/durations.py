@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ator_ros.bases.direct import DirectTable
 from ator_ros.geometry import FloatArray
-from ator_ros.performance.direct import DirectTable
 from ator_ros.refinement.chain_prediction import PredictsPerformance, StepRows
 from ator_ros.tops.chain import TopCall
 from ator_ros.world.state import World
@@ -62,8 +62,9 @@ def predict_durations(
         "x": poses[:, 0],
         "y": poses[:, 1],
         "yaw": poses[:, 2],
-        "v": np.array([robot.v for robot in robots]),
+        "v": np.array([robot.vx for robot in robots]),
         "w": np.array([robot.w for robot in robots]),
+        "vy": np.array([robot.vy for robot in robots]),
     }
     nothing = np.zeros(0)
     for column, call in enumerate(calls):

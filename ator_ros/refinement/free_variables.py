@@ -22,8 +22,8 @@ import numpy as np
 from ator_ros.actions.base import Point
 from ator_ros.actions.goal_variables import GOAL_VARIABLES, direct_name, goal_values
 from ator_ros.bases.description import Robot
+from ator_ros.bases.direct import DirectTable
 from ator_ros.geometry import BoolArray, FloatArray, Pose, wrap_angle
-from ator_ros.performance.direct import DirectTable
 from ator_ros.refinement.chain_prediction import (
     PredictsPerformance,
     chain_situations,

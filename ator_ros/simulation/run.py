@@ -3,25 +3,50 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
+from typing import Protocol
 
 from ator_ros.actions import TIME_LIMIT
 from ator_ros.actions.base import Action, Goal, Point, Status, Step
-from ator_ros.geometry import wrap_angle
-from ator_ros.simulation.simulation import CONTROL_RATE, Simulation
+from ator_ros.bases.description import Robot
+from ator_ros.geometry import Pose, wrap_angle
+from ator_ros.simulation.simulation import CONTROL_RATE
 from ator_ros.tops.chain import Top
-from ator_ros.world.state import STOP, World
+from ator_ros.world.state import STOP, Command, ObjectState, World
 
 
-def place(simulation: Simulation, world: World) -> None:
+class SimulatedWorld(Protocol):
+    """What runs need of a simulation of one robot; see `Simulation`."""
+
+    @property
+    def robot(self) -> Robot:
+        """The robot and its scene."""
+
+    @property
+    def time(self) -> float:
+        """Simulated time in s."""
+
+    def world(self) -> World:
+        """Return the true state."""
+
+    def place_robot(self, pose: Pose, velocity: Command = ...) -> None:
+        """Put the robot at `pose`, moving at `velocity`."""
+
+    def place_objects(self, objects: Mapping[str, ObjectState]) -> None:
+        """Place these objects and take all others away."""
+
+    def command(self, command: Command) -> None:
+        """Send the robot a velocity command."""
+
+    def tick(self) -> None:
+        """Advance the world by one control tick."""
+
+
+def place(simulation: SimulatedWorld, world: World) -> None:
     """Put the robot and the objects of `world` that have a size into the simulation."""
-    simulation.place_robot(
-        world.robot.pose,
-        v=world.robot.v,
-        w=world.robot.w,
-    )
+    simulation.place_robot(world.robot.pose, world.robot.velocity)
     known = simulation.robot.scene.objects
     simulation.place_objects(
         {name: there for name, there in world.objects.items() if name in known}
@@ -29,7 +54,7 @@ def place(simulation: Simulation, world: World) -> None:
 
 
 def run(
-    simulation: Simulation,
+    simulation: SimulatedWorld,
     step: Callable[[World], Step],
     *,
     ticks: int,
@@ -38,7 +63,7 @@ def run(
 
     Parameters
     ----------
-    simulation : Simulation
+    simulation : SimulatedWorld
         The world.
     step : callable
         Returns the next step in a state of the world.
@@ -60,7 +85,7 @@ def run(
     return None
 
 
-def _settle(simulation: Simulation, top: Top, goal: Goal) -> World:
+def _settle(simulation: SimulatedWorld, top: Top, goal: Goal) -> World:
     """Stop until the post-condition holds, its objects rest or `top.settles` is over."""
     world = simulation.world()
     for _ in range(round(top.settles * CONTROL_RATE)):
@@ -96,7 +121,7 @@ class Judgment:
 
 
 def judge(
-    simulation: Simulation,
+    simulation: SimulatedWorld,
     top: Top,
     goal: Goal,
     status: Status,
@@ -106,7 +131,7 @@ def judge(
 
     Parameters
     ----------
-    simulation : Simulation
+    simulation : SimulatedWorld
         The world after the action.
     top : Top
         The TOP.
@@ -131,7 +156,7 @@ def judge(
 
 
 def run_action(
-    simulation: Simulation,
+    simulation: SimulatedWorld,
     action: Action,
     goal: Goal,
     *,
@@ -142,7 +167,7 @@ def run_action(
 
     Parameters
     ----------
-    simulation : Simulation
+    simulation : SimulatedWorld
         The world.
     action : Action
         The action.

@@ -6,8 +6,8 @@ import math
 from collections.abc import Iterable
 
 from ator_ros.bases.differential.description import DifferentialRobot
-from ator_ros.bases.differential.response import clip, ramped
-from ator_ros.geometry import Pose, quaternion_from_yaw, yaw_from_quaternion
+from ator_ros.bases.differential.response import ramped
+from ator_ros.geometry import Pose, clip, quaternion_from_yaw, yaw_from_quaternion
 from ator_ros.simulation.bodies import BulletClient, load_base
 from ator_ros.world.state import STOP, Command, RobotState
 
@@ -71,11 +71,10 @@ class SimulatedBase:
                 for link in range(-1, count):
                     self._bullet.setCollisionFilterPair(self.body, other, wheel, link, 0)
 
-    def place(self, pose: Pose, v: float, w: float) -> None:
-        """Put the axle at `pose`, moving at v (m/s) and w (rad/s).
-
-        The base slows down unless it gets a command.
-        """
+    def place(self, pose: Pose, moving: Command) -> None:
+        """Put the axle at `pose`, moving forward and turning; it slows down unless it gets a command."""
+        v = moving.vx
+        w = moving.w
         c = math.cos(pose.yaw)
         s = math.sin(pose.yaw)
         velocity = (c * v - s * w * self._com[0], s * v + c * w * self._com[0], 0.0)
@@ -102,7 +101,7 @@ class SimulatedBase:
     def command(self, command: Command, time: float) -> None:
         """Execute a command for 0.15 s from `time` (s) on."""
         limits = self.robot.limits
-        v = max(-limits.backward, min(limits.v, command.v))
+        v = max(-limits.backward, min(limits.v, command.vx))
         self._command = Command(v, clip(command.w, limits.w))
         self._expires = time + COMMAND_TIMEOUT - _ROUNDING
 
@@ -122,7 +121,7 @@ class SimulatedBase:
         )
         turn = self._setpoint.w * self.robot.track / 2.0
         radius = self.robot.wheel_radius
-        speeds = (self._setpoint.v - turn) / radius, (self._setpoint.v + turn) / radius
+        speeds = (self._setpoint.vx - turn) / radius, (self._setpoint.vx + turn) / radius
         if speeds != (0.0, 0.0):
             self._held = None
         elif self._held is None:

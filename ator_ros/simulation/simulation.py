@@ -19,7 +19,7 @@ from ator_ros.simulation.bodies import (
     set_object_dynamics,
 )
 from ator_ros.simulation.simulated_base import SimulatedBase
-from ator_ros.world.state import CONTROL_PERIOD, Command, ObjectState, World
+from ator_ros.world.state import CONTROL_PERIOD, STOP, Command, ObjectState, World
 
 PHYSICS_RATE = 240  # Hz
 TICK = CONTROL_PERIOD  # s
@@ -99,13 +99,12 @@ class Simulation:
     def place_robot(
         self,
         pose: Pose,
+        velocity: Command = STOP,
         *,
-        v: float = 0.0,
-        w: float = 0.0,
         number: int = 0,
     ) -> None:
-        """Put a robot's axle at `pose`, moving at v (m/s) and w (rad/s)."""
-        self._bases[number].place(self._local(pose), v, w)
+        """Put a robot's axle at `pose`, moving at `velocity`."""
+        self._bases[number].place(self._local(pose), velocity)
 
     def _local(self, pose: Pose) -> Pose:
         """Return a pose relative to the center of the area."""

@@ -35,7 +35,7 @@ from ator_ros.nodes.network import stay_on_this_machine
 from ator_ros.nodes.parameters import FRAME, ROBOT_FRAME, STATE
 from ator_ros.nodes.running import uninterrupted
 from ator_ros.tools.command_line import destination, guarded, number, without_ros_arguments
-from ator_ros.world.messages import plain_frame
+from ator_ros.world.readers import plain_frame
 from ator_ros.world.state import STOP, RobotState
 
 _FACTOR = 1.5  # of commands to the described limits, so that odometry shows the limits of the base

@@ -37,7 +37,7 @@ from ator_ros.tops.library import top_of
 from ator_ros.tops.objects import objects_in
 from ator_ros.view.backend import Backend
 from ator_ros.view.draft import Draft
-from ator_ros.world.messages import MessageError
+from ator_ros.world.readers import MessageError
 from ator_ros.world.state import World
 
 Episodes = Generator[pd.DataFrame, None, None]

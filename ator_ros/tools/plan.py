@@ -19,7 +19,7 @@ from ator_ros.planning.planner import chains_for
 from ator_ros.refinement.refiner import Judged, Refiner, choose, rank
 from ator_ros.tools.command_line import add_models, add_setting, number, run_tool, source_of
 from ator_ros.tops.chain import TopChain
-from ator_ros.world.messages import FARTHEST
+from ator_ros.world.readers import FARTHEST
 from ator_ros.world.state import ObjectState, RobotState, World
 
 _coordinate = number(-FARTHEST, FARTHEST)

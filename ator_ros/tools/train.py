@@ -15,6 +15,7 @@ import pandas as pd
 
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.bases.description import Robot
+from ator_ros.bases.direct import NEAR_GOAL
 from ator_ros.domains.domain import Domain
 from ator_ros.experience.drives import CMD_VEL, ODOM
 from ator_ros.experience.recordings import read_sources
@@ -24,7 +25,6 @@ from ator_ros.nodes.network import stay_on_this_machine
 from ator_ros.performance.accuracy import accuracy, brier, kinds
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.model_file import load_model, model_path, save_model
-from ator_ros.performance.observation import NEAR_GOAL
 from ator_ros.performance.training import digest, start_ranges, without_errors, without_routes
 from ator_ros.performance.training import train as train_model
 from ator_ros.printable import one_line, printable

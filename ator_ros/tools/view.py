@@ -29,7 +29,7 @@ from ator_ros.tools.command_line import (
 from ator_ros.tools.own_nodes import all_nodes
 from ator_ros.view.backend import Backend
 from ator_ros.view.editor import Editor
-from ator_ros.world.messages import plain_frame
+from ator_ros.world.readers import plain_frame
 
 _PERIOD = 1.0 / 25.0  # s
 # a busy machine must not change a chain, whatever the simulation's speed

@@ -49,12 +49,13 @@ class Top:
         Else None.
         """
         holds = self.point is Point.HOLD or "hold" in self.pre.things() | self.post.things()
-        lacking = holds and robot.holder is None
-        return f"{self.name} needs a holder; robot {robot.name} has none" if lacking else None
+        if not holds or robot.holder is not None:
+            return None
+        return f"{self.name} needs a holder; robot {robot.name} has none"
 
     @property
     def place_tolerance(self) -> float:
-        """Greatest distance in m between a place and the goal, by the tolerances of the post-condition."""
+        """Greatest distance in m between a place and the goal, by the post-condition."""
         terms = (term for term in self.post.terms if term.variable.endswith(".x"))
         return math.fsum(term.tolerance for term in terms if isinstance(term, Term))
 
@@ -64,13 +65,20 @@ class Top:
         return any(term.variable in ("robot.x", "hold.x") for term in self.post.terms)
 
     def arrival(self) -> dict[str, tuple[str, ...]]:
-        """Return the goal variables that determine each of the robot's variables after an arrival."""
-        at, other = ("hold", "robot") if self.point is Point.HOLD else ("robot", "hold")
+        """Return the goal variables that determine the robot's variables after an arrival."""
+        holds = self.point is Point.HOLD
+        at = "hold" if holds else "robot"
+        other = "robot" if holds else "hold"
         beside = {f"{other}.{axis}": (axis, "yaw") for axis in "xy"}
-        robot = {"robot.yaw": ("yaw",), "robot.v": ("speed",), "robot.w": ()}
+        robot = {"robot.yaw": ("yaw",), "robot.vx": ("speed",), "robot.vy": (), "robot.w": ()}
         return {f"{at}.x": ("x",), f"{at}.y": ("y",), **beside, **robot}
 
-    def unmet(self, world: World, goal: Goal, robot: Robot) -> list[str]:
+    def unmet(
+        self,
+        world: World,
+        goal: Goal,
+        robot: Robot,
+    ) -> list[str]:
         """Return why the post-condition does not hold in `world`; empty if it holds."""
         return self.post.violations(state_of(world, robot), goal_values(goal))
 
@@ -78,7 +86,12 @@ class Top:
         """Return the reason of a failure from the violations of the post-condition."""
         return f"post-condition of {self.name}: {'; '.join(violations)}"
 
-    def shortfall(self, world: World, goal: Goal, robot: Robot) -> float:
+    def shortfall(
+        self,
+        world: World,
+        goal: Goal,
+        robot: Robot,
+    ) -> float:
         """Return how far `world` is from the post-condition, in the unit of the worst variable."""
         return self.post.shortfall(state_of(world, robot), goal_values(goal))
 
@@ -114,7 +127,7 @@ class TopCall:
     open: frozenset[str] = frozenset()
 
     def contradictions(self, robot: Robot) -> list[str]:
-        """Return the statements of the post-condition that cannot hold once the robot is at the goal.
+        """Return the statements of the post-condition that cannot hold with the robot at the goal.
 
         They compare a variable of the robot with a number. Variables that the plan opens may still
         change, and are not compared.
@@ -125,23 +138,22 @@ class TopCall:
         state = state_of(here, robot)
         goal = goal_values(self.goal)
         determined_by = self.top.arrival()
-        fixed = (
-            term
-            for term in self.top.post.terms
-            if term.variable in determined_by
-            and not isinstance(term.target, str)
-            and not any(map(self.opens, determined_by[term.variable]))
-        )
-        return [reason for term in fixed if (reason := term.violation(state, goal)) is not None]
+        found = []
+        for term in self.top.post.terms:
+            names = determined_by.get(term.variable)
+            if names is None or isinstance(term.target, str) or any(map(self.opens, names)):
+                continue
+            if reason := term.violation(state, goal):
+                found.append(reason)
+        return found
 
     def opens(self, name: str) -> bool:
         """Return whether the plan opens the goal variable `name`.
 
         A condition may bind it all the same.
         """
-        return name in self.open or (
-            EVERYTHING in self.open and name not in self.top.post.goal_names()
-        )
+        everything = EVERYTHING in self.open and name not in self.top.post.goal_names()
+        return name in self.open or everything
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,33 +165,46 @@ class TopChain:
     def __len__(self) -> int:
         return len(self.calls)
 
-    def with_goal(self, index: int, goal: Goal) -> TopChain:
+    def with_goal(
+        self,
+        index: int,
+        goal: Goal,
+    ) -> TopChain:
         """Return the chain with the goal of step `index` (from 0) replaced."""
         calls = list(self.calls)
         calls[index] = dataclasses.replace(calls[index], goal=goal)
         return TopChain(tuple(calls))
 
-    def violations(self, world: World, robot: Robot) -> list[str]:
+    def violations(
+        self,
+        world: World,
+        robot: Robot,
+    ) -> list[str]:
         """Return the reasons why the chain is not a valid plan from `world`.
 
         Empty if it is valid.
         """
         if not self.calls:
             return ["expected at least one step, got an empty chain"]
-        lacking = [reason for call in self.calls if (reason := call.top.lacks(robot))]
-        if lacking:
-            return lacking[:1]
+        for call in self.calls:
+            if reason := call.top.lacks(robot):
+                return [reason]
         found = []
         when = "now"
         for number, call in enumerate(self.calls, start=1):
             where = f"pre-condition of step {number} ({call.top.name}) {when}"
             reasons = call.top.pre.violations(state_of(world, robot), goal_values(call.goal))
             found += [f"{where}: {reason}" for reason in reasons]
-            when, world = f"after step {number} ({call.top.name})", projected(world, call, robot)
+            when = f"after step {number} ({call.top.name})"
+            world = projected(world, call, robot)
         return found
 
 
-def projected(world: World, call: TopCall, robot: Robot) -> World:
+def projected(
+    world: World,
+    call: TopCall,
+    robot: Robot,
+) -> World:
     """Return the world after `call`, in which its post-condition holds.
 
     Placed objects are at rest.
@@ -190,11 +215,12 @@ def projected(world: World, call: TopCall, robot: Robot) -> World:
     state = call.top.post.apply(state_of(world, robot), goal_values(call.goal))
     if not call.top.arrives and any(name.startswith("robot.") for name in variables):
         pose = Pose(state["robot.x"], state["robot.y"], state["robot.yaw"])
-        world = dataclasses.replace(
-            world, robot=RobotState(pose, state["robot.v"], state["robot.w"])
-        )
+        vx, vy, w = (state[f"robot.{name}"] for name in ("vx", "vy", "w"))
+        world = dataclasses.replace(world, robot=RobotState(pose, vx, w, vy=vy))
     for name in sorted(call.top.post.objects()):
-        x, y = state.get(f"{name}.x"), state.get(f"{name}.y")
-        if variables & {f"{name}.x", f"{name}.y"} and x is not None and y is not None:
+        x = state.get(f"{name}.x")
+        y = state.get(f"{name}.y")
+        placed = not variables.isdisjoint((f"{name}.x", f"{name}.y"))
+        if placed and x is not None and y is not None:
             world = world.with_object(name, ObjectState(x, y))
     return world

@@ -19,13 +19,14 @@ from ator_ros.actions.base import Goal
 from ator_ros.bases.description import Robot
 from ator_ros.geometry import wrap_angle, wrap_angles
 from ator_ros.schema import Within, require
-from ator_ros.world.messages import RESERVED
+from ator_ros.world.readers import RESERVED
 from ator_ros.world.state import RobotState, World
 
 # State variables
 
 
 State = Mapping[str, float]
+_OBJECT_VARIABLES = ("x", "y", "vx", "vy")
 
 
 def state_variables(objects: Iterable[str], *, holder: bool = True) -> tuple[str, ...]:
@@ -33,9 +34,10 @@ def state_variables(objects: Iterable[str], *, holder: bool = True) -> tuple[str
 
     See `state_of`.
     """
-    robot = (f"robot.{name}" for name in ("x", "y", "yaw", "v", "w"))
-    moving = (f"{name}.{axis}" for name in objects for axis in ("x", "y", "vx", "vy"))
-    return (*robot, *(("hold.x", "hold.y") if holder else ()), *moving)
+    robot = [f"robot.{name}" for name in ("x", "y", "yaw", "vx", "vy", "w")]
+    hold = ["hold.x", "hold.y"] if holder else []
+    moving = [f"{name}.{axis}" for name in objects for axis in _OBJECT_VARIABLES]
+    return (*robot, *hold, *moving)
 
 
 def state_of(world: World, robot: Robot) -> dict[str, float]:
@@ -44,29 +46,37 @@ def state_of(world: World, robot: Robot) -> dict[str, float]:
     Returns
     -------
     dict
-        robot.x, robot.y (m), robot.yaw (rad), robot.v (m/s), robot.w (rad/s); hold.x, hold.y (m),
-        where a robot with a holder would hold an object; of each known object, with its name before
-        the dot, x, y (m), vx, vy (m/s).
+        robot.x, robot.y (m), robot.yaw (rad), robot.vx, robot.vy (m/s, forward and to the left),
+        robot.w (rad/s); hold.x, hold.y (m), where a robot with a holder would hold an object; of
+        each known object, with its name before the dot, x, y (m), vx, vy (m/s).
     """
-    pose, v, w = world.robot.pose, world.robot.v, world.robot.w
+    moving = world.robot
+    pose = moving.pose
     state = {
         "robot.x": pose.x,
         "robot.y": pose.y,
         "robot.yaw": pose.yaw,
-        "robot.v": v,
-        "robot.w": w,
+        "robot.vx": moving.vx,
+        "robot.vy": moving.vy,
+        "robot.w": moving.w,
     }
     if robot.holder is not None:
         hold = robot.hold_point(pose)
-        state |= {"hold.x": hold.x, "hold.y": hold.y}
+        state["hold.x"] = hold.x
+        state["hold.y"] = hold.y
     for name, there in world.objects.items():
-        state |= {f"{name}.{axis}": getattr(there, axis) for axis in ("x", "y", "vx", "vy")}
+        for axis in _OBJECT_VARIABLES:
+            state[f"{name}.{axis}"] = getattr(there, axis)
     return state
 
 
-def arrived(world: World, goal: Goal, robot: Robot) -> World:
+def arrived(
+    world: World,
+    goal: Goal,
+    robot: Robot,
+) -> World:
     """Return the world when the robot has arrived at `goal` and nothing else has changed."""
-    return dataclasses.replace(world, robot=RobotState(goal.robot_pose(robot), goal.speed, 0.0))
+    return dataclasses.replace(world, robot=RobotState(goal.robot_pose(robot), goal.speed))
 
 
 # Clauses
@@ -82,19 +92,31 @@ class Clause(ABC):
     __slots__ = ()
 
     @abstractmethod
-    def clearance(self, state: Values, goal: Values) -> Any:
-        """Return the margin by which this holds, negative if it does not; None if a variable is unknown.
+    def clearance(
+        self,
+        state: Values,
+        goal: Values,
+    ) -> Any:
+        """Return the margin by which this holds, negative if it does not.
 
-        It is in m for places, else in the variable's unit; an array of shape (n,) if a variable is
-        one.
+        None if a variable is unknown. It is in m for places, else in the variable's unit; an array
+        of shape (n,) if a variable is one.
         """
 
-    def excess(self, state: State, goal: State) -> float:
+    def excess(
+        self,
+        state: State,
+        goal: State,
+    ) -> float:
         """Return by how much this is violated, 0 if it holds; infinite if a variable is unknown."""
         clearance = self.clearance(state, goal)
         return math.inf if clearance is None else max(0.0, -float(clearance))
 
-    def violation(self, state: State, goal: State) -> str | None:
+    def violation(
+        self,
+        state: State,
+        goal: State,
+    ) -> str | None:
         """Return why this does not hold, as text; None if it holds."""
         excess = self.excess(state, goal)
         if excess == 0.0:
@@ -124,7 +146,11 @@ class Relation(Clause):
         """Both places."""
         return self.place, self.origin
 
-    def clearance(self, state: Values, goal: Values) -> Any:
+    def clearance(
+        self,
+        state: Values,
+        goal: Values,
+    ) -> Any:
         """Return how far in m the place may move until this is violated; see `Clause.clearance`."""
         ends: list[Any] = [
             goal.get(axis) if name == "goal" else state.get(f"{name}.{axis}")
@@ -137,7 +163,12 @@ class Relation(Clause):
         return self.room(x - start_x, y - start_y, start_x)
 
     @abstractmethod
-    def room(self, dx: Any, dy: Any, x: Any) -> Any:
+    def room(
+        self,
+        dx: Any,
+        dy: Any,
+        x: Any,
+    ) -> Any:
         """Return the clearance of a place (dx, dy) m from an origin at `x` (m)."""
 
 
@@ -152,10 +183,21 @@ class Distance(Relation):
     high: float = math.inf
 
     def __post_init__(self) -> None:
-        where, bounds = f"distance from {self.place} to {self.origin}", (self.low, self.high)
-        require(0.0 <= self.low <= self.high, where, "0 <= low <= high", bounds)
+        where = f"distance from {self.place} to {self.origin}"
+        ascending = 0.0 <= self.low <= self.high
+        require(
+            ascending,
+            where,
+            "0 <= low <= high",
+            (self.low, self.high),
+        )
 
-    def room(self, dx: Any, dy: Any, x: Any) -> Any:  # noqa: ARG002
+    def room(
+        self,
+        dx: Any,
+        dy: Any,
+        x: Any,  # noqa: ARG002
+    ) -> Any:
         """Return the clearance; see `Relation.room`."""
         distance = np.hypot(dx, dy)
         within = distance - self.low if self.low > 0.0 else np.inf + 0.0 * distance
@@ -187,14 +229,20 @@ class Bearing(Relation):
 
     def __post_init__(self) -> None:
         where = f"bearing of {self.place} from {self.origin}"
+        sound = 0.0 < self.most <= math.pi / 2.0
         require(
-            0.0 < self.most <= math.pi / 2.0,
+            sound,
             where,
             "an angle above 0 and at most pi / 2",
             self.most,
         )
 
-    def room(self, dx: Any, dy: Any, x: Any) -> Any:
+    def room(
+        self,
+        dx: Any,
+        dy: Any,
+        x: Any,
+    ) -> Any:
         """Return the clearance; see `Relation.room`."""
         left_of_center = self.mirrored and np.asarray(x) < self.center
         axis = np.where(left_of_center, math.pi - self.axis, self.axis)
@@ -238,23 +286,34 @@ class Statement(Clause):
 
     @property
     def offset(self) -> float:
-        """The least difference from the target (outward, if that is how it counts) at which this holds."""
+        """The least difference from the target at which this holds; outward, if so it counts."""
         low, high = self.reach(math.inf)
         return min(max(0.0, low), high)
 
-    def target_in(self, state: Values, goal: Values) -> Any:
+    def target_in(
+        self,
+        state: Values,
+        goal: Values,
+    ) -> Any:
         """Return the value of the target; None if it is unknown."""
         if not isinstance(self.target, str):
             return self.target
         name = self.target.removeprefix("goal.")
         return state.get(name) if name == self.target else goal.get(name)
 
-    def clearance(self, state: Values, goal: Values) -> Any:
+    def clearance(
+        self,
+        state: Values,
+        goal: Values,
+    ) -> Any:
         """Return how far the variable may move until this is violated; see `Clause.clearance`."""
-        value, target = state.get(self.variable), self.target_in(state, goal)
+        value = state.get(self.variable)
+        target = self.target_in(state, goal)
         if value is None or target is None:
             return None
-        difference = wrap_angle(value - target) if self.variable.endswith("yaw") else value - target
+        difference = value - target
+        if self.variable.endswith("yaw"):
+            difference = wrap_angle(difference)
         low, high = self.reach(target)
         return np.minimum(difference - low, high - difference)
 
@@ -293,13 +352,17 @@ class Region(Statement):
     center: float = 0.0
 
     def __post_init__(self) -> None:
+        where = f"range of {self.variable}"
         require(
-            self.low <= self.high, f"range of {self.variable}", "low <= high", (self.low, self.high)
+            self.low <= self.high,
+            where,
+            "low <= high",
+            (self.low, self.high),
         )
 
     @property
     def bounds(self) -> bool:
-        """Whether it bounds the variable about a number instead of relating it to another variable."""
+        """Whether it bounds the variable about a number, and relates it to no other variable."""
         return not isinstance(self.target, str)
 
     def reach(self, target: float) -> tuple[float, float]:
@@ -344,7 +407,11 @@ class Condition:
         """Return the names of the objects whose variables this condition names."""
         return self.things().difference(RESERVED)
 
-    def violations(self, state: State, goal: State) -> list[str]:
+    def violations(
+        self,
+        state: State,
+        goal: State,
+    ) -> list[str]:
         """Return why the condition does not hold, a text for each violated clause.
 
         Empty if it holds.
@@ -354,7 +421,11 @@ class Condition:
             reason for clause in clauses if (reason := clause.violation(state, goal)) is not None
         ]
 
-    def shortfall(self, state: State, goal: State) -> float:
+    def shortfall(
+        self,
+        state: State,
+        goal: State,
+    ) -> float:
         """Return the greatest excess over all clauses, 0 if all hold.
 
         Infinite if a variable is unknown.
@@ -363,14 +434,19 @@ class Condition:
             (clause.excess(state, goal) for clause in (*self.terms, *self.relations)), default=0.0
         )
 
-    def apply(self, state: Values, goal: Values) -> dict[str, Any]:
-        """Return the state with every variable at its target, or as near to it as its range allows."""
+    def apply(
+        self,
+        state: Values,
+        goal: Values,
+    ) -> dict[str, Any]:
+        """Return the state with each variable at its target, or as near as its range allows."""
         result = dict(state)
         for term in self.terms:
-            target, offset = term.target_in(state, goal), term.offset
+            target = term.target_in(state, goal)
             if target is None:
                 continue
-            if offset and isinstance(term, Region) and term.outward:
+            offset = term.offset
+            if isinstance(term, Region) and term.outward:
                 offset *= np.copysign(1.0, target - term.center)
-            result[term.variable] = target + offset if term.offset else target
+            result[term.variable] = target + offset if offset else target
         return result

@@ -1,4 +1,4 @@
-"""The TOP library: the TOPs frequently used in the domain, and their actions (paper, section 2.1)."""
+"""The TOP library: TOPs frequently used in the domain, and their actions (paper, section 2.1)."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ator_ros.geometry import Pose
 from ator_ros.printable import quoted
 from ator_ros.tops.chain import Top
 from ator_ros.tops.conditions import state_of
-from ator_ros.tops.objects import objects_in
+from ator_ros.tops.objects import missing_object
 from ator_ros.tops.ranges import USUAL_RANGES, Ranges
 from ator_ros.world.state import World
 
@@ -55,29 +55,30 @@ class TopLibrary(Mapping[str, Top]):
         self._actions = dict(actions)
         self._set_up: set[str] = set()
         self._goal_variables = dict(goal_variables)
-        every = {top.name: top for top in tops}
-        self._tops = {name: top for name, top in every.items() if top.action in self._actions}
-        self.left_out: Mapping[str, str] = {
-            name: f"{name} needs the action {top.action}; action set {action_set} has none of that name"
-            for name, top in every.items()
-            if name not in self._tops
-        }
+        self._tops: dict[str, Top] = {}
+        self.left_out: dict[str, str] = {}
+        for top in tops:
+            if top.action in self._actions:
+                self._tops[top.name] = top
+            else:
+                self.left_out[top.name] = (
+                    f"{top.name} needs the action {top.action}; "
+                    f"action set {action_set} has none of that name"
+                )
 
     def with_robot(self, robot: Robot) -> TopLibrary:
         """Return the same TOPs and actions for a robot of the same type in another scene."""
         library = copy.copy(self)
-        library.robot, library._set_up = robot, set()
+        library.robot = robot
+        library._set_up = set()
         return library
 
     def __getitem__(self, name: str) -> Top:
-        try:
-            return self._tops[name]
-        except KeyError:
-            if name in self.left_out:
-                raise LeftOutError(self.left_out[name]) from None
-            raise KeyError(
-                f"TOP: expected one of {sorted(self._tops)}, got {quoted(name)}"
-            ) from None
+        if name in self.left_out:
+            raise LeftOutError(self.left_out[name])
+        if name not in self._tops:
+            raise KeyError(f"TOP: expected one of {sorted(self._tops)}, got {quoted(name)}")
+        return self._tops[name]
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._tops)
@@ -104,13 +105,26 @@ class TopLibrary(Mapping[str, Top]):
         """Return the goal variables that the action of `top` declares beyond pose and speed."""
         return self._goal_variables.get(top.action, ())
 
-    def goal(self, top: Top, pose: Pose) -> Goal:
-        """Return a goal of `top` at rest, with the usual values of the variables that its action declares."""
+    def goal(
+        self,
+        top: Top,
+        pose: Pose,
+    ) -> Goal:
+        """Return a goal of `top` at rest, with usual values of the variables of its action."""
         values = {variable.name: variable.usual for variable in self.goal_variables(top)}
-        return Goal(pose, 0.0, top.point, values)
+        return Goal(
+            pose,
+            0.0,
+            top.point,
+            values,
+        )
 
 
-def top_of(situation: Situation, tops: Sequence[Top], robot: Robot) -> Top:
+def top_of(
+    situation: Situation,
+    tops: Sequence[Top],
+    robot: Robot,
+) -> Top:
     """Return the TOP of a situation: one with its action and point, and without other objects.
 
     Of several it is the first with the fewest violations of its pre-condition.
@@ -121,18 +135,18 @@ def top_of(situation: Situation, tops: Sequence[Top], robot: Robot) -> Top:
         There is none.
     """
     world = World(0.0, situation.robot, situation.objects)
-    state, goal = state_of(world, robot), goal_values(situation.goal)
+    point = situation.goal.point
+    objects = sorted(situation.objects)
     suited = [
         top
         for top in tops
-        if top.action == situation.action
-        and top.point is situation.goal.point
-        and set(objects_in(top)) <= set(situation.objects)
+        if top.action == situation.action and top.point is point and not missing_object(top, world)
     ]
     if not suited:
         raise ConfigError(
             f"situation of {situation.action}: expected a TOP with this action, a goal for the "
-            f"{situation.goal.point.value} and no objects but {sorted(situation.objects)}, got none of "
-            f"{[top.name for top in tops]}"
+            f"{point.value} and no objects but {objects}, got none of {[top.name for top in tops]}"
         )
+    state = state_of(world, robot)
+    goal = goal_values(situation.goal)
     return min(suited, key=lambda top: len(top.pre.violations(state, goal)))

@@ -13,9 +13,11 @@ from ator_ros.tops.chain import Top, TopCall
 from ator_ros.tops.conditions import Condition, Statement, state_of
 from ator_ros.world.state import World
 
-# m beyond the length of the holder, from the hold, up to which an object counts as touched
+# m beyond the length of the holder, from the hold, up to which an object counts as touched: the
+# radius of a ball and the noise of its position
 _TOUCHING = 0.08
-# hysteresis: ratio of the distance at which a held object is lost to that at which it is held
+# Ratio of the distance at which a held object is lost to that at which it is held: hysteresis, so
+# that noise of a sixth of the holder's length does not change it.
 _SLACK = 1.2
 
 
@@ -26,7 +28,10 @@ def objects_in(top: Top) -> list[str]:
 
 def missing_object(top: Top, world: World) -> str | None:
     """Return the first object that a TOP needs and the world lacks; None if there is none."""
-    return next((name for name in objects_in(top) if name not in world.objects), None)
+    for name in objects_in(top):
+        if name not in world.objects:
+            return name
+    return None
 
 
 def missing_in(calls: Iterable[TopCall], world: World) -> tuple[str, str] | None:
@@ -34,8 +39,10 @@ def missing_in(calls: Iterable[TopCall], world: World) -> tuple[str, str] | None
 
     None if there is none.
     """
-    pairs = ((missing_object(call.top, world), call.top.name) for call in calls)
-    return next(((name, top) for name, top in pairs if name is not None), None)
+    for call in calls:
+        if missing := missing_object(call.top, world):
+            return missing, call.top.name
+    return None
 
 
 def held_first(top: Top) -> str | None:
@@ -72,8 +79,10 @@ def object_fetched_by(top: Top) -> str | None:
 def _at(condition: Condition, place: str) -> str | None:
     """Return the first object, by name, that a condition places at `place`: both x and y."""
     related = {_pair(term) for term in condition.terms if term.is_at_target}
-    names = sorted(condition.objects())
-    return next((name for name in names if related >= _position_pairs(name, place)), None)
+    for name in sorted(condition.objects()):
+        if related >= _position_pairs(name, place):
+            return name
+    return None
 
 
 def _pair(term: Statement) -> frozenset[str]:
@@ -91,31 +100,35 @@ def at_rest(world: World, robot: Robot) -> World:
     return dataclasses.replace(world, objects=objects)
 
 
-def has_left(world: World, call: TopCall, robot: Robot) -> bool:
-    """Return whether the followed object is farther from the goal of `call` than its pre-condition allows."""
+def has_left(
+    world: World,
+    call: TopCall,
+    robot: Robot,
+) -> bool:
+    """Return whether the followed object is farther from the goal than the pre-condition allows."""
     name = followed(call.top)
     if name is None:
         return False
-    state, goal, pairs = (
-        state_of(world, robot),
-        goal_values(call.goal),
-        _position_pairs(name, "goal"),
-    )
-    terms = (term for term in call.top.pre.terms if _pair(term) in pairs)
+    state = state_of(world, robot)
+    goal = goal_values(call.goal)
+    pairs = _position_pairs(name, "goal")
+    terms = [term for term in call.top.pre.terms if _pair(term) in pairs]
     return any(0.0 < term.excess(state, goal) < math.inf for term in terms)
 
 
-def at_object(goal: Goal, world: World, name: str) -> Goal:
+def at_object(
+    goal: Goal,
+    world: World,
+    name: str,
+) -> Goal:
     """Return a goal with its position replaced by an object's.
 
     The same goal if the object is unknown.
     """
     there = world.objects.get(name)
-    return (
-        goal
-        if there is None
-        else dataclasses.replace(goal, pose=goal.pose._replace(x=there.x, y=there.y))
-    )
+    if there is None:
+        return goal
+    return dataclasses.replace(goal, pose=goal.pose._replace(x=there.x, y=there.y))
 
 
 def held_within(robot: Robot) -> float:
@@ -126,16 +139,28 @@ def held_within(robot: Robot) -> float:
     return robot.holder_length / _SLACK
 
 
-def is_held(world: World, robot: Robot, name: str) -> bool:
+def is_held(
+    world: World,
+    robot: Robot,
+    name: str,
+) -> bool:
     """Return whether the robot has a holder, and a known object lies in it."""
     return robot.holder is not None and robot.hold_offset(world, name) <= held_within(robot)
 
 
-def is_lost(world: World, robot: Robot, name: str) -> bool:
-    """Return whether the position of an object is known, and farther from the hold than a held one."""
+def is_lost(
+    world: World,
+    robot: Robot,
+    name: str,
+) -> bool:
+    """Return whether the position of an object is known, and is too far from the hold."""
     return name in world.objects and robot.hold_offset(world, name) > robot.holder_length
 
 
-def is_at_front(world: World, robot: Robot, name: str) -> bool:
+def is_at_front(
+    world: World,
+    robot: Robot,
+    name: str,
+) -> bool:
     """Return whether the robot's front touches an object, or nearly: then the robot moves it."""
     return robot.hold_offset(world, name) < robot.holder_length + _TOUCHING

@@ -41,23 +41,37 @@ class Range:
         An angle may have any finite value.
         """
         slack = 1e-9 * (self.high - self.low) + 1e-15 * max(abs(self.low), abs(self.high))
-        return math.isfinite(value) and (
-            self.periodic or self.low - slack <= value <= self.high + slack
-        )
+        inside = self.low - slack <= value <= self.high + slack
+        return math.isfinite(value) and (self.periodic or inside)
 
 
 Ranges = Mapping[str, Callable[[Robot, Goal], Range]]
-"""Goal variable to its range, given the robot and the goal; a variable without one is never free."""
+"""Goal variable to its range, given robot and goal; a variable without one is never free."""
 
 
 def _heading(robot: Robot, goal: Goal) -> Range:  # noqa: ARG001
-    return Range(-math.pi, math.pi, 36, periodic=True)
+    return Range(
+        -math.pi,
+        math.pi,
+        36,
+        periodic=True,
+    )
 
 
-def arrival_speed(robot: Robot, goal: Goal, *, most: float = math.inf) -> Range:
-    """Return the range of an arrival speed: from rest to what the robot can do, and to `most` m/s."""
+def arrival_speed(
+    robot: Robot,
+    goal: Goal,
+    *,
+    most: float = math.inf,
+) -> Range:
+    """Return the range of an arrival speed: from rest to the robot's limit, and to `most` m/s."""
     speed = robot.greatest_speed(holding=goal.point is Point.HOLD)
-    return Range(0.0, min(speed, most), 6, rest=0.0)
+    return Range(
+        0.0,
+        min(speed, most),
+        6,
+        rest=0.0,
+    )
 
 
 def _x(robot: Robot, goal: Goal) -> Range:  # noqa: ARG001
@@ -75,9 +89,18 @@ USUAL_RANGES: Ranges = MappingProxyType({"x": _x, "y": _y, "yaw": _heading, "spe
 
 
 def declared_ranges(variables: Iterable[GoalVariable]) -> Ranges:
-    """Return the ranges of goal variables that actions declare, which are the same for all goals."""
+    """Return the ranges of goal variables that actions declare: the same for all goals."""
     return {variable.name: functools.partial(_declared, variable) for variable in variables}
 
 
-def _declared(variable: GoalVariable, robot: Robot, goal: Goal) -> Range:  # noqa: ARG001
-    return Range(variable.low, variable.high, variable.steps, rest=variable.rest)
+def _declared(
+    variable: GoalVariable,
+    robot: Robot,  # noqa: ARG001
+    goal: Goal,  # noqa: ARG001
+) -> Range:
+    return Range(
+        variable.low,
+        variable.high,
+        variable.steps,
+        rest=variable.rest,
+    )

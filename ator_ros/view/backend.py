@@ -38,7 +38,7 @@ from ator_ros.printable import printable
 from ator_ros.refinement.refiner import SubgoalCurve
 from ator_ros.view.draft import Draft
 from ator_ros.view.runs import OTHERS, Answer, History, Run
-from ator_ros.world.messages import MessageError, world_from
+from ator_ros.world.readers import MessageError, world_from
 from ator_ros.world.state import ObjectState, RobotState, World
 
 _SPIN = 0.02  # real s
@@ -247,7 +247,8 @@ class Backend:
         self._objects[name] = stamp, state
 
     def _take_path(self, message: Path) -> None:
-        points = [(pose.pose.position.x, pose.pose.position.y) for pose in message.poses]
+        places = [pose.pose.position for pose in message.poses]
+        points = [(place.x, place.y) for place in places]
         self.path = points if np.isfinite(points).all() else []
 
     def _take_diagnostics(self, message: DiagnosticArray) -> None:
@@ -486,8 +487,9 @@ class Backend:
 def _curve_from(curve: SearchCurve) -> SubgoalCurve:
     names = tuple(curve.variables)
     totals = np.asarray(curve.totals, dtype=float)
-    values = np.asarray(curve.values, dtype=float).reshape(len(totals), len(names))
-    return SubgoalCurve(curve.subgoal, names, values, totals)
+    values = np.asarray(curve.values, dtype=float)
+    table = values.reshape(len(totals), len(names))
+    return SubgoalCurve(curve.subgoal, names, table, totals)
 
 
 def _robot_at(pose: Pose) -> PlaceRobot.Request:

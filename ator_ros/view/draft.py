@@ -37,8 +37,9 @@ class Draft:
 
     def _with_calls(self, change: Callable[[TopCall], TopCall]) -> Draft:
         """Return the draft with a change of each call of each chain."""
-        chains = (self.chain, *self.alternatives)
-        chain, *others = [TopChain(tuple(map(change, each.calls))) for each in chains]
+        chain, *others = [
+            TopChain(tuple(map(change, each.calls))) for each in (self.chain, *self.alternatives)
+        ]
         return replace(self, chain=chain, alternatives=tuple(others))
 
     def with_robot(self, pose: Pose) -> Draft:
@@ -53,7 +54,8 @@ class Draft:
         def moved(call: TopCall) -> TopCall:
             if before is None or not _follows(call, name, before):
                 return call
-            goal = replace(call.goal, pose=call.goal.pose._replace(x=x, y=y))
+            pose = call.goal.pose._replace(x=x, y=y)
+            goal = replace(call.goal, pose=pose)
             return replace(call, goal=goal)
 
         world = self.world.with_object(name, ObjectState(x, y))
@@ -68,7 +70,8 @@ class Draft:
 
     def differs(self, other: Draft) -> bool:
         """Return whether robot, objects or chain differ so much that refinement is called again."""
-        moved = other.world.robot.pose.relative(self.world.robot.pose)
+        pose = self.world.robot.pose
+        moved = other.world.robot.pose.relative(pose)
         return (
             math.hypot(moved.x, moved.y) > _MOVED
             or abs(moved.yaw) > _MOVED
@@ -133,7 +136,12 @@ def _follows(call: TopCall, name: str, state: ObjectState) -> bool:
 
 
 def situation_draft(
-    domain: Domain, library: TopLibrary, chain: str, *, seed: int, index: int
+    domain: Domain,
+    library: TopLibrary,
+    chain: str,
+    *,
+    seed: int,
+    index: int,
 ) -> Draft:
     """Return a random situation of a chain of the domain."""
     trial = random_trial(domain, chain, library, seed=seed, index=index)

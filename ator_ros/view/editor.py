@@ -38,12 +38,17 @@ class Editor:
         self._followed_at = -math.inf  # s, of the robot's clock
         self._retry = 0  # steps until refinement is called again
         self._external: tuple[object, ...] = ()  # state of another client's goal in the draft
-        self.chain_name, self.draft = first_draft(self.domain, next(iter(self.libraries.values())))
+        library = next(iter(self.libraries.values()))
+        self.chain_name, self.draft = first_draft(self.domain, library)
 
     # Situations
 
     def situation(
-        self, *, chain: str = "", seed: int | None = None, index: int | None = None
+        self,
+        *,
+        chain: str = "",
+        seed: int | None = None,
+        index: int | None = None,
     ) -> None:
         """Switch to another chain of the domain, or to another situation of it."""
         name = chain or self.chain_name
@@ -201,8 +206,9 @@ class Editor:
     def _follow_external(self) -> None:
         """Make an active goal of another client the draft, unless this view executes a chain."""
         goal = self.backend.external
-        ours = self._waiting or any(not run.ended and run.label != OTHERS for run in self.runs)
-        if ours or goal is None or goal.draft is None or goal.ended:
+        if goal is None or goal.draft is None or goal.ended or self._waiting:
+            return
+        if any(not run.ended and run.label != OTHERS for run in self.runs):
             return
         record = goal.record
         state = (record.chain_id, goal.driven, record.refined, record.refined_again)

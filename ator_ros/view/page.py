@@ -28,8 +28,8 @@ from ator_ros.tops.chain import TopChain
 from ator_ros.view.backend import Backend
 from ator_ros.view.draft import Draft
 from ator_ros.view.editor import NAIVE, REFINED, Editor
+from ator_ros.view.floor import LOOPBACK, Canvas, Handle, RobotModel, serve
 from ator_ros.view.runs import OTHERS, Answer, Run, plain, seconds
-from ator_ros.view.scene import LOOPBACK, Canvas, Handle, RobotModel, serve
 from ator_ros.world.state import World
 
 T = TypeVar("T")
@@ -241,7 +241,10 @@ class Page:
         sets = gui.add_dropdown(
             "Actions", tuple(editor.libraries), initial_value=editor.draft.action_set
         )
-        self._on_change(sets, lambda name: editor.edit(Draft.with_library, editor.libraries[name]))
+        self._on_change(
+            sets,
+            lambda name: editor.edit(Draft.with_library, editor.libraries[name]),
+        )
         return seed
 
     def _weights(self) -> None:

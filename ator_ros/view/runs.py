@@ -17,7 +17,7 @@ from ator_ros.printable import printable
 from ator_ros.refinement.refiner import SubgoalCurve
 from ator_ros.tops.chain import TopChain
 from ator_ros.view.draft import Draft
-from ator_ros.world.messages import pose_from, world_from
+from ator_ros.world.readers import pose_from, world_from
 from ator_ros.world.state import World
 
 OTHERS = "others"  # label of the executions that other clients started
@@ -62,7 +62,9 @@ class Run:
     @property
     def ended(self) -> bool:
         """Whether the execution has ended."""
-        return bool(self.problem) or (self.record is not None and bool(self.record.outcome.code))
+        if self.problem:
+            return True
+        return self.record is not None and bool(self.record.outcome.code)
 
     @property
     def driven(self) -> bool:
@@ -154,9 +156,9 @@ class History:
     def add(self, record: Any) -> None:
         """Add the record of a chain that has ended; raises MessageError if it cannot be read."""
         start = world_from(record.start, where="start")
-        goals = [pose_from(call.goal.pose, "chain") for call in record.chain.calls[-1:]]
-        objects = [Pose(state.x, state.y, 0.0) for state in start.objects.values()]
-        poses = [start.robot.pose, *objects, *goals]
+        poses = [start.robot.pose]
+        poses += [Pose(state.x, state.y, 0.0) for state in start.objects.values()]
+        poses += [pose_from(call.goal.pose, "chain") for call in record.chain.calls[-1:]]
         gain = math.nan
         if record.refined:
             naive = (
@@ -202,8 +204,8 @@ def _same(poses: Sequence[Pose], others: Sequence[Pose]) -> bool:
     """Return whether two chains have the same start and last goal, see `_Executed`."""
     if len(poses) != len(others):
         return False
-    pairs = zip(poses, others, strict=True)
-    return all(a.distance(b) < _SAME and abs(a.relative(b).yaw) < _SAME for a, b in pairs)
+    differences = [one.relative(other) for one, other in zip(poses, others, strict=True)]
+    return all(max(math.hypot(x, y), abs(yaw)) < _SAME for x, y, yaw in differences)
 
 
 def _row(number: int, chain: _Executed) -> str:

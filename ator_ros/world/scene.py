@@ -9,7 +9,7 @@ from typing import Annotated
 
 from ator_ros.geometry import Pose
 from ator_ros.schema import NAME, Within
-from ator_ros.world.messages import FARTHEST
+from ator_ros.world.readers import FARTHEST
 from ator_ros.world.state import AT_REST, ObjectState
 
 WALL_THICKNESS = 0.05

@@ -13,9 +13,10 @@ from ator_ros.geometry import Pose, as_float, decimal_pose
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """A velocity command, the output of actions."""
+    """A velocity command, the output of actions, in the robot's frame (REP 103)."""
 
-    v: float = 0.0  # m/s; positive forward
+    vx: float = 0.0  # m/s; positive forward
+    vy: float = field(default=0.0, kw_only=True)  # m/s; positive to the left
     w: float = 0.0  # rad/s; positive counter-clockwise
 
 
@@ -29,15 +30,15 @@ CONTROL_PERIOD = 0.05
 class Standstill:
     """Speeds up to which a robot or an object counts as standing still, one for each use."""
 
-    v: float  # m/s
+    speed: float  # m/s
     w: float = math.inf  # rad/s; infinite if turning does not matter
 
-    def holds(self, v: Any, w: Any = 0.0) -> Any:
-        """Return whether speeds v (m/s) and w (rad/s), of any sign, are a standstill.
+    def holds(self, speed: Any, w: Any = 0.0) -> Any:
+        """Return whether a speed (m/s) and a turn rate (rad/s), of any sign, are a standstill.
 
         Elementwise.
         """
-        return (abs(v) <= self.v) & (abs(w) <= self.w)
+        return (abs(speed) <= self.speed) & (abs(w) <= self.w)
 
 
 AT_REST = Standstill(0.001)
@@ -52,30 +53,47 @@ RESTING = Standstill(0.02)
 
 @dataclass(frozen=True, slots=True)
 class RobotState:
-    """Pose of the middle of the axle in the world frame, with velocities (m/s, rad/s)."""
+    """Pose of the robot in the world frame, and its velocity in its own frame (REP 103).
+
+    With two driven wheels the pose is that of the middle of the axle, and `vy` is 0.
+    """
 
     pose: Pose
-    v: float = 0.0
-    w: float = 0.0
+    vx: float = 0.0  # m/s; positive forward
+    vy: float = field(default=0.0, kw_only=True)  # m/s; positive to the left
+    w: float = 0.0  # rad/s; positive counter-clockwise
 
     def __post_init__(self) -> None:
         """Read whole numbers as floats; states are created at a high rate, with floats only."""
         x, y, yaw = self.pose
-        if type(x) is type(y) is type(yaw) is type(self.v) is type(self.w) is float:
+        vx = self.vx
+        vy = self.vy
+        w = self.w
+        if type(x) is type(y) is type(yaw) is type(vx) is type(vy) is type(w) is float:
             return
         object.__setattr__(self, "pose", decimal_pose(self.pose))
-        object.__setattr__(self, "v", as_float(self.v))
-        object.__setattr__(self, "w", as_float(self.w))
+        for name in ("vx", "vy", "w"):
+            object.__setattr__(self, name, as_float(getattr(self, name)))
+
+    @property
+    def velocity(self) -> Command:
+        """The velocity, as a command that keeps it."""
+        return Command(self.vx, self.w, vy=self.vy)
+
+    @property
+    def speed(self) -> float:
+        """In m/s, whatever the direction."""
+        return math.hypot(self.vx, self.vy)
 
     @property
     def is_still(self) -> bool:
         """Whether the robot is still, see `STILL`; stricter than `is_standing`."""
-        return bool(STILL.holds(self.v, self.w))
+        return bool(STILL.holds(self.speed, self.w))
 
     @property
     def is_standing(self) -> bool:
         """Whether the robot stands, see `STANDING`."""
-        return bool(STANDING.holds(self.v, self.w))
+        return bool(STANDING.holds(self.speed, self.w))
 
 
 @dataclass(frozen=True, slots=True)

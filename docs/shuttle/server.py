@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 """An action server that drives to a pose: one command for each odometry message.
 
-Its habit: it leaves a station with a slow turn, because people stand around it. At its goal it turns
-three times as fast.
+Its habit: it leaves a station with a slow turn, because people stand around it. At its goal it
+turns three times as fast.
 """
 
 import contextlib

@@ -22,7 +22,7 @@ ROBOTS = {
     "weak": dataclasses.replace(PIONEER, limits=Limits(_V, _W, 0.7 * _A, _BRAKE, 0.7 * _AW)),
     "lagging": dataclasses.replace(PIONEER, motor_time_constant=0.12),
 }
-"""As described; with motors that accelerate by 70 % of that, and brake as hard; with a lag of 0.12 s."""
+"""As described; with motors that accelerate by 70 % of that; with a lag of 0.12 s."""
 
 
 @dataclass(frozen=True)

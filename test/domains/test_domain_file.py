@@ -21,7 +21,7 @@ from ator_ros.geometry import Pose
 from ator_ros.tops.chain import Top
 from ator_ros.tops.conditions import Condition, Region, Term
 from ator_ros.tops.ranges import USUAL_RANGES
-from ator_ros.world.messages import ObjectSource
+from ator_ros.world.readers import ObjectSource
 from ator_ros_examples.stand_ins import DriveToStandIn
 
 ROBOT = load_robot()
@@ -106,7 +106,7 @@ def test_an_action_on_a_server_declares_goal_variables(tmp_path: Path) -> None:
         {"name": "height", "unit": "m", "low": 0.0, "high": 1.5, "rest": 0.2}
     ]
     action["remote"]["goal"].append({"field": "lift", "source": "goal.height"})
-    top["pre"].append({"variable": "robot.v", "target": "goal.height", "high": 0.0})
+    top["pre"].append({"variable": "robot.vx", "target": "goal.height", "high": 0.0})
     domain = find_domain(str(file_of(tmp_path, data)))
     library = domain.library(load_robot())
     (height,) = library.goal_variables(library["visit"])

@@ -43,6 +43,41 @@ def test_an_invalid_domain_is_reported(
         find_domain("other")
 
 
+def test_a_package_adds_an_action_set_to_an_installed_domain(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    value = "ator_ros_examples.bezier:ACTIONS"
+    install(monkeypatch, "other", "ator_ros.domains.soccer.domain:SOCCER")
+    assert list(find_domain("other").action_sets) == ["default"]
+    install(
+        monkeypatch,
+        "other",
+        "ator_ros.domains.soccer.domain:SOCCER",
+        action_sets={"other.curves": value, "another.curves": "missing:SET"},
+    )
+    other = find_domain("other")
+    assert list(other.action_sets) == ["default", "curves"]
+    assert other.actions("default") == SOCCER.actions("default")
+    assert set(other.library(load_robot(), "curves")) == set(other.library(load_robot()))
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "expected"),
+    [
+        ("curves", "ator_ros.domains.soccer.tops:TOPS", "a tuple of ActionSpec"),
+        ("curves", "no_such_package:SET", "ModuleNotFoundError"),
+        ("default", "ator_ros_examples.bezier:ACTIONS", "each name once, got default twice"),
+    ],
+)
+def test_an_action_set_that_cannot_be_added_is_reported(
+    monkeypatch: pytest.MonkeyPatch, name: str, value: str, expected: str
+) -> None:
+    soccer = "ator_ros.domains.soccer.domain:SOCCER"
+    install(monkeypatch, "other", soccer, action_sets={f"other.{name}": value})
+    with pytest.raises(DomainError, match=f"^action set.*{expected}"):
+        find_domain("other")
+
+
 SMALL = dataclasses.replace(
     SOCCER, action_sets={**SOCCER.action_sets, "small": SOCCER.action_sets["default"][:1]}
 )

@@ -91,7 +91,7 @@ def test_goals_behind_are_reached_in_the_predicted_time(
 
     def watched(action: Action, world: World) -> Step:
         step = action.step(world)
-        least.append((step.command or Command()).v)
+        least.append((step.command or Command()).vx)
         return step
 
     with Simulation(robot) as simulation:
@@ -101,7 +101,7 @@ def test_goals_behind_are_reached_in_the_predicted_time(
         assert min(least) == 0.0
         duration = simulation.time
     direct = {
-        "x": 0.0, "y": 0.0, "yaw": 0.3, "v": start.v, "w": 0.0, "hold": 0.0,
+        "x": 0.0, "y": 0.0, "yaw": 0.3, "v": start.vx, "w": 0.0, "hold": 0.0,
         "xg": goal.x, "yg": goal.y, "yawg": goal.yaw, "speedg": speed,
     }  # fmt: skip
     geometry = Geometry({name: np.array([value]) for name, value in direct.items()}, robot)
@@ -120,4 +120,4 @@ def test_a_robot_too_near_the_ball_names_the_setting() -> None:
 def test_situations_do_not_begin_backward() -> None:
     rng = np.random.default_rng(3)
     sample = SOCCER.actions("default")["goToPose"].sample
-    assert min(sample(FORWARD, rng).robot.v for _ in range(200)) >= 0.0
+    assert min(sample(FORWARD, rng).robot.vx for _ in range(200)) >= 0.0

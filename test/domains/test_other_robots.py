@@ -28,7 +28,7 @@ def test_the_simulated_base_has_the_described_lag(robot: Robot) -> None:
         for tick in range(1, ticks + 1):
             simulation.command(Command(gain * tick / CONTROL_RATE, 0.0))
             simulation.tick()
-        behind = ticks / CONTROL_RATE - simulation.world().robot.v / gain
+        behind = ticks / CONTROL_RATE - simulation.world().robot.vx / gain
     assert behind == pytest.approx(robot.motor_time_constant, abs=0.015)
 
 

@@ -48,7 +48,7 @@ def test_noisy_odometry_at_rest_does_not_prolong_a_turn_on_the_spot(angle: float
             action.start(World(0.0, start), goal)
             while True:
                 world = simulation.world()
-                noisy = RobotState(world.robot.pose, world.robot.v + start.v, world.robot.w)
+                noisy = RobotState(world.robot.pose, world.robot.vx + start.vx, world.robot.w)
                 step = action.step(World(world.time, noisy))
                 if step.status is not Status.RUNNING:
                     break

@@ -1,4 +1,4 @@
-"""Samplers make a bounded number of draws, and only tasks that the robot can do within the time limit."""
+"""Samplers make few draws, and only tasks that the robot can do within the time limit."""
 
 import dataclasses
 import itertools
@@ -11,10 +11,12 @@ from robots import HEAVY, PIONEER, PLAIN
 from ator_ros.actions import TIME_LIMIT
 from ator_ros.actions.situation import NoPlaceError
 from ator_ros.bases.description import Robot
-from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.domain import find_domain
 from ator_ros.domains.soccer.field import BALL
 from ator_ros.tops.chain import TopChain
 from ator_ros.world.state import World
+
+SOCCER = find_domain("soccer")
 
 
 def at_speed(v: float, robot: Robot = PIONEER) -> Robot:

@@ -39,7 +39,7 @@ def starts(seed: int, count: int) -> list[RobotState]:
 
 def test_every_run_up_ends_with_the_ball_rolling_between_the_posts() -> None:
     for state in starts(71, 25):
-        plan = planned(state.pose, max(0.0, state.v))
+        plan = planned(state.pose, max(0.0, state.vx))
         ball = MOUTH.relative(plan.goal).ahead(ROBOT.hold)
         left = (ROBOT.scene.radius(BALL) - ball.x) / math.cos(ball.yaw)
         rolled_out = plan.exit.outer_speed**2 / (

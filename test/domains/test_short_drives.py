@@ -13,13 +13,14 @@ from ator_ros.actions.base import Goal, Status
 from ator_ros.actions.situation import Situation
 from ator_ros.bases.description import load_robot
 from ator_ros.domains.domain import find_domain
-from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import BALL, objects_of
 from ator_ros.experience.simulated import run_episode
 from ator_ros.geometry import Pose, wrap_angle
 from ator_ros.simulation.run import place, run_action
 from ator_ros.simulation.simulation import Simulation
 from ator_ros.world.state import CONTROL_PERIOD, ObjectState, RobotState, World
+
+SOCCER = find_domain("soccer")
 
 ROBOT = load_robot()
 SETS = tuple(SOCCER.action_sets)

@@ -1,4 +1,4 @@
-"""Whole numbers are read as the floats that they stand for: by actions, refinement and simulation."""
+"""Whole numbers are read as floats: by actions, refinement and simulation."""
 
 import pytest
 

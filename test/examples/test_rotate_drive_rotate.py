@@ -26,7 +26,7 @@ def phases(start: Pose, goal: Pose) -> tuple[list[Phase], list[Command], Pose]:
         while law.phase not in ENDED:
             state = simulation.world()
             robot = state.robot
-            commands.append(Command(*law.step(State(state.time, *robot.pose, robot.v, robot.w))))
+            commands.append(Command(*law.step(State(state.time, *robot.pose, robot.vx, robot.w))))
             if not phase or phase[-1] is not law.phase:
                 phase.append(law.phase)
             simulation.command(commands[-1])
@@ -47,8 +47,8 @@ def test_phases_are_turn_follow_turn(start: Pose, first: Phase, backward: bool) 
     phase, commands, end = phases(start, goal)
     assert phase[0] is first
     assert phase[-4:] == [Phase.FOLLOWING, Phase.ROTATING_TO_GOAL, Phase.SETTLING, Phase.ARRIVED]
-    assert (min(c.v for c in commands) < -0.1) is backward
-    assert (max(c.v for c in commands) > 0.1) is not backward
+    assert (min(c.vx for c in commands) < -0.1) is backward
+    assert (max(c.vx for c in commands) > 0.1) is not backward
     assert end.distance(goal) < 0.1
     assert abs(end.yaw - goal.yaw) < 0.16
     assert commands[-1] == Command()

@@ -1,4 +1,4 @@
-"""A kinematic base that can fail on one axis, and goals executed on it as the executor node executes them."""
+"""A kinematic base that can fail on one axis, and goals executed on it as by the executor node."""
 
 import copy
 import math
@@ -83,7 +83,7 @@ class KinematicBase:
     def step(self) -> None:
         command = self._sent(self.time)
         command = Command(
-            0.0 if abs(command.v) <= self.dead_band.v else self.share * command.v,
+            0.0 if abs(command.vx) <= self.dead_band.vx else self.share * command.vx,
             0.0 if abs(command.w) <= self.dead_band.w else self.share * command.w,
         )
         failure = self._fails(("command",))
@@ -101,11 +101,11 @@ class KinematicBase:
         failure = self._fails(("motion",))
         if failure:
             wrong = self._wrong(failure, getattr(self._sent(self.time), failure.axis))
-            v, w = (wrong, w) if failure.axis == "v" else (v, wrong)
+            v, w = (wrong, w) if failure.axis == "vx" else (v, wrong)
         self.speeds = Command(v, w)
         self.pose = _moved(self.pose, v, w)
         shows = self.odometry()
-        self.shown = _moved(self.shown or self.pose, shows.v, shows.w)
+        self.shown = _moved(self.shown or self.pose, shows.vx, shows.w)
         self.time += DT
 
     def odometry(self) -> Command:
@@ -114,15 +114,15 @@ class KinematicBase:
 
     def state(self) -> RobotState:
         shows = self.odometry()
-        return RobotState(self.shown or self.pose, shows.v, shows.w)
+        return RobotState(self.shown or self.pose, shows.vx, shows.w)
 
 
 def _both(command: Command) -> tuple[float, float]:
-    return command.v, command.w
+    return command.vx, command.w
 
 
 def _with(command: Command, axis: str, value: float) -> Command:
-    return Command(value, command.w) if axis == "v" else Command(command.v, value)
+    return Command(value, command.w) if axis == "vx" else Command(command.vx, value)
 
 
 def _moved(pose: Pose, v: float, w: float) -> Pose:
@@ -143,7 +143,7 @@ class Goal:
     states: list[tuple[float, RobotState]] = field(default_factory=list)
     commands: list[Command] = field(default_factory=list)
     late: float = 0.0
-    """The longest interval in which odometry differed from that of a healthy base with the same commands."""
+    """The longest interval in which odometry differed from that of a healthy base."""
     ended: float | None = None
 
     @property

@@ -210,7 +210,7 @@ def test_a_goal_that_the_server_rejects_is_no_experience() -> None:
 
 
 def test_a_robot_that_another_program_moves_is_stopped_and_reported() -> None:
-    """As by Nav2's controller server after its navigator was killed, while the robot stood for a moment."""
+    """As by Nav2's controller server after its navigator was killed, while the robot stood."""
     actions = ActionLog()
     goal = started_goal(actions)
     actions.outcome = Status.FAILED

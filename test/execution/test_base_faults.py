@@ -52,7 +52,7 @@ def goals(robot: Robot, speed: float) -> dict[str, Pose]:
 
 def moments(plain: Goal, robot: Robot) -> dict[str, float]:
     """Return the times in s at which a failure of the base starts."""
-    fastest = max(abs(state.v) for _, state in plain.states)
+    fastest = max(abs(state.vx) for _, state in plain.states)
 
     def first(holds: Callable[[RobotState], bool]) -> float | None:
         return next((time for time, state in plain.states if holds(state)), None)
@@ -60,7 +60,7 @@ def moments(plain: Goal, robot: Robot) -> dict[str, float]:
     found = {
         "start": 0.0,
         "driving": first(
-            lambda state: fastest > 0.1 * robot.limits.v and abs(state.v) > 0.8 * fastest
+            lambda state: fastest > 0.1 * robot.limits.v and abs(state.vx) > 0.8 * fastest
         ),
         "turning": first(lambda state: abs(state.w) > 0.4 * robot.limits.w),
         "near the goal": (plain.ended or 0.0) - 0.4,
@@ -81,7 +81,7 @@ def failures(axis: str, limit: float, since: float) -> list[Failure]:
 def stops(
     robot: Robot, speeds: tuple[float, ...], names: tuple[str, ...]
 ) -> dict[str, tuple[float, str]]:
-    """Return for each failure the longest time in s from the first difference to the stop, and its case."""
+    """Return for each failure the longest time in s from its first effect to the stop."""
     library, worst = SOCCER.library(robot), dict[str, tuple[float, str]]()
     for speed in speeds:
         for name in names:
@@ -89,7 +89,7 @@ def stops(
             plain = execute(library, chain, KinematicBase(robot, Pose(0.0, 0.0, 0.0)))
             assert plain.ending is Ending.SUCCEEDED
             for when, since in moments(plain, robot).items():
-                for axis in ("v", "w"):
+                for axis in ("vx", "w"):
                     for failure in failures(axis, getattr(robot.limits, axis), since):
                         base = KinematicBase(robot, Pose(0.0, 0.0, 0.0), failure=failure)
                         done = execute(library, chain, base, longest=since + 6.0, until_stood=False)
@@ -117,7 +117,7 @@ def test_a_base_that_fails_on_one_axis_is_stopped_within_half_a_second() -> None
 def test_a_base_that_keeps_driving_is_stopped_although_plans_start_at_its_speed(
     since: float,
 ) -> None:
-    failure = Failure("constant", "v", since, "motion", 0.8)
+    failure = Failure("constant", "vx", since, "motion", 0.8)
     base = KinematicBase(PIONEER, Pose(-2.0, 0.0, 0.0), failure=failure)
     chain = go(PIONEER, Pose(2.0, 1.0, 0.0))
     done = execute(
@@ -142,7 +142,7 @@ def test_a_dribbling_base_that_stops_turning_is_stopped() -> None:
     top = library["dribbleBall"]
     chain = TopChain((TopCall(top, ActionGoal(Pose(1.5, 1.0, 1.57), 0.0, top.point)),))
     ball = {BALL: ObjectState(PIONEER.hold, 0.0)}
-    for axis, kind in (("w", "stuck"), ("v", "stuck"), ("v", "reversed")):
+    for axis, kind in (("w", "stuck"), ("vx", "stuck"), ("vx", "reversed")):
         base = KinematicBase(PIONEER, Pose(0.0, 0.0, 0.0), failure=Failure(kind, axis, 0.0))
         done = execute(library, chain, base, objects=lambda _: ball, longest=4.0, until_stood=False)
         assert done.ended is not None
@@ -159,7 +159,7 @@ def noisy(seed: int) -> Callable[[float, RobotState], RobotState]:
             y + rng.normal(0.0, 0.005),
             wrap_angle(yaw + rng.normal(0.0, math.radians(0.5))),
         )
-        return RobotState(pose, state.v + rng.normal(0.0, 0.02), state.w + rng.normal(0.0, 0.02))
+        return RobotState(pose, state.vx + rng.normal(0.0, 0.02), state.w + rng.normal(0.0, 0.02))
 
     return sense
 
@@ -196,7 +196,8 @@ def test_a_base_that_follows_raises_no_fault(kind: str, odometry: str, noise: bo
         done = execute(
             SOCCER.library(robot), go(robot, Pose(1.0, -0.5, 2.5)), base,
             rate=rate, jitter=jitter, dropped=dropped,
-            latency=0.1 if kind == "late" else 0.0, longest=25.0, **({"sense": noisy(1)} if noise else {}),
+            latency=0.1 if kind == "late" else 0.0, longest=25.0,
+            **({"sense": noisy(1)} if noise else {}),
         )  # fmt: skip
         assert done.ending is not Ending.BASE_FAULT, done.execution.reason
 
@@ -209,7 +210,7 @@ def test_a_base_at_half_speed_is_reported() -> None:
 
 
 @pytest.mark.parametrize("since", [0.5, 1.0, 1.5, 2.0])
-@pytest.mark.parametrize("axis", ["v", "w"])
+@pytest.mark.parametrize("axis", ["vx", "w"])
 def test_a_base_that_drops_to_half_speed_raises_no_fault(axis: str, since: float) -> None:
     for pose in (Pose(4.0, 1.0, 0.0), Pose(2.0, 1.0, 1.57)):
         base = KinematicBase(
@@ -221,7 +222,7 @@ def test_a_base_that_drops_to_half_speed_raises_no_fault(axis: str, since: float
 
 def test_a_canceled_goal_reports_that_the_base_still_moves() -> None:
     base = KinematicBase(
-        PIONEER, Pose(0.0, 0.0, 0.0), failure=Failure("constant", "v", 1.5, "motion", 0.8)
+        PIONEER, Pose(0.0, 0.0, 0.0), failure=Failure("constant", "vx", 1.5, "motion", 0.8)
     )
     done = execute(
         SOCCER.library(PIONEER), go(PIONEER, Pose(3.0, 0.0, 0.0)), base, cancel=1.55,
@@ -253,7 +254,7 @@ def test_a_latency_that_is_set_far_too_high_is_named(rate: float) -> None:
     assert "the base reacts earlier than `latency` 0.3 s: lower it" in done.watch.remark
 
 
-@pytest.mark.parametrize("axis", ["v", "w"])
+@pytest.mark.parametrize("axis", ["vx", "w"])
 @pytest.mark.parametrize("kind", ["stuck", "reversed"])
 def test_a_high_latency_does_not_hide_a_fault(axis: str, kind: str) -> None:
     failure = Failure(kind, axis, 1.0, "motion")
@@ -267,7 +268,7 @@ def test_a_high_latency_does_not_hide_a_fault(axis: str, kind: str) -> None:
 
 
 def test_a_base_that_refuses_to_drive_backward_names_the_setting() -> None:
-    failure = Failure("constant", "v", 0.2, "motion", 0.0)
+    failure = Failure("constant", "vx", 0.2, "motion", 0.0)
     base = KinematicBase(PIONEER, Pose(0.0, 0.0, 0.0), failure=failure)
     chain = go(PIONEER, Pose(-1.5, 0.0, 0.0))
     done = execute(SOCCER.library(PIONEER), chain, base, longest=6.0)

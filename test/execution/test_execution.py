@@ -19,7 +19,7 @@ from ator_ros.world.state import STOP, ObjectState, World
 def test_an_execution_accepts_once_then_drives_and_stops_before_it_ends() -> None:
     run = execution(FORWARD)
     assert run.tick(world(), 100.0) == STOP
-    assert run.tick(world(1.05), 100.05).v > 0.0
+    assert run.tick(world(1.05), 100.05).vx > 0.0
     assert run.start.time == 1.05
     assert run.phase is Phase.EXECUTING
     run.end(Ending.CANCELED, "canceled by the client")
@@ -31,7 +31,7 @@ def test_an_execution_accepts_once_then_drives_and_stops_before_it_ends() -> Non
 
 
 def test_a_new_goal_does_not_stop_a_moving_robot() -> None:
-    assert execution(FORWARD).tick(world(v=0.5), 100.0).v > 0.0
+    assert execution(FORWARD).tick(world(v=0.5), 100.0).vx > 0.0
 
 
 def test_odometry_is_late_after_half_of_the_timeout() -> None:
@@ -72,7 +72,7 @@ def test_a_goal_before_the_first_odometry_waits_for_it() -> None:
     run.watch(101.9)
     assert run.phase is Phase.WAITING
     run.tick(world(), 101.95)
-    assert run.tick(world(1.05), 102.0).v > 0.0
+    assert run.tick(world(1.05), 102.0).vx > 0.0
     run.watch(102.1)
     assert run.phase is Phase.EXECUTING
 
@@ -86,7 +86,7 @@ def test_the_goal_waits_for_refinement_until_its_deadline() -> None:
     assert run.phase is Phase.REFINING
     run.tick(world(1.4), 105.05)
     run.watch(105.05)
-    assert run.tick(world(1.5), 105.1).v > 0.0
+    assert run.tick(world(1.5), 105.1).vx > 0.0
     assert run.refining.reason.startswith(
         "executed as sent, refinement failed: no answer within 5 s"
     )
@@ -260,7 +260,7 @@ def test_the_original_chain_is_executed_if_the_refined_one_has_no_path() -> None
         if not run.refining.refined and command != STOP:
             break
     assert (run.ending, run.executor.chain, run.refining.refined) == (None, sent, False)
-    assert command.v > 0.0
+    assert command.vx > 0.0
     assert run.refining.reason.startswith(
         "executed as sent, as the refined chain failed at its start: "
     )

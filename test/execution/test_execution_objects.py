@@ -35,7 +35,7 @@ def run() -> Supervisor:
 
 def test_a_step_follows_only_its_own_object(run: Supervisor) -> None:
     run.tick(world(0, cup=CUP, cupboard=OTHER), 100.0)
-    assert run.tick(world(1, cup=CUP, cupboard=ObjectState(-1.0, 2.0)), 100.05).v > 0.0
+    assert run.tick(world(1, cup=CUP, cupboard=ObjectState(-1.0, 2.0)), 100.05).vx > 0.0
     assert run.executor.chain.calls[0].goal.pose == Pose(2.0, 0.0, 0.0)
     run.tick(world(2, cup=ObjectState(2.0, 0.5), cupboard=OTHER), 100.1)
     assert run.executor.chain.calls[0].goal.pose == Pose(2.0, 0.5, 0.0)
@@ -44,7 +44,7 @@ def test_a_step_follows_only_its_own_object(run: Supervisor) -> None:
 
 def test_a_step_pauses_while_its_object_is_overdue_and_then_ends(run: Supervisor) -> None:
     run.tick(world(0, cup=CUP), 100.0)
-    assert run.tick(world(1, cup=CUP), 100.05, overdue=frozenset({"cupboard"})).v > 0.0
+    assert run.tick(world(1, cup=CUP), 100.05, overdue=frozenset({"cupboard"})).vx > 0.0
     assert run.tick(world(2, cup=CUP), 100.1, overdue=frozenset({"cup"})) == STOP
     assert run.reason == "visit paused: no recent message of the cup"
     for tick in (3, 4):

@@ -1,4 +1,4 @@
-"""The motion watch: bases that do not follow commands are detected in time, without false alarms."""
+"""The motion watch detects bases that do not follow commands, in time and without false alarms."""
 
 import dataclasses
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from faulty_base import Failure, KinematicBase, execute
 
 from ator_ros.actions.base import Status, Step
 from ator_ros.bases.differential.response import ramped
-from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.domain import find_domain
 from ator_ros.domains.trials import random_trial
 from ator_ros.evaluation.chain_run import run_chain
 from ator_ros.execution.chain_executor import ChainExecutor, Ending
@@ -19,10 +19,12 @@ from ator_ros.geometry import Pose
 from ator_ros.simulation.sensors import SensorConfig, Sensors
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
-from ator_ros.world.messages import robot_from_placement
+from ator_ros.world.readers import robot_from_placement
 from ator_ros.world.robot_velocity import RobotVelocity, TwistCheck
 from ator_ros.world.state import STOP, Command, RobotState, World
 from ator_ros.world.transforms import HERE, Placement, Transforms
+
+SOCCER = find_domain("soccer")
 
 TICK = 0.05
 AHEAD = chain(("goToPose", Pose(4.0, 0.0, 0.0)))
@@ -50,14 +52,14 @@ def test_frozen_odometry_stops_the_robot_within_half_a_second(since: float) -> N
     )
 
 
-@pytest.mark.parametrize(("axis", "speed"), [("v", 0.6), ("w", 1.0), ("v", -0.6)])
+@pytest.mark.parametrize(("axis", "speed"), [("vx", 0.6), ("w", 1.0), ("vx", -0.6)])
 def test_a_base_that_moves_without_a_command_ends_the_goal(axis: str, speed: float) -> None:
     waits = chain(("goToBall", Pose(2.0, 0.0, 0.0)))  # at rest, for a ball
     done = execute(
         LIBRARY, waits, base(Failure("constant", axis, 0.5, "motion", speed)), longest=3.0
     )
     assert done.ending is Ending.BASE_FAULT
-    verb = "moves" if axis == "v" else "turns"
+    verb = "moves" if axis == "vx" else "turns"
     assert f"{verb} although it was not commanded to" in done.execution.reason
     assert done.execution.executor.records == []
     assert 0.5 < done.ended <= 1.0
@@ -67,7 +69,7 @@ def test_a_base_that_moves_without_a_command_ends_the_goal(axis: str, speed: flo
 def test_odometry_that_shows_a_fraction_of_the_motion_is_detected_in_time(share: float) -> None:
     def shrunk(_: float, state: RobotState) -> RobotState:
         return RobotState(
-            Pose(*(share * part for part in state.pose)), share * state.v, share * state.w
+            Pose(*(share * part for part in state.pose)), share * state.vx, share * state.w
         )
 
     done = execute(LIBRARY, AHEAD, base(), sense=shrunk)
@@ -81,7 +83,7 @@ def test_a_base_that_drives_on_after_its_goal_fails_the_goal() -> None:
     usual = execute(LIBRARY, near, base())
     assert usual.ending is Ending.SUCCEEDED
     end = usual.states[-1][0]
-    runaway = base(Failure("constant", "v", end - 0.4, "motion", 0.8))
+    runaway = base(Failure("constant", "vx", end - 0.4, "motion", 0.8))
     done = execute(LIBRARY, near, runaway, until_stood=False)
     assert done.ending is not Ending.SUCCEEDED
 
@@ -107,7 +109,7 @@ def test_a_twist_that_is_smoothed_ends_no_goal(lag: float) -> None:
     def smoothed(time: float, state: RobotState) -> RobotState:
         nonlocal v, w, last
         share = min(1.0, (time - last) / lag)
-        v, w, last = v + share * (state.v - v), w + share * (state.w - w), time
+        v, w, last = v + share * (state.vx - v), w + share * (state.w - w), time
         return RobotState(state.pose, v, w)
 
     turns = chain(("goToPose", Pose(3.5, 1.0, 1.0)))
@@ -117,14 +119,14 @@ def test_a_twist_that_is_smoothed_ends_no_goal(lag: float) -> None:
 
 @pytest.mark.parametrize("rate", [20.0, 30.0, 50.0])
 def test_wheels_that_slip_for_a_moment_end_no_goal(rate: float) -> None:
-    """They turn as commanded while the pose, as of a filter with a camera, is constant for 0.3 s."""
+    """They turn as commanded while the pose, as of a filter, is constant for 0.3 s."""
     before = shown = Pose(0.0, 0.0, 0.0)
 
     def slips(time: float, state: RobotState) -> RobotState:
         nonlocal before, shown
         moved, before = before.relative(state.pose), state.pose
         shown = shown if 2.0 <= time < 2.295 else shown.compose(moved)
-        return RobotState(shown, state.v, state.w)
+        return RobotState(shown, state.vx, state.w)
 
     done = execute(LIBRARY, AHEAD, base(), rate=rate, sense=slips)
     assert done.ending is Ending.SUCCEEDED, done.execution.reason
@@ -136,7 +138,7 @@ def test_a_base_that_swings_as_its_velocity_has_the_wrong_sign_is_stopped(
     rate: float, since: float
 ) -> None:
     """Each new plan starts at the measured speed, so the robot is commanded to and fro."""
-    flipped = base(Failure("reversed", "v", since, "motion"))
+    flipped = base(Failure("reversed", "vx", since, "motion"))
     done = execute(LIBRARY, AHEAD, flipped, rate=rate)
     assert done.ending is Ending.BASE_FAULT
     assert done.ended is not None
@@ -154,7 +156,7 @@ def test_where_the_twist_contradicts_the_pose_the_pose_decides(
     check, remarks = TwistCheck(), list[str]()
 
     def checked(time: float, state: RobotState) -> RobotState:
-        twist = share[0] * state.v, share[1] * state.w
+        twist = share[0] * state.vx, share[1] * state.w
         robot, remark = check.check(time, RobotState(state.pose, *twist))
         remarks.extend([remark] * bool(remark))
         return robot
@@ -201,7 +203,7 @@ def test_a_base_that_is_later_than_described_is_called_late(latency: float, goal
 
 def test_a_base_that_is_stuck_is_not_called_late() -> None:
     for since in (0.0, 0.5, 1.5):
-        stuck = base(Failure("stuck", "v", since, "motion"))
+        stuck = base(Failure("stuck", "vx", since, "motion"))
         done = execute(LIBRARY, AHEAD, stuck, rate=30.0)
         assert done.ending is Ending.BASE_FAULT
         assert "does not move as commanded" in done.execution.reason
@@ -220,7 +222,7 @@ class Kind:
 
     def response(self, command: Command) -> Command:
         """Return the command that a base as described follows in the same way."""
-        v = 0.0 if abs(command.v) <= self.dead_zone.v else self.share * command.v
+        v = 0.0 if abs(command.vx) <= self.dead_zone.vx else self.share * command.vx
         w = 0.0 if abs(command.w) <= self.dead_zone.w else self.share * command.w
         return Command(v, w)
 
@@ -236,7 +238,7 @@ KINDS = {
 
 
 class Watched(ChainExecutor):
-    """Executes a chain on a kind of base; keeps the faults that the motion watch and the fence raise.
+    """Executes a chain on a kind of base; keeps the faults of motion watch and fence.
 
     They are kept until the robot collides: it decelerates five times as fast as it can brake. With
     the paper's actions, a base with slow motors may hit a goal post.
@@ -253,7 +255,7 @@ class Watched(ChainExecutor):
         self.faults: set[str] = set()
 
     def step(self, world: World) -> Step:
-        speed = abs(world.robot.v)
+        speed = abs(world.robot.vx)
         self.collided |= self._speed - speed > 5.0 * ROBOT.limits.brake * TICK
         self._speed = speed
         observed = self._sensors.observe(world)
@@ -318,13 +320,13 @@ def test_commands_in_transit_count_when_another_goal_takes_over(preempts: bool) 
         sent.append(Command(0.8, 0.0) if tick < 9 else STOP)
         watch.sent(time, sent[-1])
         acting = sent[tick - 10] if tick >= 10 else STOP
-        v = ramped(Command(v, 0.0), acting, TICK, ROBOT.limits, ROBOT.stop).v
+        v = ramped(Command(v, 0.0), acting, TICK, ROBOT.limits, ROBOT.stop).vx
         x += v * TICK
     assert any(faults) is not preempts
 
 
 def fault_of_coasting(deceleration: float) -> str | None:
-    """Return the fault of a base that is commanded to stop at full speed and decelerates by this (m/s^2)."""
+    """Return the fault of a base that is to stop at full speed and decelerates by this (m/s^2)."""
     watch, x, v, fault = MotionWatch(ROBOT, 0.0), 0.0, ROBOT.limits.v, None
     for tick in range(80):
         fault = fault or watch.fault(tick * TICK, RobotState(Pose(x, 0.0, 0.0), v), tick * TICK)
@@ -395,7 +397,7 @@ def test_a_delayed_command_counts_from_when_it_was_sent() -> None:
 
 @pytest.mark.parametrize("in_odometry", [True, False])
 def test_corrections_of_the_pose_in_tf_are_not_motion(in_odometry: bool) -> None:
-    """A localization shifts odometry's frame in the map by 5 cm twice a second, dated ahead as by AMCL."""
+    """A localization shifts odometry's frame by 5 cm twice a second, dated ahead as by AMCL."""
     known, estimate, watch = Transforms(), RobotVelocity(1.2, 2.4), MotionWatch(ROBOT, 0.0)
     faults: set[str | None] = set()
     for tick in range(100):

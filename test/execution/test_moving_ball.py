@@ -40,7 +40,7 @@ class Drive:
 
     def _tick(self, simulation: Simulation, disturb: Disturb) -> None:
         self.steps.append(self.executor.step(simulation.world()))
-        self.speeds.append(simulation.world().robot.v)
+        self.speeds.append(simulation.world().robot.vx)
         simulation.command(self.steps[-1].command)
         simulation.tick()
         if disturb(simulation, self.executor, self.steps[-1]):
@@ -87,7 +87,7 @@ def test_a_displaced_ball_is_followed_without_a_stop() -> None:
     assert goal.pose.yaw == HEADING
     assert min(drive.speeds[15:30]) > 0.3
     assert drive.executor.records[0].chain.calls[0].goal == APPROACH.calls[0].goal
-    assert drive.executor.records[1].start.robot.v > 0.3
+    assert drive.executor.records[1].start.robot.vx > 0.3
     total = sum(record.duration for record in drive.executor.records)
     assert total == pytest.approx(drive.executor.elapsed)
 
@@ -112,7 +112,7 @@ def test_the_robot_stops_for_a_ball_on_its_path() -> None:
     drive = Drive(APPROACH, once(0, 1.5, into_the_path))
     assert drive.status is Status.SUCCEEDED
     assert "stopping" in {step.message.partition(",")[0] for step in drive.steps}
-    assert drive.executor.records[1].start.robot.v == pytest.approx(0.0, abs=0.02)
+    assert drive.executor.records[1].start.robot.vx == pytest.approx(0.0, abs=0.02)
 
 
 def test_an_approach_that_follows_the_ball_has_one_time_limit() -> None:
@@ -141,5 +141,5 @@ def test_a_lost_ball_is_fetched_again() -> None:
     there = fetch.chain.calls[0].goal.pose
     assert there.yaw == HEADING
     assert there.distance(lost.chain.calls[1].goal.pose) > 0.8
-    assert abs(fetch.start.robot.v) < 0.02
+    assert abs(fetch.start.robot.vx) < 0.02
     assert drive.executor.records[3].position_error < 0.06

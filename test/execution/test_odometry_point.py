@@ -21,7 +21,7 @@ def driven(
     own_twist: bool = False,
     base: KinematicBase | None = None,
 ) -> Goal:
-    """Drive to a pose with odometry of a point that is `offset` m ahead and to the left of the axle.
+    """Drive to a pose with odometry of a point `offset` m ahead and to the left of the axle.
 
     The poses have `noise` in m and rad; the twist is the axle's, or with `own_twist` the point's.
     """
@@ -31,7 +31,9 @@ def driven(
         x, y, yaw = state.pose.compose(Pose(*offset, 0.0))
         dx, dy, turn = rng.normal(0.0, noise, 3)
         sideways = offset[1] * state.w if own_twist else 0.0
-        return RobotState(Pose(x + dx, y + dy, wrap_angle(yaw + turn)), state.v - sideways, state.w)
+        return RobotState(
+            Pose(x + dx, y + dy, wrap_angle(yaw + turn)), state.vx - sideways, state.w
+        )
 
     base = base or KinematicBase(ROBOT, Pose(0.0, 0.0, 0.0))
     return execute(LIBRARY, chain(("goToPose", goal)), base, sense=sense, longest=7.0)
@@ -83,7 +85,7 @@ def test_a_base_that_follows_badly_does_not_seem_to_have_another_point(
 
 
 def test_a_point_beyond_the_robot_is_not_suspected() -> None:
-    runs_away = Failure("constant", "v", 0.3, "motion", 0.84)
+    runs_away = Failure("constant", "vx", 0.3, "motion", 0.84)
     base = KinematicBase(ROBOT, Pose(0.0, 0.0, 0.0), failure=runs_away)
     done = driven(GOALS[2], (0.0, 0.0), base=base)
     assert done.ending is Ending.BASE_FAULT

@@ -141,8 +141,8 @@ def assert_smooth(commands: list[Command]) -> None:
     """
     limits = ROBOT.limits
     for one, other in itertools.pairwise(commands):
-        change = other.v - one.v
-        most = (limits.a if abs(other.v) > abs(one.v) else limits.brake) * CONTROL_PERIOD
+        change = other.vx - one.vx
+        most = (limits.a if abs(other.vx) > abs(one.vx) else limits.brake) * CONTROL_PERIOD
         assert abs(change) <= 1.1 * most + 1e-6, f"{one} to {other}"
         assert abs(other.w - one.w) <= 1.5 * limits.aw * CONTROL_PERIOD + 1e-6, f"{one} to {other}"
 
@@ -204,7 +204,7 @@ def test_a_robot_pushed_off_its_path_causes_one_question(simulation: Simulation)
     drive = Drive(simulation, ANYWHERE)
     drive.tick(30)
     there = simulation.world().robot
-    simulation.place_robot(there.pose._replace(y=there.pose.y - 0.3), v=there.v, w=there.w)
+    simulation.place_robot(there.pose._replace(y=there.pose.y - 0.3), velocity=there.velocity)
     drive.tick(2)
     question = drive.run.question
     assert question.cause.endswith("m off its path")
@@ -240,7 +240,7 @@ def test_completed_steps_that_plans_share_are_not_repeated() -> None:
 
 def test_the_question_has_the_moving_robot_and_the_current_ball(drive: Drive) -> None:
     question = moved_ball_question(drive)
-    assert question.world.robot.v > 0.3
+    assert question.world.robot.vx > 0.3
     assert question.step == 0
     assert question.chain.calls[0].goal.pose == Pose(0.3, 0.4, 0.0)
     assert question.chain.calls[1] == CHAIN.calls[1]
@@ -256,7 +256,8 @@ def test_the_answer_changes_the_goal_without_a_stop(drive: Drive) -> None:
     assert drive.to_the_end() is Ending.SUCCEEDED
     assert (drive.run.refining.refined, drive.run.refining.refined_again) == (True, 1)
     assert drive.run.refining.reason == (
-        "the first answer; refined again after 1.20 s, as the ball comes to rest 0.50 m from the forecast: "
+        "the first answer; refined again after 1.20 s, as the ball comes to rest 0.50 m from the "
+        "forecast: "
         "0.5 s faster"
     )
     outcomes = [(record.index, record.ending) for record in drive.run.executor.records]

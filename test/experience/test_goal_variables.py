@@ -1,4 +1,4 @@
-"""Goal variables that an action declares, from the specification to experience, model and refinement."""
+"""Goal variables of an action, from specification to experience, model and refinement."""
 
 import dataclasses
 from pathlib import Path
@@ -170,5 +170,5 @@ def test_committed_and_bound_values_are_kept() -> None:
     answer = refined(plan(frozenset({"cruise"}), PASS))
     assert not answer.free
     assert answer.not_free[0].reason == (
-        "bound by the pre-condition of step 1 (pass): robot.v near goal.cruise"
+        "bound by the pre-condition of step 1 (pass): robot.vx near goal.cruise"
     )

@@ -1,4 +1,4 @@
-"""Files of recordings: compressed, damaged, hostile, of an earlier ROS, or several of one recording."""
+"""Files of recordings: compressed, damaged, hostile, of an earlier ROS, or in several parts."""
 
 import os
 import shutil

@@ -8,19 +8,18 @@ import numpy as np
 import pytest
 from bags import ROBOT, action_performance, own_types
 
-from ator_ros.bases.differential.drive_parts import DriveParts
+from ator_ros.bases.drive_parts import DriveParts, part_times
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.experience.records import episode_of
 from ator_ros.geometry import Pose
-from ator_ros.performance.observation import part_times
-from ator_ros.world.messages import MessageError
+from ator_ros.world.readers import MessageError
 
 TYPES = own_types()
 LONG_NAME = "b" * 1_000_000
 
 
 def record(**fields: object) -> Any:
-    """Return the record of a goToBall that took 3 s, with `fields` by path, as in call__goal__pose."""
+    """Return the record of a goToBall of 3 s, with `fields` by path, as in call__goal__pose."""
     made = action_performance(TYPES, goal=Pose(1.5, 0.5, 0.7), speed=0.3, duration=3.0, code=1)
     for path, value in fields.items():
         *parents, last = path.split("__")

@@ -1,4 +1,4 @@
-"""Drives from recordings of the goals of an action server such as Nav2: status, plan and tf, no records."""
+"""Drives from recordings of an action server's goals: status, plan and tf, no records."""
 
 import math
 from pathlib import Path
@@ -24,7 +24,7 @@ CODES = {"aborted": 6, "canceled": 5}
 
 
 def pose_at(time: float) -> Pose:
-    """Return the robot's pose in odometry's frame: it drives 1 m to each goal, and stands for 0.5 s."""
+    """Return the pose in odometry's frame of a robot that drives 1 m to each goal."""
     number, since = divmod(time - BEGAN, PERIOD)
     return Pose(
         LENGTH * number + SPEED * min(since, LENGTH / SPEED) if time >= BEGAN else 0.0, 0.0, 0.0
@@ -217,6 +217,7 @@ def test_without_transforms_the_frame_is_reported(tmp_path: Path, domain: Domain
     bag = write_bag(tmp_path / "bag", Messages(offset=100.0), ticks(), states, *TOPICS)
     with pytest.raises(
         ExperienceError,
-        match=r"left out 3 of 7 goals of navigate: tf: expected transforms from map to odom, got .* none",
+        match=r"left out 3 of 7 goals of navigate: tf: expected transforms from map to odom, got "
+        r".* none",
     ):
         read_recording(bag, ROBOT, domain)

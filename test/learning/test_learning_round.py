@@ -30,19 +30,18 @@ def shipped(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("rounds", few([2, 8], 2))
-def test_an_unchanged_robot_keeps_its_models(tmp_path: Path, shipped: Path, rounds: int) -> None:
+@pytest.mark.long
+def test_an_unchanged_robot_keeps_its_models(tmp_path: Path, shipped: Path) -> None:
     switched = 0
-    for seed in range(rounds):
+    for seed in range(8):
         folder = tmp_path / str(seed)
         stored(folder / RECORDS, episodes(150, seed=seed + 10))
         result = round_of(folder, shipped)
         switched += bool(result["actions"][NAME]["kind"])
-        assert "on 50 records" in result["actions"][NAME]["reason"]
-    assert switched <= rounds // 8
+    assert switched <= 1
 
 
-@pytest.mark.parametrize("before", few([0, 150, 500], 0, 150))
+@pytest.mark.parametrize("before", few([0, 150, 500], 0))
 def test_a_slower_robot_gets_new_models_soon(tmp_path: Path, shipped: Path, before: int) -> None:
     changed = episodes(45, seed=4, slower=1.3)
     stored(tmp_path / RECORDS, episodes(before, seed=3), changed)
@@ -56,6 +55,9 @@ def test_a_slower_robot_gets_new_models_soon(tmp_path: Path, shipped: Path, befo
     assert manifest.digest == digest_of(place)
     assert manifest.reasons[NAME] == verdict["reason"]
     assert manifest.seen[NAME] == before + 45
+    again = round_of(tmp_path, shipped)
+    assert not again["made"]
+    assert "too few new records: 0" in again["actions"][NAME]["reason"]
     stored(tmp_path / "fresh", episodes(100, seed=99, slower=1.3))
     rows = read_records(tmp_path / "fresh", "default")
     model = load_model(place / "goToPose.json", ROBOT, SOCCER.known_features)
@@ -63,32 +65,15 @@ def test_a_slower_robot_gets_new_models_soon(tmp_path: Path, shipped: Path, befo
     assert model.errors is not None
 
 
-def test_a_scaled_tree_has_the_spread_of_the_new_records(tmp_path: Path, shipped: Path) -> None:
-    stored(tmp_path / RECORDS, episodes(24, slower=1.5, noise=0.6))
-    assert "scaled" in round_of(tmp_path, shipped)["actions"][NAME]["kind"]
-    file = tmp_path / CURRENT / "goToPose.json"
-    tree = load_model(file, ROBOT, SOCCER.known_features).trees["duration"]
-    assert 0.4 < np.median(tree.spread) < 1.2
-
-
-def test_training_episodes_are_not_test_episodes(tmp_path: Path, shipped: Path) -> None:
-    stored(tmp_path / RECORDS, episodes(60, slower=1.3))
-    assert round_of(tmp_path, shipped)["made"]
-    again = round_of(tmp_path, shipped)
-    assert not again["made"]
-    assert "too few new records: 0" in again["actions"][NAME]["reason"]
-
-
 def test_a_round_with_too_few_records_reports_the_required_number(tmp_path: Path) -> None:
-    for count, reason in (
-        (5, "too few new records: 5, expected 12 that succeeded"),
-        (25, "too few records: 16 without those that are predicted, expected 20"),
-    ):
-        stored(tmp_path / str(count) / RECORDS, episodes(count)).close()
-        result = round_of(tmp_path / str(count), tmp_path / "no models")
-        assert result["actions"][NAME]["reason"] == reason
+    stored(tmp_path / RECORDS, episodes(5)).close()
+    result = round_of(tmp_path, tmp_path / "no models")
+    reason = "too few new records: 5, expected 12 that succeeded"
+    assert result["actions"][NAME]["reason"] == reason
+    assert result["made"] == ""
 
 
+@pytest.mark.long
 def test_a_set_with_larger_errors_is_rolled_back(tmp_path: Path, shipped: Path) -> None:
     stored(tmp_path / RECORDS, episodes(60, slower=1.3)).close()
     round_of(tmp_path, shipped)
@@ -125,19 +110,23 @@ def test_a_new_set_keeps_the_search_ranges_of_the_previous_experience(
         bounded / "goToPose.json",
         dataclasses.replace(action, metadata={"training": {"starts": starts}}),
     )
-    for models, expected, rounds in ((bounded, starts, 2), (shipped, {}, 1)):
-        folder = tmp_path / f"of_{models.name}"
-        for slower in (1.3, 1.7)[:rounds]:  # and the next set
-            stored(folder / RECORDS, episodes(45, seed=4, slower=slower))
-            assert round_of(folder, models)["made"]
-        file = folder / CURRENT / "goToPose.json"
-        assert load_model(file, ROBOT, SOCCER.known_features).experience == expected
+    folder = tmp_path / "learned"
+    stored(folder / RECORDS, episodes(24, seed=4, slower=1.5))
+    assert round_of(folder, bounded)["made"]
+    file = folder / CURRENT / "goToPose.json"
+    model = load_model(file, ROBOT, SOCCER.known_features)
+    assert model.experience == starts
+    training = model.metadata["training"]
+    kinds = "duration: the present model scaled to 30 episodes; success: the rate of 24 episodes"
+    assert training["kind"] == kinds
+    assert (training["command"], training["episodes"]) == ("learning", 24)
+    assert model.metadata["action_set"] == "default"
 
 
 def test_records_with_impossible_durations_have_no_effect(tmp_path: Path, shipped: Path) -> None:
     records = [
         dataclasses.replace(e, duration=9e5) if n % 10 == 0 else e
-        for n, e in enumerate(episodes(100))
+        for n, e in enumerate(episodes(24))
     ]
     stored(tmp_path / RECORDS, iter(records))
     assert not round_of(tmp_path, shipped)["actions"][NAME]["kind"]
@@ -181,14 +170,7 @@ def test_failures_are_predicted_after_tens_of_records(tmp_path: Path) -> None:
     assert predicted[rows["success"]].mean() > 0.8
 
 
-def test_a_few_random_failures_are_not_a_pattern(tmp_path: Path) -> None:
-    rng = np.random.default_rng(3)
-    stream = (dataclasses.replace(e, success=bool(rng.random() > 0.1)) for e in episodes(200))
-    stored(tmp_path / RECORDS, stream)
-    verdict = round_of(tmp_path)["actions"][SUCCESS]
-    assert verdict["kind"] in ("", *(f"the rate of {size} episodes" for size in (200, 100)))
-
-
+@pytest.mark.long
 def test_avoided_failures_are_not_forgotten(tmp_path: Path) -> None:
     stored(tmp_path / RECORDS, failing(episodes(60))).close()
     assert round_of(tmp_path)["actions"][SUCCESS]["kind"]

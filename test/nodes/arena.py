@@ -34,7 +34,7 @@ SETTINGS: dict[str, dict[str, object]] = {
     "refinement": {},
 }
 _STANDS = "robot stands"
-_STATUS = re.compile(rf"(\S+) s: ({_STANDS}|Command\(v=\S+, w=\S+\))")
+_STATUS = re.compile(rf"(\S+) s: ({_STANDS}|Command\(vx=\S+, vy=\S+, w=\S+\))")
 
 
 class ArenaClient(ChainClient):
@@ -56,7 +56,10 @@ class ArenaClient(ChainClient):
         assert result.outcome.code
         assert result.outcome.reason
         assert result.record.outcome.code == result.outcome.code
-        published = lambda: [each.chain_id for each in self.chains].count(result.record.chain_id)  # noqa: E731
+
+        def published() -> int:
+            return [each.chain_id for each in self.chains].count(result.record.chain_id)
+
         self.ros.eventually(published, "the chain's record")
         assert published() == 1
         return result
@@ -126,7 +129,7 @@ class Arena:
         assert not [node.output for node in nodes if "Traceback" in node.output]
 
     def stops(self) -> list[tuple[float, float]]:
-        """Return the times of the last command to move and of the stop, from the simulations' logs."""
+        """Return the times of the last command to move and of the stop, by the logs."""
         stops = []
         for node in self._started["simulation"]:
             sent = None

@@ -75,7 +75,7 @@ class ChainClient:
             self.ros.eventually(lambda name=topic: self.ros.node.count_publishers(name), topic)
 
     def place(self, robot: Pose) -> None:
-        """Place the robot, and the ball at (0, 0), and wait until the executor has received that."""
+        """Place the robot, and the ball at (0, 0), and wait until the executor received that."""
         self.ros.place(robot=robot, ball=(0.0, 0.0))
         self.ros.eventually(
             lambda: self.standing() and self.ros.robot().pose.distance(robot) < 0.01
@@ -102,7 +102,7 @@ class ChainClient:
 
     def standing(self) -> bool:
         robot = self.ros.robot()
-        return abs(robot.v) < 0.03 and abs(robot.w) < 0.06
+        return abs(robot.vx) < 0.03 and abs(robot.w) < 0.06
 
     def wait_until_moving(self) -> None:
-        self.ros.eventually(lambda: self.ros.robot().v > 0.2, "the robot drives")
+        self.ros.eventually(lambda: self.ros.robot().vx > 0.2, "the robot drives")

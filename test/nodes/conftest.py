@@ -1,4 +1,4 @@
-"""Fixtures of the node tests: a separate ROS domain for every test, processes on it, and a client."""
+"""Fixtures of the node tests: a ROS domain for every test, processes on it, and a client."""
 
 import gc
 from collections.abc import Callable, Generator, Iterator
@@ -27,7 +27,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def pytest_collection_finish() -> None:
-    """Exempt objects of imported modules from the collections after each test, which then take a tenth."""
+    """Exempt imported modules from the collections after each test, which then take a tenth."""
     gc.collect()
     gc.freeze()
 
@@ -66,7 +66,7 @@ def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Processes
 
 @pytest.fixture
 def start(domain: int, tmp_path: Path) -> Iterator[Start]:
-    """Yield a function that starts executables: start("simulation", namespace="a", real_time_factor=0.0)."""
+    """Yield a function that starts executables: start("simulation", namespace="a", …)."""
     processes = Processes(domain, tmp_path)
     yield processes.start
     processes.kill()

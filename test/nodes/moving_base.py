@@ -45,7 +45,7 @@ class MovingBase:
         self.commanded = message.twist if isinstance(message, TwistStamped) else message
 
     def set_pace(self, rate: float) -> None:
-        """Let time pass `rate` times as fast as in reality: by its stamps a tick still takes PERIOD."""
+        """Let time pass `rate` times as fast as real time: by stamps a tick still takes PERIOD."""
         self.timer.timer_period_ns = round(1e9 * PERIOD / rate)
 
     def state(self) -> RobotState:
@@ -56,8 +56,8 @@ class MovingBase:
         state = self.state()
         yaw = self.pose.yaw + 0.5 * PERIOD * state.w
         self.pose = Pose(
-            self.pose.x + PERIOD * state.v * math.cos(yaw),
-            self.pose.y + PERIOD * state.v * math.sin(yaw),
+            self.pose.x + PERIOD * state.vx * math.cos(yaw),
+            self.pose.y + PERIOD * state.vx * math.sin(yaw),
             self.pose.yaw + PERIOD * state.w,
         )
         self.time += PERIOD

@@ -21,7 +21,7 @@ from examples.call import main as call
 
 
 def launch(words: list[str]) -> int:
-    """Start the nodes of a launch file: its arguments, parameter files, single parameters, one namespace."""
+    """Start the nodes of a launch file: arguments, parameter files, parameters, a namespace."""
     share = get_package_share_directory(words[0])
     root = ET.parse(Path(share, "launch", words[1])).getroot()  # noqa: S314 - our own file
     values = {entry.get("name"): entry.get("default") for entry in root.findall("arg")}

@@ -1,4 +1,4 @@
-"""A client of the nodes for tests: it subscribes to odom and ball, publishes commands, and calls services."""
+"""A client of the nodes for tests, which subscribes, publishes commands and calls services."""
 
 import contextlib
 import threading
@@ -24,7 +24,7 @@ from ator_ros.geometry import Pose
 from ator_ros.nodes.messages import pose_of
 from ator_ros.nodes.qos import NEWEST, RESULTS, SENSOR_DATA
 from ator_ros.nodes.remote_actions import cancel_request_for_unknown_goal
-from ator_ros.world.messages import ObjectReader, ObjectSource, OdometryReader, seconds_from
+from ator_ros.world.readers import ObjectReader, ObjectSource, OdometryReader, seconds_from
 from ator_ros.world.state import ObjectState, RobotState
 
 RETRY = 8.0
@@ -63,7 +63,7 @@ class SpinThread(threading.Thread):
 
 
 class Client:
-    """A node in this process that subscribes to odom and ball, publishes commands, and calls services.
+    """A node in this process: it subscribes to odom and ball, commands, and calls services.
 
     `frame` is the odometry's frame in `namespace`. A `silent` client neither subscribes to them nor
     publishes commands: one process cannot have a topic with two types.
@@ -204,7 +204,7 @@ class Client:
             assert self.call(PlaceObject, "place_ball", request).success
 
     def within(self, do: Callable[[], Any]) -> Any:
-        """Run `do` in the spinning thread: rclpy's action client loses responses that outrun a caller."""
+        """Run `do` in the spinning thread: rclpy's action client loses too early responses."""
         task = self._executor.create_task(do)
         return self.eventually(task.done, "a task") and task.result()
 

@@ -1,4 +1,4 @@
-"""Bases that subscribe to Twist or TwistStamped, and reports of bases that cannot receive commands."""
+"""Bases that subscribe to Twist or TwistStamped, and bases that cannot receive commands."""
 
 import pytest
 from chain_client import ChainClient, call
@@ -41,7 +41,8 @@ def test_a_base_of_the_other_type_is_reported_with_the_remedy(
     MovingBase(client, kind)
     published = {"true": "TwistStamped", "false": "Twist"}[set_to]
     expected = (
-        f"cmd_vel: the base /test_client subscribes to geometry_msgs/{kind.__name__}, this node publishes "
+        f"cmd_vel: the base /test_client subscribes to geometry_msgs/{kind.__name__}, this node "
+        "publishes "
         f"{published}; set stamped_commands:={other}"
     )
     chains = ChainClient(client, commands=kind)
@@ -72,7 +73,7 @@ def test_an_incompatible_quality_of_service_is_reported(host: Host, client: Clie
 
 def test_the_result_reports_a_base_at_half_the_commanded_speed(host: Host, client: Client) -> None:
     host("executor", **SETTINGS)
-    MovingBase(client, share=0.5)
+    MovingBase(client, share=0.5).set_pace(3.0)
     outcome = ChainClient(client).send([call("goToPose", Pose(2.0, 0.0, 0.0))]).outcome()
     assert outcome.code == Outcome.SUCCEEDED, outcome.reason
     assert "; the base drives at about 50 % of the commanded speed" in outcome.reason
@@ -83,7 +84,7 @@ def test_the_result_reports_a_base_at_half_the_commanded_speed(host: Host, clien
 def test_a_viewer_with_the_other_type_is_not_the_base(
     client: Client, domain: int, kind: type, other: type, odometry: str
 ) -> None:
-    """Whichever of the two takes the published type first is served; no other is called the base."""
+    """The one that takes the published type first is served; no other is called the base."""
     base, viewer = (Client(domain, name=name, silent=True) for name in ("base", "viewer"))
     commands = CommandPublisher(client.node, stamped="auto", frame="base_link")
     try:

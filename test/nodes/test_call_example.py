@@ -48,7 +48,7 @@ def test_a_goal_is_sent_and_feedback_and_result_printed_and_an_interrupt_cancels
     client.robot()
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "env": environment(domain)}
     with subprocess.Popen([*PROGRAM, *EXECUTE, "--feedback"], text=True, **pipes) as sent:
-        client.eventually(lambda: client.robot().v > 0.1, "the robot drives")
+        client.eventually(lambda: client.robot().vx > 0.1, "the robot drives")
         sent.send_signal(signal.SIGINT)
         output, errors = sent.communicate(timeout=60.0)
     assert sent.returncode == 1
@@ -62,6 +62,7 @@ def test_a_goal_is_sent_and_feedback_and_result_printed_and_an_interrupt_cancels
     assert "goal ended: canceled" in executor.output
 
 
+@pytest.mark.long
 def test_a_call_waits_for_nodes_that_start(host: Host, domain: int) -> None:
     words = [*PROGRAM, "reset", "std_srvs/srv/Trigger"]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "env": environment(domain)}

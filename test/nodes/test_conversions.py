@@ -20,7 +20,7 @@ from ator_ros.domains.soccer.planned.shoot import Shoot
 from ator_ros.geometry import Pose, wrap_angle
 from ator_ros.nodes import messages
 from ator_ros.tops.library import TopLibrary
-from ator_ros.world.messages import (
+from ator_ros.world.readers import (
     FARTHEST,
     FASTEST,
     MessageError,
@@ -63,8 +63,8 @@ def test_a_world_is_unchanged_by_a_message(world: World) -> None:
     back = world_from(messages.situation_of(world, frame=FRAME), frame=FRAME)
     assert back.time == pytest.approx(world.time, abs=1e-8)
     assert near(back.robot.pose, world.robot.pose)
-    assert (back.robot.v, back.robot.w, ball_of(back)) == (
-        world.robot.v,
+    assert (back.robot.vx, back.robot.w, ball_of(back)) == (
+        world.robot.vx,
         world.robot.w,
         ball_of(world),
     )
@@ -76,7 +76,7 @@ def test_odometry_is_unchanged_by_a_message(robot: RobotState, ball: ObjectState
     time, back = OdometryReader(FRAME).read(message)
     assert time == 1.25
     assert near(back.pose, robot.pose)
-    assert (back.v, back.w) == (robot.v, robot.w)
+    assert (back.vx, back.w) == (robot.vx, robot.w)
     message = messages.object_odometry_of(1.25, ball, frame=FRAME, height=0.1)
     assert BALL.read(message) == (1.25, ball)
 

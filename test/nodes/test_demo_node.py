@@ -31,7 +31,8 @@ def demo(tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
 
 @pytest.mark.long
 def test_it_prints_the_gain_and_draws_the_paths(tmp_path: Path) -> None:
-    ended = run(DEMO, "--situations", "1", *QUICKLY, "--out", tmp_path / "demo.png")
+    files = ("--out", tmp_path / "demo.png", "--animation", tmp_path / "race.gif")
+    ended = run(DEMO, "--situations", "1", *QUICKLY, *files)
     assert ended.returncode == 0, ended.stdout + ended.stderr
     assert "1 of 1 situations succeeded with both chains; refinement saved" in ended.stdout
     assert (
@@ -45,6 +46,8 @@ def test_it_prints_the_gain_and_draws_the_paths(tmp_path: Path) -> None:
     *steps, whole = map(float, re.findall(r"([\d.]+) / ", row))
     assert sum(steps) == pytest.approx(whole, abs=0.02)
     assert (tmp_path / "demo.png").read_bytes().startswith(b"\x89PNG")
+    assert f"{tmp_path}/race.gif: situation 1" in ended.stdout
+    assert (tmp_path / "race.gif").stat().st_size < 2_000_000
 
 
 @pytest.mark.long

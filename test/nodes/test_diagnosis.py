@@ -36,7 +36,8 @@ def test_the_cause_of_missing_odometry(client: Client) -> None:
         return received(client, *stamps, **given).cause("odom", 0.3)
 
     assert cause().endswith(
-        f"no node publishes /odom in ROS domain {client.domain}, and there is no other topic of type "
+        f"no node publishes /odom in ROS domain {client.domain}, and there is no other topic of "
+        "type "
         "nav_msgs/Odometry: start the node that publishes it"
     )
     client.within(lambda: node.create_publisher(Odometry, "odom", SENSOR_DATA))

@@ -138,7 +138,8 @@ def test_two_robots_drive_at_the_same_time(shell: Shell) -> None:
     bob = (
         ann.replace("/ann", "/bob").partition(" {top:")[0]
         + """
-      {top: goToPose, goal: {pose: {position: {x: -0.5, y: 1.8}, orientation: {w: 1.0}}}, open: [yaw]},
+      {top: goToPose, open: [yaw],
+       goal: {pose: {position: {x: -0.5, y: 1.8}, orientation: {w: 1.0}}}},
       {top: goToPose, goal: {pose: {position: {x: 1.5, y: 1.2}, orientation: {w: 1.0}}}}]}}\""""
     )
     goals = [shell.start(goal) for goal in (ann, bob)]

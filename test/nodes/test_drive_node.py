@@ -17,10 +17,13 @@ from ator_ros.geometry import Pose
 from ator_ros.nodes.messages import pose_of
 from ator_ros.nodes.refinement import refine_request
 from ator_ros.refinement.refiner import Refiner
-from ator_ros.world.messages import MessageError
+from ator_ros.world.readers import MessageError
 
 X, Y = 5e5, 5e6
-OUTSIDE = "chain.calls[0].goal (goToPose): expected a place for the robot inside the fence (x from 499995 to"
+OUTSIDE = (
+    "chain.calls[0].goal (goToPose): expected a place for the robot inside the fence "
+    "(x from 499995 to"
+)
 
 
 @pytest.fixture
@@ -32,6 +35,7 @@ def file(tmp_path: Path) -> Path:
     return file
 
 
+@pytest.mark.long
 def test_a_robot_without_a_holder_drives(
     start: Start, host: Host, client: Client, file: Path
 ) -> None:

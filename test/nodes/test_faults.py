@@ -57,7 +57,7 @@ def approach(arena: Arena, client: ArenaClient) -> SentChain:
     """Send a goal; wait until the robot drives to the ball."""
     client.place()
     sent = client.send(CHAIN)
-    client.ros.eventually(lambda: client.ros.robot().v > 0.2, "the robot drives")
+    client.ros.eventually(lambda: client.ros.robot().vx > 0.2, "the robot drives")
     return sent
 
 
@@ -67,7 +67,7 @@ def dribble(arena: Arena, client: ArenaClient) -> SentChain:
     client.ros.eventually(
         lambda: any(each.top == "dribbleBall" for each in sent.feedback), "the dribble"
     )
-    client.ros.eventually(lambda: client.ros.robot().v > 0.2, "the robot drives")
+    client.ros.eventually(lambda: client.ros.robot().vx > 0.2, "the robot drives")
     return sent
 
 
@@ -78,7 +78,7 @@ def shoot(arena: Arena, client: ArenaClient) -> SentChain:
     client.ros.eventually(
         lambda: any(message.top == "shoot" for message in sent.feedback), "the shot"
     )
-    client.ros.eventually(lambda: client.ros.robot().v > 0.2, "the robot drives")
+    client.ros.eventually(lambda: client.ros.robot().vx > 0.2, "the robot drives")
     return sent
 
 

@@ -55,7 +55,7 @@ def test_the_robot_stops_where_its_client_is_killed(start: Start, client: Client
     def drives() -> bool:
         sender.publish(PoseStamped(pose=pose_of(target)))
         time.sleep(8.0)  # a newer goal would start again
-        return client.robot().v > 0.1
+        return client.robot().vx > 0.1
 
     client.eventually(drives, "the robot drives")
     node.kill()

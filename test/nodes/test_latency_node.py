@@ -17,7 +17,7 @@ SLOWLY = 2.0  # s that the simulation waits for commands on a busy machine
 
 @pytest.mark.long
 def test_a_compensated_latency_costs_little(start: Start, client: Client) -> None:
-    """A drive to the ball is hardly slower, the ball does not move, and the paper's chain succeeds."""
+    """A drive to the ball is hardly slower, the ball stays, and the paper's chain succeeds."""
     start("simulation", real_time_factor=10.0, command_wait=SLOWLY, latency=LATENCY)
     start("refinement", deadline=5.0)
     start(

@@ -5,9 +5,9 @@ from geometry_msgs.msg import Twist
 from ros_client import Client
 from std_msgs.msg import Empty
 
-from ator_ros.nodes.leases import Leases, publish_lease
+from ator_ros.nodes.leases import LeaseWatch, publish_lease
 from ator_ros.nodes.qos import LEASE, NEWEST
-from ator_ros.world.messages import MessageError
+from ator_ros.world.readers import MessageError
 
 CLIENT = {"silent": True}
 
@@ -17,7 +17,7 @@ def refusal(client: Client, topic: str) -> str:
 
     def watch() -> str:
         try:
-            Leases(client.node).watch(topic)
+            LeaseWatch(client.node).watch(topic)
         except MessageError as error:
             return str(error)
         return ""
@@ -48,11 +48,17 @@ def test_an_invalid_name_is_no_lease(client: Client, name: str) -> None:
     assert refusal(client, name).startswith("lease: expected the name of a topic")
 
 
-def test_a_lease_is_watched_until_its_last_goal_has_ended(client: Client) -> None:
-    leases = Leases(client.node)
+def test_the_newest_lease_is_watched_until_its_client_is_gone(client: Client) -> None:
+    lease = LeaseWatch(client.node)
     topic = client.within(lambda: publish_lease(client.node))
-    for step in (leases.watch, leases.watch, leases.release):
-        client.within(lambda step=step: step(topic))
-    assert not leases.has_ended(topic)
-    client.within(lambda: leases.release(topic))
-    client.eventually(lambda: not client.node.count_subscribers(topic), "the end of the watch")
+    gone = Client(client.domain, name="gone", silent=True)
+    other = publish_lease(gone.node)
+    for name in (other, topic, topic, other):
+        client.within(lambda name=name: lease.watch(name))
+        assert not lease.has_ended
+    assert client.node.count_subscribers(topic) == 0
+    client.eventually(lambda: client.node.count_publishers(other), "the other client")
+    gone.close()
+    client.eventually(lambda: lease.has_ended, "the end of the lease")
+    client.within(lambda: lease.watch(""))
+    assert not lease.has_ended

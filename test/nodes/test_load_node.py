@@ -36,7 +36,7 @@ def nodes(shared: tuple[Processes, Client]) -> Client:
 
 @pytest.fixture
 def requests(nodes: Client) -> Any:
-    """Return a client of refine_subgoal with a queue for many responses, which the server has discovered."""
+    """Return a client of refine_subgoal with a long queue, which the server has discovered."""
     client = nodes.node.create_client(RefineSubgoal, "refine_subgoal", qos_profile=SERVICES)
     assert client.wait_for_service(timeout_sec=PATIENCE)
     nodes.eventually(

@@ -4,6 +4,8 @@ import errno
 import os
 import subprocess
 import sys
+import threading
+import time
 from pathlib import Path
 
 import pytest
@@ -111,13 +113,37 @@ def test_models_of_the_start_are_used_on_new_maps_while_the_learned_folder_has_a
     elsewhere = learned.with_name("elsewhere")
     learned.rename(elsewhere)
     for _ in range(2):
-        sets.load_again(SOCCER, libraries)
+        sets.load(SOCCER, libraries)
         assert set(sets.present["default"].models) == {"dribbleBall", "goToPose", "shoot"}
-        assert "the learned set" in sets.problem
+        assert (
+            "expected a set in use, it has disappeared; those of `models` are used" in sets.problem
+        )
     elsewhere.rename(learned)
     client.eventually(
         lambda: sets.diagnostics()["learned set"] == in_use and not sets.problem, "the learned set"
     )
+
+
+def test_a_share_that_hangs_delays_a_new_map_by_two_seconds(
+    client: Client, learned: Path, models: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    libraries = {"default": SOCCER.library(load_robot())}
+    settings = {"models": str(models), "learned": str(learned)}
+    sets = nodes_models.LearnedSets(client.node, SOCCER, libraries, settings)
+    ending = threading.Event()
+    exists = Path.exists
+
+    def hang(path: Path) -> bool:
+        return ending.wait(PATIENCE) if path == learned else exists(path)
+
+    monkeypatch.setattr(Path, "exists", hang)
+    began = time.monotonic()
+    sets.load(SOCCER, libraries)
+    took = time.monotonic() - began
+    ending.set()
+    assert took < 0.5 * PATIENCE
+    assert set(sets.present["default"].models) == {"dribbleBall", "goToPose", "shoot"}
+    assert "expected an answer of the file system" in sets.problem
 
 
 HANGING = """

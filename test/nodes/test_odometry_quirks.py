@@ -134,7 +134,7 @@ def test_odometry_without_orientation_is_reported_and_stops_the_robot(
 ) -> None:
     node = host("executor", **SETTINGS)
     sent = ChainClient(client).send([call("goToPose", base.pose.ahead(3.0))])
-    client.eventually(lambda: sent.ended() or base.state().v > 0.3, "the robot drives")
+    client.eventually(lambda: sent.ended() or base.state().vx > 0.3, "the robot drives")
     base.quirk = no_direction
     outcome = sent.outcome()
     assert outcome.code == Outcome.INPUT_LOST, outcome.reason

@@ -110,8 +110,8 @@ def test_a_domain_from_another_package_is_learned_and_executed(
     result = chains.send(visits, refine=True).result()
     assert result.outcome.code == Outcome.SUCCEEDED, result.outcome.reason
     assert (
-        "cruise of step 2 (pass) is bound by the pre-condition of step 2 (pass): robot.v near goal.cruise"
-        in result.record.refinement
+        "cruise of step 2 (pass) is bound by the pre-condition of step 2 (pass): robot.vx near "
+        "goal.cruise" in result.record.refinement
     )
     # A free value is the maximum; a bound one is unchanged.
     assert cruises(result.record.chain.calls) == pytest.approx([1.0, 0.6])

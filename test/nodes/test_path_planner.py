@@ -35,7 +35,7 @@ from ator_ros.nodes.parameters import SetupError
 from ator_ros.performance.model_file import load_model, save_model
 from ator_ros.performance.training import train
 from ator_ros.world.grid_map import save_map
-from ator_ros.world.messages import pose_from
+from ator_ros.world.readers import pose_from
 
 pytestmark = pytest.mark.node
 WALL = hall_map("map.yaml")
@@ -58,7 +58,7 @@ def models(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def serve(client: Client, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Planned]]:
-    """Yield a function that starts a planner: around the wall, for the first `finds` pairs of places.
+    """Yield a function that starts a planner: around the wall, for the first `finds` pairs.
 
     It interrupts requests while `interruptions` has items: "abort", as when another client sends
     one, or "cancel", as when another client cancels all.
@@ -229,6 +229,7 @@ def test_a_name_that_is_none_is_rejected(
         host("refinement", map=models / "map.yaml", planner="a b")
 
 
+@pytest.mark.long
 def test_models_are_learned_from_its_paths(
     client: Client, models: Path, serve: Callable[..., Planned], domain: int
 ) -> None:

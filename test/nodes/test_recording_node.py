@@ -24,10 +24,10 @@ from ator_ros.geometry import Pose
 from ator_ros.nodes.diagnostics import type_name
 from ator_ros.nodes.qos import LATCHED, RESULTS, SENSOR_DATA
 from ator_ros.performance.model_file import load_model
-from ator_ros.world.messages import pose_from
+from ator_ros.world.readers import pose_from
 
 DEPTH = 5000
-"""Queue depth for a busy machine: as fast as possible, nodes publish hundreds of messages per second."""
+"""Queue depth for a busy machine: nodes may publish hundreds of messages per second."""
 
 
 class Recorder:
@@ -52,7 +52,7 @@ class Recorder:
         return keep
 
     def write(self, folder: Path, *topics: str) -> Path:
-        """Write the messages of these topics to a new folder: an MCAP file and its metadata.yaml."""
+        """Write the messages of these topics to a new folder: MCAP file and metadata.yaml."""
         from rosbags.rosbag2 import StoragePlugin, Writer
 
         store = own_types()

@@ -17,7 +17,7 @@ from ator_ros.nodes.refinement import refine_request
 from ator_ros.refinement import RefinementError
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.world.grid_map import GridMap
-from ator_ros.world.messages import MessageError
+from ator_ros.world.readers import MessageError
 
 
 def request(*calls: TopCall) -> RefineSubgoal.Request:
@@ -69,7 +69,7 @@ def test_openings_are_returned_unchanged() -> None:
 
 
 class TestAlternatives:
-    """Several chains for the same goal: a detour, a straight one, and a shot from an invalid position."""
+    """Several chains for the same goal: a detour, a straight one, and an invalid shot."""
 
     far = (
         call("goToBall", Pose(0.0, 0.0, 0.0), opened=("yaw",)),

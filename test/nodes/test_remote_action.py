@@ -17,7 +17,7 @@ from ator_ros.actions.base import Goal, Status, Step
 from ator_ros.bases.description import load_robot
 from ator_ros.geometry import Pose
 from ator_ros.nodes.remote_actions import RemoteAction, RemoteServer
-from ator_ros.world.messages import pose_from
+from ator_ros.world.readers import pose_from
 from ator_ros.world.state import STOP, RobotState, World
 
 ROBOT = load_robot()
@@ -39,16 +39,16 @@ class Bench:
         self._executor = SingleThreadedExecutor(context=self._context)
         for node in self._nodes:
             self._executor.add_node(node)
+        self.warnings: list[str] = []
         self.declare()
         self.steps: list[Step] = []
-        self.warnings: list[str] = []
         self._time = 0.0
 
     def declare(self, cancel_too: tuple[str, ...] = (), **timeouts: float) -> None:
         """Set `cancel_too` and the timeouts of the server's declaration."""
         call = declared(cancel_too=cancel_too)
         call = dataclasses.replace(call, timeouts=dataclasses.replace(call.timeouts, **timeouts))
-        self.server = RemoteServer(self.client_node, call, "odom")
+        self.server = RemoteServer(self.client_node, call, "odom", self.warnings.append)
         self.action = RemoteAction(ROBOT, self.server)
 
     def freeze(self) -> None:
@@ -80,7 +80,6 @@ class Bench:
     def warned(self, text: str) -> bool:
         """Check the server; return whether one of its warnings has this text."""
         self.server.check()
-        self.warnings += self.server.warnings()
         return any(text in warning for warning in self.warnings)
 
     def until(self, happened: Callable[[], Any], patience: float = 5.0) -> None:

@@ -43,8 +43,8 @@ def test_each_robot_is_commanded_and_observed_in_its_namespace(
     )
     assert ann.robot().pose == pytest.approx(Pose(-1.0, 0.0, 0.0), abs=1e-3)
     assert bob.robot().pose == pytest.approx(Pose(1.0, 1.0, 3.0), abs=1e-3)
-    ann.eventually(lambda: ann.robot().v > 0.1 or ann.command(v=0.3), "ann drives")
-    assert abs(bob.robot().v) < 0.02
+    ann.eventually(lambda: ann.robot().vx > 0.1 or ann.command(v=0.3), "ann drives")
+    assert abs(bob.robot().vx) < 0.02
     ann.place(ball=(0.5, -1.0))
     for client in pair.values():
         client.eventually(lambda c=client: abs(c.ball().x - 0.5) < 0.01, "one ball for both")

@@ -8,7 +8,7 @@ from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.geometry import Pose
 from ator_ros.nodes.simulated_world import SimulatedRobot, SimulatedWorld
 from ator_ros.simulation.sensors import SensorConfig, Sensors
-from ator_ros.world.messages import MessageError
+from ator_ros.world.readers import MessageError
 
 ROBOT = SOCCER.robot()
 START = Pose(-2.0, 0.0, 0.0)
@@ -31,7 +31,7 @@ def single(
 def speeds_after_a_second(world: SimulatedWorld, robot: SimulatedRobot) -> tuple[float, float]:
     for _ in range(20):
         list(world.tick())
-    return abs(robot.observed.robot.v), robot.observed.objects["ball"].speed
+    return abs(robot.observed.robot.vx), robot.observed.objects["ball"].speed
 
 
 @pytest.mark.parametrize(
@@ -47,17 +47,15 @@ def speeds_after_a_second(world: SimulatedWorld, robot: SimulatedRobot) -> tuple
             "a wall",
         ),
         (
-            lambda world: world.place_robot(Pose(0.1, 0.0, 1.0), 0, v=0.0, w=0.0),
+            lambda world: world.place_robot(Pose(0.1, 0.0, 1.0), 0),
             "overlaps the ball",
         ),
         (
-            lambda world: world.place_robot(Pose(-FRONT, 0.14, 0.0), 0, v=0.0, w=0.0),
+            lambda world: world.place_robot(Pose(-FRONT, 0.14, 0.0), 0),
             "overlaps the ball",
         ),
         (
-            lambda world: world.place_robot(
-                Pose(BAY.x, BAY.y + BAY.width / 2, 0.0), 0, v=0.0, w=0.0
-            ),
+            lambda world: world.place_robot(Pose(BAY.x, BAY.y + BAY.width / 2, 0.0), 0),
             "a wall",
         ),
     ],
@@ -79,7 +77,7 @@ def test_a_ball_can_be_placed_in_the_holder() -> None:
     assert speeds_after_a_second(world, robot) == pytest.approx((0.0, 0.0), abs=0.01)
     world.remove_object("ball")
     # at the former place of the ball
-    world.place_robot(Pose(-2.0 + ROBOT.hold, 0.0, 0.0), 0, v=0.0, w=0.0)
+    world.place_robot(Pose(-2.0 + ROBOT.hold, 0.0, 0.0), 0)
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,7 @@ from ator_interfaces.srv import PlaceObject, PlaceRobot
 from ator_ros.geometry import Pose, yaw_from_quaternion
 from ator_ros.nodes.messages import pose_of
 from ator_ros.nodes.qos import LATCHED, NEWEST, SENSOR_DATA
-from ator_ros.world.messages import OdometryReader
+from ator_ros.world.readers import OdometryReader
 
 START = Pose(-2.0, 0.0, 0.0)
 
@@ -66,13 +66,13 @@ def seconds_to_stand(client: Client) -> float:
     """
     for _ in range(100):
         client.drive_a_tick(50.0)
-        if client.robot().v > 1.1:
+        if client.robot().vx > 1.1:
             break
     ceased = client.time()
-    assert client.robot().v > 1.1
-    client.eventually(lambda: abs(client.robot().v) < 0.01, "the robot stands")
+    assert client.robot().vx > 1.1
+    client.eventually(lambda: abs(client.robot().vx) < 0.01, "the robot stands")
     return (
-        next(time for time, robot in client.robots if time > ceased and abs(robot.v) < 0.01)
+        next(time for time, robot in client.robots if time > ceased and abs(robot.vx) < 0.01)
         - ceased
     )
 
@@ -85,7 +85,7 @@ def test_commands_drive_the_robot_within_its_limits_and_it_stops_without_them(
     # earlier one.
     times = (seconds_to_stand(world) for _ in range(3))
     assert any(time < 0.5 + 0.1 + 1e-6 for time in times)
-    assert max(robot.v for _, robot in world.robots) < 1.2 * 1.02
+    assert max(robot.vx for _, robot in world.robots) < 1.2 * 1.02
     assert world.robot().pose.x > before.pose.x + 0.2
 
 
@@ -135,7 +135,7 @@ INVALID = [
         "pose.pose.position.x: expected a finite number",
     ),
     ("place_robot", "pose.header.frame_id", "attic", "expected the frame 'odom', got 'attic'"),
-    ("place_robot", "v", math.inf, "v: expected a finite number"),
+    ("place_robot", "v", math.inf, "vx: expected a finite number"),
     ("place_ball", "position.point.y", -500.0, "position.point.y: expected a finite number"),
     ("place_ball", "velocity.y", 99.0, "velocity.y: expected a finite number"),
 ]

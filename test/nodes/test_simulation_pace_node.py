@@ -54,7 +54,7 @@ def steer_a_little(client: Client) -> None:
     """Send commands for some ticks, so that the simulation waits for commands."""
     client.robot()
     client.command(v=0.3)
-    client.eventually(lambda: client.robot().v > 0.0, "the robot starts")
+    client.eventually(lambda: client.robot().vx > 0.0, "the robot starts")
     for _ in range(5):
         client.drive_a_tick(0.3)
 

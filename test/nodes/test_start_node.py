@@ -19,7 +19,7 @@ Ended = Callable[..., tuple[str | int | None, str]]
 def ended(
     domain: int, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> Iterator[Ended]:
-    """Return a function that runs a node's `main` until it ends; it returns the exit code and the output.
+    """Return a function that runs a node's `main`; it returns exit code and output.
 
     It runs in this process, which is ten times as fast; a text as exit code counts as 1.
     """

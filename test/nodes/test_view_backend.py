@@ -75,7 +75,7 @@ class MockNodes:
         self._own.within(self._server.destroy)
 
     def restart(self) -> None:
-        """Offer the action again without the former goals, as an executor that was killed and restarted."""
+        """Offer the action without the former goals, as an executor that was restarted."""
         self._goals.clear()
         self._own.within(self._serve)
 
@@ -83,7 +83,8 @@ class MockNodes:
         answers = (GoalResponse.REJECT, GoalResponse.ACCEPT)
         return ActionServer(
             self._own.node, ExecuteChain, "execute_chain", lambda _: None,
-            goal_callback=lambda _: answers[self.accepts], handle_accepted_callback=self._goals.append,
+            goal_callback=lambda _: answers[self.accepts],
+            handle_accepted_callback=self._goals.append,
         )  # fmt: skip
 
     def _publish(self) -> None:

@@ -64,7 +64,7 @@ PASS = Top(
     "turnDriveTurn",
     # The start is not faster than `cruise`, and clear of the parcel.
     Condition(
-        (Region("robot.v", "goal.cruise", high=0.0),), (Distance("robot", "parcel", low=0.5),)
+        (Region("robot.vx", "goal.cruise", high=0.0),), (Distance("robot", "parcel", low=0.5),)
     ),
     _THERE,
 )

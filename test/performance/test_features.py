@@ -11,11 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ator_ros.bases.description import Robot, load_robot
+from ator_ros.bases.differential.driving import plain_driving
+from ator_ros.bases.direct import DIRECT_VARIABLES
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.geometry import FloatArray
-from ator_ros.performance.direct import DIRECT_VARIABLES
-from ator_ros.performance.driving import plain_driving
-from ator_ros.performance.features import OF_STRAIGHT, PAPER_3, PAPER_11, PATHS, Feature, names_of
+from ator_ros.performance.features import PAPER_3, PAPER_11, PATHS, Feature, base_features, names_of
 from ator_ros.performance.features import feature_table as table_of_features
 
 ROBOT = load_robot()
@@ -24,7 +24,7 @@ NAMES = tuple(FEATURES)
 Direct = dict[str, FloatArray]
 
 
-DRIVING = dataclasses.replace(plain_driving(ROBOT), backward_above=2.0)
+DRIVING = dataclasses.replace(plain_driving(ROBOT.limits), backward_above=2.0)
 
 
 def feature_table(direct: Mapping[str, Any], robot: Robot, names: Sequence[str]) -> FloatArray:
@@ -118,7 +118,9 @@ def test_features_depend_on_exactly_their_declared_variables(name: str) -> None:
     direct = situations(1, 400)
     before = feature_table(direct, ROBOT, [name])
     for variable in DIRECT_VARIABLES:
-        other = 1.0 - direct["hold"] if variable == "hold" else direct[variable] * 0.9 + 0.03
+        other = direct.get(variable, 0.0) * 0.9 + 0.03
+        if variable == "hold":
+            other = 1.0 - direct["hold"]
         after = feature_table({**direct, variable: other}, ROBOT, [name])
         assert (variable in FEATURES[name].derives) == bool(np.any(before != after)), variable
 
@@ -148,6 +150,7 @@ def test_a_drive_backward_turns_from_and_to_the_opposite_headings() -> None:
         "yaw": np.array([1.9, 2.5]),
         "yawg": 3.0,
     }
-    forward, backward = feature_table(direct, ROBOT, names_of(OF_STRAIGHT))
+    features = base_features(ROBOT.driving)
+    forward, backward = table_of_features(direct, ROBOT, features, DRIVING)
     assert forward == pytest.approx([1.9, 3.0, 0.0, 0.0])
     assert backward == pytest.approx([math.pi - 2.5, math.pi - 3.0, 1.0, 2.0])

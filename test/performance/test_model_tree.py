@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 
 
 def kinked(n: int, seed: int) -> tuple[Array, Array]:
-    """Driving time with a trapezoidal profile plus the nearer of two turns, and irrelevant features."""
+    """Time of a trapezoidal profile plus the nearer of two turns, and irrelevant features."""
     rng = np.random.default_rng(seed)
     dist, angle = rng.uniform(0.0, 4.0, n), rng.uniform(0.0, np.pi, n)
     idle = rng.normal(size=(n, 3))

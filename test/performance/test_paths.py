@@ -1,4 +1,4 @@
-"""Times of paths: limits and turns read from odometry, and the driving style that a model stores."""
+"""Times of paths: limits and turns by odometry, and the driving style that a model stores."""
 
 import dataclasses
 import math
@@ -9,18 +9,18 @@ import pandas as pd
 import pytest
 
 from ator_ros.bases.description import load_robot
-from ator_ros.bases.differential.drive_parts import DriveParts
+from ator_ros.bases.differential.driving import DrivingStyle, plain_driving
 from ator_ros.bases.differential.limits import Limits
+from ator_ros.bases.differential.observation import observed_driving
 from ator_ros.bases.differential.shapes import fastest_paths
-from ator_ros.performance.direct import DIRECT_VARIABLES
-from ator_ros.performance.driving import DrivingStyle, plain_driving
+from ator_ros.bases.direct import DIRECT_VARIABLES
+from ator_ros.bases.drive_parts import DriveParts
 from ator_ros.performance.features import GENERAL, PATHS, feature_table
 from ator_ros.performance.model_file import load_model, save_model
-from ator_ros.performance.observation import observed_driving
 from ator_ros.performance.training import train
 
 ROBOT = load_robot()
-SLOW = DrivingStyle(Limits(0.5, 1.0, 0.4, 0.3, 2.0), plain_driving(ROBOT).drives)
+SLOW = DrivingStyle(Limits(0.5, 1.0, 0.4, 0.3, 2.0), plain_driving(ROBOT.limits).drives)
 
 
 def time_to(x: float, y: float, turn: float, driving: DrivingStyle, *, hold: float = 0.0) -> float:
@@ -31,15 +31,15 @@ def time_to(x: float, y: float, turn: float, driving: DrivingStyle, *, hold: flo
 @pytest.mark.parametrize(("x", "y", "turn"), [(1.5, 0.8, 0.7), (-0.6, 1.1, 2.0), (0.9, -0.9, -2.4)])
 def test_no_path_is_faster_than_the_limits_allow(x: float, y: float, turn: float) -> None:
     slow, usual = (
-        time_to(x, y, turn, dataclasses.replace(plain_driving(robot), limits=limits))
-        for robot, limits in ((ROBOT, SLOW.limits), (ROBOT, plain_driving(ROBOT).limits))
+        time_to(x, y, turn, dataclasses.replace(plain_driving(robot.limits), limits=limits))
+        for robot, limits in ((ROBOT, SLOW.limits), (ROBOT, plain_driving(ROBOT.limits).limits))
     )
     assert slow > math.hypot(x, y) / SLOW.limits.v
     assert usual > math.hypot(x, y) / ROBOT.limits.v
 
 
 def test_paths_do_not_lead_over_an_object_at_the_goal() -> None:
-    plain = plain_driving(ROBOT)
+    plain = plain_driving(ROBOT.limits)
     through = dataclasses.replace(plain, approaches=plain.drives, run=0.2)
     around = dataclasses.replace(through, passing=0.5)
     x, y, heading = np.random.default_rng(3).uniform(-1.0, 1.0, (3, 200)) * [
@@ -61,7 +61,7 @@ def test_paths_do_not_lead_over_an_object_at_the_goal() -> None:
 
 @pytest.mark.parametrize("row", range(5))
 def test_a_path_with_an_unknown_end_has_no_effect_on_others(row: int) -> None:
-    shapes = plain_driving(ROBOT).drive_paths
+    shapes = plain_driving(ROBOT.limits).drive_paths
     ends = np.random.default_rng(4).uniform(-1.0, 1.0, (5, 130))
     expected = fastest_paths(ends, shapes, hold=0.0)
     expected[:, 40:100] = np.array(shapes.missed)[:, None]
@@ -70,7 +70,7 @@ def test_a_path_with_an_unknown_end_has_no_effect_on_others(row: int) -> None:
 
 
 def test_the_path_of_a_pair_of_ends_does_not_depend_on_other_pairs() -> None:
-    shapes = plain_driving(ROBOT).drive_paths
+    shapes = plain_driving(ROBOT.limits).drive_paths
     ends = np.random.default_rng(5).uniform(-1.0, 1.0, (5, 200)) * [
         [3.0],
         [3.0],
@@ -119,7 +119,7 @@ def test_limits_are_read_from_odometry() -> None:
 
 def test_paths_contain_only_turns_that_the_action_has_made() -> None:
     observed = observed_driving(episodes(), ROBOT)
-    able = dataclasses.replace(observed, drives=plain_driving(ROBOT).drives, forward=False)
+    able = dataclasses.replace(observed, drives=plain_driving(ROBOT.limits).drives, forward=False)
     # The action has never turned on the spot, so its path to a goal behind it is a wide turn.
     assert time_to(-1.0, 0.0, math.pi, observed) > time_to(-1.0, 0.0, math.pi, able) + 1.0
 
@@ -139,7 +139,7 @@ def test_paths_of_an_action_that_ends_at_any_heading_have_no_last_turn() -> None
 
 def test_starts_alone_show_no_limits() -> None:
     rows = episodes()
-    assert observed_driving(rows[rows["t"] == 0.0], ROBOT) == plain_driving(ROBOT)
+    assert observed_driving(rows[rows["t"] == 0.0], ROBOT) == plain_driving(ROBOT.limits)
 
 
 def test_a_model_keeps_how_its_action_drives(tmp_path: Path) -> None:

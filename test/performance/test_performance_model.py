@@ -5,10 +5,10 @@ import pytest
 from experience_rows import synthetic_experience
 
 from ator_ros.bases.description import load_robot
+from ator_ros.bases.direct import DIRECT_VARIABLES
 from ator_ros.experience.table import ExperienceError
 from ator_ros.geometry import wrap_angles
 from ator_ros.performance.accuracy import accuracy, brier
-from ator_ros.performance.direct import DIRECT_VARIABLES
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.training import direct_of, train
 

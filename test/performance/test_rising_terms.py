@@ -7,12 +7,11 @@ import pandas as pd
 import pytest
 from experience_rows import dead_zone_drives, dead_zone_time, whole_drives
 
-from ator_ros.bases.differential.drive_parts import DriveParts
+from ator_ros.bases.drive_parts import DriveParts, part_times
 from ator_ros.domains.domain import find_domain
 from ator_ros.domains.trials import random_trial
 from ator_ros.performance.features import CANDIDATES
 from ator_ros.performance.model import Arrival, PerformanceModel
-from ator_ros.performance.observation import part_times
 from ator_ros.performance.training import direct_of, duration_tree, features_of, train
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.tops.chain import TopChain

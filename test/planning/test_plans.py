@@ -4,6 +4,7 @@ import dataclasses
 import math
 from collections.abc import Sequence
 
+import numpy as np
 import pytest
 
 from ator_ros.bases.description import Robot
@@ -12,7 +13,6 @@ from ator_ros.execution.fence import Fence
 from ator_ros.geometry import Pose
 from ator_ros.planning.goals import GoalStatement, PlanningError, statement_from
 from ator_ros.planning.planner import chains_for
-from ator_ros.tools.plan import main as plan_main
 from ator_ros.tops.chain import TopChain
 from ator_ros.world.state import ObjectState, RobotState, World
 
@@ -115,6 +115,75 @@ def test_an_unachievable_variable_is_reported(statements: tuple[str, ...], reaso
     assert "\n" not in str(refused.value)
 
 
+def near_goal(x: float, y: float) -> TopChain:
+    """Return the chain that places the ball before a shot, with the ball at (x, y) m."""
+    chains = planned(IN_GOAL, situation(robot=Pose(x - 1.0, y, 0.0), ball=(x, y)))
+    return next(chain for chain in chains if len(chain) == 3)
+
+
+@pytest.mark.parametrize("place", [(0.0, 0.0), (-2.0, 1.5), (1.0, -2.0), (2.0, 0.3), (3.3, 0.0)])
+def test_the_place_before_a_shot_is_the_nearest_that_keeps_the_tolerance(
+    place: tuple[float, float],
+) -> None:
+    chain = near_goal(*place)
+    there = chain.calls[1].goal.pose
+    now = Pose(*place, 0.0)
+    shot = chain.calls[2]
+    pre = shot.top.pre
+    margin = chain.calls[1].top.place_tolerance
+
+    def clearance(x: float, y: float) -> float:
+        goal = {"x": shot.goal.pose.x, "y": shot.goal.pose.y}
+        return min(
+            float(relation.clearance({"ball.x": x, "ball.y": y}, goal))
+            for relation in pre.relations
+        )
+
+    assert clearance(there.x, there.y) >= margin - 1e-9
+    assert there.distance(now) >= 0.5
+    rng = np.random.default_rng(2)
+    for x, y in rng.uniform((-4.0, -2.5), (4.0, 2.5), (2000, 2)):
+        if clearance(x, y) >= margin + 0.1 and math.hypot(x - now.x, y - now.y) >= 0.6:
+            assert math.hypot(x - now.x, y - now.y) >= there.distance(now) - 0.15
+
+
+def test_at_the_chosen_place_the_robot_heads_for_the_target_of_the_next_step() -> None:
+    chain = near_goal(0.0, 1.0)
+    _, dribble, shot = (call.goal.pose for call in chain.calls)
+    toward = math.atan2(shot.y - dribble.y, shot.x - dribble.x)
+    assert dribble.yaw == pytest.approx(toward)
+
+
+def test_other_headings_are_along_the_approach() -> None:
+    (chain,) = planned(statements_of("ball.x=2", "ball.y=1"), situation(ball=(1.0, 0.0)))
+    fetch, dribble = chain.calls
+    assert fetch.goal.pose[:2] == (1.0, 0.0)
+    assert fetch.goal.pose.yaw == pytest.approx(math.atan2(-1.0, 3.0))
+    axle = fetch.goal.robot_pose(ROBOT)
+    assert dribble.goal.pose[:2] == (2.0, 1.0)
+    assert dribble.goal.pose.yaw == pytest.approx(math.atan2(1.0 - axle.y, 2.0 - axle.x))
+    (chain,) = planned(statements_of("robot.yaw=1"), situation())
+    (turn,) = chain.calls
+    assert turn.goal.pose == Pose(START.x, START.y, 1.0)
+    already = statements_of("robot.x=-2", "robot.y=1", "robot.vx=0")
+    assert planned(already, situation()) == []
+
+
+def test_what_the_goal_leaves_free_is_open_and_only_the_last_step_stops() -> None:
+    (chain,) = planned(statements_of("ball.x=2", "ball.y=1"), situation())
+    assert [sorted(call.open) for call in chain.calls] == [["speed", "yaw"], ["yaw"]]
+    (chain,) = planned(statements_of("robot.x=1", "robot.yaw=0.5"), situation())
+    (drive,) = chain.calls
+    assert sorted(drive.open) == ["y"]
+    assert drive.goal.pose == Pose(1.0, START.y, 0.5)
+
+
+def test_an_unreachable_combination_is_explained() -> None:
+    wanted = statements_of("robot.x=3", "robot.y=0", "ball.x=-3", "ball.y=0", "hold.x=-3")
+    with pytest.raises(PlanningError, match=r"each condition can be achieved, but no sequence"):
+        planned(wanted, situation())
+
+
 def test_an_unknown_object_is_reported() -> None:
     with pytest.raises(PlanningError, match="goToBall needs the ball, which is unknown"):
         planned(IN_GOAL, situation(ball=None))
@@ -161,22 +230,6 @@ def test_an_unachievable_precondition_is_reported() -> None:
     with pytest.raises(PlanningError) as refused:
         planned(IN_GOAL, situation(ball=(2.4, 0.0)), domain=one)
     assert "no TOP achieves hold.x within 0.12 of ball.x, which shoot needs" in str(refused.value)
-
-
-def test_the_tool_prints_chains_and_predictions(capsys: pytest.CaptureFixture[str]) -> None:
-    words = ("ball_in_goal", "--at", "3.4", "1", "3.14", "--object", "ball", "2.4", "0.5")
-    assert plan_main(words) == 0
-    lines = capsys.readouterr().out.splitlines()
-    assert len(lines) == 2
-    durations = [float(line.split()[0]) for line in lines]
-    assert durations == sorted(durations)
-    assert plan_main([]) == 0
-    assert "ball_in_goal" in capsys.readouterr().out
-    assert plan_main(["ball_in_goal"]) == 1
-    refused = capsys.readouterr().err
-    assert refused.startswith("plan: goToBall needs the ball, which is unknown; ")
-    assert "no TOP achieves ball.x " in refused
-    assert refused.count("\n") == 1
 
 
 def test_invalid_statements_are_rejected() -> None:

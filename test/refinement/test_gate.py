@@ -185,3 +185,68 @@ def test_with_durations_only_their_uncertainty_is_known() -> None:
 )
 def test_a_share_of_the_cost_has_no_uncertainty(gain: float, reason: str) -> None:
     assert Gate().decide(gain, None) == (reason.endswith("refined"), reason)
+
+
+@pytest.mark.parametrize("gain", [0.0499, 0.0501, 0.2, 3.0])
+@pytest.mark.parametrize("uncertainty", [0.0, 0.1, 1.0])
+@pytest.mark.parametrize("factor", [0.5, 1.0, 2.0])
+def test_a_gain_must_exceed_a_tick_and_its_uncertainty(
+    gain: float, uncertainty: float, factor: float
+) -> None:
+    gate = Gate(factor=factor)
+    pays = gain > 0.05 and gain > factor * uncertainty
+    assert gate.pays(gain, uncertainty) is pays
+    refine, reason = gate.decide(gain, uncertainty, "kept as sent")
+    assert refine is pays
+    assert (": refined" in reason) is pays
+    assert (": kept as sent" in reason) is not pays
+    assert ("not above one control tick" in reason) is (0.05 >= gain > factor * uncertainty)
+
+
+def test_bounds_of_gains_are_exclusive() -> None:
+    assert not Gate().pays(0.05, 0.0)
+    assert not Gate().pays(0.3, 0.3)
+    assert not Gate().pays(0.01, None)
+    assert Gate().pays(0.011, None)
+    assert NO_GATE.pays(1e-9, 5.0)
+    assert not NO_GATE.pays(0.0, 5.0)
+    assert Gate().decide(0.0049, 0.001) == (False, "no gain predicted")
+    assert Gate().decide(0.0051, 0.001)[1].startswith("gain 0.01 s")
+    assert Gate().decide(0.00049, None) == (False, "no gain predicted")
+    assert Gate().decide(0.00051, None)[1].startswith("gain 0.1 % of the cost")
+    assert Gate().decide(math.nan, 0.1) == (False, "no gain predicted")
+
+
+@pytest.mark.parametrize(
+    ("changes", "closes"),
+    [
+        ({}, True),
+        ({"refined": 10, "compared": 3}, True),
+        ({"refined": 9}, False),
+        ({"compared": 2}, False),
+        ({"high": 0.34}, True),
+        ({"high": 0.36}, False),
+        ({"predicted": 0.0, "high": -1.0}, False),
+    ],
+)
+def test_a_measured_gain_of_less_than_half_closes_the_gate(
+    changes: dict[str, Any], closes: bool
+) -> None:
+    measured = dataclasses.replace(TOO_LOW, **changes)
+    assert measured.too_low is closes
+    assert ("too low: the gate is closed" in str(measured)) is closes
+    refine, reason = Gate(measured=measured).decide(0.7, 0.1)
+    assert refine is not closes
+    assert ("as the measured gain is 0.10 s (0.00 to" in reason) is closes
+    drawn, reason = Gate(measured=measured, drawn=True).decide(0.7, 0.1)
+    assert drawn is closes
+    assert reason.endswith(", to measure what refinement gains")
+
+
+def test_an_unknown_gain_names_what_it_needs() -> None:
+    assert str(MeasuredGain(1, 0)) == (
+        "unknown: 1 refined chains and 0 naive ones; two of each needed"
+    )
+    assert str(dataclasses.replace(TOO_LOW, high=0.6)) == (
+        "0.10 s (0.00 to 0.60), predicted 0.70 s, from 20 refined chains and 5 naive ones"
+    )

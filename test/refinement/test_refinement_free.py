@@ -74,7 +74,8 @@ def test_without_free_variables_the_reasons_are_reported() -> None:
     result = Refiner(ROBOT, models()).refine(world(), two_steps(frozenset({"x"})))
     assert not result.refined
     assert result.reason == (
-        "nothing is free: x of step 1 (goToBall) is bound by the pre-condition of step 1 (goToBall): "
+        "nothing is free: x of step 1 (goToBall) is bound by the pre-condition of step 1 "
+        "(goToBall): "
         "ball.x near goal.x"
     )
     assert math.isfinite(result.before.duration)

@@ -8,10 +8,20 @@ import math
 
 import numpy as np
 import pytest
-from refinement_fakes import StepCost, pair_by_pair
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from refinement_fakes import StepCost, after, pair_by_pair
 
 from ator_ros.geometry import FloatArray, wrap_angles
-from ator_ros.refinement.search import search
+from ator_ros.refinement.search import (
+    BLOCK,
+    NoCandidateError,
+    Work,
+    expected_work,
+    least_path,
+    search,
+    spread_points,
+)
 from ator_ros.tops.ranges import Range
 
 CIRCLE = Range(-math.pi, math.pi, 36, periodic=True)
@@ -152,3 +162,170 @@ def test_given_angles_may_be_whole_turns_away(shift: float) -> None:
     costs = pair_by_pair(valley(shift))
     found, again = search(costs, AXES, near), search(costs, AXES, far)
     assert again.cost == pytest.approx(found.cost, abs=1e-6)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.lists(st.integers(1, 5), min_size=1, max_size=5), st.integers(0, 1000))
+def test_the_best_path_through_candidates_is_found_exactly(sizes: list[int], seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    candidates = [np.arange(size, dtype=float)[:, None] for size in sizes]
+    tables = [rng.random((n, m)) for n, m in itertools.pairwise([1, *sizes])]
+
+    def costs(steps: list[tuple[int, FloatArray, FloatArray]]) -> list[FloatArray]:
+        return [
+            tables[index][before[:, 0, 0].astype(int)] if index else tables[0]
+            for index, before, _ in steps
+        ]
+
+    found = least_path(costs, candidates)  # type: ignore[arg-type]
+    totals = {}
+    for path in itertools.product(*map(range, sizes)):
+        steps = itertools.pairwise((0, *path))
+        totals[path] = sum(tables[index][step] for index, step in enumerate(steps))
+    assert found.cost == pytest.approx(min(totals.values()))
+    assert totals[tuple(found.rows)] == pytest.approx(found.cost)
+    assert [value[0] for value in found.values] == list(found.rows)
+    assert found.complete
+    for subgoal, curve in enumerate(found.curves):
+        for row, total in enumerate(curve.totals):
+            through = [cost for path, cost in totals.items() if path[subgoal] == row]
+            assert total == pytest.approx(min(through))
+
+
+def test_pairs_are_evaluated_in_blocks() -> None:
+    sizes = []
+
+    def costs(steps: list[tuple[int, FloatArray, FloatArray]]) -> list[FloatArray]:
+        sizes.append(sum(len(before) * len(there) for _, before, there in steps))
+        return [np.zeros((len(before), len(there))) for _, before, there in steps]
+
+    candidates = [np.zeros((size, 1)) for size in (30, 40, 5, 5, 700, 2)]
+    least_path(costs, candidates)  # type: ignore[arg-type]
+    assert sum(sizes) == 30 + 30 * 40 + 40 * 5 + 25 + 5 * 700 + 700 * 2
+    assert max(size for size in sizes if size != 700) <= BLOCK
+    assert len(sizes) < 20
+
+
+def test_after_the_deadline_later_subgoals_keep_their_first_candidate() -> None:
+    cost = pair_by_pair(lambda index, _, there: -(1.0 + index) * there[:, 0])
+    candidates = [np.arange(400.0)[:, None], np.arange(400.0)[:, None], np.arange(3.0)[:, None]]
+    late = least_path(cost, candidates, after(1))
+    assert [float(value[0]) for value in late.values] == [399.0, 0.0, 0.0]
+    assert not late.complete
+    assert late.cost == -399.0
+    assert [len(curve.values) for curve in late.curves] == [400, 1, 1]
+    assert least_path(cost, candidates, after(10**6)).complete
+
+
+def flat(index: int, before: FloatArray, there: FloatArray) -> FloatArray:
+    return np.ones(len(there))
+
+
+@pytest.mark.parametrize(
+    "axes",
+    [
+        [[CIRCLE]],
+        [[CIRCLE], []],
+        [[CIRCLE, SPEED], [CIRCLE, SPEED], []],
+        [[CIRCLE, SPEED, SPEED], [], [CIRCLE, SPEED, SPEED, SPEED]],
+        [[CIRCLE]] * 12,
+    ],
+)
+@pytest.mark.parametrize("cost", [flat, None])
+def test_the_work_is_estimated_and_rather_too_large(
+    axes: list[list[Range]], cost: StepCost | None
+) -> None:
+    costs = cost or smooth_cost(1, [len(domains) for domains in axes])
+    work = Work(expected=expected_work(axes))
+    search(pair_by_pair(costs), axes, work=work)
+    assert 0.1 * work.expected < work.done <= work.expected
+
+
+def test_without_free_variables_one_path_is_evaluated() -> None:
+    work = Work()
+    found = search(pair_by_pair(flat), [[], []], [np.zeros(0), np.zeros(0)], work=work)
+    assert (found.cost, found.complete, found.searched) == (2.0, True, False)
+    assert work.done <= expected_work([[], []]) < 200.0
+
+
+def test_candidates_stay_in_their_ranges_and_regions() -> None:
+    ranges = [CIRCLE, SPEED, Range(-2.0, -1.0, 5)]
+    seen: list[FloatArray] = []
+
+    def cost(index: int, before: FloatArray, there: FloatArray) -> FloatArray:
+        seen.append(there)
+        return np.asarray(there[:, 2] - there[:, 1] + np.cos(there[:, 0]))
+
+    def allowed(index: int, values: FloatArray) -> FloatArray:
+        return np.asarray(values[:, 1] <= 0.5)  # type: ignore[return-value]
+
+    for region in (None, allowed):
+        seen.clear()
+        found = search(pair_by_pair(cost), [ranges], allowed=region)  # type: ignore[arg-type]
+        values = np.concatenate(seen)
+        for column, each in zip(values.T, ranges, strict=True):
+            assert each.low <= column.min() <= column.max() <= each.high
+        assert bool(values[:, 1].max() <= 0.5) is (region is not None)
+        expected = [-math.pi, 0.5 if region else 1.0, -2.0]
+        error = np.abs(found.values[0] - expected)
+        assert min(error[0], 2.0 * math.pi - error[0]) < 0.05
+        assert error[1:].max() < 0.05
+
+
+def test_a_region_without_a_point_has_no_candidate() -> None:
+    def nowhere(index: int, values: FloatArray) -> FloatArray:
+        return np.zeros(len(values), dtype=bool)  # type: ignore[return-value]
+
+    with pytest.raises(NoCandidateError):
+        search(pair_by_pair(flat), [[CIRCLE]], allowed=nowhere)  # type: ignore[arg-type]
+    given = [np.array([0.3])]
+    found = search(pair_by_pair(flat), [[CIRCLE]], given, allowed=nowhere)  # type: ignore[arg-type]
+    assert found.values[0] == [0.3]
+
+
+@settings(max_examples=10, deadline=None)
+@given(st.integers(0, 100), st.lists(st.floats(-3.0, 3.0), min_size=3, max_size=3))
+def test_the_result_is_never_above_the_given_values_and_always_the_same(
+    seed: int, given: list[float]
+) -> None:
+    axes = [[CIRCLE], [CIRCLE], [CIRCLE]]
+    cost = smooth_cost(seed, [1, 1, 1])
+    values = [np.array([value]) for value in given]
+    first = search(pair_by_pair(cost), axes, values)
+    pairs = itertools.pairwise([np.zeros((1, 0)), *(value[None] for value in values)])
+    sent = sum(float(cost(index, *pair)[0]) for index, pair in enumerate(pairs))
+    assert first.cost <= sent + 1e-12
+    assert search(pair_by_pair(cost), axes, values).cost == first.cost
+
+
+@pytest.mark.parametrize("shift", [0.5, 2.0])
+def test_the_search_follows_a_turned_cost(shift: float) -> None:
+    cost = smooth_cost(4, [1, 1])
+
+    def turned(index: int, before: FloatArray, there: FloatArray) -> FloatArray:
+        return cost(index, before - shift, there - shift)
+
+    usual = search(pair_by_pair(cost), [[CIRCLE], [CIRCLE]])
+    again = search(pair_by_pair(turned), [[CIRCLE], [CIRCLE]])
+    assert again.cost == pytest.approx(usual.cost, abs=1e-3)
+
+
+@pytest.mark.parametrize("least", [0.013, 0.61])
+def test_a_narrow_valley_is_followed_to_its_floor(least: float) -> None:
+    def cost(index: int, before: FloatArray, there: FloatArray) -> FloatArray:
+        return np.asarray(np.abs(there[:, 1] - least) + 1.0 - np.cos(there[:, 0] - 3.0 * least))
+
+    found = search(pair_by_pair(cost), [[CIRCLE, SPEED]])
+    assert found.cost < 0.003
+
+
+@pytest.mark.parametrize("dimensions", [1, 2, 5])
+def test_points_are_spread_evenly(dimensions: int) -> None:
+    points = spread_points(dimensions, 0, 1024)
+    assert points.shape == (1024, dimensions)
+    assert 0.0 <= points.min() < 0.01 < 0.99 < points.max() < 1.0
+    for column in points.T:
+        counts, _ = np.histogram(column, bins=16, range=(0.0, 1.0))
+        assert counts.min() > 58
+        assert counts.max() < 70
+    assert (spread_points(dimensions, 10, 5) == points[10:15]).all()

@@ -47,8 +47,8 @@ def test_base_never_exceeds_its_limits(simulation: Simulation, command: Command)
         simulation.command(command)
         simulation.tick()
         state = simulation.world().robot
-        assert abs(state.v - last.v) <= ROBOT.limits.a * TICK + LIMITS_SLACK
-        last, v, w = state, max(v, abs(state.v)), max(w, abs(state.w))
+        assert abs(state.vx - last.vx) <= ROBOT.limits.a * TICK + LIMITS_SLACK
+        last, v, w = state, max(v, abs(state.vx)), max(w, abs(state.w))
     assert v <= ROBOT.limits.v + LIMITS_SLACK
     assert w <= ROBOT.limits.w + LIMITS_SLACK
     assert max(v / ROBOT.limits.v, w / ROBOT.limits.w) > 0.95  # the commands did reach the limits
@@ -67,12 +67,12 @@ def test_the_robot_stands_half_a_second_after_the_last_command(simulation: Simul
             simulation.tick()
         fast = simulation.world().robot
         simulation.tick()
-        assert simulation.world().robot.v == pytest.approx(fast.v, abs=0.01)  # late, not lost
+        assert simulation.world().robot.vx == pytest.approx(fast.vx, abs=0.01)  # late, not lost
         for _ in range(8):
             simulation.tick()
         stopped = simulation.world().robot
         # at rest
-        assert (stopped.v, stopped.w / 2.5) == pytest.approx((0.0, 0.0), abs=0.02), (v, w)
+        assert (stopped.vx, stopped.w / 2.5) == pytest.approx((0.0, 0.0), abs=0.02), (v, w)
 
 
 def test_rolling_ball_decelerates_as_configured(simulation: Simulation) -> None:
@@ -98,7 +98,7 @@ def test_robots_of_one_world_move_independently_and_share_the_ball() -> None:
             world.command(Command(-0.3, 0.0), number=1)
             world.tick()
         first, second = world.world().robot, world.world(number=1).robot
-        assert (first.v, second.v) == pytest.approx((0.5, -0.3), abs=LIMITS_SLACK)
+        assert (first.vx, second.vx) == pytest.approx((0.5, -0.3), abs=LIMITS_SLACK)
         assert 0.55 < first.pose.x + 1.0 < 0.9
         assert (first.pose.y, second.pose.x) == pytest.approx((0.0, 0.0), abs=0.01)
         assert 0.3 < 1.0 - second.pose.y < 0.6

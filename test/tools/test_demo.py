@@ -7,6 +7,7 @@ import time
 from pathlib import Path
 
 import pytest
+from PIL import Image
 from view.in_process import record_of
 
 from ator_interfaces.msg import Outcome
@@ -16,10 +17,11 @@ from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.trials import random_trial
 from ator_ros.nodes.network import NodesError
 from ator_ros.refinement.refiner import ITS_DEADLINE
-from ator_ros.tools.demo import DemoSituation, table
+from ator_ros.tools.demo import DemoSituation, save_animation, table
 from ator_ros.tools.own_nodes import NodeProcesses
 from ator_ros.tops.chain import TopChain
 from ator_ros.view.runs import Answer, Run
+from ator_ros.world.state import RobotState, World
 
 ROBOT = load_robot()
 TRIAL = random_trial(SOCCER, "shoot", SOCCER.library(ROBOT), seed=401, index=0)
@@ -77,6 +79,26 @@ def test_noise_of_unchanged_chains_is_no_saving_and_short_searches_are_marked() 
     assert "2 refined* " in text
     assert "3 refined* " in text
     assert "* the deadline cut the search short" in text
+
+
+def test_a_race_ends_with_the_slower_robot(tmp_path: Path) -> None:
+    still = [World(0.1 * tick, TRIAL.world.robot, TRIAL.world.objects) for tick in range(5)]
+    runs = [run(total=8.0), run(total=7.5, refined=True)]
+    for each in runs:
+        for world in still:
+            each.observe(world)
+        for tick in range(5, 100):
+            pose = TRIAL.world.robot.pose.ahead(0.02 * (tick - 4))
+            each.observe(World(0.1 * tick, RobotState(pose), TRIAL.world.objects))
+    answer = Answer(TRIAL.chain, TRIAL.chain, True, "")
+    situation = DemoSituation(TRIAL.world, TRIAL.chain, answer, *runs)
+    save_animation(tmp_path / "race.gif", SOCCER, ROBOT, situation)
+    with Image.open(tmp_path / "race.gif") as picture:
+        seconds = 0.0
+        for frame in range(picture.n_frames):
+            picture.seek(frame)
+            seconds += picture.info["duration"] / 1000.0
+    assert 8.0 < seconds < 12.0  # the naive robot's time, and some to read the clocks
 
 
 def test_a_command_runs_in_its_folder_and_a_missing_one_is_reported(tmp_path: Path) -> None:

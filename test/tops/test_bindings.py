@@ -41,7 +41,7 @@ def test_the_next_pre_condition_binds_the_variables_it_depends_on() -> None:
     assert "pre-condition of step 2 (dribbleBall)" in found[0, "yaw"]
     facing = top_with(pre=(Term("robot.yaw", "goal.yaw", 0.1),), post=ARRIVED)
     assert bound("goToPose", facing).keys() == {(0, "yaw"), (1, "yaw")}
-    standing = top_with(pre=(Term("robot.v", 0.0, 0.1), Term("robot.w", 0.0, 0.1)))
+    standing = top_with(pre=(Term("robot.vx", 0.0, 0.1), Term("robot.w", 0.0, 0.1)))
     assert bound("dribbleBall", standing).keys() == {(0, "speed")}
 
 
@@ -52,7 +52,7 @@ def test_a_later_step_binds_the_place_of_the_ball() -> None:
 
 
 def test_a_post_condition_binds_variables_with_fixed_targets() -> None:
-    stopping = top_with(post=(*ARRIVED, Term("robot.v", 0.0, 0.1)))
+    stopping = top_with(post=(*ARRIVED, Term("robot.vx", 0.0, 0.1)))
     assert bound(stopping).keys() == {(0, "speed")}
     at_ball = top_with(post=(Term("hold.x", "ball.x", 0.1),), point=Point.HOLD)
     assert bound(at_ball).keys() == {(0, "x")}

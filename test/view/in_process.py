@@ -1,4 +1,4 @@
-"""A view's backend without ROS: it refines with the shipped models and executes chains in one step."""
+"""A view's backend without ROS: it refines with shipped models and executes chains at once."""
 
 import dataclasses
 import math

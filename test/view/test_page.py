@@ -19,9 +19,9 @@ from ator_ros.geometry import Pose
 from ator_ros.simulation.urdf import robot_urdf
 from ator_ros.view.draft import situation_draft
 from ator_ros.view.editor import NAIVE, Editor
+from ator_ros.view.floor import LOOPBACK, serve
 from ator_ros.view.page import Page, clock_text, gate_text, rules_text, times_text
 from ator_ros.view.runs import OTHERS, Run
-from ator_ros.view.scene import LOOPBACK, serve
 from ator_ros.world.state import RobotState, World
 
 ROBOT = SOCCER.robot()
@@ -103,7 +103,8 @@ def test_a_drag_keeps_the_offset_of_its_start(shown: Shown) -> None:
 
 
 HOSTILE = [
-    math.nan, math.inf, -math.inf, 1e308, -1e308, 2**63, -(2**63), -1, 0.5, None, True, "", "a\n\x1b[2J",
+    math.nan, math.inf, -math.inf, 1e308, -1e308, 2**63, -(2**63), -1, 0.5, None, True, "",
+    "a\n\x1b[2J",
     1e-7, 5e-324,
     "x" * 100_000, b"x", [], [[]], [1.0, 2.0], {"a": 1}, "1e308",
 ]  # fmt: skip

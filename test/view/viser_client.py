@@ -1,4 +1,4 @@
-"""A client of a page without a browser: it receives viser's messages and stores the nodes' positions."""
+"""A client of a page without a browser: it receives messages and stores nodes' positions."""
 
 import contextlib
 import socket
@@ -28,7 +28,7 @@ def free_port() -> int:
 
 
 class ViserClient:
-    """Connects immediately; `scene` has the position of each node by name, None until one is received.
+    """Connects immediately; `scene` has the position of each node by name, None at first.
 
     `drawn` counts how often each node or its lines were received.
     """
@@ -86,7 +86,7 @@ class ViserClient:
         self._socket.send(msgspec.msgpack.encode({"type": kind, **fields}))
 
     def look(self, place: tuple[Any, ...] = (0.0, -1e-3, _HEIGHT)) -> None:
-        """Send the camera's place above the floor, without which the server ignores other messages."""
+        """Send the camera's place, without which the server ignores other messages."""
         size = {"image_height": 800, "image_width": 1200, "fov": 0.9, "near": 0.01, "far": 1000.0}
         turn = (1.0, 0.0, 0.0, 0.0)
         up = (0.0, 1.0, 0.0)
@@ -106,8 +106,10 @@ class ViserClient:
         """
         place, pixel = (x, y, 0.0), (0.5, 0.5)
         self.send(
-            "SceneNodeDragMessage", phase=phase, name=node, instance_index=None, start_position=place,
-            start_screen_pos=pixel, end_position=place, end_screen_pos=pixel, button="left", modifier=None,
+            "SceneNodeDragMessage", phase=phase, name=node, instance_index=None,
+            start_position=place,
+            start_screen_pos=pixel, end_position=place, end_screen_pos=pixel, button="left",
+            modifier=None,
             owner="",
         )  # fmt: skip
 

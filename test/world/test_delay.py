@@ -53,3 +53,44 @@ def test_a_pause_and_a_restart_are_no_delay() -> None:
     assert delay.seconds == pytest.approx(true, abs=0.1)
     delay.restart()
     assert delay.seconds == 0.0
+
+
+def stepped(seconds: float, late: float, *, period: float = PERIOD, since: float = 5.0) -> Delay:
+    """Return the delay of a clock whose states come `late` s later from the time `since` on."""
+    delay = Delay()
+    for tick in range(round(seconds / period) + 1):
+        time = tick * period
+        delay.update(time, time + (late if time >= since - 1e-9 else 0.0))
+    return delay
+
+
+def test_the_delay_is_known_after_three_seconds_in_real_time() -> None:
+    assert not stepped(2.9, 0.0).is_known
+    assert stepped(3.2, 0.0).is_known
+
+
+@pytest.mark.parametrize(
+    ("pace", "is_known"), [(0.995, True), (1.005, True), (0.98, False), (1.02, False)]
+)
+def test_a_clock_may_differ_by_one_percent(pace: float, is_known: bool) -> None:
+    assert delay_after(20.0, pace=pace)[0].is_known is is_known
+
+
+@pytest.mark.parametrize("period", [0.05, 0.4])
+def test_a_delay_is_measured_once_three_states_in_a_row_are_late(period: float) -> None:
+    for late_states, measured in ((1, 0.0), (2, 0.0), (3, 0.3), (4, 0.3)):
+        since = 13 * 0.4
+        delay = stepped(since + (late_states - 1) * period, 0.3, period=period, since=since)
+        assert delay.seconds == pytest.approx(measured, abs=1e-6)
+
+
+def test_a_delay_is_usual_after_a_minute() -> None:
+    assert stepped(60.0, 0.4).seconds == pytest.approx(0.4, abs=1e-6)
+    assert stepped(67.0, 0.4).seconds == pytest.approx(0.0, abs=1e-6)
+
+
+@pytest.mark.parametrize(("gap", "is_known"), [(0.9, True), (1.2, False)])
+def test_a_second_without_states_may_be_a_pause(gap: float, is_known: bool) -> None:
+    delay = stepped(4.0, 0.0)
+    delay.update(4.0 + gap, 4.0 + gap)
+    assert delay.is_known is is_known

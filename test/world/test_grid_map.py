@@ -7,12 +7,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from maps import hall, write_map
 from PIL import Image
 
 from ator_ros.files import FileError
 from ator_ros.geometry import Pose
-from ator_ros.world.grid_map import GridMap, load_map, map_of_grid
+from ator_ros.world.grid_map import GridMap, describe_values, load_map, map_of_grid, save_map
 
 SHADES = np.array(
     [[254, 205, 0], [254, 254, 100]], dtype=np.uint8
@@ -211,3 +213,90 @@ def test_walls_cover_the_obstacles_beside_free_cells() -> None:
     beside = [np.roll(free, (down, right), (0, 1)) for down in (-1, 0, 1) for right in (-1, 0, 1)]
     assert (covered.astype(bool) == (np.any(beside, axis=0) & ~free)).all()
     assert len(grid.walls) < 15
+
+
+ORIGIN = Pose(1.0, -2.0, 0.5)
+
+
+@settings(max_examples=30)
+@given(st.floats(0.0, 6.0), st.floats(0.0, 4.0))
+def test_places_are_counted_in_cells_along_the_rows(along: float, across: float) -> None:
+    grid = GridMap("hall", hall(), 0.05, ORIGIN)
+    place = ORIGIN.compose(Pose(along, across, 0.0))
+    x, y = grid.cells(place.x, place.y)
+    assert (float(x), float(y)) == pytest.approx((along / 0.05, across / 0.05), abs=1e-9)
+
+
+def test_maps_are_equal_if_name_content_and_planner_are() -> None:
+    def planner(start: tuple[float, float], goal: tuple[float, float]) -> None:
+        return None
+
+    grid = GridMap("hall", hall(), 0.05, ORIGIN)
+    assert grid == GridMap("hall", hall(), 0.05, ORIGIN._replace(x=1.0 + 1e-9))
+    assert hash(grid) == hash(GridMap("hall", hall(), 0.05, ORIGIN))
+    assert grid != "hall"
+    others = [
+        GridMap("room", hall(), 0.05, ORIGIN),
+        GridMap("hall", hall(wall=False), 0.05, ORIGIN),
+        GridMap("hall", hall(), 0.1, ORIGIN),
+        GridMap("hall", hall(), 0.05, ORIGIN._replace(yaw=0.6)),
+        GridMap("hall", hall().reshape(240, 160), 0.05, ORIGIN),
+        GridMap("hall", hall(), 0.05, ORIGIN, planner),
+    ]
+    assert all(grid != other for other in others)
+    assert str(others[-1]) == f"{str(grid)[:-1]}, paths of {planner})"
+
+
+def test_cells_of_up_to_a_quarter_are_free() -> None:
+    data = [0, 25, 26, 100, -1, 24]
+    grid = map_of_grid("/map", 3, 2, np.float32(0.05), ORIGIN, data)
+    assert grid.free.tolist() == [[True, True, False], [False, False, True]]
+    assert (grid.name, grid.resolution, grid.origin) == ("/map", 0.05, ORIGIN)
+    assert describe_values(data) == "its cells have values from -1 to 100, free are 0 to 25"
+    assert describe_values([]) == "it has no cells"
+
+
+@pytest.mark.parametrize(
+    ("resolution", "is_right"), [(0.001, True), (10.0, True), (0.0009, False), (10.1, False)]
+)
+def test_cells_have_a_millimeter_to_ten_meters(resolution: float, is_right: bool) -> None:
+    if is_right:
+        GridMap("hall", hall(), resolution, ORIGIN)
+    else:
+        with pytest.raises(FileError, match=r"cells of 0.001 to 10 m"):
+            GridMap("hall", hall(), resolution, ORIGIN)
+
+
+def test_a_map_that_is_saved_is_read_again(tmp_path: Path) -> None:
+    grid = GridMap("map.yaml", hall(), 0.05, ORIGIN)
+    file = save_map(grid, tmp_path)
+    assert file == tmp_path / "map.yaml"
+    assert load_map(file) == grid
+
+
+@pytest.mark.parametrize("image", ["gray", "deep", "color"])
+@pytest.mark.parametrize("negate", [0, 1])
+def test_a_pixel_is_free_if_it_is_brighter_than_the_threshold(
+    tmp_path: Path, image: str, negate: int
+) -> None:
+    bright = np.array([[255, 205, 203, 0]], dtype=np.uint8)  # occupied by 0, 0.196, 0.204 and 1
+    shades = 255 - bright if negate else bright
+    pixels: Any = {
+        "gray": shades,
+        "deep": shades.astype(np.uint16) * 257,
+        "color": np.stack([shades] * 3, axis=-1),
+    }[image]
+    Image.fromarray(pixels).save(tmp_path / "other.png")
+    file = write_map(tmp_path, hall(), image="other.png", free_thresh=0.2, negate=negate)
+    assert load_map(file).free.tolist() == [[True, True, False, False]]
+
+
+def test_walls_have_the_frame_and_the_size_of_their_cells() -> None:
+    free = np.ones((4, 5), dtype=bool)
+    free[1, 1:3] = False
+    grid = GridMap("hall", free, 0.5, Pose(10.0, 20.0, 0.0))
+    walls = [wall for wall in grid.walls if wall[0].x > 10.0 and 20.0 < wall[0].y < 22.0]
+    walls = [wall for wall in walls if wall[0].x < 12.5]
+    ((middle, length, width),) = walls
+    assert middle == pytest.approx(Pose(11.0, 20.75, 0.0))
+    assert (length, width) == (1.0, 0.5)

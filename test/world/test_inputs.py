@@ -4,8 +4,8 @@ import pytest
 
 from ator_ros.domains.soccer.field import BALL, ball_of
 from ator_ros.geometry import Pose
-from ator_ros.world.inputs import ClockJumpError, Inputs, StampError
-from ator_ros.world.sightings import ObjectTracker, Sightings
+from ator_ros.world.inputs import ClockJumpError, Inputs
+from ator_ros.world.sightings import ObjectTracker, Sightings, StampError
 from ator_ros.world.state import ObjectState, RobotState
 
 
@@ -160,3 +160,135 @@ def test_fast_stamps_are_noticed_and_slow_ones_extend_real_timeouts(rate: float)
     assert both.is_fast is (rate > 1.0)
     assert both.slowdown == pytest.approx(max(1.0, 1.0 / rate))
     assert rate > 0.5 or both.since <= 7.0 + 0.05 / rate  # messages with this period are not a gap
+
+
+STANDING = RobotState(Pose(0.0, 0.0, 0.0))
+
+
+def driven(both: Inputs, pace: float, seconds: float, *, start: tuple[float, float]) -> None:
+    """Send odometry every 0.05 real s, whose stamps run `pace` times as fast, from stamp and real s."""
+    stamp, real = start
+    for tick in range(round(seconds / 0.05) + 1):
+        both.robot(stamp + pace * 0.05 * tick, STANDING, real + 0.05 * tick)
+
+
+def test_the_pace_is_that_of_the_last_two_seconds() -> None:
+    both = inputs()
+    driven(both, 1.0, 5.0, start=(0.0, 10.0))
+    assert both.pace == pytest.approx(1.0)
+    driven(both, 3.0, 1.0, start=(5.15, 15.05))
+    assert 1.5 < both.pace < 2.5
+    driven(both, 3.0, 1.5, start=(8.3, 16.1))
+    assert both.pace == pytest.approx(3.0, rel=0.05)
+
+
+def test_the_pace_is_measured_over_half_a_second() -> None:
+    both = inputs()
+    driven(both, 4.0, 0.45, start=(0.0, 10.0))
+    assert both.pace == 1.0
+    driven(both, 4.0, 0.1, start=(2.0, 10.5))
+    assert both.pace == pytest.approx(4.0, rel=0.1)
+
+
+def test_a_paused_simulation_keeps_its_pace() -> None:
+    both = inputs()
+    driven(both, 1.0, 3.0, start=(0.0, 10.0))
+    driven(both, 1.0, 0.4, start=(3.05, 500.0))
+    assert both.pace == pytest.approx(1.0)
+    driven(both, 1.0, 2.0, start=(3.5, 500.45))
+    assert both.pace == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(
+    ("pace", "slowdown", "is_fast"),
+    [
+        (0.015, 50.0, False),
+        (0.7, 1.0 / 0.7, False),
+        (0.85, 1.0, False),
+        (1.4, 1.0, False),
+        (1.6, 1.0, True),
+    ],
+)
+def test_timeouts_grow_with_slow_stamps(pace: float, slowdown: float, is_fast: bool) -> None:
+    both = inputs()
+    driven(both, pace, 4.0, start=(0.0, 10.0))
+    assert both.slowdown == pytest.approx(slowdown)
+    assert both.is_fast is is_fast
+
+
+@pytest.mark.parametrize(
+    ("gap", "ahead", "is_used"),
+    [
+        (0.0, 19.9, True),
+        (0.0, 20.1, False),
+        (0.5, 519.0, True),
+        (0.5, 521.0, False),
+        (9.0, 1019.0, True),
+        (9.0, 1021.0, False),
+    ],
+)
+def test_stamps_may_advance_a_thousand_times_as_fast_as_real_time(
+    gap: float, ahead: float, is_used: bool
+) -> None:
+    both = inputs()
+    both.robot(1.0, STANDING, 10.0)
+    if is_used:
+        assert both.robot(1.0 + ahead, STANDING, 10.0 + gap) is not None
+        assert both.time == 1.0 + ahead
+    else:
+        with pytest.raises(StampError, match=f"got {1.0 + ahead:.2f} s, {ahead:.2f} s ahead"):
+            both.robot(1.0 + ahead, STANDING, 10.0 + gap)
+        assert both.time == 1.0
+
+
+def test_odometry_has_arrived_since_the_last_gap_of_a_second() -> None:
+    both = inputs()
+    assert both.since < 0.0
+    driven(both, 1.0, 2.0, start=(0.0, 10.0))
+    assert both.since == 10.0
+    both.robot(2.9, STANDING, 12.95)
+    assert both.since == 10.0
+    both.robot(4.0, STANDING, 14.0)
+    assert both.since == 14.0
+
+
+@pytest.mark.parametrize(("pause", "is_reported"), [(0.9, True), (1.1, False)])
+def test_late_messages_are_reported_if_another_came_within_a_second(
+    pause: float, is_reported: bool
+) -> None:
+    both = inputs()
+    both.robot(1.0, STANDING, 10.0)
+    assert both.robot(0.9, STANDING, 10.01) is None
+    both.robot(1.1, STANDING, 10.1)
+    if is_reported:
+        with pytest.raises(StampError, match="arrive out of order"):
+            both.robot(1.0, STANDING, 10.01 + pause)
+    else:
+        assert both.robot(1.0, STANDING, 10.01 + pause) is None
+
+
+def test_timeouts_of_objects_are_set_by_name() -> None:
+    both = inputs()
+    both.robot(1.0, STANDING)
+    both.object(BALL, 1.0, ObjectState(0.0, 0.0))
+    both.set_timeouts({"cup_timeout": 9.0})
+    both.robot(1.2, STANDING)
+    assert both.overdue == {BALL}
+    both.set_timeouts({f"{BALL}_timeout": 2.0})
+    assert both.overdue == frozenset()
+
+
+def test_a_reset_forgets_objects_and_delay() -> None:
+    both = inputs()
+    driven(both, 1.0, 4.0, start=(100.0, 10.0))
+    both.object(BALL, 104.0, ObjectState(0.0, 0.0), 14.0)
+    assert both.delay.is_known
+    assert both.robot(5.0, STANDING, 14.05) is None
+    with pytest.raises(ClockJumpError):
+        both.robot(5.05, STANDING, 14.1)
+    assert not both.delay.is_known
+    assert both.time == 5.05
+    after = both.robot(5.1, STANDING, 14.15)
+    assert after is not None
+    assert after.objects == {}
+    assert both.pace == pytest.approx(1.0)

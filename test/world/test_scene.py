@@ -9,7 +9,7 @@ from outside.delivery import DELIVERY, PARCEL
 from ator_ros.bases.description import Robot, load_robot
 from ator_ros.geometry import Pose
 from ator_ros.simulation.simulation import Simulation
-from ator_ros.world.scene import Bay, RoundObject, Scene
+from ator_ros.world.scene import Area, Bay, RoundObject, Scene
 from ator_ros.world.state import Command, ObjectState, World
 
 ROBOT = load_robot()
@@ -67,3 +67,42 @@ def test_a_bay_is_open_in_front_and_closed_behind_and_beside(yaw: float) -> None
         simulation.place_robot(beside)
         outside = front.relative(drive(simulation, 1.7).robot.pose)
         assert outside.y - ROBOT.tip == pytest.approx(0.55, abs=0.05)
+
+
+AREA = Area(length=8.0, width=4.0, margin=0.5, x=1.0, y=-1.0)
+
+
+def test_an_area_has_lines_and_a_floor_around_its_center() -> None:
+    assert AREA.lines == (-3.0, -3.0, 5.0, 1.0)
+    assert AREA.floor == (-3.5, -3.5, 5.5, 1.5)
+    assert AREA.at(0.0, 0.0) == Pose(1.0, -1.0, 0.0)
+    assert AREA.at(4.0, -2.0, 1.5) == Pose(5.0, -3.0, 1.5)
+
+
+@pytest.mark.parametrize("x", [-3.5, 0.0, 5.5])
+@pytest.mark.parametrize("y", [-3.5, 0.0, 1.5])
+def test_the_floor_ends_at_its_edges(x: float, y: float) -> None:
+    assert AREA.has_floor(x, y)
+    assert not AREA.has_floor(x, y + 6.0)
+    assert not AREA.has_floor(x, y - 6.0)
+    assert not AREA.has_floor(x + 10.0, y)
+    assert not AREA.has_floor(x - 10.0, y)
+
+
+@pytest.mark.parametrize(("vx", "vy"), [(2.0, 0.0), (-1.0, 0.0), (0.6, -0.8)])
+def test_an_object_rolls_by_the_square_of_its_speed(vx: float, vy: float) -> None:
+    scene = Scene(AREA, {"cup": dataclasses.replace(CUP, rolling_deceleration=0.5)})
+    end = scene.at_rest("cup", ObjectState(1.0, 1.0, vx, vy))
+    assert end.speed == 0.0
+    rolled = math.hypot(end.x - 1.0, end.y - 1.0)
+    assert rolled == pytest.approx((vx**2 + vy**2) / (2.0 * 0.5))
+    assert (end.x - 1.0) * vy == pytest.approx((end.y - 1.0) * vx)
+    assert (end.x - 1.0) * vx + (end.y - 1.0) * vy > 0.0
+    assert scene.at_rest("cup", end) is end
+
+
+def test_an_object_without_a_description_has_no_size_and_does_not_roll() -> None:
+    scene = Scene(AREA, {"cup": CUP})
+    state = ObjectState(1.0, 1.0, 2.0, 0.0)
+    assert (scene.radius("cup"), scene.radius("ghost")) == (CUP.radius, 0.0)
+    assert scene.at_rest("ghost", state) is state

@@ -3,6 +3,8 @@
 import math
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from ator_ros.geometry import Pose, quaternion_from_yaw, yaw_from_quaternion
 from ator_ros.world.transforms import HERE, Placement, Transforms
@@ -123,3 +125,125 @@ def test_a_second_parent_may_be_unconnected() -> None:
         known.add("odom_combined", "base_link", 1.02 + 0.05 * tick, planar(2.0, 0.0))
     assert known.latest("map", "base_link") is None
     assert known.second_parent("map", "base_link") == ("base_link", "odom", "odom_combined")
+
+
+PART = st.floats(-1.0, 1.0)
+PLACEMENTS = st.builds(
+    lambda x, y, z, turn: Placement((x, y, z), tuple(part / math.hypot(*turn) for part in turn)),  # type: ignore[arg-type]
+    PART,
+    PART,
+    PART,
+    st.tuples(PART, PART, PART, PART).filter(lambda turn: math.hypot(*turn) > 0.1),
+)
+
+
+@settings(max_examples=40)
+@given(PLACEMENTS, PLACEMENTS, PLACEMENTS)
+def test_placements_form_a_group(one: Placement, two: Placement, three: Placement) -> None:
+    assert same(one.compose(two.compose(three)), one.compose(two).compose(three))
+    assert same(one.compose(one.inverse()), HERE)
+    assert same(one.inverse().compose(one), HERE)
+    assert same(one.compose(HERE), one)
+
+
+@settings(max_examples=30)
+@given(PLACEMENTS, PLACEMENTS, st.floats(0.0, 1.0))
+def test_interpolation_moves_evenly(one: Placement, two: Placement, share: float) -> None:
+    found = one.between(two, share)
+    assert same(one.between(two, 0.0), one)
+    assert same(one.between(two, 1.0), two)
+    whole = math.dist(one.origin, two.origin)
+    assert math.dist(one.origin, found.origin) == pytest.approx(share * whole, abs=1e-9)
+    assert same(found, two.between(one, 1.0 - share)) or whole == 0.0 or _opposite(one, two)
+
+
+def _opposite(one: Placement, two: Placement) -> bool:
+    """Return whether the way between two turns is ambiguous."""
+    return abs(sum(a * b for a, b in zip(one.turn, two.turn, strict=True))) < 1e-3
+
+
+def test_a_placement_between_two_times_is_interpolated() -> None:
+    known = Transforms()
+    for time, x, yaw in ((1.0, 0.0, 0.0), (2.0, 4.0, 1.0), (3.0, 8.0, 1.0)):
+        known.add("odom", "base_link", time, planar(x, 0.0, yaw))
+    for time, x, yaw in ((1.25, 1.0, 0.25), (2.0, 4.0, 1.0), (2.5, 6.0, 1.0), (1.0, 0.0, 0.0)):
+        known.add("base_link", "camera", time, HERE)
+        found = known.latest("odom", "camera")
+        assert found is not None
+        assert found[0] == time
+        assert pose_of(found[1]) == pytest.approx(Pose(x, 0.0, yaw))
+        known = Transforms() if time == 1.0 else known
+    known.add("odom", "base_link", 1.0, HERE)
+    known.add("base_link", "camera", 0.9, HERE)
+    assert known.latest("odom", "camera") is None
+
+
+def test_fixed_frames_are_known_at_all_times() -> None:
+    known = Transforms()
+    known.add("base_link", "camera", 7.0, planar(1.0, 0.0), fixed=True)
+    known.add("base_link", "camera", 3.0, planar(2.0, 0.0), fixed=True)
+    assert known.latest("base_link", "camera") == (0.0, planar(2.0, 0.0))
+    assert known.frames == ["base_link", "camera"]
+    known.add("odom", "base_link", 5.0, planar(1.0, 1.0))
+    assert known.latest("base_link", "camera") == (5.0, planar(2.0, 0.0))
+    time, placement = known.latest("odom", "camera") or (0.0, HERE)
+    assert time == 5.0
+    assert placement.origin == pytest.approx((3.0, 1.0, 0.0))
+
+
+def test_the_present_is_that_of_frames_that_moved_within_two_seconds() -> None:
+    known = Transforms()
+    assert known.present == 0.0
+    known.add("odom", "base_link", 10.0, HERE)
+    for time, present in ((7.9, 10.0), (8.1, 8.1)):
+        known.add("hall", "door", time, HERE)
+        assert known.present == present
+
+
+def test_odometry_is_preferred_where_it_is_an_ancestor() -> None:
+    known = robot_in_map()
+    time, placement = known.latest_in_odometry("map", "base_link") or (0.0, HERE)
+    assert (time, placement.origin) == (1.0, pytest.approx((2.0, 0.0, 0.0)))
+    time, placement = known.latest_in_odometry("map", "odom") or (1.0, HERE)
+    assert placement == HERE
+    known = Transforms()
+    known.add("map", "robot1/odom", 1.0, planar(5.0, 0.0))
+    known.add("robot1/odom", "robot1/base_link", 1.0, planar(1.0, 0.0))
+    found = known.latest_in_odometry("map", "robot1/base_link")
+    assert found == (1.0, planar(1.0, 0.0))
+    known = Transforms()
+    known.add("map", "my_odom", 1.0, planar(5.0, 0.0))
+    known.add("my_odom", "base_link", 1.0, planar(1.0, 0.0))
+    time, placement = known.latest_in_odometry("map", "base_link") or (0.0, HERE)
+    assert placement.origin == pytest.approx((6.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize(("frame", "is_found"), [("odom", True), ("map", False)])
+def test_small_jumps_count_in_odometry_only(frame: str, is_found: bool) -> None:
+    known = Transforms()
+    for tick in range(40):
+        known.add(frame, "base_link", 0.025 * tick, planar(0.05 * (tick % 2), 0.0))
+    assert (known.second_sender(frame, "base_link") is not None) is is_found
+
+
+@pytest.mark.parametrize(("changes", "is_found"), [(7, False), (8, True)])
+def test_eight_changes_back_are_needed(changes: int, is_found: bool) -> None:
+    known = Transforms()
+    for change in range(changes + 1):
+        known.add("odom" if change % 2 else "map", "base_link", 0.5 * change, HERE)
+    assert (known.second_parent("odom", "base_link") is not None) is is_found
+
+
+@pytest.mark.parametrize(("period", "is_found"), [(1.4, True), (1.6, False)])
+def test_changes_within_a_second_and_a_half_count(period: float, is_found: bool) -> None:
+    known = Transforms()
+    for change in range(20):
+        known.add("odom" if change % 2 else "map", "base_link", period * change, HERE)
+    assert (known.second_parent("odom", "base_link") is not None) is is_found
+
+
+def test_three_parents_in_turn_are_no_alternation() -> None:
+    known = Transforms()
+    for change in range(30):
+        known.add(("map", "odom", "lift")[change % 3], "base_link", 0.1 * change, HERE)
+    assert known.second_parent("lift", "base_link") is None

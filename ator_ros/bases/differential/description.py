@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
 
-from ator_ros.bases.base import Axis, Place, Standstills
+from ator_ros.bases.base import Axis, Driving, Place, Standstills
 from ator_ros.bases.description import (
     DEFAULT_DRIVE,
     ConfigError,
@@ -19,13 +20,18 @@ from ator_ros.bases.description import (
     at_most,
     rounded_up,
 )
+from ator_ros.bases.differential.driving import DrivingStyle, plain_driving
 from ator_ros.bases.differential.durations import drive_time, turn_time
+from ator_ros.bases.differential.legs import fastest_drives
 from ator_ros.bases.differential.limits import Limits, StopBraking
-from ator_ros.bases.differential.response import clip, driven, stopping_distance
-from ator_ros.geometry import FloatArray
+from ator_ros.bases.differential.response import driven, stopping_distance
+from ator_ros.geometry import FloatArray, clip
 from ator_ros.schema import Within
 from ator_ros.world.scene import Mass, Size
 from ator_ros.world.state import Command, RobotState
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _MOST_WHEEL = 0.49  # greatest share of the robot's mass in one wheel
 
@@ -62,6 +68,7 @@ class DifferentialRobot(Robot):
     """
 
     drive: ClassVar[str] = DEFAULT_DRIVE
+    driving: ClassVar[type[Driving]] = DrivingStyle
 
     wheel_radius: Size
     track: Size
@@ -104,7 +111,7 @@ class DifferentialRobot(Robot):
         limits = self.limits
         stop = min(self.stop.forward, self.stop.backward)
         rate = min(limits.a, limits.brake)
-        driving = Axis("v", "move", "m/s", limits.v, limits.backward, rate, stop)
+        driving = Axis("vx", "move", "m/s", limits.v, limits.backward, rate, stop)
         turning = Axis("w", "turn", "rad/s", limits.w, limits.w, limits.aw, self.stop.turning)
         return driving, turning
 
@@ -133,12 +140,36 @@ class DifferentialRobot(Robot):
 
     def standstills(self, robot: RobotState, seconds: float) -> Standstills:
         """Return where the robot may stand: straight ahead, or along its present arc."""
-        reach = seconds * abs(robot.v)
-        stop = math.copysign(abs(stopping_distance(robot.v, self.stop)) + reach, robot.v)
-        brake = math.copysign(robot.v**2 / (2.0 * self.limits.brake) + reach, robot.v)
+        reach = seconds * abs(robot.vx)
+        stop = math.copysign(abs(stopping_distance(robot.vx, self.stop)) + reach, robot.vx)
+        brake = math.copysign(robot.vx**2 / (2.0 * self.limits.brake) + reach, robot.vx)
         straight = (_place_after(robot, brake, 0.0),)
         arc = tuple(_place_on_arc(robot, share * brake) for share in (0.5, 1.0))
         return Standstills(_place_after(robot, stop, 0.0), (straight, arc))
+
+    def unobserved_driving(self) -> DrivingStyle:
+        """See `Base.unobserved_driving`."""
+        return plain_driving(self.limits)
+
+    def observed_driving(self, rows: pd.DataFrame) -> DrivingStyle:
+        """Return limits, turns and approaches of an action; see `observation.observed_driving`."""
+        from ator_ros.bases.differential import observation  # needs pandas
+
+        return observation.observed_driving(rows, self)
+
+    def completed_driving(self, driving: Driving, starts: pd.DataFrame) -> Driving:
+        """Return `driving` with the angle above which it drives backward, if that is open."""
+        from ator_ros.bases.differential import observation  # needs pandas
+
+        style = driving_style(driving)
+        if style.uses_quantities:
+            return style
+        return dataclasses.replace(style, backward_above=observation.backward_above(starts, self))
+
+    def fastest(self, legs: FloatArray, driving: Driving | None) -> FloatArray:
+        """See `Base.fastest`."""
+        style = self.unobserved_driving() if driving is None else driving_style(driving)
+        return fastest_drives(legs, style, self.hold, self.limits.aw)
 
     def route_time(
         self,
@@ -183,6 +214,13 @@ def differential(robot: Robot) -> DifferentialRobot:
     return robot
 
 
+def driving_style(driving: Driving) -> DrivingStyle:
+    """Return what is learned of the driving of a robot with two driven wheels; TypeError of another."""
+    if not isinstance(driving, DrivingStyle):
+        raise TypeError(f"driving: expected a DrivingStyle, got {type(driving).__name__}")
+    return driving
+
+
 def least_torque(mass: float, wheel_radius: float, limits: Limits) -> float:
     """Return the torque in N m of each of two wheels that accelerate a mass (kg) by the limits: F = m a."""
     return rounded_up(0.5 * mass * max(limits.a, limits.brake) * wheel_radius)
@@ -190,7 +228,7 @@ def least_torque(mass: float, wheel_radius: float, limits: Limits) -> float:
 
 def _place_on_arc(robot: RobotState, path: float) -> Place:
     """Return the place after `path` m along the present arc, which turns by at most half a turn."""
-    turned = clip(path * robot.w / robot.v, math.pi) if robot.v != 0.0 else 0.0
+    turned = clip(path * robot.w / robot.vx, math.pi) if robot.vx != 0.0 else 0.0
     return _place_after(robot, path, turned)
 
 

@@ -86,7 +86,7 @@ def identify(samples: Sequence[DriveSample]) -> BaseEstimate:
     DriveError if a part is missing.
     """
     return BaseEstimate(
-        _axis(samples, DrivePart.SPRINT_V, DrivePart.CREEP_V, lambda s: (s.command.v, s.robot.v)),
+        _axis(samples, DrivePart.SPRINT_V, DrivePart.CREEP_V, lambda s: (s.command.vx, s.robot.vx)),
         _axis(samples, DrivePart.SPRINT_W, DrivePart.CREEP_W, lambda s: (s.command.w, s.robot.w)),
         _point([sample for sample in samples if sample.part is DrivePart.SPRINT_W]),
     )

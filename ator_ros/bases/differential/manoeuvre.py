@@ -22,7 +22,7 @@ from ator_ros.bases.differential.durations import (
 from ator_ros.bases.differential.limits import Limits
 from ator_ros.bases.differential.turns import NODES, turn_end, write_headings
 from ator_ros.compiled import compiled
-from ator_ros.geometry import FloatArray, Pose, Record
+from ator_ros.geometry import FloatArray, Pose, Record, record_type
 
 _TOLERANCE = 1e-7
 """Distance in m within which the drive of a closed manoeuvre meets the last turn."""
@@ -46,7 +46,7 @@ class Side(NamedTuple):
     rate: float  # rad/s; greatest turn rate
 
 
-SIDE = np.dtype([(name, float) for name in Side._fields])
+SIDE = record_type([(name, float) for name in Side._fields])
 """A `Side` as a record, for compiled code and for arrays of candidates."""
 
 

@@ -26,7 +26,7 @@ from ator_ros.bases.differential.limits import Limits
 from ator_ros.bases.differential.manoeuvre import SIDE, Side
 from ator_ros.bases.differential.turns import STEP, WIDEST, TurnTable, look_up, turn_table
 from ator_ros.compiled import compiled, inlined
-from ator_ros.geometry import FloatArray, Pose, Records
+from ator_ros.geometry import FloatArray, Pose, Records, record_type
 
 RealArray = NDArray[np.floating[Any]]
 
@@ -135,7 +135,7 @@ def _turns_of(rows: Records, limits: Limits) -> TurnTable:
     return turn_table(np.stack([rows["speed"], rows["change"], rows["rate"]], axis=1), limits)
 
 
-PATH = np.dtype(
+PATH = record_type(
     [
         ("time", float),  # s; duration
         ("entry", np.intp),  # index of its candidate

@@ -88,23 +88,23 @@ class ProbeDrive:
     # Each generator resumes after its `yield` with the next state.
 
     def _drive(self) -> Iterator[Command]:
-        yield from self._creep(DrivePart.CREEP_V, Command(v=_CREEP[0]))
+        yield from self._creep(DrivePart.CREEP_V, Command(vx=_CREEP[0]))
         yield from self._creep(DrivePart.CREEP_W, Command(w=_CREEP[1]))
         for part, top in (
-            (DrivePart.SPRINT_V, Command(v=self._greatest.v)),
+            (DrivePart.SPRINT_V, Command(vx=self._greatest.vx)),
             (DrivePart.SPRINT_W, Command(w=self._greatest.w)),
         ):
             for sign in (1.0, -1.0) if part is DrivePart.SPRINT_W or self._backward else (1.0,):
                 self._part = part
-                yield from self._sprint(Command(sign * top.v, sign * top.w))
+                yield from self._sprint(Command(sign * top.vx, sign * top.w))
                 yield from self._stand()
 
     def _creep(self, part: DrivePart, step: Command) -> Iterator[Command]:
         self._part = part
         for number in range(1, _CREEP_STEPS + 1):
-            yield from self._hold(Command(number * step.v, number * step.w), _CREEP_TIME)
+            yield from self._hold(Command(number * step.vx, number * step.w), _CREEP_TIME)
         yield from self._stand()
-        v = fmean(state.v for _, state in self._states)
+        v = fmean(state.vx for _, state in self._states)
         w = fmean(state.w for _, state in self._states)
         if self._drifts and (abs(v) > _SURELY_MOVING[0] or abs(w) > _SURELY_MOVING[1]):
             raise DriveError(
@@ -124,11 +124,11 @@ class ProbeDrive:
                 advice = "; if it never drives backward, set limits.v_back: 0 in --robot"
                 raise DriveError(
                     f"the base does not move: expected motion within {_START:g} s of the command "
-                    f"v={top.v:g} m/s, w={top.w:g} rad/s{advice if top.v < 0.0 else ''}"
+                    f"v={top.vx:g} m/s, w={top.w:g} rad/s{advice if top.vx < 0.0 else ''}"
                 )
             yield top
-        slow = Command(_SLOW * self._now.v, _SLOW * self._now.w)
-        slow = Command(w=slow.w) if top.v == 0.0 else Command(v=slow.v)
+        slow = Command(_SLOW * self._now.vx, _SLOW * self._now.w)
+        slow = Command(w=slow.w) if top.vx == 0.0 else Command(vx=slow.vx)
         began = self._time
         while not (self._steady and self._time - began > _WINDOW) and self._time - began < _TIMEOUT:
             if self._now.pose.distance(start) > self._space:
@@ -157,7 +157,7 @@ class ProbeDrive:
     @property
     def _drifts(self) -> bool:
         """Whether the base moves on any axis."""
-        return abs(self._now.v) > _SURELY_MOVING[0] or abs(self._now.w) > _SURELY_MOVING[1]
+        return abs(self._now.vx) > _SURELY_MOVING[0] or abs(self._now.w) > _SURELY_MOVING[1]
 
     @property
     def _moving(self) -> bool:
@@ -169,7 +169,7 @@ class ProbeDrive:
 
     def _speed(self, state: RobotState) -> float:
         """Return the speed of the axis of a sprint in m/s or rad/s."""
-        return state.w if self._part is DrivePart.SPRINT_W else state.v
+        return state.w if self._part is DrivePart.SPRINT_W else state.vx
 
     @property
     def _steady(self) -> bool:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ator_ros.bases.differential.limits import Limits, StopBraking
-from ator_ros.geometry import FloatArray, Pose, wrap_angle
+from ator_ros.geometry import FloatArray, Pose, clip, wrap_angle
 from ator_ros.world.state import STOP, Command, RobotState
 
 
@@ -18,12 +18,12 @@ def ramped(
 ) -> Command:
     """Return the velocities of a base `dt` s after `speeds` if it is commanded to `target`."""
     if target == STOP:
-        most = Command(_braking(speeds.v, stop), stop.turning)
+        most = Command(_braking(speeds.vx, stop), stop.turning)
     else:
-        losing = abs(target.v) < abs(speeds.v) or target.v * speeds.v < 0.0
+        losing = abs(target.vx) < abs(speeds.vx) or target.vx * speeds.vx < 0.0
         most = Command(limits.brake if losing else limits.a, limits.aw)
     return Command(
-        speeds.v + clip(target.v - speeds.v, most.v * dt),
+        speeds.vx + clip(target.vx - speeds.vx, most.vx * dt),
         speeds.w + clip(target.w - speeds.w, most.w * dt),
     )
 
@@ -35,11 +35,6 @@ def stopping_distance(v: float, stop: StopBraking) -> float:
 
 def _braking(v: float, stop: StopBraking) -> float:
     return stop.backward if v < 0.0 else stop.forward
-
-
-def clip(value: float, bound: float) -> float:
-    """Return `value` clipped to [-bound, bound]."""
-    return max(-bound, min(bound, value))
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,12 +97,12 @@ def driven(
     robot: RobotState, command: Command | None, duration: float, limits: Limits, stop: StopBraking
 ) -> RobotState:
     """Return the robot after `duration` s of `command`; None: at constant velocity."""
-    (x, y, yaw), speeds = robot.pose, Command(robot.v, robot.w)
+    (x, y, yaw), speeds = robot.pose, Command(robot.vx, robot.w)
     steps = math.ceil(duration / _STEP - _ROUNDING)
     dt = duration / steps
     for _ in range(steps):
         if command is not None:
             speeds = ramped(speeds, command, dt, limits, stop)
-        step = speeds.v * dt
+        step = speeds.vx * dt
         x, y, yaw = x + step * math.cos(yaw), y + step * math.sin(yaw), yaw + speeds.w * dt
-    return RobotState(Pose(x, y, wrap_angle(yaw)), speeds.v, speeds.w)
+    return RobotState(Pose(x, y, wrap_angle(yaw)), speeds.vx, speeds.w)

@@ -49,7 +49,7 @@ from ator_ros.bases.differential.turns import (
     turn_table,
 )
 from ator_ros.compiled import compiled, inlined
-from ator_ros.geometry import FloatArray, Record, Records
+from ator_ros.geometry import FloatArray, Record, Records, record_type
 
 SPEED_STEP = 0.02  # m/s
 _TURNS: FloatArray = STEP * np.arange(-HALF, WIDTH - HALF, dtype=float)
@@ -114,10 +114,8 @@ class Shape(NamedTuple):
     direction: float = 1.0  # of the drive between the turns: 1 forward, -1 backward
 
 
-_SHAPE = np.dtype(
-    [(name, np.float32 if name == "direction" else float) for name in Shape._fields]
-    + [("first_row", np.intp), ("last_row", np.intp)],
-    align=True,
+_SHAPE = record_type(
+    [*((name, float) for name in Shape._fields), ("first_row", np.intp), ("last_row", np.intp)]
 )
 """A shape of path, and the first rows of its turns in the tables."""
 
@@ -177,7 +175,7 @@ _SLOTS = len(_AROUND) * _BLOCK
 _ROOTS = WIDTH // 2 * _SLOTS + 8
 
 
-_PAIR = np.dtype(
+_PAIR = record_type(
     [
         ("number", np.intp),  # place in the block
         ("group", np.intp),  # of the fastest path so far
@@ -198,7 +196,7 @@ _PAIR = np.dtype(
 )
 """A pair of ends, whatever the shape."""
 
-_LEG = np.dtype(
+_LEG = record_type(
     [
         ("straight", float),  # s; time of all straight parts but the drive
         ("lead", float),  # m; length before the first turn
@@ -212,7 +210,7 @@ _LEG = np.dtype(
 )
 """How paths of one shape begin and end between a pair of ends."""
 
-_COLUMNS = np.dtype(
+_COLUMNS = record_type(
     [
         ("pair", np.intp, _ROOTS),
         ("first", float, _ROOTS),  # rad; turns
@@ -453,7 +451,7 @@ def _write_gaps(
     legs = space.legs
     all_gaps = space.gaps
     marks = space.marks
-    direction = shape.direction
+    direction = np.float32(shape.direction)
     fractions = tables.fractions
     nothing = space.nothing
     for at in range(len(pairs)):

@@ -25,14 +25,14 @@ class Opening:
 
 def opening_of(start: RobotState, limits: Limits, *, stops: bool = False) -> Opening:
     """Return the shortest opening from `start`, with or without a stop."""
-    after = 0.0 if stops else start.v
-    duration = max(abs(start.w) / limits.aw, abs(start.v - after) / limits.brake)
+    after = 0.0 if stops else start.vx
+    duration = max(abs(start.w) / limits.aw, abs(start.vx - after) / limits.brake)
     x, y, yaw = start.pose
     turned = start.w * duration
     # Simpson's rule over the headings at the start, in the middle and at the end: exact to 0.1 mm.
     for heading, speed in (
-        (yaw, start.v),
-        (yaw + 0.375 * turned, 2.0 * (start.v + after)),
+        (yaw, start.vx),
+        (yaw + 0.375 * turned, 2.0 * (start.vx + after)),
         (yaw + 0.5 * turned, after),
     ):
         x += speed * duration / 6.0 * math.cos(heading)
@@ -151,7 +151,7 @@ class Trajectory:
             time = opening.duration
             first = opening.start
             last = opening.end
-            pieces.append((np.array([[time, first.v, last.v]]), np.array([[time, first.w, 0.0]])))
+            pieces.append((np.array([[time, first.vx, last.vx]]), np.array([[time, first.w, 0.0]])))
             poses += [first.pose, last.pose]
         if manoeuvre is not None:
             pieces.append(manoeuvre.pieces()[:2])

@@ -15,7 +15,7 @@ from ator_ros.actions.situation import Situation, drawn_until
 from ator_ros.bases.description import Robot
 from ator_ros.domains.domain import ChainSampler
 from ator_ros.domains.soccer.field import BALL, field_of
-from ator_ros.domains.soccer.situations import (
+from ator_ros.domains.soccer.samplers import (
     SHORTEST,
     distance_with_ball,
     is_inside,

@@ -12,8 +12,7 @@ from ator_ros.actions import DEFAULT_SET
 from ator_ros.actions.situation import ActionSpec
 from ator_ros.bases.description import Robot
 from ator_ros.domains.domain import Domain
-from ator_ros.domains.soccer import situations
-from ator_ros.domains.soccer.bezier import BezierDribbleBall, BezierGoToPose, BezierShoot
+from ator_ros.domains.soccer import samplers
 from ator_ros.domains.soccer.chains import CHAINS
 from ator_ros.domains.soccer.field import BALL, field_in, field_lines, field_of
 from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
@@ -23,7 +22,7 @@ from ator_ros.domains.soccer.thresholds import RANGES
 from ator_ros.domains.soccer.tops import TOPS, tops_for
 from ator_ros.geometry import FloatArray, wrap_angles
 from ator_ros.performance.derived import Geometry, from_hold
-from ator_ros.performance.features import PAPER_11, PATHS, Feature, names_of, variables
+from ator_ros.performance.features import PATHS, Feature, names_of, variables
 from ator_ros.tops.conditions import Condition
 
 _TO_MOUTH = variables("x y yaw xg yg")
@@ -58,19 +57,13 @@ The ball is held. The goal lies on the field's x axis; its yaw is not used.
 """
 
 _SHOOTING = (*names_of(SHOT), "v", *names_of(PATHS))
-_PAPER = names_of(PAPER_11)
 
 ACTION_SETS: Mapping[str, tuple[ActionSpec, ...]] = MappingProxyType(
     {
         DEFAULT_SET: (
-            ActionSpec("goToPose", GoToPose, situations.go_to_pose),
-            ActionSpec("dribbleBall", DribbleBall, situations.dribble_ball),
-            ActionSpec("shoot", Shoot, situations.shoot_with_room, _SHOOTING),
-        ),
-        "bezier": (
-            ActionSpec("goToPose", BezierGoToPose, situations.go_to_pose, _PAPER),
-            ActionSpec("dribbleBall", BezierDribbleBall, situations.dribble_ball, _PAPER),
-            ActionSpec("shoot", BezierShoot, situations.shoot, _PAPER),
+            ActionSpec("goToPose", GoToPose, samplers.go_to_pose),
+            ActionSpec("dribbleBall", DribbleBall, samplers.dribble_ball),
+            ActionSpec("shoot", Shoot, samplers.shoot_with_room, _SHOOTING),
         ),
     }
 )

@@ -109,7 +109,15 @@ class ModelTreeRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         """
         check_is_fitted(self)
         tree: ModelTree = self.tree_
-        return tree.predict(validate_data(self, X, dtype=np.float64, order="C", reset=False))
+        return tree.predict(
+            validate_data(
+                self,
+                X,
+                dtype=np.float64,
+                order="C",
+                reset=False,
+            )
+        )
 
     def _finish(
         self, nodes: list[GrownNode], standard: Standardized, names: tuple[str, ...]

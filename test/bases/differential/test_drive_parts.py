@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from ator_ros.bases.differential.drive_parts import DriveParts, parts_of_drive
+from ator_ros.bases.drive_parts import DriveParts, parts_of_drive
 from ator_ros.domains.domain import find_domain
 from ator_ros.domains.trials import random_trial
 from ator_ros.evaluation.chain_run import run_chain

@@ -40,7 +40,7 @@ def test_foresight_matches_the_simulated_base(ticks: int) -> None:
                 off = observed[-1].robot.pose.relative(foreseen.robot.pose)
                 worst = np.maximum(worst, np.abs((np.hypot(off.x, off.y), off.yaw)))
             command = Command(
-                stepped(command.v, goal.v, limits.a), stepped(command.w, goal.w, limits.aw)
+                stepped(command.vx, goal.vx, limits.a), stepped(command.w, goal.w, limits.aw)
             )
             if tick % 50 > 40:  # a stop, harder than in any plan
                 command = STOP

@@ -41,11 +41,13 @@ def driven(
             if world.time > last:
                 last, state = world.time, world.robot
                 errors = rng.normal(0.0, noise, 2)
-                measured = dataclasses.replace(state, v=state.v + errors[0], w=state.w + errors[1])
+                measured = dataclasses.replace(
+                    state, vx=state.vx + errors[0], w=state.w + errors[1]
+                )
                 command = drive.command(world.time, measured)
                 if command is None:
                     return drive.samples
-                simulation.command(command if abs(command.v) >= dead else Command(0.0, command.w))
+                simulation.command(command if abs(command.vx) >= dead else Command(0.0, command.w))
             simulation.tick()
 
 
@@ -141,7 +143,7 @@ def probed(
     response: Callable[[Command], Command] = lambda command: command,
     bias: tuple[float, float] = (0.0, 0.0),
 ) -> Sequence[DriveSample]:
-    """Return the samples of a base that ramps its speeds without a lag; accelerations in m/s^2, rates in Hz.
+    """Return samples of a base that ramps its speeds without a lag; in m/s^2 and Hz.
 
     Its odometry is that of a `point` in m ahead and to the left of the axle; its speeds have a
     `bias` in m/s and rad/s.
@@ -151,21 +153,21 @@ def probed(
     while True:
         errors = rng.normal(0.0, noise, 2)
         pose = robot.pose.compose(Pose(*point, 0.0))
-        shown = RobotState(pose, robot.v + errors[0] + bias[0], robot.w + errors[1] + bias[1])
+        shown = RobotState(pose, robot.vx + errors[0] + bias[0], robot.w + errors[1] + bias[1])
         command = drive.command(tick / rate, shown)
         if command is None:
             return drive.samples
         target, tick = response(command), tick + 1
         change, turning = acceleration / rate, 4.0 * acceleration / rate
-        next_v = robot.v + float(np.clip(target.v - robot.v, -change, change))
+        next_v = robot.vx + float(np.clip(target.vx - robot.vx, -change, change))
         next_w = robot.w + float(np.clip(target.w - robot.w, -turning, turning))
-        moved = Pose(0.5 * (robot.v + next_v) / rate, 0.0, 0.5 * (robot.w + next_w) / rate)
+        moved = Pose(0.5 * (robot.vx + next_v) / rate, 0.0, 0.5 * (robot.w + next_w) / rate)
         robot = RobotState(robot.pose.compose(moved), next_v, next_w)
 
 
 def greatest_speeds(samples: Sequence[DriveSample]) -> list[float]:
     """Return the greatest speeds in m/s and rad/s of the sprints to and fro, and of both spins."""
-    v = [sample.robot.v for sample in samples if sample.part is DrivePart.SPRINT_V]
+    v = [sample.robot.vx for sample in samples if sample.part is DrivePart.SPRINT_V]
     w = [sample.robot.w for sample in samples if sample.part is DrivePart.SPRINT_W]
     return [max(v), -min(v), max(w), -min(w)]
 
@@ -199,9 +201,9 @@ def test_a_peak_at_the_end_of_the_space_is_no_limit() -> None:
 def test_implausible_estimates_are_refused() -> None:
     rng = np.random.default_rng(0)
     for response, expected in (
-        (lambda command: Command(2.0 * command.v, command.w), "response of v: expected odometry"),
-        (lambda command: Command(command.v, -command.w), "response of w: expected odometry"),
-        (lambda command: Command(command.v * rng.random(), command.w), "response of v: expected"),
+        (lambda command: Command(2.0 * command.vx, command.w), "response of v: expected odometry"),
+        (lambda command: Command(command.vx, -command.w), "response of w: expected odometry"),
+        (lambda command: Command(command.vx * rng.random(), command.w), "response of v: expected"),
     ):
         with pytest.raises(DriveError, match=expected):
             check_plausible(identify(probed(2.0, 20.0, response=response)))
@@ -246,7 +248,7 @@ def test_different_speeds_in_both_directions_are_refused(
 ) -> None:
     def response(command: Command) -> Command:
         return Command(
-            float(np.clip(command.v, -back, ahead)), float(np.clip(command.w, -right, left))
+            float(np.clip(command.vx, -back, ahead)), float(np.clip(command.w, -right, left))
         )
 
     samples = probed(0.9, 30.0, response=response)
@@ -276,9 +278,9 @@ def test_the_point_that_odometry_describes_is_found(point: tuple[float, float]) 
 def test_a_base_that_never_drives_backward_is_probed_forward_only() -> None:
     drive, robot, tick = ProbeDrive(v=0.7, w=1.5, space=3.0, backward=False), AT_REST, 0
     while (command := drive.command(0.05 * tick, robot)) is not None:
-        assert command.v >= 0.0
-        moved = Pose(0.05 * command.v, 0.0, 0.05 * command.w)
-        robot, tick = RobotState(robot.pose.compose(moved), command.v, command.w), tick + 1
+        assert command.vx >= 0.0
+        moved = Pose(0.05 * command.vx, 0.0, 0.05 * command.w)
+        robot, tick = RobotState(robot.pose.compose(moved), command.vx, command.w), tick + 1
     estimate = identify(drive.samples)
     check_plausible(estimate)
     assert estimate.point == pytest.approx((0.0, 0.0), abs=0.01)
@@ -292,4 +294,4 @@ def test_a_base_that_refuses_to_drive_backward_names_the_setting() -> None:
     with pytest.raises(
         DriveError, match=r"never drives backward, set limits\.v_back: 0 in --robot"
     ):
-        probed(1.0, 20.0, response=lambda command: Command(max(0.0, command.v), command.w))
+        probed(1.0, 20.0, response=lambda command: Command(max(0.0, command.vx), command.w))

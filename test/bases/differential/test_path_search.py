@@ -7,6 +7,7 @@ import pytest
 from robots import OTHERS, PIONEER, PLAIN
 
 from ator_ros.bases.description import Robot
+from ator_ros.bases.differential.driving import free_shapes, plain_driving
 from ator_ros.bases.differential.durations import change_distance, rates_of, turn_time
 from ator_ros.bases.differential.limits import Limits
 from ator_ros.bases.differential.manoeuvre import Manoeuvre, Side, close
@@ -14,7 +15,6 @@ from ator_ros.bases.differential.paths import Ends, entries_of, exits_of, find_p
 from ator_ros.bases.differential.shapes import Rules, drawn_ends, fastest_paths, shape_set
 from ator_ros.bases.differential.trajectory import Trajectory
 from ator_ros.geometry import FloatArray, Pose, Records
-from ator_ros.performance.driving import free_shapes, plain_driving
 
 START = Pose(0.5, -1.0, 2.0)
 every_robot = pytest.mark.parametrize("robot", [PIONEER, OTHERS[-1]], ids=lambda robot: robot.name)
@@ -87,7 +87,7 @@ def test_paths_are_forward_and_within_a_time_if_requested() -> None:
 def test_chosen_paths_are_nearly_as_fast_as_all_of_the_grid(robot: Robot) -> None:
     limits = robot.limits
     grid = shape_set([[shape] for shape in free_shapes(limits)], Rules(rates_of(limits)))
-    chosen = plain_driving(robot).drive_paths
+    chosen = plain_driving(robot.limits).drive_paths
     far = np.array([[3.0, 1.0], [0.0, 0.0], [0.0, 0.0], [0.0, limits.v], [limits.v, 0.0]])
     drawn = drawn_ends(far, 150, np.random.default_rng(1))
     mine, best = (fastest_paths(drawn, some, hold=robot.hold)[0] for some in (chosen, grid))

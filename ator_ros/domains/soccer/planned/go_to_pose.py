@@ -11,8 +11,7 @@ from ator_ros.bases.differential.description import differential
 from ator_ros.bases.differential.manoeuvre import Manoeuvre
 from ator_ros.bases.differential.paths import Ends
 from ator_ros.domains.soccer.field import BALL, ball_of
-from ator_ros.domains.soccer.planned.planned_action import PlannedAction
-from ator_ros.domains.soccer.planned.planner import (
+from ator_ros.domains.soccer.planned.free_paths import (
     TRIES,
     Obstacles,
     distance_to_clear,
@@ -22,6 +21,7 @@ from ator_ros.domains.soccer.planned.planner import (
     run_exits,
     turn_on_spot,
 )
+from ator_ros.domains.soccer.planned.planned_action import PlannedAction
 from ator_ros.domains.soccer.thresholds import approach_run, caught_within
 from ator_ros.geometry import Pose
 from ator_ros.tops.objects import is_at_front
@@ -121,7 +121,7 @@ class GoToPose(PlannedAction):
         stays = start.is_still and speed == 0.0 and not self._approach
         if stays and pose.distance(goal) < _TURNS_WITHIN:
             return turn_on_spot(self.robot, pose, goal.yaw, limits, obstacles)
-        entries, tries = free_entries(limits, start.v), TRIES if speed == 0.0 else _TRIES_AT_SPEED
+        entries, tries = free_entries(limits, start.vx), TRIES if speed == 0.0 else _TRIES_AT_SPEED
         return self._fastest(pose, goal, entries, exits, obstacles, tries)
 
     def _fastest(
@@ -162,7 +162,7 @@ class GoToPose(PlannedAction):
             except ActionError as error:
                 failure = error
                 continue
-            entry = found.entry._replace(length=away, outer_speed=start.v)
+            entry = found.entry._replace(length=away, outer_speed=start.vx)
             found = dataclasses.replace(found, start=start.pose, entry=entry)
             if best is None or found.duration < best.duration:
                 best = found

@@ -15,8 +15,8 @@ from ator_ros.bases.differential.limits import Limits
 from ator_ros.bases.differential.manoeuvre import Manoeuvre, Side
 from ator_ros.bases.differential.paths import Ends, entries_of, exits_of
 from ator_ros.domains.soccer.field import BALL
+from ator_ros.domains.soccer.planned.free_paths import Obstacles, fastest
 from ator_ros.domains.soccer.planned.planned_action import PlannedAction
-from ator_ros.domains.soccer.planned.planner import Obstacles, fastest
 from ator_ros.domains.soccer.thresholds import check_held, lost_ball
 from ator_ros.world.state import World
 
@@ -188,7 +188,7 @@ class DribbleBall(HoldingAction):
         entries = entries_with_ball(
             self.robot,
             limits,
-            round(max(0.0, world.robot.v), 3),
+            round(max(0.0, world.robot.vx), 3),
         )
         exits = dribble_exits(self.robot, limits, self.goal.speed)
         start = world.robot.pose

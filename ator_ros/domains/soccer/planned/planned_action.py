@@ -83,7 +83,7 @@ class PlannedAction(Action):
         straight = abs(beside) <= POSITION_TOLERANCE and abs(heading) <= HEADING_TOLERANCE
         assert self._tracker is not None
         nearly_there = straight and 0.0 < ahead <= DISTURBED_DISTANCE
-        passes = self._arrival_speed > 0.0 and world.robot.v > 0.0
+        passes = self._arrival_speed > 0.0 and world.robot.vx > 0.0
         if passes and nearly_there and self._tracker.left(world) >= -_LATE:
             return self._following(world, f"{why}: driving on")
         return self.replan(world, why)
@@ -151,7 +151,7 @@ class PlannedAction(Action):
     def _planned(self, world: World, *, waits: bool = False) -> Tracker:
         """Return the tracker of a plan from `world`."""
         # A base that never drives backward may still roll back, or seem to.
-        rolls_back = world.robot.v < 0.0 and not self.robot.limits.backward
+        rolls_back = world.robot.vx < 0.0 and not self.robot.limits.backward
         opening = opening_of(world.robot, self.plan_limits, stops=rolls_back)
         manoeuvre = self.plan(dataclasses.replace(world, robot=opening.end))
         self._stopping = False

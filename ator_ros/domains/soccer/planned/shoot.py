@@ -18,8 +18,7 @@ from ator_ros.bases.differential.paths import Ends, ranked
 from ator_ros.bases.differential.turns import WIDEST, look_up
 from ator_ros.compiled import compiled, inlined
 from ator_ros.domains.soccer.field import BALL, ball_of, field_of, is_in_goal
-from ator_ros.domains.soccer.planned.holding import HoldingAction, entries_with_ball, release_exits
-from ator_ros.domains.soccer.planned.planner import (
+from ator_ros.domains.soccer.planned.free_paths import (
     Obstacles,
     Surroundings,
     fastest,
@@ -27,7 +26,8 @@ from ator_ros.domains.soccer.planned.planner import (
     is_clear,
     surroundings,
 )
-from ator_ros.geometry import FloatArray, Pose, Record, Records
+from ator_ros.domains.soccer.planned.holding import HoldingAction, entries_with_ball, release_exits
+from ator_ros.geometry import FloatArray, Pose, Record, Records, record_type
 from ator_ros.world.state import World
 
 _SLANT = math.radians(60.0)  # greatest angle between a shot and the goal's axis
@@ -93,7 +93,7 @@ def _run_up(
     return Manoeuvre(start, goal, Side(*side.tolist()), release, turn, 0.0, pushed, limits)
 
 
-_RUN_UP = np.dtype(
+_RUN_UP = record_type(
     [
         ("time", float),  # s; until the ball is in
         ("entry", np.intp),  # number of the entry
@@ -305,7 +305,7 @@ class Shoot(HoldingAction):
         entries = entries_with_ball(
             robot,
             limits,
-            round(max(0.0, world.robot.v), 3),
+            round(max(0.0, world.robot.vx), 3),
         )
         best = _run_up(robot, start, mouth, entries, limits)
         soonest = math.inf

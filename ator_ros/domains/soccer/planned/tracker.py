@@ -50,7 +50,7 @@ class LagEstimator:
         before = self._set
         self._last = world
         if last is None or world.time <= last.time:
-            self._set = Command(world.robot.v, world.robot.w)
+            self._set = Command(world.robot.vx, world.robot.w)
             return
         passed = world.time - last.time
         self._set = ramped(
@@ -60,12 +60,12 @@ class LagEstimator:
             self._robot.limits,
             self._robot.stop,
         )
-        was = abs(last.robot.v)
-        now = abs(world.robot.v)
-        asked = (abs(self._set.v) - abs(before.v)) / passed
+        was = abs(last.robot.vx)
+        now = abs(world.robot.vx)
+        asked = (abs(self._set.vx) - abs(before.vx)) / passed
         gained = (now - was) / passed
         if asked >= _LEAST_LAG_SHARE * self._robot.limits.a and gained >= _FOLLOWS * asked:
-            short = 0.5 * (abs(self._set.v) + abs(before.v) - now - was)
+            short = 0.5 * (abs(self._set.vx) + abs(before.vx) - now - was)
             self._short += short * gained
             self._gained += gained * gained
             self._count += 1
@@ -136,7 +136,7 @@ class Tracker:
         self._start = self._created = self._last_time = start_time
         self._rate = 1.0
         first = trajectory.at(0.0)
-        still = RobotState(first.pose, first.v, first.w).is_still
+        still = RobotState(first.pose, first.vx, first.w).is_still
         self._waits = waits and still and trajectory.duration > _SHORT
         self._weak = math.sqrt(robot.limits.aw / self.BRISK_TURNING)
         self._robot = robot
@@ -165,7 +165,7 @@ class Tracker:
         if not self._waits:
             error = self.deviation(world)
             planned = self.trajectory.at(self.elapsed(world))
-            behind = error.x * float(np.sign(planned.v)) - _BEHIND * self._usual**2
+            behind = error.x * float(np.sign(planned.vx)) - _BEHIND * self._usual**2
             turned_off = abs(error.yaw) - _TURNED_OFF * self._usual**2
             slower = 1.0 - max(0.0, behind / _STRETCH, turned_off / _TURN_STRETCH)
             self._rate = max(_LEAST_RATE, slower)
@@ -189,7 +189,7 @@ class Tracker:
         def error(ticks: int) -> float:
             planned = self.trajectory.at(ticks * CONTROL_PERIOD - _SEEN_LATE)
             turn_change = abs(planned.w - world.robot.w)
-            change = abs(planned.v - world.robot.v) + self._robot.track / 2.0 * turn_change
+            change = abs(planned.vx - world.robot.vx) + self._robot.track / 2.0 * turn_change
             # Just after a start the speed differs most; a meter counts as much as a meter per
             # second.
             return change + planned.pose.distance(world.robot.pose)
@@ -218,7 +218,7 @@ class Tracker:
         """Return the next velocity command."""
         error = self.deviation(world)
         ahead = self.trajectory.at(self.elapsed(world) + self._rate * self._preview)
-        planned_v = self._rate * ahead.v
+        planned_v = self._rate * ahead.vx
         planned_w = self._rate * ahead.w
         catching_up = self.GAIN_ALONG * error.x
         behind = error.x if planned_v >= 0.0 else -error.x

@@ -176,7 +176,7 @@ def _long_drive(
     state = RobotState(start)
     if rng.random() < 1.0 / 7.0:
         velocity = robot.draw_velocity(rng)
-        state = RobotState(start, velocity.v, velocity.w)
+        state = RobotState(start, velocity.vx, velocity.w, vy=velocity.vy)
     if not with_ball:
         return Situation("goToPose", state, {}, Goal(goal, 0.0, Point.AXLE))
     arrival = Goal(goal, _speed(robot, rng, 0.5), Point.HOLD)

@@ -10,13 +10,15 @@ from ator_ros.actions import TIME_LIMIT
 from ator_ros.actions.base import Action, ActionError, Status, Step
 from ator_ros.actions.situation import Situation, drawn_until
 from ator_ros.bases.description import Robot
-from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.domain import find_domain
 from ator_ros.domains.soccer.field import ball_of, objects_of
 from ator_ros.geometry import Pose
 from ator_ros.simulation.run import judge, place, run_action
 from ator_ros.simulation.simulation import Simulation
 from ator_ros.tops.library import top_of
 from ator_ros.world.state import STOP, ObjectState, RobotState, World
+
+SOCCER = find_domain("soccer")
 
 ACTIONS = {"pose": "goToPose", "approach": "goToPose", "dribble": "dribbleBall", "shoot": "shoot"}
 KINDS = tuple(ACTIONS)
@@ -75,8 +77,8 @@ def execute_situation(situation: Situation, task: Task) -> Outcome:
         if step.status is Status.RUNNING:
             command = step.command or STOP
             worlds.append(world)
-            backward.append(-command.v)
-            excess.append(max(abs(command.v) / limits.v, abs(command.w) / limits.w))
+            backward.append(-command.vx)
+            excess.append(max(abs(command.vx) / limits.v, abs(command.w) / limits.w))
         return step
 
     with Simulation(robot) as simulation:

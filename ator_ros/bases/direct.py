@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
 
+from ator_ros.compiled import compiled
 from ator_ros.geometry import FloatArray
 
 DIRECT_VARIABLES: dict[str, str] = {
@@ -15,6 +17,7 @@ DIRECT_VARIABLES: dict[str, str] = {
     "yaw": "rad",
     "v": "m/s",
     "w": "rad/s",
+    "vy": "m/s",
     "xg": "m",
     "yg": "m",
     "yawg": "rad",
@@ -23,12 +26,13 @@ DIRECT_VARIABLES: dict[str, str] = {
 }
 """Names and units of the direct variables. Poses are in the world frame.
 
-x, y, yaw, v, w belong to the axle at the start. xg, yg are the goal of the axle (hold 0) or of the
+x, y, yaw belong to the axle at the start, and so do the velocities: v forward, vy to the left, w
+counter-clockwise. xg, yg are the goal of the axle (hold 0) or of the
 object held in front (hold 1); yawg and speedg are heading and forward speed there. Goal variables
 that an action declares follow as NAMEg.
 """
 
-X, Y, YAW, V, W, XG, YG, YAWG, SPEEDG, HOLD = range(len(DIRECT_VARIABLES))
+X, Y, YAW, V, W, VY, XG, YG, YAWG, SPEEDG, HOLD = range(len(DIRECT_VARIABLES))
 """Rows of a table of direct variables."""
 
 Direct = Mapping[str, Any]
@@ -71,6 +75,7 @@ def direct_table(direct: Direct, further: Iterable[str] = ()) -> DirectTable:
     ----------
     direct : mapping
         All DIRECT_VARIABLES by name, each a number or an array of shape (n,); others are ignored.
+        Without vy it is 0.
     further : iterable of str
         Names of required variables besides.
 
@@ -82,6 +87,7 @@ def direct_table(direct: Direct, further: Iterable[str] = ()) -> DirectTable:
     names = (*DIRECT_VARIABLES, *further)
     if isinstance(direct, DirectTable) and direct.names == names:
         return direct
+    direct = {"vy": 0.0, **direct}
     missing = [name for name in names if name not in direct]
     if missing:
         raise ValueError(
@@ -91,3 +97,21 @@ def direct_table(direct: Direct, further: Iterable[str] = ()) -> DirectTable:
         *(np.asarray(direct[name], dtype=float).reshape(-1) for name in names)
     )
     return DirectTable(names, np.stack(given))
+
+
+NEAR = 0.04
+"""Distance in m from the goal within which a robot at rest only turns to the goal's heading."""
+NEAR_GOAL = 0.5
+"""Distance in m from a goal within which its bearing does not decide how an action drives."""
+
+
+@compiled
+def wrapped(angle: float) -> float:
+    """Return the same angle in [-pi, pi), in rad.
+
+    The result is that of `ator_ros.geometry.wrap_angles`.
+    """
+    turned = angle + math.pi
+    if not 0.0 <= turned < 2.0 * math.pi:  # usually it is, and the remainder is slow
+        turned %= 2.0 * math.pi
+    return turned - math.pi

@@ -1,4 +1,4 @@
-"""The scene of the page: the server, shapes on the floor, robots, and handles to drag."""
+"""The floor of the page: the server, shapes, robots, and handles to drag."""
 
 from __future__ import annotations
 
@@ -100,14 +100,19 @@ def _is_near(position: Any) -> bool:
 
 
 def serve(
-    domain: Domain, robot: Robot, *, host: str = LOOPBACK, port: int = 8080
+    domain: Domain,
+    robot: Robot,
+    *,
+    host: str = LOOPBACK,
+    port: int = 8080,
 ) -> viser.ViserServer:
     """Serve a page with floor, lines and bays on `port` or the next free port.
 
     Raises OSError if the host is no address of this machine.
     """
     try:
-        family, _, _, _, address = socket.getaddrinfo(host, 0, type=socket.SOCK_STREAM)[0]
+        found = socket.getaddrinfo(host, 0, type=socket.SOCK_STREAM)
+        family, _, _, _, address = found[0]
         socket.create_server(address, family=family).close()  # viser would wait forever
     except (OSError, ValueError) as error:
         raise OSError(f"expected an address of this machine, got {host!r}: {error}") from error
@@ -122,11 +127,12 @@ def serve(
     camera.position = (0.0, -0.75 * area.width, 0.85 * area.length)
     camera.look_at = (0.0, -0.05 * area.width, 0.0)
     camera.fov = math.radians(50.0)
-    size = (area.length + 2.0 * area.margin, area.width + 2.0 * area.margin, 0.02)
+    length = area.length + 2.0 * area.margin
+    width = area.width + 2.0 * area.margin
     server.scene.add_box(
         "/floor",
         color=(72, 122, 84),
-        dimensions=size,
+        dimensions=(length, width, 0.02),
         position=(0.0, 0.0, -0.01),
         cast_shadow=False,
     )
@@ -141,7 +147,11 @@ class Canvas:
     """
 
     def __init__(
-        self, server: viser.ViserServer, group: str, area: Area, height: float = _ABOVE_FLOOR
+        self,
+        server: viser.ViserServer,
+        group: str,
+        area: Area,
+        height: float = _ABOVE_FLOOR,
     ) -> None:
         self._scene = server.scene
         self._group = group
@@ -155,10 +165,10 @@ class Canvas:
         for name in set(self._shown) - set(drawn):
             self._shown.pop(name).remove()
         for name, shape in drawn.items():
-            points = np.insert(shape.points - self._center, 2, self._height, axis=2).astype(
-                np.float32
-            )
-            colors = np.repeat((255 * shape.colors).astype(np.uint8)[:, None, :], 2, axis=1)
+            points = np.insert(shape.points - self._center, 2, self._height, axis=2)
+            points = points.astype(np.float32)
+            colors = (255 * shape.colors).astype(np.uint8)
+            colors = np.repeat(colors[:, None, :], 2, axis=1)  # of both ends
             if name in self._shown:  # changing a shape is much cheaper than a new one
                 handle = self._shown[name]
                 handle.points = points
@@ -184,9 +194,11 @@ class Movable:
         self._frame.visible = pose is not None
         if pose is not None:
             self._pose = pose
-            self._frame.position = (pose.x - self._area.x, pose.y - self._area.y, 0.0)
+            east = pose.x - self._area.x
+            north = pose.y - self._area.y
+            self._frame.position = (east, north, 0.0)
             x, y, z, w = quaternion_from_yaw(pose.yaw)
-            self._frame.wxyz = w, x, y, z
+            self._frame.wxyz = (w, x, y, z)
 
 
 class RobotModel(Movable):
@@ -244,9 +256,11 @@ class Handle(Movable):
 
     async def _turn(self, event: Any) -> None:
         point = self._pointed(event, _KNOB_RADIUS)
-        if point is not None and point != (self._pose.x, self._pose.y):
-            yaw = math.atan2(point[1] - self._pose.y, point[0] - self._pose.x)
-            self._moved(self._pose._replace(yaw=yaw))
+        if point is None or point == (self._pose.x, self._pose.y):
+            return
+        x, y = point
+        yaw = math.atan2(y - self._pose.y, x - self._pose.x)
+        self._moved(self._pose._replace(yaw=yaw))
 
     def _pointed(self, event: Any, height: float) -> tuple[float, float] | None:
         """Return the intersection of the ray through the pointer with the plane at `height` m.

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from ator_ros.geometry import FloatArray
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _TURN_DISTANCE = 0.05  # m; within this of the start or end of a drive, the robot turns
 _LONGEST_GAP = 0.5  # s between odometry messages
@@ -38,3 +41,17 @@ def parts_of_drive(times: FloatArray, speeds: FloatArray, duration: float) -> Dr
     if not len(begun) or not len(ends) or begun[0] > ends[-1]:
         return DriveParts(driven=float(driven[-1]))
     return DriveParts(float(begun[0]), duration - float(ends[-1]), float(driven[-1]))
+
+
+def part_times(starts: pd.DataFrame) -> FloatArray:
+    """Return the times of the parts of drives, in s, shape (n, 3); NaN where unknown.
+
+    The parts are the first turn, the straight and the last turn. `starts` are the first rows of n
+    episodes of an experience table.
+    """
+    first = starts["first_turn"].to_numpy(dtype=float)
+    last = starts["last_turn"].to_numpy(dtype=float)
+    straight = starts["duration"].to_numpy(dtype=float) - first - last
+    parts = np.stack([first, straight, last], axis=1)
+    parts[(parts < 0.0).any(axis=1)] = np.nan
+    return parts

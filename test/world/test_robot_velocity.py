@@ -8,7 +8,6 @@ import pytest
 
 from ator_ros.geometry import Pose
 from ator_ros.world.robot_velocity import RobotVelocity
-from ator_ros.world.senders import SenderCheck
 from ator_ros.world.sightings import ObjectTracker, VelocityCheck
 from ator_ros.world.state import ObjectState
 
@@ -102,7 +101,7 @@ def test_the_velocity_of_a_robot_is_that_of_its_arc(period: float, v: float, w: 
         half = w * period / 2.0
         chord = 2.0 * radius * math.sin(half) if w else v * period
         pose = pose.compose(Pose(chord * math.cos(half), chord * math.sin(half), w * period))
-    assert (state.v, state.w) == pytest.approx((v, w))
+    assert (state.vx, state.w) == pytest.approx((v, w))
 
 
 @pytest.mark.parametrize("time", [-3.0, 2.0])
@@ -111,7 +110,7 @@ def test_after_a_gap_or_a_reset_a_robot_is_at_rest(time: float) -> None:
     for tick in range(10):
         estimate.state(0.05 * tick, Pose(0.04 * tick, 0.0, 0.0))
     state = estimate.state(time, Pose(5.0, 0.0, 0.0))
-    assert (state.v, state.w) == (0.0, 0.0)
+    assert (state.vx, state.w) == (0.0, 0.0)
 
 
 @pytest.mark.parametrize("distance", [0.05, 0.4])
@@ -120,65 +119,47 @@ def test_jumps_to_and_fro_do_not_become_a_velocity(distance: float) -> None:
     for tick in range(80):
         x = 0.1 * 0.02 * tick + (distance if tick % 4 else 0.0)
         state = estimate.state(0.02 * tick, Pose(x, 0.0, 0.0))
-        assert abs(state.v) <= 0.75
+        assert abs(state.vx) <= 0.75
 
 
-def senders(
-    distance: float,
-    *,
-    is_shared: Callable[[], bool] | None = lambda: True,
-    every: float = 2,
-    speed: float = 0.8,
-    noise: float = 0.0,
-    uneven: float = 0.0,
-    jump_every: int = 10**9,
-) -> float:
-    """Return the distance that is found after 3 s at 40 Hz; one message in `every` is `distance` m off.
-
-    `every` below 1 is the probability of such a message.
-
-    A corrected position jumps by 0.3 m after `jump_every` messages.
-    """
-    rng, check, found, corrected = np.random.default_rng(2), SenderCheck(is_shared), 0.0, 0.0
-    for tick in range(120):
-        time = 0.025 * tick + (uneven if tick % 2 else 0.0)
-        corrected += rng.choice([-0.3, 0.3]) if tick % jump_every == jump_every - 1 else 0.0
-        x, y = rng.normal(scale=noise, size=2) if noise else (0.0, 0.0)
-        is_off = rng.random() < every if every < 1 else tick % every == 0
-        off = distance if is_off else 0.0
-        found = check.distance(time, 7e5 + speed * time + x + corrected, y + off)
-    return found
+@pytest.mark.parametrize(("v", "w"), [(1.7, 0.0), (-1.7, 0.0), (0.0, 3.5), (0.0, -3.5)])
+def test_motion_of_up_to_half_above_the_limits_is_no_jump(v: float, w: float) -> None:
+    for factor, is_motion in ((1.0, True), (1.1, False)):
+        estimate = RobotVelocity(*LIMITS)
+        estimate.state(0.0, Pose(0.0, 0.0, 0.0))
+        state = estimate.state(0.1, Pose(0.1 * v * factor, 0.0, 0.1 * w * factor))
+        assert ((state.vx, state.w) != (0.0, 0.0)) is is_motion
 
 
-@pytest.mark.parametrize("distance", [0.05, 0.4, 30.0])
-@pytest.mark.parametrize("every", [2, 3, 5])
-@pytest.mark.parametrize("uneven", [0.0, 0.015])
-def test_two_senders_are_recognized(distance: float, every: int, uneven: float) -> None:
-    found = senders(distance, every=every, uneven=uneven)
-    assert found == pytest.approx(distance, rel=0.3)
-    in_tf = senders(distance, every=every, uneven=uneven, is_shared=None)
-    assert in_tf == (0.0 if distance == 0.05 else found)
+def test_a_robot_that_jumps_sideways_keeps_its_velocity() -> None:
+    estimate = RobotVelocity(*LIMITS)
+    for tick in range(10):
+        estimate.state(0.05 * tick, Pose(0.04 * tick, 0.0, 0.0))
+    state = estimate.state(0.5, Pose(0.4, 0.2, 0.0))
+    assert (state.vx, state.w) == pytest.approx((0.8, 0.0))
 
 
-@pytest.mark.parametrize("cell", [0.03, 0.05])
-@pytest.mark.parametrize("every", [0.5, 0.2, 2])
-@pytest.mark.parametrize("is_shared", [None, lambda: False])
-def test_one_sender_whose_positions_are_rounded_is_one(
-    cell: float, every: float, is_shared: Callable[[], bool] | None
-) -> None:
-    for speed in (0.0, 0.8):
-        assert senders(cell, every=every, speed=speed, is_shared=is_shared) == 0.0
+def test_two_jumps_that_continue_each_other_are_motion() -> None:
+    estimate = RobotVelocity(0.5, 1.0)
+    speeds = [estimate.state(0.05 * tick, Pose(0.1 * tick, 0.0, 0.0)).vx for tick in range(6)]
+    assert speeds[:2] == [0.0, 0.0]
+    assert speeds[2:] == pytest.approx([2.0] * 4)
 
 
-@pytest.mark.parametrize(
-    "alone",
-    [
-        {"noise": 0.003},
-        {"noise": 0.1},
-        {"uneven": 0.015, "speed": 2.0},
-        {"jump_every": 7},
-        {"jump_every": 2, "noise": 0.05},
-    ],
-)
-def test_one_sender_with_noise_or_corrections_is_one(alone: dict[str, float]) -> None:
-    assert senders(0.0, **alone) == 0.0
+@pytest.mark.parametrize(("gap", "v"), [(0.29, 0.8), (0.31, 0.0)])
+def test_three_tenths_of_a_second_are_a_gap(gap: float, v: float) -> None:
+    estimate = RobotVelocity(*LIMITS)
+    for tick in range(10):
+        estimate.state(0.05 * tick, Pose(0.04 * tick, 0.0, 0.0))
+    state = estimate.state(0.45 + gap, Pose(0.36 + 0.8 * gap, 0.0, 0.0))
+    assert state.vx == pytest.approx(v)
+
+
+def test_the_velocity_is_the_mean_of_a_control_tick() -> None:
+    estimate = RobotVelocity(*LIMITS)
+    for tick in range(11):  # at 100 Hz, with a change of speed
+        state = estimate.state(0.01 * tick, Pose(0.005 * tick, 0.0, 0.0))
+    assert state.vx == pytest.approx(0.5)
+    for tick in range(1, 3):
+        state = estimate.state(0.1 + 0.01 * tick, Pose(0.05 + 0.01 * tick, 0.0, 0.0))
+    assert state.vx == pytest.approx(0.75)

@@ -4,27 +4,19 @@ The result has the limits of the action, its turns, and its approach of objects.
 drives straight and turns again. The episodes of an action show at which speeds it turns, and how
 fast: a robot that pushes a ball turns more slowly while it brakes, and some servers turn on the
 spot. The shapes of paths, whose times are features, consist of these turns
-(`ator_ros.performance.driving`).
+(`ator_ros.bases.differential.driving`).
 """
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 
-from ator_ros.bases.description import Robot
-from ator_ros.bases.differential.description import differential
-from ator_ros.bases.differential.durations import rates_of
-from ator_ros.bases.differential.limits import GREATEST, LEAST, Limits
-from ator_ros.bases.differential.shapes import Rules
-from ator_ros.geometry import BoolArray, FloatArray
-from ator_ros.performance.derived import ANGLE_TO, Geometry
-from ator_ros.performance.direct import DIRECT_VARIABLES
-from ator_ros.performance.driving import (
+from ator_ros.bases.differential.driving import (
     RUNS,
     DrivingStyle,
     TurnRates,
@@ -33,6 +25,26 @@ from ator_ros.performance.driving import (
     free_shapes,
     plain_driving,
 )
+from ator_ros.bases.differential.durations import rates_of
+from ator_ros.bases.differential.legs import ends_of, fastest_drives
+from ator_ros.bases.differential.limits import GREATEST, LEAST, Limits
+from ator_ros.bases.differential.shapes import Rules
+from ator_ros.bases.direct import (
+    DIRECT_VARIABLES,
+    HOLD,
+    NEAR_GOAL,
+    XG,
+    YAW,
+    YAWG,
+    YG,
+    X,
+    Y,
+    direct_table,
+)
+from ator_ros.geometry import BoolArray, FloatArray, wrap_angles
+
+if TYPE_CHECKING:
+    from ator_ros.bases.differential.description import DifferentialRobot
 
 _SPEED_QUANTILE = 0.995  # quantile of the speeds that counts as the greatest speed
 # quantile of the accelerations that counts as the greatest; lower, as their noise is larger
@@ -61,11 +73,7 @@ _PASSINGS = (0.0, 0.2, 0.3, 0.35, 0.4, 0.5)  # m
 _BETTER = 0.97  # share of the error that a change of run or passing must leave at most
 
 
-NEAR_GOAL = 0.5
-"""Distance in m from a goal within which its bearing does not decide how an action drives."""
-
-
-def observed_driving(rows: pd.DataFrame, robot: Robot) -> DrivingStyle:
+def observed_driving(rows: pd.DataFrame, robot: DifferentialRobot) -> DrivingStyle:
     """Return how an action drives.
 
     Where too little was observed, the limits of `robot` are assumed.
@@ -74,15 +82,15 @@ def observed_driving(rows: pd.DataFrame, robot: Robot) -> DrivingStyle:
     ----------
     rows : pandas.DataFrame
         Rows of the action in an experience table.
-    robot : Robot
+    robot : DifferentialRobot
         The robot of the experience.
     """
     starts = rows[(rows["t"] == 0.0) & rows["success"]]
     if starts.empty:
-        return plain_driving(robot)
+        return plain_driving(robot.limits)
     above = backward_above(starts, robot)
     if not (rows["t"] > 0.0).any():  # records hold only the starts of episodes
-        return dataclasses.replace(plain_driving(robot), backward_above=above)
+        return dataclasses.replace(plain_driving(robot.limits), backward_above=above)
     limits = _observed_limits(rows, robot)
     holding = starts["hold"] > 0.5
     if np.mean(rows["v"] < _BACKWARD_SPEED) <= _BACKWARD_SHARE:
@@ -99,10 +107,10 @@ def observed_driving(rows: pd.DataFrame, robot: Robot) -> DrivingStyle:
             shapes = forward_shapes(limits, first, last, free_heading=free_heading)
         rules = Rules(rates_of(limits), math.nan, forward=True, free_heading=free_heading)
         hold = robot.hold if holding.any() else 0.0
-        drives = chosen_shapes(shapes, rules, _geometry(starts, robot).ends, hold=hold)
+        drives = chosen_shapes(shapes, rules, _ends(starts, robot), hold=hold)
         return DrivingStyle(limits, drives, forward=True, free_heading=free_heading)
     free = starts if holding.all() else starts[~holding]
-    ends = _geometry(free, robot).ends
+    ends = _ends(free, robot)
     drives = chosen_shapes(
         free_shapes(limits),
         Rules(rates_of(limits)),
@@ -113,7 +121,7 @@ def observed_driving(rows: pd.DataFrame, robot: Robot) -> DrivingStyle:
     return _best_approach(driving, starts[holding], robot) if holding.any() else driving
 
 
-def backward_above(starts: pd.DataFrame, robot: Robot) -> float:
+def backward_above(starts: pd.DataFrame, robot: DifferentialRobot) -> float:
     """Return the `angle_to_dest` in rad above which drives are backward.
 
     It is the border with the fewest drives on the wrong side, and pi if no angle separates forward
@@ -123,13 +131,16 @@ def backward_above(starts: pd.DataFrame, robot: Robot) -> float:
     ----------
     starts : pandas.DataFrame
         First rows of episodes of an experience table.
-    robot : Robot
+    robot : DifferentialRobot
         The robot of the experience.
     """
     driven = starts["driven"].to_numpy(dtype=float)
-    geometry = _geometry(starts, robot)
-    used = (np.abs(driven) > _LEAST_DRIVEN) & (geometry.dist > NEAR_GOAL)
-    angles = geometry.rows[ANGLE_TO][used]
+    legs = _legs(starts)
+    back = robot.hold * legs[HOLD]
+    dx = legs[XG] - back * np.cos(legs[YAWG]) - legs[X]
+    dy = legs[YG] - back * np.sin(legs[YAWG]) - legs[Y]
+    used = (np.abs(driven) > _LEAST_DRIVEN) & (np.sqrt(dx * dx + dy * dy) > NEAR_GOAL)
+    angles = np.abs(wrap_angles(np.arctan2(dy, dx) - legs[YAW]))[used]
     backward = driven[used] < 0.0
     order = np.argsort(angles)
     angles = angles[order]
@@ -144,30 +155,19 @@ def backward_above(starts: pd.DataFrame, robot: Robot) -> float:
     return float(angles[border - 1 : border + 1].mean())
 
 
-def part_times(starts: pd.DataFrame) -> FloatArray:
-    """Return the times of the parts of drives, in s, shape (n, 3); NaN where unknown.
-
-    The parts are the first turn, the straight and the last turn. `starts` are the first rows of n
-    episodes of an experience table.
-    """
-    first = starts["first_turn"].to_numpy(dtype=float)
-    last = starts["last_turn"].to_numpy(dtype=float)
-    straight = starts["duration"].to_numpy(dtype=float) - first - last
-    parts = np.stack([first, straight, last], axis=1)
-    parts[(parts < 0.0).any(axis=1)] = np.nan
-    return parts
+def _ends(starts: pd.DataFrame, robot: DifferentialRobot) -> FloatArray:
+    """Return both ends of the paths of the starts of episodes, see `fastest_paths`."""
+    return ends_of(_legs(starts), robot.hold, robot.limits.aw)[0]
 
 
-def _geometry(
-    starts: pd.DataFrame,
-    robot: Robot,
-    driving: DrivingStyle | None = None,
-) -> Geometry:
-    direct = {name: starts[name].to_numpy(dtype=float) for name in DIRECT_VARIABLES}
-    return Geometry(direct, robot, driving)
+def _legs(starts: pd.DataFrame) -> FloatArray:
+    """Return the direct variables of the starts of episodes."""
+    return direct_table(
+        {name: starts[name].to_numpy(dtype=float) for name in DIRECT_VARIABLES}
+    ).table
 
 
-def _observed_limits(rows: pd.DataFrame, robot: Robot) -> Limits:
+def _observed_limits(rows: pd.DataFrame, robot: DifferentialRobot) -> Limits:
     """Return the greatest speeds and accelerations.
 
     Glitches count as at most the bounds of `Limits`.
@@ -177,7 +177,7 @@ def _observed_limits(rows: pd.DataFrame, robot: Robot) -> Limits:
     speed = np.abs(v)
     change = (speed[after] - speed[after - 1]) / step
     turn_change = np.abs(w[after] - w[after - 1]) / step
-    base = differential(robot).limits
+    base = robot.limits
     observed = (
         _quantile(speed, _SPEED_QUANTILE, base.v),
         _quantile(np.abs(w), _SPEED_QUANTILE, base.w),
@@ -256,7 +256,14 @@ def _turns(rows: pd.DataFrame, limits: Limits) -> _Turns:
     starts, end_speeds, gains, losses, rates, angles = np.array(found, dtype=float).reshape(-1, 6).T
     # rad in which the base reaches its turn rate and stops again
     full = angles > limits.w**2 / limits.aw
-    return _Turns(starts, end_speeds, gains, losses, rates, full)
+    return _Turns(
+        starts,
+        end_speeds,
+        gains,
+        losses,
+        rates,
+        full,
+    )
 
 
 def _share_of_limit(change: Any, limits: Limits) -> Any:
@@ -267,8 +274,9 @@ def _share_of_limit(change: Any, limits: Limits) -> Any:
 def _rates(speeds: FloatArray, changes: FloatArray, turns: _Turns) -> TurnRates:
     """Return the usual turn rate as a function of the speed and its change at one end of a turn.
 
-    A rate at one speed is assumed at higher ones too, up to the highest observed, and a rate while
-    the speed falls also while it falls less.
+    A rate at one speed is assumed at higher ones too, up to the first of `_SPEEDS` above the highest
+    observed: rates between both are interpolated. A rate while the speed falls is assumed also
+    while it falls less.
     """
     full = turns.full if turns.full.any() else ~turns.full
     speeds = speeds[full]
@@ -293,10 +301,12 @@ def _rates(speeds: FloatArray, changes: FloatArray, turns: _Turns) -> TurnRates:
     return rate
 
 
-def _best_approach(driving: DrivingStyle, starts: pd.DataFrame, robot: Robot) -> DrivingStyle:
+def _best_approach(
+    driving: DrivingStyle, starts: pd.DataFrame, robot: DifferentialRobot
+) -> DrivingStyle:
     """Choose run and passing with which the times of paths predict durations best."""
     shapes = free_shapes(driving.limits, RUNS)
-    ends = _geometry(starts, robot).ends
+    ends = _ends(starts, robot)
 
     def approaching(run: float) -> DrivingStyle:
         rules = Rules(rates_of(driving.limits), run)
@@ -319,9 +329,9 @@ def _best_approach(driving: DrivingStyle, starts: pd.DataFrame, robot: Robot) ->
     return dataclasses.replace(approaching(best.run), passing=best.passing)
 
 
-def _error(driving: DrivingStyle, starts: pd.DataFrame, robot: Robot) -> float:
+def _error(driving: DrivingStyle, starts: pd.DataFrame, robot: DifferentialRobot) -> float:
     """Return the mean error in s of the durations as a linear function of the times of paths."""
-    times = _geometry(starts, robot, driving).path[0]
+    times = fastest_drives(_legs(starts), driving, robot.hold, robot.limits.aw)[0]
     table = np.column_stack([np.ones(len(times)), times])
     durations = starts["duration"].to_numpy(dtype=float)
     weights = np.linalg.lstsq(table, durations, rcond=None)[0]

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Annotated
+from types import MappingProxyType
+from typing import Annotated, ClassVar
 
 import numpy as np
 
-from ator_ros.bases.description import Robot
-from ator_ros.bases.differential.description import differential
+from ator_ros.bases.base import Driving
 from ator_ros.bases.differential.durations import rates_of
 from ator_ros.bases.differential.limits import Limits
 from ator_ros.bases.differential.shapes import (
@@ -35,7 +35,7 @@ StoredGroups = tuple[tuple[StoredShape, ...], ...]
 
 
 @dataclass(frozen=True)
-class DrivingStyle:
+class DrivingStyle(Driving):
     """How an action drives, as far as odometry and durations show it.
 
     Attributes
@@ -64,6 +64,19 @@ class DrivingStyle:
         There are no shapes, or one has another number of fields than `Shape`.
     """
 
+    quantities: ClassVar[Mapping[str, str]] = MappingProxyType(
+        {
+            "angle_to_straight": "rad",
+            "angle_after_straight": "rad",
+            "backward": "",
+            "dist_backward": "m",
+        }
+    )
+    """Of a straight that is driven backward if the angle to the destination is large.
+
+    The turns before and after the straight, whether it is driven backward, and its length then.
+    """
+
     limits: Limits
     drives: StoredGroups
     approaches: StoredGroups = ()
@@ -80,6 +93,23 @@ class DrivingStyle:
         for shape in itertools.chain(*self.drives, *self.approaches):
             expected = f"shapes of {_NUMBERS} numbers"
             require(len(shape) == _NUMBERS, "drives, approaches", expected, len(shape))
+
+    @property
+    def uses_quantities(self) -> bool:
+        """Whether some straights are driven backward."""
+        return self.backward_above < math.pi
+
+    def values(self, dist: FloatArray, to: FloatArray, at: FloatArray) -> FloatArray:
+        """See `Driving.values`."""
+        backward = to > self.backward_above
+        to_straight = np.where(backward, np.pi - to, to)
+        after_straight = np.where(backward, np.pi - at, at)
+        return np.stack([to_straight, after_straight, backward, backward * dist])
+
+    def rule(self) -> str:
+        """Return when straights are backward."""
+        above = math.degrees(self.backward_above)
+        return f"straights are backward if angle_to_dest > {above:.3g}°"
 
     @cached_property
     def drive_paths(self) -> ShapeSet:
@@ -226,7 +256,16 @@ def forward_shapes(
     ends = [(0.0, limits.w, math.nan, math.nan)] if free_heading else ends
     slowest = _SLOWEST * limits.w
     return [
-        Shape(gain, rate, loss, other, share, entry, start, arrival)
+        Shape(
+            gain,
+            rate,
+            loss,
+            other,
+            share,
+            entry,
+            start,
+            arrival,
+        )
         for gain, rate, entry, start in begins
         for loss, other, share, arrival in ends
         if min(rate, other) > slowest
@@ -261,12 +300,8 @@ def chosen_shapes(
 
 
 @lru_cache(maxsize=8)
-def plain_driving(robot: Robot) -> DrivingStyle:
-    """Return how an action that was not observed is assumed to drive: at all limits of the base.
-
-    The result is cached by robot.
-    """
-    limits = differential(robot).limits
+def plain_driving(limits: Limits) -> DrivingStyle:
+    """Return how an action that was not observed is assumed to drive: at all limits of the base."""
     speeds = np.linspace(0.0, limits.v, _PLAIN) * (np.arange(_PLAIN) % 2)
     unturned = np.zeros(_PLAIN)
     distances = np.linspace(0.1, 5.0, _PLAIN)  # m

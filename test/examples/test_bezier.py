@@ -6,11 +6,13 @@ from action_runs import Task, execute, execute_situation
 from ator_ros.actions.base import ActionError, Goal, Point
 from ator_ros.actions.situation import Situation
 from ator_ros.bases.description import Robot, load_robot
-from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.domain import find_domain
 from ator_ros.domains.soccer.field import BALL, field_of
 from ator_ros.geometry import Pose
 from ator_ros.resources import resource_path
 from ator_ros.world.state import ObjectState, RobotState, World
+
+SOCCER = find_domain("soccer")
 
 AXLE_GOAL = Goal(Pose(1.0, 0.0, 0.0))
 

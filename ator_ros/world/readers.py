@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import re
+import sys
 from collections.abc import Callable, Collection, Sized
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -113,11 +114,19 @@ def number(
     high: float,
     unit: str = "",
 ) -> float:
-    """Return `value` if it is a finite number in [low, high]."""
-    if not (math.isfinite(value) and low <= value <= high):
+    """Return `value` if it is a finite number in [low, high].
+
+    rclpy reads the memory of a whole number that a client assigns to a float field as if it were a
+    float: negative ones arrive as NaN, and positive ones as denormal numbers.
+    """
+    value = float(value)
+    denormal = 0.0 < abs(value) < sys.float_info.min
+    if denormal or not (math.isfinite(value) and low <= value <= high):
         bounds = f"a finite number from {low:.10g} to {high:.10g} {unit}".rstrip()
-        raise MessageError(f"{where}: expected {bounds}, got {value!r}")
-    return float(value)
+        remedy = " (Python clients must assign 2.0, not 2)"
+        hint = remedy if denormal or math.isnan(value) else ""
+        raise MessageError(f"{where}: expected {bounds}, got {value!r}{hint}")
+    return value
 
 
 def position(value: float, where: str) -> float:
@@ -272,21 +281,20 @@ def transform_from(message: Any) -> tuple[str, str, float, Placement]:
 
 
 def command_from(message: Any, where: str) -> Command:
-    """Read a geometry_msgs/Twist or TwistStamped.
-
-    All components except linear.x and angular.z must be 0.
-    """
+    """Read a geometry_msgs/Twist or TwistStamped, which must be in the plane."""
     twist = getattr(message, "twist", message)
     linear = twist.linear
     angular = twist.angular
-    others = (linear.y, linear.z, angular.x, angular.y)
+    others = (linear.z, angular.x, angular.y)
     if not all(abs(value) <= _ROUNDING for value in others):
-        unused = "linear.y, linear.z, angular.x, angular.y"
+        unused = "linear.z, angular.x, angular.y"
         raise MessageError(
             f"{where}: {unused}: expected 0, since the robot moves in the plane, got {others}"
         )
     return Command(
-        velocity(linear.x, f"{where}.linear.x"), velocity(angular.z, f"{where}.angular.z", "rad/s")
+        velocity(linear.x, f"{where}.linear.x"),
+        velocity(angular.z, f"{where}.angular.z", "rad/s"),
+        vy=velocity(linear.y, f"{where}.linear.y"),
     )
 
 
@@ -305,7 +313,7 @@ def robot_from_placement(
     pose = pose_from_placement(placement, "robot in tf")
     stamp, unmapped = (time, placement) if moved is None else moved
     state = estimate.state(stamp, pose_from_placement(unmapped, "robot in tf"))
-    return time, RobotState(pose, state.v, state.w)
+    return time, RobotState(pose, state.vx, state.w, vy=state.vy)
 
 
 def pose_from_placement(placement: Placement, where: str) -> Pose:
@@ -321,6 +329,7 @@ class OdometryReader:
     Poses must be in the frame `frame`; empty: in that of the first message. The attribute `frame`
     is the frame of the poses, once it is known. Velocities that contradict the poses are replaced,
     unless `corrects` is false: a recording is corrected as a whole. `is_shared`: see `SenderCheck`.
+    Lateral velocities are read if the base moves `sideways`, else they are 0.
     """
 
     def __init__(
@@ -329,8 +338,10 @@ class OdometryReader:
         *,
         corrects: bool = True,
         is_shared: Callable[[], bool] | None = None,
+        sideways: bool = False,
     ) -> None:
         self.frame = plain_frame(frame)
+        self._sideways = sideways
         self.remark = ""
         """That pose and twist contradict each other, after the message that showed it; else empty.
 
@@ -348,13 +359,18 @@ class OdometryReader:
         expect_frame(given, "odom.header.frame_id", expected=self.frame)
         pose = pose_from(odometry.pose.pose, "odom.pose.pose")
         twist = odometry.twist.twist
-        v = velocity(twist.linear.x, "odom.twist.twist.linear.x")
-        if _is_pose_frame(odometry.child_frame_id, given, self.frame):
-            sideways = velocity(twist.linear.y, "odom.twist.twist.linear.y")
-            v = v * math.cos(pose.yaw) + sideways * math.sin(pose.yaw)
+        vx = velocity(twist.linear.x, "odom.twist.twist.linear.x")
+        vy = 0.0
+        in_pose_frame = _is_pose_frame(odometry.child_frame_id, given, self.frame)
+        if in_pose_frame or self._sideways:
+            vy = velocity(twist.linear.y, "odom.twist.twist.linear.y")
+        if in_pose_frame:
+            cos = math.cos(pose.yaw)
+            sin = math.sin(pose.yaw)
+            vx, vy = vx * cos + vy * sin, vy * cos - vx * sin
         w = velocity(twist.angular.z, "odom.twist.twist.angular.z", "rad/s")
         time = seconds_from(odometry.header.stamp, "odom.header.stamp")
-        robot = RobotState(pose, v, w)
+        robot = RobotState(pose, vx, w, vy=vy if self._sideways else 0.0)
         self.frame = self.frame or plain_frame(given)
         if difference := self._senders.difference(time, *pose):
             raise SendersError(f"odom: {_to_and_fro(difference)}")
@@ -420,6 +436,11 @@ class ObjectReader:
         return time, self._estimate.state(time, x, y)
 
 
+def _forward(situation: Any) -> Any:
+    """Return the forward velocity of a Situation, which recordings of version 0.1 call v."""
+    return situation.vx if hasattr(situation, "vx") else situation.v
+
+
 def world_from(
     situation: Any,
     *,
@@ -430,8 +451,9 @@ def world_from(
     expect_frame(situation.header.frame_id, f"{where}.header.frame_id", expected=frame)
     robot = RobotState(
         pose_from(situation.robot, f"{where}.robot"),
-        velocity(situation.v, f"{where}.v"),
+        velocity(_forward(situation), f"{where}.vx"),
         velocity(situation.w, f"{where}.w", "rad/s"),
+        vy=velocity(getattr(situation, "vy", 0.0), f"{where}.vy"),
     )
     count(situation.objects, f"{where}.objects", least=0, most=MOST_OBJECTS)
     objects: dict[str, ObjectState] = {}

@@ -1,4 +1,7 @@
-"""The paper's actions, each along a Bezier curve that is recomputed at every tick (section 3)."""
+"""The paper's actions, each along a Bezier curve that is recomputed at every tick (section 3).
+
+They are the action set `bezier` of soccer, which an entry point of `ator_ros.action_sets` adds.
+"""
 
 from __future__ import annotations
 
@@ -9,9 +12,11 @@ from typing import ClassVar
 import numpy as np
 
 from ator_ros.actions.base import Action, ActionError, Goal, Status, Step, finished
+from ator_ros.actions.situation import ActionSpec
 from ator_ros.bases.description import Robot
 from ator_ros.bases.differential.description import differential
 from ator_ros.bases.differential.limits import Limits
+from ator_ros.domains.soccer import samplers
 from ator_ros.domains.soccer.field import (
     BALL,
     ball_of,
@@ -23,6 +28,7 @@ from ator_ros.domains.soccer.field import (
 )
 from ator_ros.domains.soccer.thresholds import ball_clearance, check_arrival, check_held, lost_ball
 from ator_ros.geometry import FloatArray, Pose, wrap_angle
+from ator_ros.performance.features import PAPER_11, names_of
 from ator_ros.tops.objects import is_at_front
 from ator_ros.world.state import (
     CONTROL_PERIOD,
@@ -258,7 +264,7 @@ class Driver:
         self._ball = ball
         self._rotation = min(style.rotation, limits.w, _TO_ROTATE * limits.aw)  # rad/s
         self._braking = min(style.braking, limits.brake / _RESERVE)  # m/s^2
-        self._last = Command(start.v, start.w)
+        self._last = Command(start.vx, start.w)
         self._side = 0.0
         self._laid: tuple[_Curve, Pose] | None = None
 
@@ -334,10 +340,10 @@ class Driver:
 
     def follow(self, state: RobotState, target: Pose, end_speed: float) -> Command:
         """Return the command for the next tick to `target`, to be passed at `end_speed` (m/s)."""
-        curve = self._curve(state.pose, target, state.v)
+        curve = self._curve(state.pose, target, state.vx)
         self._laid = curve, target
         bend = max(-self._style.sharpest, min(self._style.sharpest, curve.bend))
-        v = self._speed(curve, bend, state.v, end_speed)
+        v = self._speed(curve, bend, state.vx, end_speed)
         if end_speed == 0.0 and not _standing_pose(target.relative(state.pose)):
             v = max(v, _CREEP)
         return self.command(v, bend)
@@ -363,8 +369,8 @@ class Driver:
         last = self._last
         most = self._rotation
         braking = _RESERVE * self._braking
-        slowest = last.v - braking * CONTROL_PERIOD
-        fastest = last.v + self._limits.a * CONTROL_PERIOD
+        slowest = last.vx - braking * CONTROL_PERIOD
+        fastest = last.vx + self._limits.a * CONTROL_PERIOD
         v = max(slowest, min(fastest, v))
         return self.send(v, max(-most, min(most, max(v, 0.0) * bend)))
 
@@ -373,8 +379,8 @@ class Driver:
         last = self._last
         limits = self._limits
         most = self._rotation
-        slowest = last.v - limits.brake * CONTROL_PERIOD
-        fastest = last.v + limits.a * CONTROL_PERIOD
+        slowest = last.vx - limits.brake * CONTROL_PERIOD
+        fastest = last.vx + limits.a * CONTROL_PERIOD
         v = max(slowest, min(fastest, 0.0))
         w = max(-most, min(most, 3.0 * angle))
         return self.send(v, w if abs(v) < 0.2 else last.w)
@@ -508,7 +514,7 @@ class BezierGoToPose(_BezierAction):
         state = world.robot
         speed = self._goal.speed
         rel = self._target.relative(state.pose)
-        if reached(rel, state.v, speed):
+        if reached(rel, state.vx, speed):
             command = self._driver.send(speed, 0.0) if speed > 0.0 else STOP
             return finished(Status.SUCCEEDED, "arrived at the goal", command)
         if self._is_backing_off:  # until it cannot touch the ball when it turns
@@ -563,7 +569,7 @@ class BezierDribbleBall(_BezierHolding):
         state = world.robot
         speed = self._goal.speed
         rel = self._target.relative(state.pose)
-        if reached(rel, state.v, speed):
+        if reached(rel, state.vx, speed):
             command = self._driver.command(speed, 0.0)
             return finished(Status.SUCCEEDED, "arrived at the goal with the ball", command)
         self._is_taking_in = self._is_taking_in and self._gap(world) > _TAKEN
@@ -678,7 +684,7 @@ class BezierShoot(_BezierHolding):
         state = world.robot
         forward = max(abs(math.cos(state.pose.yaw)), 0.3)
         needed = max(short, 0.0) / forward + _ROLL_RESERVE
-        roll = state.v**2 / (2.0 * self.robot.scene.objects[BALL].rolling_deceleration)
+        roll = state.vx**2 / (2.0 * self.robot.scene.objects[BALL].rolling_deceleration)
         if roll > needed and abs(state.w) < 0.3:
             self._released = True
             return Step(STOP, Status.RUNNING, "braking: the ball rolls on into the goal")
@@ -690,6 +696,15 @@ class BezierShoot(_BezierHolding):
 
     def _watch(self, world: World, ball: ObjectState) -> Step:
         """Brake, and wait until the ball has crossed the line or come to rest."""
-        if _SHOT_OVER.holds(ball.speed) and _SHOT_OVER.holds(world.robot.v):
+        if _SHOT_OVER.holds(ball.speed) and _SHOT_OVER.holds(world.robot.vx):
             return finished(Status.FAILED, "missed: the ball came to rest outside the goal")
         return Step(STOP, Status.RUNNING, "waiting for the ball to roll into the goal")
+
+
+_PAPER = names_of(PAPER_11)
+ACTIONS = (
+    ActionSpec("goToPose", BezierGoToPose, samplers.go_to_pose, _PAPER),
+    ActionSpec("dribbleBall", BezierDribbleBall, samplers.dribble_ball, _PAPER),
+    ActionSpec("shoot", BezierShoot, samplers.shoot, _PAPER),
+)
+"""The paper's action set; its models have the paper's eleven features."""

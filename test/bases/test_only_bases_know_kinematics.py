@@ -1,0 +1,53 @@
+"""Outside the bases, simulations of them, and the planned actions nothing knows how a robot moves."""
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).resolve().parents[2] / "ator_ros"
+KNOWING = (
+    "bases/", "simulation/", "domains/soccer/planned/", "domains/soccer/bezier.py",
+)  # fmt: skip
+IDENTIFIES = ("tools/calibrate.py", "tools/command_line.py")
+"""The tool that identifies a base with two driven wheels, and the errors that tools report."""
+OTHERS = [
+    file
+    for file in sorted(PACKAGE.rglob("*.py"))
+    if not file.relative_to(PACKAGE).as_posix().startswith(KNOWING + IDENTIFIES)
+]
+NAMES = {
+    "DifferentialRobot", "Limits", "StopBraking", "differential", "wheel_radius", "wheel_torque",
+    "motor_time_constant", "grip", "v_back", "turn_time", "drive_time", "backward_above", "plain_driving",
+    "fastest_paths",
+}  # fmt: skip
+"""Names of a base with two driven wheels."""
+OF_ROBOTS = {"limits", "stop", "track", "v"}
+"""Attributes of such a base whose names others have, too."""
+
+
+def known(file: Path) -> Iterator[str]:
+    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith(
+            "ator_ros.bases.differential"
+        ):
+            yield f"line {node.lineno}: import from {node.module}"
+        elif isinstance(node, ast.Name) and node.id in NAMES:
+            yield f"line {node.lineno}: {node.id}"
+        elif isinstance(node, ast.Attribute) and node.attr in NAMES:
+            yield f"line {node.lineno}: .{node.attr}"
+        elif isinstance(node, ast.Attribute) and node.attr in OF_ROBOTS:
+            owner = ast.unparse(node.value).rpartition(".")[2].lstrip("_")
+            if owner == "robot":
+                yield f"line {node.lineno}: robot.{node.attr}"
+
+
+@pytest.mark.parametrize("file", OTHERS, ids=lambda file: file.relative_to(PACKAGE).as_posix())
+def test_nothing_else_knows_how_a_robot_moves(file: Path) -> None:
+    assert not list(known(file))
+
+
+def test_those_that_know_are_there() -> None:
+    for place in (*KNOWING, *IDENTIFIES):
+        assert (PACKAGE / place).exists()
