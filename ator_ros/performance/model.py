@@ -1,4 +1,4 @@
-"""The performance model of an action: maps situations to performance measures (paper, section 2.1)."""
+"""The performance model of an action: from situations to performance (paper, section 2.1)."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from ator_ros.schema import Within
 from ator_ros.world.state import CONTROL_PERIOD
 
 MEASURES: dict[str, str] = {"duration": "s", "success": "", "accuracy": "m", "heading": "rad"}
-"""What is predicted, with units: time to the end, probability of success, and the errors at the end."""
+"""What is predicted, with units: time to the end, probability of success, errors at the end."""
 
 
 @dataclass(frozen=True)
@@ -142,7 +142,7 @@ class PerformanceModel:
 
     @cached_property
     def experience(self) -> Mapping[str, tuple[float, float]]:
-        """Least and greatest value of each quantity at the starts that it was learned from, if known.
+        """Least and greatest value of each quantity at the starts of learning, if known.
 
         Places are in the robot's area, while those of the file are relative to the area's center;
         see `ator_ros.performance.training.start_ranges`.
@@ -207,7 +207,7 @@ class PerformanceModel:
         return tree.evaluate(self._rows(geometry, tree.names))[0]
 
     def rules(self, measure: str = "duration") -> str:
-        """Return the rules of one measure as text in the paper's form, one a line, after what they share."""
+        """Return the rules of one measure in the paper's form, one a line, after what they share."""
         rules = self._writer(measure).rules()
         if self.driving is None:
             return rules
@@ -217,7 +217,7 @@ class PerformanceModel:
         return f"{self.driving.rule()}\n{rules}"
 
     def explain(self, direct: Direct) -> str:
-        """Return the rule that predicts the duration in one situation, and what each of its terms adds."""
+        """Return the rule that predicts a duration, and what each of its terms adds."""
         rows = self._rows(self._geometry(direct), self.trees["duration"].names)
         return self._writer("duration").explanation(rows[:, 0])
 
@@ -247,7 +247,7 @@ def _write_at_goal(
     durations: FloatArray,
     spreads: FloatArray,
 ) -> None:
-    """Write a duration and a spread for robots at rest within a distance (m) and angle (rad) of the goal."""
+    """Write duration and spread for robots at rest within a distance (m) and angle (rad) of the goal."""
     for at in range(rows.shape[1]):
         if (
             rows[RESTS, at] > 0.5
