@@ -31,6 +31,7 @@ from ator_ros.performance.features import (
     declared_by,
     feature_table,
     names_of,
+    suited,
 )
 from ator_ros.performance.model import (
     UNOBSERVED,
@@ -131,6 +132,7 @@ def train(
             raise ExperienceError(
                 f"{action}: {name}: {expected}, {missing} of {len(rows)} have none"
             )
+    features = suited(features, robot)
     starts = rows[rows["t"] == 0.0]
     starts = starts[routed(starts, robot, features)]
     good_starts = starts[starts["success"]]

@@ -23,8 +23,8 @@ class RobotVelocity:
     """The velocity of a robot along the arc between two poses.
 
     `most_v` and `most_w` are the robot's limits in m/s and rad/s. If the pose jumps, as when a
-    localization corrects it, the velocity does not change. The lateral velocity is 0 unless the robot
-    moves `sideways`.
+    localization corrects it, the velocity does not change. The lateral velocity is 0 unless the
+    robot moves `sideways`.
     """
 
     def __init__(self, most_v: float, most_w: float, *, sideways: bool = False) -> None:

@@ -48,6 +48,7 @@ def situations(seed: int, count: int = 50) -> Direct:
         "yaw": rng.uniform(-math.pi, math.pi, count),
         "v": rng.uniform(-0.3, 1.0, count),
         "w": rng.uniform(-2, 2, count),
+        "vy": rng.uniform(-0.5, 0.5, count),
         "xg": rng.uniform(-4, 4, count),
         "yg": rng.uniform(-3, 3, count),
         "yawg": rng.uniform(-math.pi, math.pi, count),
@@ -81,7 +82,7 @@ def turned(direct: Direct, angle: float) -> Direct:
 
 
 def mirrored(direct: Direct) -> Direct:
-    return {**direct, **{name: -direct[name] for name in ("y", "yaw", "w", "yg", "yawg")}}
+    return {**direct, **{name: -direct[name] for name in ("y", "yaw", "w", "vy", "yg", "yawg")}}
 
 
 def table(direct: Direct) -> dict[str, FloatArray]:
