@@ -212,7 +212,7 @@ class PerformanceModel:
         return tree.evaluate(self._rows(geometry, tree.names))[0]
 
     def rules(self, measure: str = "duration") -> str:
-        """Return the rules of a measure as the paper prints them, after what they share."""
+        """Return the rules of a measure in the paper's form, one a line, after what they share."""
         rules = self._writer(measure).rules()
         if self.driving is None:
             return rules
@@ -252,7 +252,7 @@ def _write_at_goal(
     durations: FloatArray,
     spreads: FloatArray,
 ) -> None:
-    """Write a duration and a spread for robots at rest within a distance and angle of the goal."""
+    """Write duration and spread for robots at rest within a distance (m) and angle of the goal."""
     for at in range(rows.shape[1]):
         if (
             rows[RESTS, at] > 0.5
