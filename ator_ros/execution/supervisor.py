@@ -351,8 +351,8 @@ class Supervisor:
         late = world.time - self._stopped_at > LONGEST_STOP_TIME
         if late and not stands:
             self.explain(
-                f"the robot still moves at {world.robot.speed:.2f} m/s and {world.robot.w:.2f} rad/s, "
-                f"{LONGEST_STOP_TIME:g} s after it was commanded to stop"
+                f"the robot still moves at {world.robot.speed:.2f} m/s and "
+                f"{world.robot.w:.2f} rad/s, {LONGEST_STOP_TIME:g} s after it was commanded to stop"
             )
         calm = _CALM if self._was_released and self.ending is Ending.FAILED else 0.0
         if late or world.time - self._stood_at >= calm:

@@ -207,7 +207,7 @@ class PerformanceModel:
         return tree.evaluate(self._rows(geometry, tree.names))[0]
 
     def rules(self, measure: str = "duration") -> str:
-        """Return the rules of one measure in the paper's form, one a line, after what they share."""
+        """Return the rules of a measure in the paper's form, one a line, after what they share."""
         rules = self._writer(measure).rules()
         if self.driving is None:
             return rules
@@ -247,7 +247,7 @@ def _write_at_goal(
     durations: FloatArray,
     spreads: FloatArray,
 ) -> None:
-    """Write duration and spread for robots at rest within a distance (m) and angle (rad) of the goal."""
+    """Write duration and spread for robots at rest within a distance (m) and angle of the goal."""
     for at in range(rows.shape[1]):
         if (
             rows[RESTS, at] > 0.5
