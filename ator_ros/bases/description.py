@@ -32,7 +32,9 @@ GROUP = "ator_ros.bases"
 DEFAULT_DRIVE = "differential"
 """The kind of base of a file without the field `drive`."""
 _SHIPPED_DRIVE = EntryPoint(
-    DEFAULT_DRIVE, "ator_ros.bases.differential.description:DifferentialRobot", GROUP
+    DEFAULT_DRIVE,
+    "ator_ros.bases.differential.description:DifferentialRobot",
+    GROUP,
 )
 _LARGEST = 100_000  # bytes of a description; ours has 2 kB
 _LOOSE = 2.0  # widths of an object above which the gap between the fingers is too wide to hold it

@@ -35,12 +35,15 @@ def parts_of_drive(times: FloatArray, speeds: FloatArray, duration: float) -> Dr
     # Integrated speeds: localization may move the position of a robot that stands.
     steps = speeds[:-1] * np.diff(times)
     driven = np.append(0.0, np.cumsum(steps))
-    left = driven[-1] - driven
+    total = float(driven[-1])
+    left = total - driven
     begun = times[np.abs(driven) > _TURN_DISTANCE]
     ends = times[np.abs(left) > _TURN_DISTANCE]
     if not len(begun) or not len(ends) or begun[0] > ends[-1]:
-        return DriveParts(driven=float(driven[-1]))
-    return DriveParts(float(begun[0]), duration - float(ends[-1]), float(driven[-1]))
+        return DriveParts(driven=total)
+    first_turn = float(begun[0])
+    last_turn = duration - float(ends[-1])
+    return DriveParts(first_turn, last_turn, total)
 
 
 def part_times(starts: pd.DataFrame) -> FloatArray:

@@ -25,15 +25,18 @@ def route_along(path: FloatArray, look_ahead: float) -> tuple[float, float, floa
         across.
     """
     steps = np.diff(path, axis=0)
-    distances = np.append(0.0, np.cumsum(np.hypot(steps[:, 0], steps[:, 1])))
+    lengths = np.hypot(steps[:, 0], steps[:, 1])
+    distances = np.append(0.0, np.cumsum(lengths))
     length = float(distances[-1])
     look = min(look_ahead, length)
     corners = _corners(path)
     parts = np.diff(corners, axis=0)
-    turns = wrap_angles(np.diff(np.arctan2(parts[:, 1], parts[:, 0])))
+    headings = np.arctan2(parts[:, 1], parts[:, 0])
+    turn = float(np.abs(wrap_angles(np.diff(headings))).sum())
     departure = _heading(path[0], _place_at(look, distances, path))
     arrival = _heading(_place_at(length - look, distances, path), path[-1])
-    return length, float(np.abs(turns).sum()), departure, arrival, len(corners) == 2
+    is_straight = len(corners) == 2
+    return length, turn, departure, arrival, is_straight
 
 
 def _place_at(distance: float, distances: FloatArray, path: FloatArray) -> FloatArray:
@@ -57,8 +60,9 @@ def _corners(path: FloatArray) -> FloatArray:
     while open_parts:
         first, last = open_parts.pop()
         chord = path[last] - path[first]
+        length = max(math.hypot(*chord), 1e-9)
         x, y = (path[first : last + 1] - path[first]).T
-        offsets = np.abs(chord[0] * y - chord[1] * x) / max(math.hypot(*chord), 1e-9)
+        offsets = np.abs(chord[0] * y - chord[1] * x) / length
         farthest = first + int(offsets.argmax())
         if offsets[farthest - first] > _TOLERANCE:
             kept.add(farthest)

@@ -195,7 +195,12 @@ class Routes:
         return found
 
     def _planned(
-        self, planner: Planner, x: float, y: float, to_x: float, to_y: float
+        self,
+        planner: Planner,
+        x: float,
+        y: float,
+        to_x: float,
+        to_y: float,
     ) -> FloatArray:
         """Return the route along a planner's path between places in m: a column of a `RouteSet`."""
         # stops differ by centimeters
@@ -220,7 +225,12 @@ class Routes:
         return np.asarray(_levels(self._nearest, self._component, starts, goals) >= 0)
 
     def fault(
-        self, x: float, y: float, start: tuple[float, float] | None = None, *, planned: bool = False
+        self,
+        x: float,
+        y: float,
+        start: tuple[float, float] | None = None,
+        *,
+        planned: bool = False,
     ) -> str | None:
         """Return why a place in m cannot be reached from `start`, or from anywhere; else None.
 
@@ -262,7 +272,11 @@ class Routes:
                     goal = self._nearest[level, to_cells[which[0]]]
                     cells = self._nearest[level, from_cells[which]]
                     found[:, which] = self._routes_to(
-                        complex(end), int(goal), starts[which], cells, int(level)
+                        complex(end),
+                        int(goal),
+                        starts[which],
+                        cells,
+                        int(level),
                     )
         if backward:
             found[3], found[4] = found[4] + math.pi, found[3] + math.pi
@@ -276,12 +290,21 @@ class Routes:
     def _cells(self, places: Places) -> NDArray[np.intp]:
         """Return the cells in which places lie, -1 outside the map."""
         found = _cells_of(
-            places.ravel(), self._clearance.shape, self._step, self._map, self._clearest
+            places.ravel(),
+            self._clearance.shape,
+            self._step,
+            self._map,
+            self._clearest,
         )
         return found.reshape(places.shape)
 
     def _routes_to(
-        self, end: complex, goal: int, starts: Places, cells: Cells, level: int
+        self,
+        end: complex,
+        goal: int,
+        starts: Places,
+        cells: Cells,
+        level: int,
     ) -> FloatArray:
         """Return routes to a place, in the cell `goal`, from starts in `cells`, shape (6, n)."""
         columns = self._clearance.shape[1]
@@ -393,7 +416,10 @@ def _distinct(places: Places) -> Places:
 
 @compiled
 def _levels(
-    nearest: Cells, component: Cells, starts: NDArray[np.intp], goals: NDArray[np.intp]
+    nearest: Cells,
+    component: Cells,
+    starts: NDArray[np.intp],
+    goals: NDArray[np.intp],
 ) -> Cells:
     """Return the index in `CLEARANCES` of the routes between cells, shape (n,).
 
@@ -510,7 +536,11 @@ def _offsets(most: float) -> Cells:
 
 @compiled
 def _nearest_free(
-    free: BoolArray, usable: BoolArray, offsets: Cells, whole: BoolArray, clearest: Cells
+    free: BoolArray,
+    usable: BoolArray,
+    offsets: Cells,
+    whole: BoolArray,
+    clearest: Cells,
 ) -> Cells:
     """Return the free cell nearest to each usable one, at one of `offsets`, else -1.
 
@@ -537,7 +567,11 @@ def _nearest_free(
 
 @compiled
 def _cells_of(
-    places: Places, shape: tuple[int, int], step: int, free: BoolArray, clearest: Cells
+    places: Places,
+    shape: tuple[int, int],
+    step: int,
+    free: BoolArray,
+    clearest: Cells,
 ) -> NDArray[np.intp]:
     """Return the cells in which places lie, -1 outside the map and behind a wall in the cell."""
     rows, columns = shape
@@ -632,7 +666,9 @@ def _parents(free: BoolArray, goal: int) -> tuple[Cells, Cells]:
         near = _neighbors(free, cell, neighbors)
         candidate = parent[cell]
         if not _beside_connected(settled, parent, columns, cell) and not _line_of_sight(
-            free, cell, candidate
+            free,
+            cell,
+            candidate,
         ):
             length[cell] = np.inf
             for other in neighbors[:near]:
@@ -688,7 +724,12 @@ def _arrival(start: complex, first: complex, rest: float, end: complex, look: fl
 
 @compiled
 def _tables(
-    parent: Cells, order: Cells, columns: int, end: complex, clearance: Table, look: float
+    parent: Cells,
+    order: Cells,
+    columns: int,
+    end: complex,
+    clearance: Table,
+    look: float,
 ) -> Tables:
     """Return the tables of a field to the exact place `end`; see `Tables`."""
     length = np.zeros(len(parent), dtype=np.float32)

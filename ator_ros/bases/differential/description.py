@@ -110,9 +110,24 @@ class DifferentialRobot(Robot):
         """Driving and turning."""
         limits = self.limits
         stop = min(self.stop.forward, self.stop.backward)
-        rate = min(limits.a, limits.brake)
-        driving = Axis("vx", "move", "m/s", limits.v, limits.backward, rate, stop)
-        turning = Axis("w", "turn", "rad/s", limits.w, limits.w, limits.aw, self.stop.turning)
+        driving = Axis(
+            name="vx",
+            verb="move",
+            unit="m/s",
+            limit=limits.v,
+            backward=limits.backward,
+            rate=min(limits.a, limits.brake),
+            stop=stop,
+        )
+        turning = Axis(
+            name="w",
+            verb="turn",
+            unit="rad/s",
+            limit=limits.w,
+            backward=limits.w,
+            rate=limits.aw,
+            stop=self.stop.turning,
+        )
         return driving, turning
 
     @property
@@ -188,12 +203,15 @@ class DifferentialRobot(Robot):
 
     def steady_rate(self, w: float, v: float) -> float:
         """Return the turn rate `w` (rad/s), limited so that wheels do not slide at `v` (m/s)."""
-        return math.copysign(min(abs(w), self.grip / max(abs(v), 1e-3)), w)
+        most = self.grip / max(abs(v), 1e-3)
+        return math.copysign(min(abs(w), most), w)
 
     def draw_velocity(self, rng: np.random.Generator) -> Command:
         """Draw a velocity, at which the wheels do not slide."""
-        v = float(rng.uniform(-0.3 if self.limits.backward else 0.0, 0.8) * self.limits.v)
-        w = float(rng.uniform(-0.5, 0.5) * self.limits.w)
+        limits = self.limits
+        least = -0.3 if limits.backward else 0.0
+        v = float(rng.uniform(least, 0.8) * limits.v)
+        w = float(rng.uniform(-0.5, 0.5) * limits.w)
         return Command(v, self.steady_rate(w, v))
 
     def content(self) -> dict[str, Any]:
@@ -235,6 +253,9 @@ def _place_on_arc(robot: RobotState, path: float) -> Place:
 
 def _place_after(robot: RobotState, path: float, turned: float) -> Place:
     """Return the place after `path` m on an arc that turns by `turned` rad."""
-    chord = path * (math.sin(turned / 2.0) / (turned / 2.0) if turned else 1.0)
-    yaw = robot.pose.yaw + turned / 2.0
-    return robot.pose.x + chord * math.cos(yaw), robot.pose.y + chord * math.sin(yaw)
+    half = turned / 2.0
+    chord = path * (math.sin(half) / half if turned else 1.0)
+    yaw = robot.pose.yaw + half
+    x = robot.pose.x + chord * math.cos(yaw)
+    y = robot.pose.y + chord * math.sin(yaw)
+    return x, y

@@ -186,7 +186,10 @@ def free_shapes(limits: Limits, runs: Iterable[float] = (0.0,)) -> list[Shape]:
             direction=direction,
         )
         for first, last, direction, share in itertools.product(
-            _CHANGES, _CHANGES, (1.0, -1.0), runs
+            _CHANGES,
+            _CHANGES,
+            (1.0, -1.0),
+            runs,
         )
     ]
 
@@ -273,7 +276,11 @@ def forward_shapes(
 
 
 def chosen_shapes(
-    shapes: Sequence[Shape], rules: Rules, ends: FloatArray, *, hold: float
+    shapes: Sequence[Shape],
+    rules: Rules,
+    ends: FloatArray,
+    *,
+    hold: float,
 ) -> StoredGroups:
     """Return the groups of `shapes` that are needed: their paths are about as fast as those of all.
 

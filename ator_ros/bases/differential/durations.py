@@ -108,19 +108,28 @@ def drive_time(distance: Real, before: Any, after: Any, rates: Bounds) -> Real:
 
 @elementwise
 def drive_parts(
-    distance: Real, before: Any, after: Any, rates: Bounds
+    distance: Real,
+    before: Any,
+    after: Any,
+    rates: Bounds,
 ) -> tuple[Real, Real, Real, Real]:
     """Return how long drives gain speed, hold it and lose it, in s, and the speed held in m/s."""
     sign = direction(distance, before, after, rates)
     gaining, steady, losing, peak = forward_parts(
-        sign * distance, sign * before, sign * after, rates
+        sign * distance,
+        sign * before,
+        sign * after,
+        rates,
     )
     return gaining, steady, losing, sign * peak
 
 
 @elementwise
 def forward_parts(
-    distance: Real, before: Any, after: Any, rates: Bounds
+    distance: Real,
+    before: Any,
+    after: Any,
+    rates: Bounds,
 ) -> tuple[Real, Real, Real, Real]:
     """Return `drive_parts` of drives that first accelerate, or keep their speed, and then brake.
 

@@ -203,7 +203,10 @@ def _reached(times: Sequence[float], speeds: FloatArray) -> float:
 
 
 def _is_held(
-    response: AxisResponse, times: Sequence[float], commands: FloatArray, noise: float
+    response: AxisResponse,
+    times: Sequence[float],
+    commands: FloatArray,
+    noise: float,
 ) -> bool:
     """Return whether the limit held the base back: the fit would go on to gain speed without it."""
     unlimited = replace(response, limit=_FASTEST).speeds(times, commands.tolist())
@@ -237,7 +240,10 @@ def _fitted(times: Sequence[float], commands: FloatArray, speeds: FloatArray) ->
     starts.sort(key=lambda start: float(np.sum(errors(start) ** 2)))
     fits = [
         least_squares(
-            errors, start, bounds=(_LOWER, _UPPER), x_scale=(0.05, 0.05, top, rate, rate, rate)
+            errors,
+            start,
+            bounds=(_LOWER, _UPPER),
+            x_scale=(0.05, 0.05, top, rate, rate, rate),
         )
         for start in starts[:_STARTS]
     ]

@@ -118,7 +118,11 @@ def _write_ends(
 
 @compiled
 def _add_openings(
-    paths: FloatArray, opening: FloatArray, on_spot: FloatArray, w: float, aw: float
+    paths: FloatArray,
+    opening: FloatArray,
+    on_spot: FloatArray,
+    w: float,
+    aw: float,
 ) -> None:
     """Add the openings to paths, shape (2, n), or replace them by turns on the spot.
 

@@ -41,9 +41,8 @@ class Limits:
 
     def scaled(self, factor: float) -> Limits:
         """Return these limits times `factor`."""
-        return dataclasses.replace(
-            self, **{name: factor * getattr(self, name) for name in GREATEST}
-        )
+        values = {name: factor * getattr(self, name) for name in GREATEST}
+        return dataclasses.replace(self, **values)
 
     def within(self, other: Limits) -> Limits:
         """Return the smaller of both limits in each value."""

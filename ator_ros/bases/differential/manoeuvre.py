@@ -78,7 +78,14 @@ class Manoeuvre:
         entry, exit_ = np.array([self.entry, self.exit], dtype=SIDE)
         rates = rates_of(self.limits)
         duration = write_pieces(
-            speeds, turns, self.first, self.last, self.distance, entry, exit_, rates
+            speeds,
+            turns,
+            self.first,
+            self.last,
+            self.distance,
+            entry,
+            exit_,
+            rates,
         )
         return speeds, turns, duration
 
@@ -195,7 +202,12 @@ def is_forward(speeds: FloatArray, distance: float, bounds: Rates) -> bool:
 
 @compiled
 def _straight(
-    pieces: FloatArray, at: int, distance: float, v1: float, v2: float, bounds: Rates
+    pieces: FloatArray,
+    at: int,
+    distance: float,
+    v1: float,
+    v2: float,
+    bounds: Rates,
 ) -> None:
     gaining, steady, losing, top = drive_parts(distance, v1, v2, bounds)
     pieces[at] = gaining, v1, top

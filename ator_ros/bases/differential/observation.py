@@ -139,8 +139,10 @@ def backward_above(starts: pd.DataFrame, robot: DifferentialRobot) -> float:
     back = robot.hold * legs[HOLD]
     dx = legs[XG] - back * np.cos(legs[YAWG]) - legs[X]
     dy = legs[YG] - back * np.sin(legs[YAWG]) - legs[Y]
-    used = (np.abs(driven) > _LEAST_DRIVEN) & (np.sqrt(dx * dx + dy * dy) > NEAR_GOAL)
-    angles = np.abs(wrap_angles(np.arctan2(dy, dx) - legs[YAW]))[used]
+    distance = np.sqrt(dx * dx + dy * dy)
+    used = (np.abs(driven) > _LEAST_DRIVEN) & (distance > NEAR_GOAL)
+    to_goal = np.arctan2(dy, dx)
+    angles = np.abs(wrap_angles(to_goal - legs[YAW]))[used]
     backward = driven[used] < 0.0
     order = np.argsort(angles)
     angles = angles[order]
@@ -173,10 +175,11 @@ def _observed_limits(rows: pd.DataFrame, robot: DifferentialRobot) -> Limits:
     Glitches count as at most the bounds of `Limits`.
     """
     v, w, time, after = _series(rows)
-    step = time[after] - time[after - 1]
+    before = after - 1
+    step = time[after] - time[before]
     speed = np.abs(v)
-    change = (speed[after] - speed[after - 1]) / step
-    turn_change = np.abs(w[after] - w[after - 1]) / step
+    change = (speed[after] - speed[before]) / step
+    turn_change = np.abs(w[after] - w[before]) / step
     base = robot.limits
     observed = (
         _quantile(speed, _SPEED_QUANTILE, base.v),
@@ -233,12 +236,9 @@ def _turns(rows: pd.DataFrame, limits: Limits) -> _Turns:
     begins = np.flatnonzero(turning & ~continues)
     ends = np.flatnonzero(turning & ~np.append(continues[1:], False))
     # Include the neighboring rows of the same episode.
+    is_followed = np.append(follows[1:], False)
     begins = np.where(follows[begins], begins - 1, begins)
-    ends = np.where(
-        np.append(follows[1:], False)[ends],
-        ends + 1,
-        ends,
-    )
+    ends = np.where(is_followed[ends], ends + 1, ends)
     found = []
     for begin, end in zip(begins.tolist(), ends.tolist(), strict=True):
         if end - begin < 3:  # too short for a change of speed
@@ -253,7 +253,8 @@ def _turns(rows: pd.DataFrame, limits: Limits) -> _Turns:
         rate = np.max(np.abs(w[part])) / limits.w
         angle = abs(np.trapezoid(w[part], time[part]))
         found.append((start, end_speed, gain, loss, rate, angle))
-    starts, end_speeds, gains, losses, rates, angles = np.array(found, dtype=float).reshape(-1, 6).T
+    columns = np.array(found, dtype=float).reshape(-1, 6).T
+    starts, end_speeds, gains, losses, rates, angles = columns
     # rad in which the base reaches its turn rate and stops again
     full = angles > limits.w**2 / limits.aw
     return _Turns(
@@ -302,7 +303,9 @@ def _rates(speeds: FloatArray, changes: FloatArray, turns: _Turns) -> TurnRates:
 
 
 def _best_approach(
-    driving: DrivingStyle, starts: pd.DataFrame, robot: DifferentialRobot
+    driving: DrivingStyle,
+    starts: pd.DataFrame,
+    robot: DifferentialRobot,
 ) -> DrivingStyle:
     """Choose run and passing with which the times of paths predict durations best."""
     shapes = free_shapes(driving.limits, RUNS)

@@ -85,7 +85,12 @@ def lowest(bits: int) -> int:
 
 @inlined
 def drive_between(
-    one: Turn, two: Turn, cos: float, sin: float, offset: Offset, rates: Rates
+    one: Turn,
+    two: Turn,
+    cos: float,
+    sin: float,
+    offset: Offset,
+    rates: Rates,
 ) -> tuple[float, float, float]:
     """Return the length (m; negative: backward) of the drive between two turns, and its end speeds.
 
@@ -177,7 +182,12 @@ def ranked(found: Records, most: int) -> Records:
 
 @compiled
 def _search(
-    end: Pose, entries: Ends, exits: Ends, rates: Rates, forward: bool, longest: float
+    end: Pose,
+    entries: Ends,
+    exits: Ends,
+    rates: Rates,
+    forward: bool,
+    longest: float,
 ) -> Records:
     """Return all paths, of `PATH`, to a goal at `end` as seen from the start."""
     found = np.empty(1024, dtype=PATH)
@@ -258,7 +268,12 @@ def _search(
 
 @inlined
 def _write_steps(
-    steps: NDArray[np.intp], near: RealArray, far: RealArray, entry: int, exit_: int, both: bool
+    steps: NDArray[np.intp],
+    near: RealArray,
+    far: RealArray,
+    entry: int,
+    exit_: int,
+    both: bool,
 ) -> int:
     """Write the steps of the grid that contain roots; return their number."""
     count = 0

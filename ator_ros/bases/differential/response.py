@@ -14,7 +14,11 @@ from ator_ros.world.state import STOP, Command, RobotState
 
 
 def ramped(
-    speeds: Command, target: Command, dt: float, limits: Limits, stop: StopBraking
+    speeds: Command,
+    target: Command,
+    dt: float,
+    limits: Limits,
+    stop: StopBraking,
 ) -> Command:
     """Return the velocities of a base `dt` s after `speeds` if it is commanded to `target`."""
     if target == STOP:
@@ -75,7 +79,10 @@ class AxisResponse:
         return found
 
     def _after(
-        self, state: tuple[float, float], command: float, seconds: float
+        self,
+        state: tuple[float, float],
+        command: float,
+        seconds: float,
     ) -> tuple[float, float]:
         """Return set and measured speed after `seconds` under one command, in closed form."""
         setpoint, speed = state

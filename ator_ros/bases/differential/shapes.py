@@ -75,7 +75,10 @@ class TurnTables(NamedTuple):
 
 @lru_cache(maxsize=6)
 def turn_tables(
-    rates: Rates, profiles: tuple[tuple[float, float], ...], *, forward: bool
+    rates: Rates,
+    profiles: tuple[tuple[float, float], ...],
+    *,
+    forward: bool,
 ) -> TurnTables:
     """Compute tables for changes of speed (m/s^2) and turn rates (rad/s): 3 MB per m/s and pair."""
     speeds = np.arange(-rates.v, rates.v + SPEED_STEP / 2, SPEED_STEP)
@@ -160,7 +163,11 @@ def shape_set(groups: Sequence[Sequence[Shape]], rules: Rules) -> ShapeSet:
     turned = 2.0 * math.pi if rules.forward else math.pi
     missed = (2.0 * float(turn_time(turned, rules.rates.w, rules.rates.aw)), 2.0 * turned)
     return ShapeSet(
-        rules, np.array(rows, dtype=_SHAPE), np.cumsum(sizes, dtype=np.intp), tables, missed
+        rules,
+        np.array(rows, dtype=_SHAPE),
+        np.cumsum(sizes, dtype=np.intp),
+        tables,
+        missed,
     )
 
 
@@ -265,7 +272,15 @@ def fastest_paths(ends: FloatArray, shapes: ShapeSet, hold: float) -> FloatArray
     (rates, *settings), rows, others, (turns, *rest), missed = shapes
     # Passing named tuples would take longer than the search for a pair.
     return _fastest_paths(
-        ends, hold, tuple(rates), tuple(settings), rows, others, tuple(turns), tuple(rest), missed
+        ends,
+        hold,
+        tuple(rates),
+        tuple(settings),
+        rows,
+        others,
+        tuple(turns),
+        tuple(rest),
+        missed,
     )
 
 
@@ -387,7 +402,11 @@ def _try(
 
 @inlined
 def _write_legs(
-    legs: Records, pairs: Records, shape: Record, tables: TurnTables, rules: Rules
+    legs: Records,
+    pairs: Records,
+    shape: Record,
+    tables: TurnTables,
+    rules: Rules,
 ) -> None:
     """Write how the paths begin before the first turn and end after the last one."""
     rates = rules.rates
@@ -440,7 +459,11 @@ def _row_of(tables: TurnTables, first: int, speed: float) -> int:
 
 @inlined
 def _write_gaps(
-    space: _Space, pairs: Records, shape: Record, tables: TurnTables, rules: Rules
+    space: _Space,
+    pairs: Records,
+    shape: Record,
+    tables: TurnTables,
+    rules: Rules,
 ) -> int:
     """Write the lateral errors for each first turn in slots that may have the fastest path.
 
@@ -485,7 +508,11 @@ def _write_gaps(
 
 @inlined
 def _write_roots(
-    space: _Space, slots: int, pairs: Records, tables: TurnTables, rules: Rules
+    space: _Space,
+    slots: int,
+    pairs: Records,
+    tables: TurnTables,
+    rules: Rules,
 ) -> int:
     """Write the paths of all roots in the slots, without their times; return how many they are."""
     found = 0
@@ -578,10 +605,10 @@ def _write_times(roots: Record, count: int, shape: Record, hold: float, rules: R
 def _cos_sin(cos: float, sin: float, beyond: float) -> tuple[float, float]:
     """Return cosine and sine of an angle, given those for up to `STEP` rad less, by series."""
     x = beyond * beyond
-    near_cos = 1.0 - x * (
-        1 / 2 - x * (1 / 24 - x * (1 / 720 - x * (1 / 40320 - x * (1 / 3628800))))
-    )
-    near_sin = beyond * (1.0 - x * (1 / 6 - x * (1 / 120 - x * (1 / 5040 - x * (1 / 362880)))))
+    cos4 = 1 / 24 - x * (1 / 720 - x * (1 / 40320 - x * (1 / 3628800)))
+    near_cos = 1.0 - x * (1 / 2 - x * cos4)
+    sin5 = 1 / 120 - x * (1 / 5040 - x * (1 / 362880))
+    near_sin = beyond * (1.0 - x * (1 / 6 - x * sin5))
     return cos * near_cos - sin * near_sin, sin * near_cos + cos * near_sin
 
 
@@ -631,7 +658,9 @@ def drawn_ends(like: FloatArray, count: int, rng: np.random.Generator) -> FloatA
     """
     some = like[:, rng.integers(0, like.shape[1], count)]
     distance = np.hypot(some[0], some[1]) * np.where(
-        rng.random(count) < 0.5, rng.random(count), 1.0
+        rng.random(count) < 0.5,
+        rng.random(count),
+        1.0,
     )
     bearing, turn = rng.uniform(-np.pi, np.pi, (2, count))
     moving = rng.random((2, count)) < (like[3:] != 0.0).mean(axis=1)[:, None]

@@ -115,7 +115,8 @@ def write_states(
     span = max(duration, interval)
     off_x = (goal.x - x) / span
     off_y = (goal.y - y) / span
-    off_yaw = ((goal.yaw - yaw + math.pi) % math.tau - math.pi) / span
+    turn = (goal.yaw - yaw + math.pi) % math.tau - math.pi
+    off_yaw = turn / span
     for at in range(index + 1):
         time = min(interval * at, duration)
         states[at, 0] += time * off_x

@@ -62,7 +62,11 @@ def write_headings(angle: float, rate: float, aw: float, headings: FloatArray) -
 
 @inlined
 def turn_end(
-    time: float, headings: FloatArray, speed: float, acceleration: float, v: float
+    time: float,
+    headings: FloatArray,
+    speed: float,
+    acceleration: float,
+    v: float,
 ) -> tuple[float, float]:
     """Return the displacement by a turn of `time` s, in m forward and left; see `write_headings`.
 
@@ -101,7 +105,11 @@ def turn_table(turns: FloatArray, limits: Bounds) -> TurnTable:
 
 @compiled
 def _write_table(
-    turns: FloatArray, v: float, aw: float, along: FloatArray, across: FloatArray
+    turns: FloatArray,
+    v: float,
+    aw: float,
+    along: FloatArray,
+    across: FloatArray,
 ) -> None:
     headings = np.empty((2, len(NODES)))
     for entry in range(EDGE + 1):
