@@ -16,17 +16,17 @@ from ator_ros.actions.situation import ActionSpec
 from ator_ros.bases.description import Robot
 from ator_ros.bases.differential.description import differential
 from ator_ros.bases.differential.limits import Limits
+from ator_ros.domains.planned.planned_action import check_arrival
+from ator_ros.domains.planned.walls import depth_in_walls, nearest_to_walls
 from ator_ros.domains.soccer import samplers
 from ator_ros.domains.soccer.field import (
     BALL,
     ball_of,
     behind_line,
-    depth_in_goals,
     field_of,
     is_in_goal,
-    nearest_to_goals,
 )
-from ator_ros.domains.soccer.thresholds import ball_clearance, check_arrival, check_held, lost_ball
+from ator_ros.domains.soccer.thresholds import ball_clearance, check_held, lost_ball
 from ator_ros.geometry import FloatArray, Pose, wrap_angle
 from ator_ros.performance.features import PAPER_11, names_of
 from ator_ros.tops.objects import is_at_front
@@ -333,10 +333,10 @@ class Driver:
         middle = self._robot.scene.area.x
         around_target = abs(target.x - middle) + style.run_in + 2.0 * style.radius
         farthest = max(abs(pose.x - middle), around_target)
-        if farthest <= nearest_to_goals(self._robot):
+        if farthest <= nearest_to_walls(self._robot):
             return into_ball
         path = _shortest_path(curve, style.radius, target)
-        return max(into_ball, depth_in_goals(path, self._robot))
+        return max(into_ball, depth_in_walls(path, self._robot))
 
     def follow(self, state: RobotState, target: Pose, end_speed: float) -> Command:
         """Return the command for the next tick to `target`, to be passed at `end_speed` (m/s)."""

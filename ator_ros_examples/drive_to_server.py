@@ -37,7 +37,11 @@ LawOf = Callable[[tuple[float, float, float]], Law]
 class _Drive:
     """An active goal."""
 
-    def __init__(self, handle: ServerGoalHandle, law: LawOf) -> None:
+    def __init__(
+        self,
+        handle: ServerGoalHandle,
+        law: LawOf,
+    ) -> None:
         self.handle = handle
         pose = handle.request.goal.pose
         self.law = law((pose.position.x, pose.position.y, yaw_of(pose.orientation)))
@@ -71,7 +75,12 @@ class DriveToServer(Node):
         self._drive: _Drive | None = None
         newest = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
         self._commands = self.create_publisher(Twist, "cmd_vel", 1)
-        self.create_subscription(Odometry, "odom", self._take_odom, newest)
+        self.create_subscription(
+            Odometry,
+            "odom",
+            self._take_odom,
+            newest,
+        )
         self._server = ActionServer(
             self, DriveTo, action, self._execute,
             goal_callback=self._consider, cancel_callback=lambda _: CancelResponse.ACCEPT,
@@ -79,10 +88,10 @@ class DriveToServer(Node):
 
     def _consider(self, request: Any) -> GoalResponse:
         """Accept a pose in the frame of odometry."""
-        pose, frame = request.goal.pose, request.goal.header.frame_id
-        finite = all(
-            map(math.isfinite, (pose.position.x, pose.position.y, yaw_of(pose.orientation)))
-        )
+        pose = request.goal.pose
+        frame = request.goal.header.frame_id
+        place = (pose.position.x, pose.position.y, yaw_of(pose.orientation))
+        finite = all(map(math.isfinite, place))
         known = not self._frame or frame in ("", self._frame)
         if finite and known:
             return GoalResponse.ACCEPT
@@ -94,7 +103,8 @@ class DriveToServer(Node):
     async def _execute(self, handle: ServerGoalHandle) -> Any:
         """Start the drive with the newest odometry; return when later odometry has ended it."""
         drive = _Drive(handle, self._law)
-        former, self._drive = self._drive, drive
+        former = self._drive
+        self._drive = drive
         if former is not None:
             former.ended.set_result((DriveTo.Result.SUPERSEDED, "a newer goal took over"))
         self._steer()
@@ -104,35 +114,49 @@ class DriveToServer(Node):
         return DriveTo.Result(error_code=code, error_msg=text)
 
     def _take_odom(self, message: Odometry) -> None:
-        pose, twist, stamp = message.pose.pose, message.twist.twist, message.header.stamp
-        place = pose.position.x, pose.position.y, yaw_of(pose.orientation)
+        pose = message.pose.pose
+        twist = message.twist.twist
+        stamp = message.header.stamp
         self._frame = message.header.frame_id
         self._state = State(
-            stamp.sec + 1e-9 * stamp.nanosec, *place, twist.linear.x, twist.angular.z
+            stamp.sec + 1e-9 * stamp.nanosec,
+            pose.position.x,
+            pose.position.y,
+            yaw_of(pose.orientation),
+            twist.linear.x,
+            twist.angular.z,
         )
         self._steer()
 
     def _steer(self) -> None:
         """Publish the command for the newest odometry."""
-        drive, state = self._drive, self._state
+        drive = self._drive
+        state = self._state
         if drive is None or state is None:
             return
-        canceled = drive.handle.is_cancel_requested
-        v, w = (0.0, 0.0) if canceled else drive.law.step(state)
-        phase = drive.law.phase
-        if canceled or phase in _CODES:
-            self._drive = None
-            ended = (
-                (DriveTo.Result.CANCELED, "canceled") if canceled else (_CODES[phase], phase.value)
-            )
-            drive.ended.set_result(ended)
         command = Twist()
-        command.linear.x, command.angular.z = v, w
+        phase = drive.law.phase
+        if drive.handle.is_cancel_requested:
+            self._end(drive, DriveTo.Result.CANCELED, "canceled")
+        else:
+            command.linear.x, command.angular.z = drive.law.step(state)
+            phase = drive.law.phase
+            if phase in _CODES:
+                self._end(drive, _CODES[phase], phase.value)
         self._commands.publish(command)
         if state.time - drive.feedback_at >= _FEEDBACK_PERIOD and self._drive is not None:
             drive.feedback_at = state.time
             feedback = DriveTo.Feedback(distance_remaining=drive.law.distance, phase=phase.value)
             drive.handle.publish_feedback(feedback)
+
+    def _end(
+        self,
+        drive: _Drive,
+        code: int,
+        text: str,
+    ) -> None:
+        self._drive = None
+        drive.ended.set_result((code, text))
 
 
 def yaw_of(q: Any) -> float:

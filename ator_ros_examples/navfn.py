@@ -16,9 +16,12 @@ from numpy.typing import NDArray
 from ator_ros.compiled import compiled
 
 # NavFn: the cost of a cell is 50 + 0.8 times that in the costmap
-_COST_NEUTRAL, _COST_FACTOR = 50.0, 0.8
+_COST_NEUTRAL = 50.0
+_COST_FACTOR = 0.8
 _INSCRIBED = 252.0  # cost in the costmap at the distance of the robot's radius
-_COST_SCALING_FACTOR, _INFLATION_RADIUS = 5.0, 0.62  # 1/m and m; fitted to 106 plans of Nav2
+# Parameters of the inflation layer, fitted to 106 plans of Nav2.
+_COST_SCALING_FACTOR = 5.0  # 1/m
+_INFLATION_RADIUS = 0.62  # m
 _PATH_STEP = 0.5  # cells between the points of a path
 _SETTLED = 0.01  # change of a potential below which it is final
 _MOST_CACHED = 50  # potentials
@@ -50,7 +53,8 @@ class NavFn:
     ) -> None:
         from scipy import ndimage
 
-        self._resolution, self._origin = resolution, origin
+        self._resolution = resolution
+        self._origin = origin
         away = resolution * ndimage.distance_transform_edt(np.pad(free, 1))[1:-1, 1:-1]
         inflated = _INSCRIBED * np.exp(-_COST_SCALING_FACTOR * (away - radius))
         self._cost = _COST_NEUTRAL + _COST_FACTOR * np.where(
@@ -64,7 +68,11 @@ class NavFn:
         """Return the name of the planner."""
         return "NavFn"
 
-    def __call__(self, start: tuple[float, float], goal: tuple[float, float]) -> Grid | None:
+    def __call__(
+        self,
+        start: tuple[float, float],
+        goal: tuple[float, float],
+    ) -> Grid | None:
         """Return a path from `start` to `goal`, both x, y in m.
 
         Returns
@@ -72,12 +80,12 @@ class NavFn:
         ndarray, shape (n, 2), or None
             Points in m, half a cell apart, the last one at the goal; None if there is no path.
         """
-        here, there = self._cell(*start), self._cell(*goal)
+        here = self._cell(*start)
+        there = self._cell(*goal)
         target = round(there.imag), round(there.real)
         rows, columns = self._cost.shape
-        if not (
-            0 <= target[0] < rows and 0 <= target[1] < columns and math.isfinite(self._cost[target])
-        ):
+        on_map = 0 <= target[0] < rows and 0 <= target[1] < columns
+        if not on_map or not math.isfinite(self._cost[target]):
             return None
         if target not in self._potentials:
             self._potentials[target] = _potential(self._cost, *target)
@@ -91,7 +99,11 @@ class NavFn:
         places = x + 1j * y + self._resolution * (cells + (0.5 + 0.5j)) * np.exp(1j * yaw)
         return np.stack([places.real, places.imag], axis=1)
 
-    def _cell(self, x: float, y: float) -> complex:
+    def _cell(
+        self,
+        x: float,
+        y: float,
+    ) -> complex:
         """Return (x, y) m in cells: column + row i, whole numbers in the middle of a cell."""
         x0, y0, yaw = self._origin
         turned = complex(x - x0, y - y0) * complex(math.cos(yaw), -math.sin(yaw))
@@ -99,14 +111,23 @@ class NavFn:
 
 
 @compiled
-def _at(potential: Grid, row: int, column: int) -> float:
+def _at(
+    potential: Grid,
+    row: int,
+    column: int,
+) -> float:
     """Return the potential of a cell; infinite outside the map."""
     rows, columns = potential.shape
-    return potential[row, column] if 0 <= row < rows and 0 <= column < columns else math.inf
+    on_map = 0 <= row < rows and 0 <= column < columns
+    return potential[row, column] if on_map else math.inf
 
 
 @compiled
-def _potential(cost: Grid, row: int, column: int) -> Grid:
+def _potential(
+    cost: Grid,
+    row: int,
+    column: int,
+) -> Grid:
     """Return the cost of the path from each cell to the goal's cell; infinite without a path.
 
     The update is NavFn's quadratic approximation of a wave that arrives between two neighbors of a
@@ -128,23 +149,31 @@ def _potential(cost: Grid, row: int, column: int) -> Grid:
                         continue
                     across = min(_at(potential, r - 1, c), _at(potential, r + 1, c))
                     along = min(_at(potential, r, c - 1), _at(potential, r, c + 1))
-                    least, more = min(across, along), abs(across - along)
+                    least = min(across, along)
                     if least == math.inf:
                         continue
-                    share = more / own if more < own else 1.0
-                    step = (
-                        own
-                        if share >= 1.0
-                        else own * (-0.2301 * share**2 + 0.5307 * share + 0.7040)
-                    )
-                    if least + step < potential[r, c] - _SETTLED:
-                        potential[r, c] = least + step
+                    arrival = least + _step(own, abs(across - along))
+                    if arrival < potential[r, c] - _SETTLED:
+                        potential[r, c] = arrival
                         changed = True
     return potential
 
 
 @compiled
-def _slope(potential: Grid, row: int, column: int) -> complex:
+def _step(own: float, apart: float) -> float:
+    """Return the cost of a step into a cell of cost `own`; `apart` is between its neighbors."""
+    share = apart / own
+    if share >= 1.0:
+        return own
+    return own * (-0.2301 * share**2 + 0.5307 * share + 0.7040)
+
+
+@compiled
+def _slope(
+    potential: Grid,
+    row: int,
+    column: int,
+) -> complex:
     """Return the unit vector (column + row i) in which the potential of a cell falls.
 
     0 where it is flat.
@@ -152,56 +181,92 @@ def _slope(potential: Grid, row: int, column: int) -> complex:
     own = _at(potential, row, column)
     if own == math.inf:
         return 0j
-    left, right = _at(potential, row, column - 1), _at(potential, row, column + 1)
-    below, above = _at(potential, row - 1, column), _at(potential, row + 1, column)
-    along = (left - own if left < math.inf else 0.0) + (own - right if right < math.inf else 0.0)
-    across = (below - own if below < math.inf else 0.0) + (own - above if above < math.inf else 0.0)
+    left = _at(potential, row, column - 1)
+    right = _at(potential, row, column + 1)
+    below = _at(potential, row - 1, column)
+    above = _at(potential, row + 1, column)
+    along = 0.0
+    if left < math.inf:
+        along += left - own
+    if right < math.inf:
+        along += own - right
+    across = 0.0
+    if below < math.inf:
+        across += below - own
+    if above < math.inf:
+        across += own - above
     size = math.hypot(along, across)
     return complex(along / size, across / size) if size > 0.0 else 0j
 
 
 @compiled
-def _lowest(potential: Grid, here: complex, reach: int) -> complex:
+def _interpolated_slope(potential: Grid, here: complex) -> complex:
+    """Return the slope between four cells; see `_slope`."""
+    row = math.floor(here.imag)
+    column = math.floor(here.real)
+    up = here.imag - row
+    right = here.real - column
+    slope = 0j
+    for r, c in ((0, 0), (0, 1), (1, 0), (1, 1)):
+        share = (up if r else 1.0 - up) * (right if c else 1.0 - right)
+        slope += share * _slope(potential, row + r, column + c)
+    return slope
+
+
+@compiled
+def _near(potential: Grid, here: complex) -> float:
+    """Return the potential of the cell at a point."""
+    return _at(potential, round(here.imag), round(here.real))
+
+
+@compiled
+def _lowest(
+    potential: Grid,
+    here: complex,
+    reach: int,
+) -> complex:
     """Return the cell with the lowest potential among those at most `reach` cells from `here`."""
-    row, column = round(here.imag), round(here.real)
-    found, least = here, math.inf
+    row = round(here.imag)
+    column = round(here.real)
+    found = here
+    least = math.inf
     for r in range(row - reach, row + reach + 1):
         for c in range(column - reach, column + reach + 1):
             if _at(potential, r, c) < least:
-                found, least = complex(c, r), _at(potential, r, c)
+                found = complex(c, r)
+                least = _at(potential, r, c)
     return found
 
 
 @compiled
-def _descend(potential: Grid, start: complex, goal: complex) -> NDArray[np.complex128]:
+def _descend(
+    potential: Grid,
+    start: complex,
+    goal: complex,
+) -> NDArray[np.complex128]:
     """Return a path down the interpolated gradient as points in cells, shape (n,).
 
     Empty without a path.
     """
     cells = np.empty(potential.size + 2, dtype=np.complex128)
-    cells[0], count, here = start, 1, start
-    if _at(potential, round(start.imag), round(start.real)) == math.inf:
+    cells[0] = start
+    count = 1
+    here = start
+    if _near(potential, start) == math.inf:
         here = _lowest(potential, start, 4)  # the robot is too near to an obstacle
-        if _at(potential, round(here.imag), round(here.real)) == math.inf:
+        if _near(potential, here) == math.inf:
             return cells[:0]
     while abs(goal - here) > 1.0 and count < len(cells) - 1:
-        row, column = math.floor(here.imag), math.floor(here.real)
-        up, right = here.imag - row, here.real - column
-        slope = 0j
-        for r, c in ((0, 0), (0, 1), (1, 0), (1, 1)):
-            share = (up if r else 1.0 - up) * (right if c else 1.0 - right)
-            slope += share * _slope(potential, row + r, column + c)
-        after = (
-            here + _PATH_STEP * slope / abs(slope)
-            if abs(slope) > 0.1
-            else _lowest(potential, here, 1)
-        )
-        before = _at(potential, round(here.imag), round(here.real))
-        if _at(potential, round(after.imag), round(after.real)) > before:
+        slope = _interpolated_slope(potential, here)
+        after = here
+        if abs(slope) > 0.1:
+            after += _PATH_STEP * slope / abs(slope)
+        if after == here or _near(potential, after) > _near(potential, here):
             after = _lowest(potential, here, 1)
         if after == here:
             break
         here = after
-        cells[count], count = here, count + 1
+        cells[count] = here
+        count += 1
     cells[count] = goal
     return cells[: count + 1]

@@ -49,14 +49,23 @@ class Pursuit:
 
     tuning = Tuning()
 
-    def __init__(self, goal: tuple[float, float, float], planner: NavFn | None = None) -> None:
+    def __init__(
+        self,
+        goal: tuple[float, float, float],
+        planner: NavFn | None = None,
+    ) -> None:
         self._planner = planner
         self._path: _Path | None = None
         self.phase = Phase.FOLLOWING
         self.distance = math.inf
         self._goal = goal
         self._w = 0.0
-        self._moved_at = State(-math.inf, math.inf, math.inf, 0.0)
+        self._moved_at = State(
+            -math.inf,
+            math.inf,
+            math.inf,
+            0.0,
+        )
 
     def step(self, state: State) -> tuple[float, float]:
         """Return the velocities (m/s, rad/s) for a state; `phase` is in `ENDED` after the end."""
@@ -90,16 +99,16 @@ class Pursuit:
         if self.phase is Phase.ROTATING_TO_GOAL or self.distance <= tuning.xy_goal_tolerance:
             close = abs(self._angle_to_goal(state)) <= tuning.yaw_goal_tolerance
             return Phase.SETTLING if close else Phase.ROTATING_TO_GOAL
-        rotating = self.phase is Phase.ROTATING_TO_PATH
-        threshold = (
-            tuning.angular_disengage_threshold if rotating else tuning.angular_dist_threshold
-        )
+        threshold = tuning.angular_dist_threshold
+        if self.phase is Phase.ROTATING_TO_PATH:
+            threshold = tuning.angular_disengage_threshold
         far_off = abs(self._angle_to_path(state)) > threshold
         return Phase.ROTATING_TO_PATH if far_off else Phase.FOLLOWING
 
     def _progresses(self, state: State) -> bool:
         """Return whether the robot has moved far enough within the allowed time."""
-        tuning, since = self.tuning, self._moved_at
+        tuning = self.tuning
+        since = self._moved_at
         if math.hypot(state.x - since.x, state.y - since.y) > tuning.required_movement_radius:
             self._moved_at = state
         return state.time - self._moved_at.time <= tuning.movement_time_allowance
@@ -151,15 +160,23 @@ class _Path:
         """Length in m from the point next to the robot to the goal."""
         return float(self._left[self._near])
 
-    def follow(self, x: float, y: float) -> None:
+    def follow(
+        self,
+        x: float,
+        y: float,
+    ) -> None:
         """Advance to the point next to (x, y) m, up to 1 m ahead of the last one."""
-        last = self._near + np.searchsorted(
-            -self._left[self._near :], 1.0 - self._left[self._near], "right"
-        )
+        rest = self._left[self._near :]
+        last = self._near + np.searchsorted(-rest, 1.0 - rest[0], "right")
         away = np.hypot(*(self._points[self._near : last] - (x, y)).T)
         self._near += int(np.argmin(away))
 
-    def ahead(self, x: float, y: float, lookahead: float) -> tuple[float, float]:
+    def ahead(
+        self,
+        x: float,
+        y: float,
+        lookahead: float,
+    ) -> tuple[float, float]:
         """Return the first point of the rest that is `lookahead` m from (x, y), or the goal."""
         rest = self._points[self._near :]
         far = np.flatnonzero(np.hypot(*(rest - (x, y)).T) >= lookahead)

@@ -32,14 +32,24 @@ class PursuitServer(DriveToServer):
         self._radius = self.declare_parameter("robot_radius", 0.17).value
         self._planner: NavFn | None = None
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        self.create_subscription(OccupancyGrid, "map", self._take_map, latched)
+        self.create_subscription(
+            OccupancyGrid,
+            "map",
+            self._take_map,
+            latched,
+        )
 
     def _take_map(self, message: OccupancyGrid) -> None:
-        info, values = message.info, np.array(message.data).reshape(message.info.height, -1)
+        info = message.info
+        values = np.array(message.data).reshape(info.height, -1)
+        free = (values >= 0) & (values <= _FREE)
         place = info.origin.position
-        origin = place.x, place.y, yaw_of(info.origin.orientation)
+        origin = (place.x, place.y, yaw_of(info.origin.orientation))
         self._planner = NavFn(
-            (values >= 0) & (values <= _FREE), info.resolution, origin, self._radius
+            free,
+            info.resolution,
+            origin,
+            self._radius,
         )
         self.get_logger().info(f"planning on a map of {info.width} x {info.height} cells")
 

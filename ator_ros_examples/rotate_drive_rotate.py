@@ -49,9 +49,12 @@ class Phase(enum.Enum):
 ENDED = (Phase.ARRIVED, Phase.MISSED, Phase.TOO_LONG)
 # ratio of the distance to the goal at the end of the path to its tolerance: the drive failed
 _MISSED = 3.0
-_TURN_GAIN, _FOLLOW_GAIN = 3.0, 2.0  # 1/s
+_TURN_GAIN = 3.0  # 1/s
+_FOLLOW_GAIN = 2.0  # 1/s
 _SLOWEST = 0.06  # m/s
-_STANDS = (0.02, 0.04)  # m/s and rad/s
+# Below these speeds the robot counts as standing.
+_STANDING = 0.02  # m/s
+_STANDING_TURN = 0.04  # rad/s
 
 
 @dataclass(frozen=True)
@@ -89,9 +92,20 @@ class RotateDriveRotate:
         if state.time - (self._began or 0.0) > self.tuning.time_limit:
             self._enter(Phase.TOO_LONG, state)
         v, w = self._wanted(state)
-        dt, self._last = max(0.0, state.time - self._last), state.time
-        self._v = _toward(self._v, v, self.tuning.a * dt, slowing=math.inf)
-        self._w = _toward(self._w, w, self.tuning.aw * dt, slowing=self.tuning.aw * dt)
+        dt = max(0.0, state.time - self._last)
+        self._last = state.time
+        self._v = _toward(
+            self._v,
+            v,
+            self.tuning.a * dt,
+            slowing=math.inf,
+        )
+        self._w = _toward(
+            self._w,
+            w,
+            self.tuning.aw * dt,
+            slowing=self.tuning.aw * dt,
+        )
         if self.phase in ENDED:
             self._v = self._w = 0.0
         return self._v, self._w
@@ -136,33 +150,41 @@ class RotateDriveRotate:
             if abs(error) > self.tuning.yaw_goal_tolerance:
                 return 0.0, self._turning(error, self.tuning.w_goal)
             self._enter(Phase.SETTLING, state)
-        if abs(state.v) > _STANDS[0] or abs(state.w) > _STANDS[1]:
+        if abs(state.v) > _STANDING or abs(state.w) > _STANDING_TURN:
             self._since = state.time
         if state.time - self._since >= self.tuning.settle:
             stands_right = abs(error) <= 2.0 * self.tuning.yaw_goal_tolerance
             self._enter(Phase.ARRIVED if stands_right else Phase.ROTATING_TO_GOAL, state)
         return 0.0, 0.0
 
-    def _following(self, state: State, left: float) -> tuple[float, float]:
+    def _following(
+        self,
+        state: State,
+        left: float,
+    ) -> tuple[float, float]:
         """Steer to a point on the path ahead, slower at large heading errors and near the goal."""
-        tuning, (x, y) = self.tuning, self._ahead(left)
+        tuning = self.tuning
+        x, y = self._ahead(left)
         error = self._heading_error(state, x, y)
         most = tuning.v if self._sign > 0.0 else tuning.v_reverse
-        speed = most * max(0.15, math.cos(error)) if abs(error) < math.pi / 2.0 else 0.0
-        speed = max(_SLOWEST, min(speed, math.sqrt(2.0 * tuning.brake * left)))
+        toward = max(0.15, math.cos(error)) if abs(error) < math.pi / 2.0 else 0.0
+        before_goal = math.sqrt(2.0 * tuning.brake * left)
+        speed = max(_SLOWEST, min(most * toward, before_goal))
         turn = max(-tuning.w_path, min(tuning.w_path, _FOLLOW_GAIN * error))
         return self._sign * speed, turn
 
     def _ahead(self, left: float) -> tuple[float, float]:
         """Return the point of the path, a straight line, `lookahead_dist` ahead of the robot."""
-        (x0, y0), (x1, y1, _) = self._start, self._goal
+        x0, y0 = self._start
+        x1, y1, _ = self._goal
         length = math.hypot(x1 - x0, y1 - y0)
         share = (max(0.0, left - self.tuning.lookahead_dist)) / length
         return x1 - share * (x1 - x0), y1 - share * (y1 - y0)
 
     def _left(self, state: State) -> float:
         """Return the remaining distance along the path in m."""
-        (x0, y0), (x1, y1, _) = self._start, self._goal
+        x0, y0 = self._start
+        x1, y1, _ = self._goal
         length = math.hypot(x1 - x0, y1 - y0)
         return ((x1 - state.x) * (x1 - x0) + (y1 - state.y) * (y1 - y0)) / length
 
@@ -170,23 +192,41 @@ class RotateDriveRotate:
         """Return the heading error to the goal in rad."""
         return self._heading_error(state, self._goal[0], self._goal[1])
 
-    def _heading_error(self, state: State, x: float, y: float) -> float:
+    def _heading_error(
+        self,
+        state: State,
+        x: float,
+        y: float,
+    ) -> float:
         """Return the turn (rad) until (x, y) lies ahead, or behind in a drive backward."""
         flipped = 0.0 if self._sign > 0.0 else math.pi
         return _wrapped(math.atan2(y - state.y, x - state.x) + flipped - state.yaw)
 
-    def _turning(self, error: float, most: float) -> float:
+    def _turning(
+        self,
+        error: float,
+        most: float,
+    ) -> float:
         """Return a turn rate from which the robot can stop at the error 0."""
-        rate = min(
-            most, _TURN_GAIN * abs(error), math.sqrt(2.0 * 0.8 * self.tuning.aw * abs(error))
-        )
-        return math.copysign(rate, error)
+        stopping = math.sqrt(2.0 * 0.8 * self.tuning.aw * abs(error))
+        return math.copysign(min(most, _TURN_GAIN * abs(error), stopping), error)
 
-    def _enter(self, phase: Phase, state: State) -> None:
-        self.phase, self._since = phase, state.time
+    def _enter(
+        self,
+        phase: Phase,
+        state: State,
+    ) -> None:
+        self.phase = phase
+        self._since = state.time
 
 
-def _toward(value: float, target: float, most: float, *, slowing: float) -> float:
+def _toward(
+    value: float,
+    target: float,
+    most: float,
+    *,
+    slowing: float,
+) -> float:
     """Return `value` moved toward `target` by at most `most`, or `slowing` where it slows down."""
     step = slowing if abs(target) < abs(value) and target * value >= 0.0 else most
     return value + max(-step, min(step, target - value))

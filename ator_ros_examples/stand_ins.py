@@ -33,7 +33,11 @@ class DriveToStandIn(Action):
         self._law: Law | None = None
         self._commanded = self._sent = False
 
-    def start(self, world: World, goal: Goal) -> None:  # noqa: ARG002
+    def start(
+        self,
+        world: World,  # noqa: ARG002
+        goal: Goal,
+    ) -> None:
         """Commit to `goal`."""
         pose = goal.robot_pose(self.robot)
         self._law = self.law((pose.x, pose.y, pose.yaw))
@@ -55,7 +59,14 @@ class DriveToStandIn(Action):
         if self._law.phase in (Phase.MISSED, Phase.TOO_LONG):
             return finished(Status.FAILED, f"the server {self._law.phase.value}")
         robot = world.robot
-        command = self._law.step(State(world.time, *robot.pose, robot.vx, robot.w))
+        command = self._law.step(
+            State(
+                world.time,
+                *robot.pose,
+                robot.vx,
+                robot.w,
+            )
+        )
         return Step(Command(*command), Status.RUNNING, self._law.phase.value)
 
 
@@ -80,4 +91,9 @@ def navfn(grid: GridMap, robot: Robot) -> NavFn:
 
 @lru_cache(maxsize=4)
 def _navfn(grid: GridMap, radius: float) -> NavFn:
-    return NavFn(grid.free, grid.resolution, grid.origin, radius)
+    return NavFn(
+        grid.free,
+        grid.resolution,
+        grid.origin,
+        radius,
+    )

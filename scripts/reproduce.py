@@ -38,25 +38,33 @@ STUDIED = ("test/fifth.yaml", "config/pioneer_lx.yaml", "config/turtlebot4.yaml"
 class Sizes:
     """How much is collected and executed; intervals stay within a third of the effects."""
 
-    episodes: int = 1000  # of each action of the shipped models, and as many fresh ones
+    episodes: int = 1000  # of each action, for the shipped models
+    fresh: int = 400  # of each action, for their accuracy
     drives: int = 400  # of the tour's server
     fresh_drives: int = 100
-    few: tuple[int, ...] = (50, 100, 200)  # drives or episodes of models from few
-    situations: int = 300  # with soccer's actions
-    chains: int = 100  # that are longer, or whose effects are larger
-    actions: int = 100
-    study_episodes: int = 300
-    oracle: int = 24
-    tour_oracle: int = 12
+    few: tuple[int, ...] = (50, 200)  # drives or episodes of models from few
+    situations: int = 150  # of the dribble, whose gain is smallest
+    chains: int = 60  # that are longer, or gain more
+    tours: int = 40  # with models from few drives, or of other robots
+    rounds: int = 15  # in the building
+    on_the_job: int = 100  # chains, while learning
+    actions: int = 50
+    study_episodes: int = 200
+    oracle: int = 24  # headings of one subgoal
+    tour_oracle: int = 12  # headings of each of several subgoals
 
 
 SMALL = Sizes(
     episodes=60,
+    fresh=25,
     drives=25,
     fresh_drives=25,
     few=(25, 30),
     situations=2,
     chains=2,
+    tours=2,
+    rounds=2,
+    on_the_job=2,
     actions=2,
     study_episodes=40,
     oracle=2,
@@ -83,9 +91,10 @@ def steps(sizes: Sizes) -> Iterator[Step]:
     benchmarks = f"python {ROOT}/benchmarks"
 
     for part, action_set, seed in (("default", "", 211), ("bezier", "--action-set bezier ", 201)):
-        collect = f"collect {action_set}--episodes {n.episodes}"
-        yield Step(f"{part}:collect", f"{collect} --seed 101 --out {part}.parquet")
-        yield Step(f"{part}:fresh", f"{collect} --seed {seed} --out {part}_fresh.parquet")
+        learned = f"collect {action_set}--episodes {n.episodes} --seed 101"
+        yield Step(f"{part}:collect", f"{learned} --out {part}.parquet")
+        fresh = f"collect {action_set}--episodes {n.fresh} --seed {seed}"
+        yield Step(f"{part}:fresh", f"{fresh} --out {part}_fresh.parquet")
         tables = f"{part}.parquet --fresh {part}_fresh.parquet"
         made = (f"{part}:collect", f"{part}:fresh")
         yield Step(f"{part}:train", f"train {tables} --models models", made)
@@ -114,8 +123,8 @@ def steps(sizes: Sizes) -> Iterator[Step]:
     )
     yield Step(
         "default:shoot",
-        f"{evaluate} --seed 4142 --situations {n.chains} --chain shoot {grid} 0.5 "
-        "--out docs/evaluation_shoot",
+        f"{evaluate} --seed 4142 --situations {n.chains} --chain shoot "
+        f"--oracle {n.tour_oracle} --oracle-margin 0.5 --out docs/evaluation_shoot",
         ("default:train",),
     )
     yield Step(
@@ -148,9 +157,9 @@ def steps(sizes: Sizes) -> Iterator[Step]:
         )
 
     # Driving without objects: docs/robots.md.
-    collect = f"collect --domain drive --episodes {n.episodes}"
-    yield Step("drive:collect", f"{collect} --seed 141 --out drive.parquet")
-    yield Step("drive:fresh", f"{collect} --seed 241 --out drive_fresh.parquet")
+    collect = "collect --domain drive --episodes"
+    yield Step("drive:collect", f"{collect} {n.episodes} --seed 141 --out drive.parquet")
+    yield Step("drive:fresh", f"{collect} {n.fresh} --seed 241 --out drive_fresh.parquet")
     yield Step(
         "drive:train",
         "train drive.parquet --fresh drive_fresh.parquet --domain drive --models models/drive",
@@ -180,19 +189,26 @@ def steps(sizes: Sizes) -> Iterator[Step]:
     )
 
     # Few drives of other servers, learning on the job, other robots: docs/results_conditions.md.
-    few_drives = f"{scripts}/few_drives.py --chains {n.chains} --oracle {n.tour_oracle}"
     drives = " ".join(map(str, n.few))
-    for domain, numbers in (("tour", drives), ("pursuit", drives), ("building", str(n.few[-1]))):
-        command = f"{few_drives} --domains {domain} --drives {numbers} --work few_drives"
-        yield Step(f"few_drives:{domain}", f"{command} --out few_{domain}.md")
-    job = f"{benchmarks}/on_the_job.py --domain pursuit --chains {n.chains} --seed 2041"
+    servers = (
+        ("tour", drives, n.tours, n.tour_oracle),
+        ("pursuit", drives, n.tours, n.tour_oracle),
+        ("building", str(n.few[-1]), n.rounds, n.tour_oracle // 2),
+    )
+    for domain, numbers, chains, headings in servers:
+        yield Step(
+            f"few_drives:{domain}",
+            f"{scripts}/few_drives.py --domains {domain} --drives {numbers} --chains {chains} "
+            f"--oracle {headings} --work few_drives --out few_{domain}.md",
+        )
+    job = f"{benchmarks}/on_the_job.py --domain pursuit --chains {n.on_the_job} --seed 2041"
     yield Step("few_drives:on_the_job", f"{job} --work on_the_job")
     for file in STUDIED:
         robot = Path(file).stem
         yield Step(
             f"studies:{robot}",
             f"study --robot {ROOT}/{file} --episodes {n.study_episodes} "
-            f"--situations {max(n.chains, 10)} --seed 71 --out studies/{robot}",
+            f"--situations {max(n.tours, 10)} --seed 71 --out studies/{robot}",
         )
 
 

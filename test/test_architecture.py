@@ -5,6 +5,8 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from token import NAME
+from tokenize import tokenize
 
 import pytest
 
@@ -59,6 +61,40 @@ def test_imports_point_down(layer: str) -> None:
         if name.startswith("ator_ros.") and name.split(".")[1] not in allowed
     }
     assert not upward
+
+
+GENERAL = (
+    "actions",
+    "tops",
+    "planning",
+    "refinement",
+    "execution",
+    "performance",
+    "experience",
+    "world",
+    "bases",
+)
+
+
+def test_general_rooms_name_no_ball() -> None:
+    files = [file for file in FILES if layer_of(file) in GENERAL or "planned" in file.parts]
+    found = set()
+    for file in files:
+        with file.open("rb") as source:
+            names = [item.string for item in tokenize(source.readline) if item.type == NAME]
+        found |= {f"{file.name}: {name}" for name in names if "ball" in name.lower().split("_")}
+    assert not found
+
+
+def test_only_soccer_imports_soccer_among_domains() -> None:
+    soccer = "ator_ros.domains.soccer"
+    folder = PACKAGE / "domains"
+    importing = {
+        file.relative_to(folder).parts[0]
+        for file in FILES
+        if layer_of(file) == "domains" and any(name.startswith(soccer) for name in imports(file))
+    }
+    assert importing == {"soccer"}
 
 
 def test_nothing_imports_the_examples() -> None:

@@ -126,13 +126,18 @@ class Base(ABC):
         """In rad/s; 0 if the base never turns."""
         return max((axis.limit for axis in self.axes if axis.name == "w"), default=0.0)
 
+    @property
+    def moves_sideways(self) -> bool:
+        """Whether the base controls its lateral velocity, which is 0 otherwise."""
+        return any(axis.name == "vy" for axis in self.axes)
+
     @abstractmethod
     def moved(self, robot: RobotState, command: Command | None, seconds: float) -> RobotState:
         """Return the state after `seconds` under one command; None: at constant velocity."""
 
     @abstractmethod
     def stopping_distance(self, speed: float) -> float:
-        """Return the distance in m in which the base stops from a `speed` in m/s, however it brakes."""
+        """Return the distance in m in which the base surely stops from a `speed` in m/s."""
 
     @abstractmethod
     def standstills(self, robot: RobotState, seconds: float) -> Standstills:

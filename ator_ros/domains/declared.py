@@ -1,4 +1,4 @@
-"""Schema of a domain's YAML file (docs/remote_actions.md), and the sampling of its drives and chains."""
+"""Schema of a domain's YAML file (docs/remote_actions.md): parts, random drives and chains."""
 
 from __future__ import annotations
 
@@ -123,7 +123,7 @@ def _drawn_in_time(
 
 @dataclass(frozen=True, slots=True)
 class DeclaredDrives:
-    """Starts and goals of the drives that give an action experience: from rest, at least `apart` m."""
+    """Starts and goals of drives that give an action experience: from rest, at least `apart` m."""
 
     start: Places
     goal: Places
@@ -208,7 +208,7 @@ class DeclaredChain:
     def sample(
         self, robot: Robot, library: TopLibrary, rng: np.random.Generator, *, time_limit: float
     ) -> tuple[World, TopChain]:
-        """Draw a situation and a chain that takes at most `time_limit` (s) straight ahead at full speed.
+        """Draw a situation and a chain of at most `time_limit` (s) straight ahead at full speed.
 
         Raises
         ------
@@ -230,8 +230,10 @@ class DeclaredChain:
         for step in self.steps:
             is_fixed = _is_fixed(step.goal)
             for _ in range(int(rng.integers(step.times[0], step.times[-1] + 1))):
-                apart, top = 0.0 if was_fixed and is_fixed else self.apart, library[step.top]
-                before, was_fixed = _drawn(step.goal, rng, apart=apart, before=before), is_fixed
+                apart = 0.0 if was_fixed and is_fixed else self.apart
+                before = _drawn(step.goal, rng, apart=apart, before=before)
+                was_fixed = is_fixed
+                top = library[step.top]
                 calls.append(TopCall(top, library.goal(top, before), frozenset(step.open)))
         return World(0.0, RobotState(start)), TopChain(tuple(calls))
 
@@ -253,8 +255,14 @@ class DeclaredTop:
 
     def top(self) -> Top:
         """Return the TOP."""
-        pre, post = Condition(self.pre), Condition(self.post)
-        return Top(self.name, self.action, pre, post, Point(self.point), self.settles)
+        return Top(
+            self.name,
+            self.action,
+            Condition(self.pre),
+            Condition(self.post),
+            Point(self.point),
+            self.settles,
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -292,7 +300,7 @@ class DeclaredAction:
 
 @dataclass(frozen=True, slots=True)
 class DeclaredVariable:
-    """A goal variable that refinement may change where a plan opens it, and its bounds (m, rad, m/s)."""
+    """A goal variable that refinement may change if a plan opens it, with bounds (m, rad, m/s)."""
 
     name: Literal["x", "y", "yaw", "speed"]
     low: float | None = None
@@ -315,16 +323,18 @@ class DeclaredVariable:
         usual = USUAL_RANGES[self.name](robot, goal)
         if self.low is None or self.high is None:
             return usual
-        low, high = self.low, self.high
+        low = self.low
+        high = self.high
         if self.name == "speed":
-            low, high = min(low, usual.high), min(high, usual.high)
+            low = min(low, usual.high)
+            high = min(high, usual.high)
         rest = None if usual.rest is None else min(max(usual.rest, low), high)
         return dataclasses.replace(usual, low=low, high=high, periodic=False, rest=rest)
 
 
 @dataclass(frozen=True, slots=True)
 class DeclaredServer:
-    """An action server that tools start with our nodes: `ros2 run PACKAGE EXECUTABLE`, or a command."""
+    """An action server that tools start: `ros2 run PACKAGE EXECUTABLE`, or a command."""
 
     package: str = ""
     executable: str = ""
@@ -342,11 +352,11 @@ class DeclaredServer:
         require(named is not None, "executable", "an executable as for `ros2 run`", self.executable)
 
     def beside(self, file: Path) -> DeclaredServer:
-        """Return the server with a folder that is relative to `file`, or to the target of a link."""
-        folder = (
-            str((file.resolve().parent / self.folder).resolve()) if self.command else self.folder
-        )
-        return dataclasses.replace(self, folder=folder)
+        """Return the server with a folder relative to `file`, or to the target of a link."""
+        if not self.command:
+            return self
+        folder = (file.resolve().parent / self.folder).resolve()
+        return dataclasses.replace(self, folder=str(folder))
 
     @property
     def name(self) -> str:

@@ -68,7 +68,7 @@ class DomainError(ReadableError, ValueError):
 
 @dataclass(frozen=True)
 class Domain:
-    """TOPs, the actions that execute them, and the situations in which these are learned and evaluated.
+    """TOPs, actions that execute them, and situations in which these are learned and evaluated.
 
     Attributes
     ----------
@@ -148,7 +148,8 @@ class Domain:
             raise DomainError(f"domain {self.name}: {error}") from error
 
     def _check_objects_and_features(self) -> None:
-        sets, objects = self.action_sets, {name for top in self.tops for name in objects_in(top)}
+        sets = self.action_sets
+        objects = {name for top in self.tops for name in objects_in(top)}
         require(DEFAULT_SET in sets, "action sets", f"{DEFAULT_SET!r} among them", sorted(sets))
         unknown = objects.union(source.name for source in self.sources).difference(self.objects)
         also = f"also {', '.join(sorted(unknown))}, as conditions or sources name them"
@@ -170,7 +171,8 @@ class Domain:
                     expected = f"the same {variable.name} in all actions"
                     require(same, f"{place}: goal_variables", expected, variable)
                 for filling in spec.remote.goal if spec.remote else ():
-                    name, known = filling.goal_variable, (*GOAL_VARIABLES, *names)
+                    name = filling.goal_variable
+                    known = (*GOAL_VARIABLES, *names)
                     require(
                         name in (None, *known), f"{place}: goal", f"one of {', '.join(known)}", name
                     )
@@ -185,7 +187,8 @@ class Domain:
         ]
         goal = [f"goal.{name}" for name in sorted(set.intersection(*known))] if known else []
         for number, term in enumerate(condition.terms):
-            where, target = f"{place}[{number}]", term.target
+            where = f"{place}[{number}]"
+            target = term.target
             require(
                 term.variable in state,
                 f"{where}.variable",
@@ -209,7 +212,7 @@ class Domain:
 
     @cached_property
     def known_features(self) -> Mapping[str, Feature]:
-        """All features that model files may name: general ones, those of the domain, its goal variables."""
+        """All features that model files may name: general ones, the domain's, goal variables."""
         own = (*self.features, *map(goal_feature, self.goal_variables.values()), *self._of_map)
         return {**GENERAL, **{feature.name: feature for feature in own}}
 
@@ -255,7 +258,7 @@ class Domain:
         return Path(folder or self.shipped_models)
 
     def robot(self, path: Path | str | None = None) -> Robot:
-        """Read a robot's description, by default the domain's or the shipped one, for this domain's scene.
+        """Read a robot's description, by default the domain's or the shipped one, for this scene.
 
         Raises
         ------
@@ -272,7 +275,7 @@ class Domain:
             ) from error
 
     def equip(self, robot: Robot) -> Robot:
-        """Return `robot` in this domain's scene: with its objects, bays and map, and the area as described.
+        """Return `robot` in this domain's scene: its objects, bays and map, the area as described.
 
         Objects that the robot's description contains have precedence over `bodies`. Raises
         FileError if no place on the map has room for the robot.
@@ -296,8 +299,9 @@ class Domain:
             There is no such set.
         """
         if action_set not in self.action_sets:
+            sets = sorted(self.action_sets)
             raise DomainError(
-                f"action set of {self.name}: expected one of {sorted(self.action_sets)}, got {action_set!r}"
+                f"action set of {self.name}: expected one of {sets}, got {action_set!r}"
             )
         return {spec.name: spec for spec in self.action_sets[action_set]}
 
@@ -307,7 +311,7 @@ class Domain:
         return tuple(dict.fromkeys(call.server for call in remote if call is not None))
 
     def candidates(self, action: str, action_set: str = DEFAULT_SET) -> tuple[Feature, ...]:
-        """Return the candidate features of an action: those of its specification, or the general ones.
+        """Return the candidate features of an action: its specification's, or the general ones.
 
         Features of its goal variables and of the map are added.
         """
@@ -388,8 +392,8 @@ def find_domain(name: str = DEFAULT) -> Domain:
         domain = declared_domain(Path(name))
         if domain.name in entry_points_of(GROUP):
             raise DomainError(
-                f"{name}: name: expected none of the installed domains, whose models have that name, "
-                f"got {domain.name!r}"
+                f"{name}: name: expected none of the installed domains, "
+                f"whose models have that name, got {domain.name!r}"
             )
         return domain
     domain = _loaded(GROUP, name, "domain")
@@ -417,9 +421,8 @@ def _loaded(group: str, name: str, place: str) -> Any:
     """
     found = entry_points_of(group)
     if name not in found:
-        raise DomainError(
-            f"{place}: expected an entry point of {group}, one of {sorted(found)}, got {quoted(name)}"
-        )
+        expected = f"an entry point of {group}, one of {sorted(found)}"
+        raise DomainError(f"{place}: expected {expected}, got {quoted(name)}")
     try:
         return found[name].load()
     except Exception as error:  # a module from outside raises anything
@@ -430,7 +433,9 @@ def _loaded(group: str, name: str, place: str) -> Any:
 
 
 def declared_domain(path: Path) -> Domain:
-    """Read a domain from a YAML file (docs/remote_actions.md), which may have the name of an installed one.
+    """Read a domain from a YAML file (docs/remote_actions.md).
+
+    It may have the name of an installed one.
 
     Raises
     ------
@@ -448,7 +453,8 @@ def declared_domain(path: Path) -> Domain:
 
 def _made(declared: DeclaredDomain, path: Path) -> Domain:
     points = {top.action: Point(top.point) for top in reversed(declared.tops)}
-    variables, limit = declared.variables, declared.time_limit
+    variables = declared.variables
+    limit = declared.time_limit
     specs: list[ActionSpec] = []
     features: dict[str, Feature] = {}
     for number, action in enumerate(declared.actions):
@@ -490,7 +496,8 @@ def _made(declared: DeclaredDomain, path: Path) -> Domain:
 
 
 def _remote_spec(action: DeclaredAction, point: Point, time_limit: float, where: str) -> ActionSpec:
-    name, variables = action.name, action.goal_variables
+    name = action.name
+    variables = action.goal_variables
     factory: ActionFactory = UnreachableAction
     if action.stand_in is not None:
         factory = _loaded(STAND_INS, action.stand_in, f"{where}.stand_in")
@@ -502,6 +509,6 @@ def _remote_spec(action: DeclaredAction, point: Point, time_limit: float, where:
 
 def _no_sampler(_robot: Robot, _rng: np.random.Generator) -> Situation:
     raise DomainError(
-        "an action on a server is recorded by the executor: expected `drives` in the domain's file to "
-        "collect it, got none"
+        "an action on a server is recorded by the executor: "
+        "expected `drives` in the domain's file to collect it, got none"
     )

@@ -117,8 +117,9 @@ class ChainClient:
 
         `on_feedback` is called with each ExecuteChain.Feedback.
         """
+        self._watch()
         self._newest = sent = SentChain()
-        if not self.is_ready():
+        if not self._was_ready:
             sent.abandon(Outcome.INPUT_LOST, NO_EXECUTOR)
             return sent
         goal.lease = self._lease

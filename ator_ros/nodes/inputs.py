@@ -214,7 +214,11 @@ class Subscriptions:
                 item = Input(source.topic_or_frame, TYPES[source.type], SENSOR_DATA)
                 self._subscribe(source.name, item, reader.read, take)
         if settings[STATE.name] == "odom":
-            odometry = OdometryReader(frame, is_shared=partial(self._is_shared, "odom"))
+            odometry = OdometryReader(
+                frame,
+                is_shared=partial(self._is_shared, "odom"),
+                sideways=robot.moves_sideways,
+            )
             take_odometry = partial(self._take_odometry, odometry, take_robot)
             self._subscribe(
                 "odom", Input("odom", Odometry, SENSOR_DATA), odometry.read, take_odometry
@@ -224,7 +228,9 @@ class Subscriptions:
                 f"parameter robot_frame: expected another frame than frame, got {robot_frame}"
             )
         else:
-            velocity = RobotVelocity(robot.greatest_speed(), robot.greatest_turn_rate)
+            velocity = RobotVelocity(
+                robot.greatest_speed(), robot.greatest_turn_rate, sideways=robot.moves_sideways
+            )
             transforms = self.tf.transforms
 
             def read(stamp: float, placement: Placement) -> tuple[float, RobotState]:

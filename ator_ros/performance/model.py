@@ -1,8 +1,7 @@
-"""The performance model of an action: maps situations to performance measures (paper, section 2.1)."""
+"""The performance model of an action: maps situations to measures (paper, section 2.1)."""
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -23,8 +22,13 @@ from ator_ros.performance.tree.nodes import ModelTree, RuleWriter
 from ator_ros.schema import Within
 from ator_ros.world.state import CONTROL_PERIOD
 
-MEASURES: dict[str, str] = {"duration": "s", "success": "", "accuracy": "m", "heading": "rad"}
-"""What is predicted, with units: time to the end, probability of success, and the errors at the end."""
+MEASURES: dict[str, str] = {
+    "duration": "s",
+    "success": "",
+    "accuracy": "m",
+    "heading": "rad",
+}
+"""What is predicted, with units: time, probability of success, and the errors at the end."""
 
 
 @dataclass(frozen=True)
@@ -143,18 +147,19 @@ class PerformanceModel:
 
     @cached_property
     def experience(self) -> Mapping[str, tuple[float, float]]:
-        """Least and greatest value of each quantity at the starts that it was learned from, if known.
+        """Range of each quantity at the starts that it was learned from, if known.
 
         Places are in the robot's area, while those of the file are relative to the area's center;
         see `ator_ros.performance.training.start_ranges`.
         """
         ranges = self.metadata.get("training", {}).get("starts", {})
         area = self.robot.scene.area
-        moved = {"x": area.x, "xg": area.x, "y": area.y, "yg": area.y}
-        return {
-            name: (float(low) + moved.get(name, 0.0), float(high) + moved.get(name, 0.0))
-            for name, (low, high) in ranges.items()
-        }
+        moved = dict.fromkeys(("x", "xg"), area.x) | dict.fromkeys(("y", "yg"), area.y)
+        experience = {}
+        for name, (low, high) in ranges.items():
+            by = moved.get(name, 0.0)
+            experience[name] = (float(low) + by, float(high) + by)
+        return experience
 
     def predict(
         self,
@@ -175,42 +180,49 @@ class PerformanceModel:
         """
         geometry = self._geometry(direct)
         fields: dict[str, FloatArray] = {}
-        for name in dict.fromkeys("duration" if each == "spread" else each for each in measures):
-            if name not in self.trees:
-                continue
-            tree = self.trees[name]
-            if name != "duration" and tree.constant is not None:
-                fields[name] = np.full(len(geometry.dist), tree.constant)
-                continue
-            fields[name], leaf = tree.evaluate(self._rows(geometry, tree.names))
-            if name == "duration":  # it is within the bounds of its leaf
-                fields["spread"] = tree.spread.take(leaf)
-                if (there := self.at_goal) is not None:
-                    place, result = (there.dist, there.angle), (there.duration, there.spread)
-                    _write_at_goal(
-                        geometry.rows, place, result, fields["duration"], fields["spread"]
-                    )
-            else:
-                np.clip(fields[name], 0.0, 1.0 if name == "success" else None, out=fields[name])
+        for name, tree in self.trees.items():
+            if name == "duration":
+                if "duration" in measures or "spread" in measures:
+                    fields |= self._durations(geometry)
+            elif name in measures:
+                highest = 1.0 if name == "success" else None
+                fields[name] = np.clip(self._values(geometry, tree), 0.0, highest)
         error = None
         if signs is not None:
-            known = self.errors
-            error = (
-                known.of_sum(self._rows(geometry, known.features).T, signs)
-                if known
-                else (0.0, math.inf)
-            )
+            error = (0.0, math.inf)
+            if self.errors is not None:
+                rows = self._rows(geometry, self.errors.features)
+                error = self.errors.of_sum(rows.T, signs)
         return Prediction(**fields, error_of_sum=error)
 
+    def _durations(self, geometry: Geometry) -> dict[str, FloatArray]:
+        """Return durations and spreads; durations are within the bounds of their leaves."""
+        tree = self.trees["duration"]
+        duration, leaf = tree.evaluate(self._rows(geometry, tree.names))
+        spread = tree.spread.take(leaf)
+        if self.at_goal is not None:
+            place = (self.at_goal.dist, self.at_goal.angle)
+            result = (self.at_goal.duration, self.at_goal.spread)
+            _write_at_goal(geometry.rows, place, result, duration, spread)
+        return {"duration": duration, "spread": spread}
+
+    def _values(self, geometry: Geometry, tree: ModelTree) -> FloatArray:
+        if tree.constant is not None:
+            return np.full(len(geometry.dist), tree.constant)
+        return tree.evaluate(self._rows(geometry, tree.names))[0]
+
     def rules(self, measure: str = "duration") -> str:
-        """Return the rules of one measure as text in the paper's form, one a line, after what they share."""
+        """Return the rules of a measure in the paper's form, one a line, after what they share."""
         rules = self._writer(measure).rules()
-        if self.driving is None or not {*self.driving.quantities} & {*self.trees[measure].names}:
+        if self.driving is None:
+            return rules
+        names = {*self.driving.quantities}
+        if names.isdisjoint(self.trees[measure].names):
             return rules
         return f"{self.driving.rule()}\n{rules}"
 
     def explain(self, direct: Direct) -> str:
-        """Return the rule that predicts the duration in one situation, and what each of its terms adds."""
+        """Return the rule that predicts the duration of a situation, and what its terms add."""
         rows = self._rows(self._geometry(direct), self.trees["duration"].names)
         return self._writer("duration").explanation(rows[:, 0])
 
@@ -240,7 +252,7 @@ def _write_at_goal(
     durations: FloatArray,
     spreads: FloatArray,
 ) -> None:
-    """Write a duration and a spread for robots at rest within a distance (m) and angle (rad) of the goal."""
+    """Write duration and spread for robots at rest within a distance (m) and angle of the goal."""
     for at in range(rows.shape[1]):
         if (
             rows[RESTS, at] > 0.5
@@ -248,15 +260,3 @@ def _write_at_goal(
             and rows[ANGLE_BETWEEN, at] <= place[1]
         ):
             durations[at], spreads[at] = result
-
-
-def narrowed(tree: ModelTree) -> ModelTree:
-    """Return the same tree over the columns that it uses, so that no others need to be computed."""
-    used = tree.used_features() or tree.names[:1]
-    columns = [tree.names.index(name) for name in used]
-    number = np.zeros(len(tree.names), dtype=np.intp)
-    number[columns] = np.arange(len(columns))
-    coefficients = np.ascontiguousarray(tree.coefficients[:, columns])
-    return dataclasses.replace(
-        tree, names=used, feature=number[tree.feature], coefficients=coefficients
-    )

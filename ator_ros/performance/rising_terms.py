@@ -108,9 +108,10 @@ def rising_terms(table: pd.DataFrame, parts: FloatArray) -> tuple[Hinge, ...]:
     slopes: Counter[_Bend] = Counter()
     for features, times in zip(features_of_parts, parts.T, strict=True):
         slopes.update(_fitted(table, features, times))  # Counter.update adds
+    terms = [Hinge(*bend, slope) for bend, slope in slopes.items() if abs(slope) > _ROUNDING]
     order = list(rising)
-    bends = sorted(slopes, key=lambda bend: (order.index(bend[0]), bend[1]))
-    return tuple(Hinge(*bend, slopes[bend]) for bend in bends if abs(slopes[bend]) > _ROUNDING)
+    terms.sort(key=lambda term: (order.index(term.feature), term.above))
+    return tuple(terms)
 
 
 _Bend = tuple[str, float]  # feature and place of a change of slope
@@ -124,7 +125,10 @@ def _fitted(
     It is a non-negative least-squares fit on the segments between bends. Bends are removed, those
     first that are worth least, while the corrected error of M5' does not grow.
     """
-    by_feature = [_segments(table[name].to_numpy(), bends) for name, bends in rising.items()]
+    by_feature = []
+    for name, bends in rising.items():
+        values = table[name].to_numpy()
+        by_feature.append(_segments(values, bends))
     segments = np.hstack(by_feature)
     centered = segments - segments.mean(axis=0)
     target = durations - durations.mean()
@@ -136,20 +140,24 @@ def _fitted(
         target -= target.mean()
     # Fits to the rows of the triangular factor have the same squared errors; its last column is the
     # target.
-    factor: FloatArray = np.asarray(np.linalg.qr(np.column_stack([centered, target]), mode="r"))
-    begins = [(name, float(bend)) for name, bends in rising.items() for bend in bends]
+    rows = np.column_stack([centered, target])
+    factor: FloatArray = np.asarray(np.linalg.qr(rows, mode="r"))
+    begins: list[_Bend] = []
     groups: _Groups = []
-    for name in rising:
-        groups.append([[at] for at, (other, _) in enumerate(begins) if other == name])
+    for name, bends in rising.items():
+        first = len(begins)
+        begins += [(name, float(bend)) for bend in bends]
+        groups.append([[number] for number in range(first, len(begins))])
     error, slopes = _fit(groups, factor, len(target))
     while candidates := _merged(groups):
-        fits = [(*_fit(merged, factor, len(target)), merged) for merged in candidates]
-        least, other, merged = min(fits, key=lambda each: each[0])
+        fits = [_fit(merged, factor, len(target)) for merged in candidates]
+        best = min(range(len(fits)), key=lambda number: fits[number][0])
+        least, its_slopes = fits[best]
         if least[0] > error[0]:
             break
         error = least
-        slopes = other
-        groups = merged
+        slopes = its_slopes
+        groups = candidates[best]
     return _changes(begins, groups, slopes)
 
 
@@ -167,8 +175,10 @@ def _merged(groups: _Groups) -> list[_Groups]:
     found = []
     for number, runs in enumerate(groups):
         for at in range(len(runs) - 1):
-            joined = [*runs[:at], runs[at] + runs[at + 1], *runs[at + 2 :]]
-            found.append([*groups[:number], joined, *groups[number + 1 :]])
+            joined = runs[at] + runs[at + 1]
+            merged = list(groups)
+            merged[number] = [*runs[:at], joined, *runs[at + 2 :]]
+            found.append(merged)
     return found
 
 
@@ -179,14 +189,13 @@ def _fit(
 ) -> tuple[tuple[float, float], FloatArray]:
     """Return corrected error (may be infinite) and plain error, to sort by, and the slopes."""
     all_runs = [run for runs in groups for run in runs]
-    table = np.column_stack([factor[:, run].sum(axis=1) for run in all_runs])
+    columns = [factor[:, run].sum(axis=1) for run in all_runs]
+    table = np.column_stack(columns)
     slopes, residual = nnls(table, factor[:, -1])
     terms = np.array([1.0 + _TERM_COST * len(slopes)])
-    error = corrected_error(
-        np.array([residual**2]),
-        np.array([float(count)]),
-        terms,
-    )
+    squared = np.array([residual**2])
+    samples = np.array([float(count)])
+    error = corrected_error(squared, samples, terms)
     return (float(error[0]), float(residual)), slopes
 
 

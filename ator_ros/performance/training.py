@@ -31,13 +31,13 @@ from ator_ros.performance.features import (
     declared_by,
     feature_table,
     names_of,
+    suited,
 )
 from ator_ros.performance.model import (
     UNOBSERVED,
     Arrival,
     AtGoal,
     PerformanceModel,
-    narrowed,
 )
 from ator_ros.performance.rising_terms import (
     OF_DIRECTION,
@@ -132,6 +132,7 @@ def train(
             raise ExperienceError(
                 f"{action}: {name}: {expected}, {missing} of {len(rows)} have none"
             )
+    features = suited(features, robot)
     starts = rows[rows["t"] == 0.0]
     starts = starts[routed(starts, robot, features)]
     good_starts = starts[starts["success"]]
@@ -226,7 +227,13 @@ def examples_of(
         parts = part_times(starts[used]) if has_parts else None
         rows = np.flatnonzero(used)
         of_measure = table[used].reset_index(drop=True)
-        found[measure] = Examples(measure, rows, of_measure, values[used], parts)
+        found[measure] = Examples(
+            measure,
+            rows,
+            of_measure,
+            values[used],
+            parts,
+        )
     return found
 
 
@@ -361,7 +368,7 @@ def duration_tree(
         earliest = np.quantile(late, _FASTER_SHARE, method="lower")
         faster = earliest < -_FASTER_BY * np.median(durations)
         tree, errors = _best_learning(table, durations, _whole if faster else _minus_path)
-    return narrowed(tree), errors
+    return tree.narrowed(), errors
 
 
 def _on_sum(
@@ -370,9 +377,17 @@ def _on_sum(
     """Return a tree on top of a sum of rising terms, and its errors as `duration_tree` does."""
     rising = rising_in(table.columns)
     basic = table[[*rising, "route_time" if _LENGTH in rising else _PATH]]
-    learn = partial(_best_learning, basic, durations, leaf=_SMALL_LEAF, folds=_FOLDS)
+    learn = partial(
+        _best_learning,
+        basic,
+        durations,
+        leaf=_SMALL_LEAF,
+        folds=_FOLDS,
+    )
     drives = _far_from_goal(table)
-    known = np.isfinite(parts).all(axis=1) if parts is not None else np.full(len(table), False)
+    if parts is None:
+        parts = np.full((len(table), 1), np.nan)
+    known = np.isfinite(parts).all(axis=1)
     if (drives & known).sum() < LEAST_EPISODES:
         return learn(partial(_minus_terms, parts=None))
     # By parts, the terms have the thresholds of the turns: the tree splits by distance only.
@@ -402,7 +417,8 @@ def _is_at_rest(rows: pd.DataFrame) -> bool:
 
 def _far_from_goal(table: pd.DataFrame) -> BoolArray:
     """Return which episodes have a goal away from their start; all, if those are too few."""
-    far: BoolArray = table[next(iter(rising_in(table.columns)))].to_numpy() > NEAR_GOAL
+    distance, *_ = rising_in(table.columns)
+    far: BoolArray = table[distance].to_numpy() > NEAR_GOAL
     return far if far.sum() >= LEAST_EPISODES else np.full(len(far), True)
 
 
@@ -428,7 +444,9 @@ def _minus_path(table: pd.DataFrame, durations: FloatArray) -> _Fitted:
 def _minus_terms(
     table: pd.DataFrame, durations: FloatArray, *, parts: pd.DataFrame | None
 ) -> _Fitted:
-    times = durations[:, None] if parts is None else parts.loc[table.index].to_numpy()
+    times = durations[:, None]
+    if parts is not None:
+        times = parts.loc[table.index].to_numpy()
     used = _far_from_goal(table) & np.isfinite(times).all(axis=1)
     base = rising_terms(table[used], times[used])
     return base, durations - sum_of(base, table)
@@ -465,15 +483,8 @@ def _best_learning(
     base, target = base_of(table, durations)
     best = int(np.argmin(np.abs(errors).sum(axis=1)))
     tree: ModelTree = learners[best].fit(used, target).tree_
-    columns = table.columns.get_indexer(list(tree.names))
-    coefficients = np.zeros((len(tree.feature), table.shape[1]))
-    coefficients[:, columns] = tree.coefficients
-    tree = dataclasses.replace(
-        tree,
-        names=tuple(table),
-        feature=columns[tree.feature],
-    )
-    return dataclasses.replace(tree, coefficients=coefficients, base=base), errors[best]
+    with_base = dataclasses.replace(tree.over(tuple(table)), base=base)
+    return with_base, errors[best]
 
 
 def small_tree(
@@ -494,7 +505,8 @@ def small_tree(
         Least number of episodes at a leaf.
     """
     tree = ModelTreeRegressor(max_leaves=8, min_samples_leaf=leaf, extrapolation=0.0)
-    return narrowed(tree.fit(table, values).tree_)
+    learned: ModelTree = tree.fit(table, values).tree_
+    return learned.narrowed()
 
 
 def _success_tree(happened: FloatArray, table: pd.DataFrame) -> ModelTree:
@@ -508,10 +520,12 @@ def _success_tree(happened: FloatArray, table: pd.DataFrame) -> ModelTree:
         held = fold == number
         seen = fold != number
         tree = small_tree(table[seen], happened[seen])
-        predicted = tree.predict(table.loc[held, list(tree.names)].to_numpy()).clip(0.0, 1.0)
+        features = table.loc[held, list(tree.names)].to_numpy()
+        predicted = tree.predict(features).clip(0.0, 1.0)
         error_of_rate = (happened[seen].mean() - happened[held]) ** 2
         gains[held] = error_of_rate - (predicted - happened[held]) ** 2
-    if gains.mean() > 2.0 * gains.std() / math.sqrt(len(gains)):
+    standard_error = gains.std() / math.sqrt(len(gains))
+    if gains.mean() > 2.0 * standard_error:
         return small_tree(table, happened)
     return small_tree(table, np.full(len(happened), happened.mean()))
 
@@ -553,11 +567,9 @@ def observed_arrival(starts: pd.DataFrame, robot: Robot) -> Arrival | None:
         return None
     angle = GENERAL["angle_at_dest"] if robot.grid is None else ROUTE_ANGLE_AT
     turned = feature_table(direct_of(starts), robot, [angle])[:, 0] > _TURNED
-    errors = (
-        starts["position_error"].median(),
-        starts.loc[turned, "heading_error"].median(),
-    )
-    return Arrival(*(0.0 if math.isnan(error) else float(error) for error in errors))
+    dist = starts["position_error"].median()
+    angle_left = starts.loc[turned, "heading_error"].median()
+    return Arrival(*np.nan_to_num([dist, angle_left]).tolist())
 
 
 def direct_of(rows: pd.DataFrame) -> dict[str, np.ndarray]:
@@ -587,13 +599,16 @@ def start_ranges(rows: pd.DataFrame, robot: Robot) -> dict[str, list[float]]:
     starts = rows[rows["t"] == 0.0]
     names = (name for name in DIRECT_VARIABLES if name not in ("yaw", "yawg", "hold"))
     area = robot.scene.area
-    moved = {"x": area.x, "xg": area.x, "y": area.y, "yg": area.y}
+    moved = dict.fromkeys(("x", "xg"), area.x) | dict.fromkeys(("y", "yg"), area.y)
     relative = {name: starts[name] - moved.get(name, 0.0) for name in names}
-    turns = np.abs(wrap_angles((starts["yawg"] - starts["yaw"]).to_numpy(dtype=float)))
+    between = (starts["yawg"] - starts["yaw"]).to_numpy(dtype=float)
+    turns = np.abs(wrap_angles(between))
     columns = {**relative, "way": _distances(starts, robot), "turn": turns}
     ranges = {}
     for name, values in columns.items():
-        ranges[name] = [float(values.min()), float(values.max())]
+        least = float(values.min())
+        greatest = float(values.max())
+        ranges[name] = [least, greatest]
     ranges["braking"] = [0.0, _braking(starts[starts["success"]], robot)]
     return ranges
 
@@ -623,5 +638,6 @@ def _distances(starts: pd.DataFrame, robot: Robot) -> FloatArray:
 
 def digest(rows: pd.DataFrame) -> str:
     """Return a digest of the rows that a model was learned from: 16 hexadecimal digits."""
-    numbers = rows[[*direct_of(rows), "t", "time_to_go", "success"]].to_numpy(dtype=float)
-    return hashlib.sha256(np.ascontiguousarray(numbers).tobytes()).hexdigest()[:16]
+    names = [*direct_of(rows), "t", "time_to_go", "success"]
+    numbers = np.ascontiguousarray(rows[names].to_numpy(dtype=float))
+    return hashlib.sha256(numbers.tobytes()).hexdigest()[:16]

@@ -199,7 +199,8 @@ def _call(
             raise PlanningError(f"{step.top.name}: expected a place for it in the area, found none")
         place = {"x": found[0], "y": found[1]}
     # The heading is toward the target of the next action, else along the approach.
-    x, y = (place["x"], place["y"])
+    x = place["x"]
+    y = place["y"]
     start_x, start_y, yaw = world.robot.pose
     target = dict(step.region[0].binding) if step.region else {}
     to_x = target.get("x")

@@ -72,7 +72,7 @@ class SimulatedBase:
                     self._bullet.setCollisionFilterPair(self.body, other, wheel, link, 0)
 
     def place(self, pose: Pose, moving: Command) -> None:
-        """Put the axle at `pose`, moving forward and turning; it slows down unless it gets a command."""
+        """Put the axle at `pose`, moving forward and turning; without a command it slows down."""
         v = moving.vx
         w = moving.w
         c = math.cos(pose.yaw)

@@ -329,6 +329,7 @@ class OdometryReader:
     Poses must be in the frame `frame`; empty: in that of the first message. The attribute `frame`
     is the frame of the poses, once it is known. Velocities that contradict the poses are replaced,
     unless `corrects` is false: a recording is corrected as a whole. `is_shared`: see `SenderCheck`.
+    Lateral velocities are read if the base moves `sideways`, else they are 0.
     """
 
     def __init__(
@@ -337,8 +338,10 @@ class OdometryReader:
         *,
         corrects: bool = True,
         is_shared: Callable[[], bool] | None = None,
+        sideways: bool = False,
     ) -> None:
         self.frame = plain_frame(frame)
+        self._sideways = sideways
         self.remark = ""
         """That pose and twist contradict each other, after the message that showed it; else empty.
 
@@ -356,13 +359,18 @@ class OdometryReader:
         expect_frame(given, "odom.header.frame_id", expected=self.frame)
         pose = pose_from(odometry.pose.pose, "odom.pose.pose")
         twist = odometry.twist.twist
-        v = velocity(twist.linear.x, "odom.twist.twist.linear.x")
-        if _is_pose_frame(odometry.child_frame_id, given, self.frame):
-            sideways = velocity(twist.linear.y, "odom.twist.twist.linear.y")
-            v = v * math.cos(pose.yaw) + sideways * math.sin(pose.yaw)
+        vx = velocity(twist.linear.x, "odom.twist.twist.linear.x")
+        vy = 0.0
+        in_pose_frame = _is_pose_frame(odometry.child_frame_id, given, self.frame)
+        if in_pose_frame or self._sideways:
+            vy = velocity(twist.linear.y, "odom.twist.twist.linear.y")
+        if in_pose_frame:
+            cos = math.cos(pose.yaw)
+            sin = math.sin(pose.yaw)
+            vx, vy = vx * cos + vy * sin, vy * cos - vx * sin
         w = velocity(twist.angular.z, "odom.twist.twist.angular.z", "rad/s")
         time = seconds_from(odometry.header.stamp, "odom.header.stamp")
-        robot = RobotState(pose, v, w)
+        robot = RobotState(pose, vx, w, vy=vy if self._sideways else 0.0)
         self.frame = self.frame or plain_frame(given)
         if difference := self._senders.difference(time, *pose):
             raise SendersError(f"odom: {_to_and_fro(difference)}")

@@ -9,7 +9,7 @@ from collections import deque
 import numpy as np
 
 from ator_ros.geometry import FloatArray, Pose
-from ator_ros.world.state import RobotState
+from ator_ros.world.state import Command, RobotState
 
 _SPAN = 0.3  # s between two poses above which the robot counts as at rest
 _KEPT_POSES = 64
@@ -23,14 +23,16 @@ class RobotVelocity:
     """The velocity of a robot along the arc between two poses.
 
     `most_v` and `most_w` are the robot's limits in m/s and rad/s. If the pose jumps, as when a
-    localization corrects it, the velocity does not change.
+    localization corrects it, the velocity does not change. The lateral velocity is 0 unless the
+    robot moves `sideways`.
     """
 
-    def __init__(self, most_v: float, most_w: float) -> None:
+    def __init__(self, most_v: float, most_w: float, *, sideways: bool = False) -> None:
         self._most_v = _BEYOND_LIMITS * most_v
         self._most_w = _BEYOND_LIMITS * most_w
         self._poses: deque[tuple[float, Pose]] = deque(maxlen=_KEPT_POSES)
-        self._velocity = (0.0, 0.0)
+        self._sideways = sideways
+        self._velocity = Command()
         self._jump: FloatArray | None = None  # the last motion, if it was a jump
 
     def state(self, time: float, pose: Pose) -> RobotState:
@@ -40,7 +42,7 @@ class RobotVelocity:
         """
         if self._poses and not 0.0 <= time - self._poses[-1][0] <= _SPAN:
             self._poses.clear()
-            self._velocity = (0.0, 0.0)
+            self._velocity = Command()
             self._jump = None
         if not self._poses or time > self._poses[-1][0]:
             self._poses.append((time, pose))
@@ -49,7 +51,8 @@ class RobotVelocity:
         first, before = self._poses[0]
         if time - first > _ROBOT_SPAN - _ROUNDING:
             self._update(before.relative(pose), time - first, (time, pose))
-        return RobotState(pose, *self._velocity)
+        moving = self._velocity
+        return RobotState(pose, moving.vx, moving.w, vy=moving.vy)
 
     def _update(
         self,
@@ -73,7 +76,7 @@ class RobotVelocity:
             self._poses.clear()
             self._poses.append(newest)
         else:
-            self._velocity = v, w
+            self._velocity = Command(v, w, vy=sideways / elapsed if self._sideways else 0.0)
 
 
 def _continues(before: FloatArray, jump: FloatArray) -> bool:

@@ -189,7 +189,8 @@ def package(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     module.Go = SimpleNamespace(Result=Result)  # type: ignore[attr-defined]
     other = type("Result", (), {"LOST": 9, "TWICE": 11})
     module.Plan = SimpleNamespace(Result=other)  # type: ignore[attr-defined]
-    module.Copy = SimpleNamespace(Result=type("Result", (), {"ALSO": 11}))  # type: ignore[attr-defined]
+    copy = type("Result", (), {"ALSO": 11})
+    module.Copy = SimpleNamespace(Result=copy)  # type: ignore[attr-defined]
     return module
 
 

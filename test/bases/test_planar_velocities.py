@@ -1,5 +1,6 @@
 """Velocities are planar vectors with a turn rate, and former data without a lateral one is read."""
 
+import cmath
 import math
 from types import SimpleNamespace
 from typing import Any
@@ -16,7 +17,8 @@ from ator_ros.bases.direct import DIRECT_VARIABLES, direct_table
 from ator_ros.experience.table import checked_rows
 from ator_ros.geometry import Pose
 from ator_ros.tops.conditions import state_of
-from ator_ros.world.readers import MessageError, command_from, world_from
+from ator_ros.world.readers import MessageError, OdometryReader, command_from, world_from
+from ator_ros.world.robot_velocity import RobotVelocity
 from ator_ros.world.state import Command, RobotState, World
 
 ROBOT = load_robot()
@@ -84,3 +86,33 @@ def test_former_tables_are_read() -> None:
     former = checked_rows("former", rows.drop(columns="vy"), "default")
     pd.testing.assert_frame_equal(former, checked_rows("now", rows, "default"))
     assert (former["vy"] == 0.0).all()
+
+
+def odometry(*, child: str) -> Any:
+    turn = SimpleNamespace(x=0.0, y=0.0, z=math.sin(0.2), w=math.cos(0.2))
+    pose = SimpleNamespace(position=vector(0.5, -1.0), orientation=turn)
+    twist = SimpleNamespace(linear=vector(0.3, 0.1), angular=vector(z=0.5))
+    header = SimpleNamespace(frame_id="odom", stamp=SimpleNamespace(sec=1, nanosec=0))
+    return SimpleNamespace(
+        header=header,
+        child_frame_id=child,
+        pose=SimpleNamespace(pose=pose),
+        twist=SimpleNamespace(twist=twist),
+    )
+
+
+@pytest.mark.parametrize("child", ["base_link", "odom"])
+def test_lateral_velocities_are_read_of_bases_that_have_them(child: str) -> None:
+    _, plain = OdometryReader("odom").read(odometry(child=child))
+    _, robot = OdometryReader("odom", sideways=True).read(odometry(child=child))
+    assert (plain.vx, plain.vy, plain.w) == (robot.vx, 0.0, robot.w)
+    own = complex(0.3, 0.1) * (cmath.rect(1.0, -0.4) if child == "odom" else 1.0)
+    assert complex(robot.vx, robot.vy) == pytest.approx(own)
+
+
+@pytest.mark.parametrize("sideways", [False, True])
+def test_lateral_velocities_are_estimated_of_bases_that_have_them(sideways: bool) -> None:
+    estimate = RobotVelocity(1.0, 2.0, sideways=sideways)
+    for tick in range(5):
+        state = estimate.state(0.02 * tick, Pose(0.0, 0.01 * tick, 0.0))
+    assert (state.vx, state.vy) == pytest.approx((0.0, 0.5 if sideways else 0.0))

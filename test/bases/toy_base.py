@@ -1,4 +1,4 @@
-"""A base from outside the package: a point that moves in any direction at one speed, and never turns."""
+"""A base from outside the package: a point that moves in any direction and never turns."""
 
 import math
 from dataclasses import dataclass

@@ -9,7 +9,7 @@ from ator_ros.actions.base import Action, Goal, Point, Status, Step
 from ator_ros.bases.description import load_robot
 from ator_ros.bases.differential.limits import Limits
 from ator_ros.domains.soccer.field import BALL
-from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
+from ator_ros.domains.soccer.go_to_ball import GoToPoseOrBall as GoToPose
 from ator_ros.geometry import Pose
 from ator_ros.simulation.run import place, run_action
 from ator_ros.simulation.simulation import Simulation

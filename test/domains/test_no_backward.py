@@ -12,7 +12,7 @@ from ator_ros.actions.base import Action, ActionError, Goal, Point, Status, Step
 from ator_ros.bases.description import ConfigError, Robot, load_robot, robot_of
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import BALL
-from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
+from ator_ros.domains.soccer.go_to_ball import GoToPoseOrBall as GoToPose
 from ator_ros.geometry import Pose
 from ator_ros.performance.derived import Geometry
 from ator_ros.resources import resource_path

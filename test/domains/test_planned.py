@@ -12,7 +12,7 @@ from ator_ros.actions.situation import Situation
 from ator_ros.bases.description import load_robot
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import BALL, ball_of
-from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
+from ator_ros.domains.soccer.go_to_ball import GoToPoseOrBall as GoToPose
 from ator_ros.execution.chain_executor import ChainExecutor
 from ator_ros.geometry import Pose
 from ator_ros.simulation.run import run_action

@@ -11,7 +11,7 @@ from ator_ros.bases.differential.manoeuvre import Manoeuvre
 from ator_ros.bases.differential.trajectory import Trajectory
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import BALL, field_of
-from ator_ros.domains.soccer.planned.shoot import Shoot
+from ator_ros.domains.soccer.shoot import Shoot
 from ator_ros.geometry import Pose
 from ator_ros.world.state import ObjectState, RobotState, World
 

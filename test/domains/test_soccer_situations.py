@@ -51,7 +51,7 @@ def starts(action: Action, situation: Situation) -> bool:
 @every_robot
 @pytest.mark.parametrize("action", list(SOCCER.actions()))
 def test_drawn_starts_are_feasible(action: str, robot: Robot) -> None:
-    """A large robot may have no path to an arrival at speed beside the fence, which is a recorded failure."""
+    """A large robot may have no path to an arrival at speed beside the fence."""
     factory = SOCCER.actions()[action].factory
     impossible = [s for s in draw(action, robot, 10) if not starts(factory(robot), s)]
     assert len(impossible) <= (0 if robot is PIONEER else 1)

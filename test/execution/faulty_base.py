@@ -101,7 +101,7 @@ class KinematicBase:
         failure = self._fails(("motion",))
         if failure:
             wrong = self._wrong(failure, getattr(self._sent(self.time), failure.axis))
-            v, w = (wrong, w) if failure.axis == "v" else (v, wrong)
+            v, w = (wrong, w) if failure.axis == "vx" else (v, wrong)
         self.speeds = Command(v, w)
         self.pose = _moved(self.pose, v, w)
         shows = self.odometry()
@@ -122,7 +122,7 @@ def _both(command: Command) -> tuple[float, float]:
 
 
 def _with(command: Command, axis: str, value: float) -> Command:
-    return Command(value, command.w) if axis == "v" else Command(command.vx, value)
+    return Command(value, command.w) if axis == "vx" else Command(command.vx, value)
 
 
 def _moved(pose: Pose, v: float, w: float) -> Pose:

@@ -52,14 +52,14 @@ def test_frozen_odometry_stops_the_robot_within_half_a_second(since: float) -> N
     )
 
 
-@pytest.mark.parametrize(("axis", "speed"), [("v", 0.6), ("w", 1.0), ("v", -0.6)])
+@pytest.mark.parametrize(("axis", "speed"), [("vx", 0.6), ("w", 1.0), ("vx", -0.6)])
 def test_a_base_that_moves_without_a_command_ends_the_goal(axis: str, speed: float) -> None:
     waits = chain(("goToBall", Pose(2.0, 0.0, 0.0)))  # at rest, for a ball
     done = execute(
         LIBRARY, waits, base(Failure("constant", axis, 0.5, "motion", speed)), longest=3.0
     )
     assert done.ending is Ending.BASE_FAULT
-    verb = "moves" if axis == "v" else "turns"
+    verb = "moves" if axis == "vx" else "turns"
     assert f"{verb} although it was not commanded to" in done.execution.reason
     assert done.execution.executor.records == []
     assert 0.5 < done.ended <= 1.0
@@ -83,7 +83,7 @@ def test_a_base_that_drives_on_after_its_goal_fails_the_goal() -> None:
     usual = execute(LIBRARY, near, base())
     assert usual.ending is Ending.SUCCEEDED
     end = usual.states[-1][0]
-    runaway = base(Failure("constant", "v", end - 0.4, "motion", 0.8))
+    runaway = base(Failure("constant", "vx", end - 0.4, "motion", 0.8))
     done = execute(LIBRARY, near, runaway, until_stood=False)
     assert done.ending is not Ending.SUCCEEDED
 
@@ -138,7 +138,7 @@ def test_a_base_that_swings_as_its_velocity_has_the_wrong_sign_is_stopped(
     rate: float, since: float
 ) -> None:
     """Each new plan starts at the measured speed, so the robot is commanded to and fro."""
-    flipped = base(Failure("reversed", "v", since, "motion"))
+    flipped = base(Failure("reversed", "vx", since, "motion"))
     done = execute(LIBRARY, AHEAD, flipped, rate=rate)
     assert done.ending is Ending.BASE_FAULT
     assert done.ended is not None
@@ -193,15 +193,17 @@ def test_a_base_that_does_not_turn_is_stopped_although_its_twist_is_zero() -> No
     ],
 )
 def test_a_base_that_is_later_than_described_is_called_late(latency: float, goal: Pose) -> None:
+    """It arrives or is stopped."""
     late = KinematicBase(ROBOT, Pose(0.0, 0.0, 0.0), latency=latency)
     done = execute(LIBRARY, chain(("goToPose", goal)), late, rate=30.0)
-    assert done.ending is Ending.BASE_FAULT
-    assert "reacts later than `latency` 0 s: raise it" in done.watch.cause
+    assert done.ending in (Ending.SUCCEEDED, Ending.BASE_FAULT)
+    for text in (done.watch.remark, done.watch.cause):
+        assert "reacts later than `latency` 0 s: raise it" in text
 
 
 def test_a_base_that_is_stuck_is_not_called_late() -> None:
     for since in (0.0, 0.5, 1.5):
-        stuck = base(Failure("stuck", "v", since, "motion"))
+        stuck = base(Failure("stuck", "vx", since, "motion"))
         done = execute(LIBRARY, AHEAD, stuck, rate=30.0)
         assert done.ending is Ending.BASE_FAULT
         assert "does not move as commanded" in done.execution.reason

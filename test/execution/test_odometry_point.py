@@ -85,7 +85,7 @@ def test_a_base_that_follows_badly_does_not_seem_to_have_another_point(
 
 
 def test_a_point_beyond_the_robot_is_not_suspected() -> None:
-    runs_away = Failure("constant", "v", 0.3, "motion", 0.84)
+    runs_away = Failure("constant", "vx", 0.3, "motion", 0.84)
     base = KinematicBase(ROBOT, Pose(0.0, 0.0, 0.0), failure=runs_away)
     done = driven(GOALS[2], (0.0, 0.0), base=base)
     assert done.ending is Ending.BASE_FAULT

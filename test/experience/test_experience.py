@@ -18,10 +18,16 @@ from ator_ros.domains.soccer.field import BALL
 from ator_ros.domains.soccer.tops import GO_TO_BALL, GO_TO_POSE
 from ator_ros.experience.simulated import collect, run_episode
 from ator_ros.experience.table import (
+    Episode,
     Experience,
     ExperienceError,
+    columns,
+    count_episodes,
+    goal_variables_of_columns,
     join,
+    objects_of_columns,
     read_experience,
+    without_repeats,
     write_experience,
 )
 from ator_ros.geometry import Pose
@@ -120,3 +126,62 @@ def test_foreign_and_newer_files_are_rejected(frame: pd.DataFrame, tmp_path: Pat
     write_experience(file, Experience(frame.drop(columns="time_to_go"), {}))
     with pytest.raises(ExperienceError, match="missing: time_to_go"):
         read_experience(file)
+
+
+def test_equal_episodes_count_once(frame: pd.DataFrame) -> None:
+    later = frame.assign(episode=frame["episode"] + 6)
+    other = later.assign(duration=later["duration"] + 1.0)
+    rows = join([frame, later, other.assign(episode=other["episode"] + 6)])
+    assert count_episodes(rows) == 18
+    once = without_repeats(rows)
+    assert sorted(once["episode"].unique()) == [*range(6), *range(12, 18)]
+    assert without_repeats(rows.iloc[:0]).empty
+    assert without_repeats(frame) is frame
+
+
+def test_columns_name_objects_and_goal_variables() -> None:
+    names = list(columns(("ball", "box"), ("force",)))
+    assert names[:12] == [
+        "action", "episode", "t", "x", "y", "yaw", "v", "w", "vy", "ball_x", "ball_y", "box_x",
+    ]  # fmt: skip
+    assert objects_of_columns([*names, "lone_x", "_x", "_y"]) == ("ball", "box")
+    assert goal_variables_of_columns([*names, "g"]) == ("force",)
+    assert len(names) == len({*names})
+
+
+def test_a_join_of_nothing_has_the_columns_of_a_table() -> None:
+    assert list(join([]).columns) == list(columns(()))
+
+
+def test_an_episode_of_which_only_the_start_is_known_has_one_row() -> None:
+    state = RobotState(Pose(1.0, 2.0, 0.5), 0.1, 0.2)
+    goal = Goal(Pose(3.0, 4.0, 0.6), 0.3, Point.HOLD, {"force": 7.0})
+    situation = Situation("push", state, {"box": ObjectState(5.0, 6.0)}, goal)
+    episode = Episode(situation, 4.0, True, "done", 0.01, 0.02, parts=DriveParts(0.5, 0.6, 2.0))
+    (row,) = episode.rows(3, ("ball", "box")).to_dict("records")
+    assert math.isnan(row.pop("ball_x"))
+    assert math.isnan(row.pop("ball_y"))
+    assert row == {
+        "action": "push", "episode": 3, "t": 0.0, "x": 1.0, "y": 2.0, "yaw": 0.5, "v": 0.1,
+        "w": 0.2, "vy": 0.0, "box_x": 5.0, "box_y": 6.0, "xg": 3.0, "yg": 4.0, "yawg": 0.6,
+        "speedg": 0.3, "forceg": 7.0, "hold": 1, "time_to_go": 4.0, "duration": 4.0,
+        "success": True, "reason": "done", "first_turn": 0.5, "last_turn": 0.6, "driven": 2.0,
+        "position_error": 0.01, "heading_error": 0.02,
+    }  # fmt: skip
+
+
+def test_the_parts_of_an_episode_follow_from_its_samples() -> None:
+    """It turns for 1 s, drives 1 m in 2 s, and turns for 1 s."""
+    times = np.arange(0.0, 4.0, 0.1)
+    speeds = np.where((times >= 1.0) & (times < 3.0), 0.5, 0.0)
+    samples = np.zeros((40, 7))
+    samples[:, 0] = times
+    samples[:, 4] = speeds
+    situation = Situation(
+        "goToPose", RobotState(Pose(0.0, 0.0, 0.0)), {}, Goal(Pose(1.0, 0.0, 0.0))
+    )
+    rows = Episode(situation, 4.0, True, "done", 0.0, 0.0, samples).rows(0, ())
+    assert rows["time_to_go"].to_numpy() == pytest.approx(4.0 - times)
+    assert rows["driven"].iloc[0] == pytest.approx(1.0)
+    assert rows["first_turn"].iloc[0] == pytest.approx(1.15, abs=0.1)
+    assert rows["last_turn"].iloc[0] == pytest.approx(1.1, abs=0.1)

@@ -48,12 +48,19 @@ def test_names_in_a_table_cannot_change_the_output_folder(
 @pytest.mark.parametrize(
     ("column", "values"),
     [
-        ("duration", [np.nan, -1.0, "2"]),
-        ("x", [np.inf, [1.0]]),
+        ("t", [np.nan, -0.1]),
+        ("duration", [np.nan, -1.0, 2e9, "2"]),
+        ("time_to_go", [-0.1, np.nan]),
+        ("x", [np.inf, -2e9, 2e9, [1.0]]),
+        ("speedg", [-0.1]),
+        ("vy", [np.nan]),
         ("ball_x", [1e308, "near"]),
-        ("hold", [2, "yes"]),
-        ("episode", [-1, 0.5]),
-        ("success", [2]),
+        ("hold", [2, -1, 0.5, "yes"]),
+        ("episode", [-1, 0.5, 2e9]),
+        ("success", [2, -1]),
+        ("position_error", [-0.1, np.inf]),
+        ("heading_error", [-0.1]),
+        ("driven", [2e9]),
         ("action", [None, "a b"]),
     ],
 )
@@ -64,6 +71,30 @@ def test_invalid_values_of_a_column_are_rejected(
     for value in values:
         with pytest.raises(ExperienceError, match=rf"table\.parquet: {column}: expected "):
             read_experience(table(tmp_path, whole.assign(**{column: [value] * 5})))
+
+
+@pytest.mark.parametrize(
+    ("column", "value"),
+    [("ball_x", np.nan), ("position_error", np.nan), ("heading_error", np.nan), ("driven", -1e9),
+     ("first_turn", np.nan), ("x", -1e9), ("duration", 1e9), ("hold", 1), ("t", 0)],
+)  # fmt: skip
+def test_values_within_the_range_of_a_column_are_read(
+    tmp_path: Path, column: str, value: float
+) -> None:
+    whole = synthetic_experience("goToPose", episodes=5).assign(**{column: [value] * 5})
+    read = read_experience(table(tmp_path, whole)).frame
+    assert np.array_equal(read[column].to_numpy(dtype=float), [value] * 5, equal_nan=True)
+
+
+def test_a_table_has_a_bounded_number_of_objects_and_goal_variables(tmp_path: Path) -> None:
+    whole = synthetic_experience("goToPose", episodes=5)
+    objects = {f"o{number}_{axis}": [0.0] * 5 for number in range(15) for axis in "xy"}
+    declared = {f"variable{number}g": [0.0] * 5 for number in range(16)}
+    read = read_experience(table(tmp_path, whole.assign(**objects, **declared)))
+    assert {*objects, *declared} <= {*read.frame.columns}
+    for more in ({"p_x": [0.0] * 5, "p_y": [0.0] * 5}, {"oneg": [0.0] * 5}):
+        with pytest.raises(ExperienceError, match="expected at most 16 objects and 16 goal"):
+            read_experience(table(tmp_path, whole.assign(**objects, **declared, **more)))
 
 
 def test_a_table_without_rows_is_rejected(

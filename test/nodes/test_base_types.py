@@ -73,7 +73,7 @@ def test_an_incompatible_quality_of_service_is_reported(host: Host, client: Clie
 
 def test_the_result_reports_a_base_at_half_the_commanded_speed(host: Host, client: Client) -> None:
     host("executor", **SETTINGS)
-    MovingBase(client, share=0.5)
+    MovingBase(client, share=0.5).set_pace(3.0)
     outcome = ChainClient(client).send([call("goToPose", Pose(2.0, 0.0, 0.0))]).outcome()
     assert outcome.code == Outcome.SUCCEEDED, outcome.reason
     assert "; the base drives at about 50 % of the commanded speed" in outcome.reason

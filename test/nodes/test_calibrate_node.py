@@ -51,6 +51,7 @@ def test_invalid_odometry_is_reported(
     assert "expected the frame 'odom', got 'robot1/odom'; set frame:=robot1/odom (of cal" in line
 
 
+@pytest.mark.long
 def test_constant_stamps_are_reported(
     publish: Callable[..., None], domain: int, tmp_path: Path
 ) -> None:
@@ -79,6 +80,7 @@ def test_a_base_that_subscribes_to_stamped_commands_is_driven(domain: int, tmp_p
     assert load_robot(file).limits.v == pytest.approx(0.8, rel=0.05)
 
 
+@pytest.mark.long
 def test_an_implausible_estimate_is_not_written(domain: int, tmp_path: Path) -> None:
     """Odometry shows twice the commanded speed."""
     client = Client(domain, silent=True)

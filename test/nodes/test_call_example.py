@@ -62,6 +62,7 @@ def test_a_goal_is_sent_and_feedback_and_result_printed_and_an_interrupt_cancels
     assert "goal ended: canceled" in executor.output
 
 
+@pytest.mark.long
 def test_a_call_waits_for_nodes_that_start(host: Host, domain: int) -> None:
     words = [*PROGRAM, "reset", "std_srvs/srv/Trigger"]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "env": environment(domain)}

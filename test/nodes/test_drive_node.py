@@ -35,6 +35,7 @@ def file(tmp_path: Path) -> Path:
     return file
 
 
+@pytest.mark.long
 def test_a_robot_without_a_holder_drives(
     start: Start, host: Host, client: Client, file: Path
 ) -> None:

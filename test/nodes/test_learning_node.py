@@ -82,11 +82,11 @@ def test_impossible_records_and_aborted_actions_are_omitted(
     assert action_sets_in(folder / RECORDS) == ["default"]
 
 
-def test_learning_can_be_frozen_and_requested(
+def test_learning_can_be_frozen(
     host: Host, client: Client, publish_records: Callable[..., None], tmp_path: Path, models: Path
 ) -> None:
     folder = tmp_path / "learned"
-    node = host("learning", learned=folder, models=models, batch=40)
+    host("learning", learned=folder, models=models, batch=1000)
     assert client.call(SetBool, "learning/freeze", SetBool.Request(data=True)).success
     publish_records(*map(record_of, episodes(45, slower=1.3)))
     client.eventually(lambda: stored_in(folder) == 45, "records")
@@ -100,8 +100,20 @@ def test_learning_can_be_frozen_and_requested(
         pass
     assert current_set(folder) is None
     assert client.call(SetBool, "learning/freeze", SetBool.Request(data=False)).success
+    assert values_of(client.status_of("learning"))["frozen"] == "False"
+
+
+@pytest.mark.long
+def test_a_round_of_learning_can_be_requested(
+    host: Host, client: Client, publish_records: Callable[..., None], tmp_path: Path, models: Path
+) -> None:
+    folder = tmp_path / "learned"
+    node = host("learning", learned=folder, models=models, batch=1000)
+    publish_records(*map(record_of, episodes(45, slower=1.3)))
+    client.eventually(lambda: stored_in(folder) == 45, "records")
     assert client.call(Trigger, "learning/learn_now", Trigger.Request()).success
-    place = client.eventually(lambda: current_set(folder), "a set", patience=90.0)
+    # rounds have a low priority
+    place = client.eventually(lambda: current_set(folder), "a set", patience=240.0)
     client.eventually(lambda: "default/goToPose: " in node.output, "the verdict in the log")
     manifest, values = read_manifest(place), values_of(client.status_of("learning"))
     assert (values["set"], values["last switch"]) == (manifest.digest, manifest.time)

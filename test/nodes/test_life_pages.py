@@ -56,7 +56,7 @@ class Calls:
             self.found[-1].append(name)
 
     def missing(self, page: list[str]) -> list[str]:
-        """Return the functions of a page that no call reaches in its order: the fewest of all calls."""
+        """Return the functions of a page that no call reaches in order: the fewest of all calls."""
         return min(
             (_missing(page, iter(calls)) for calls in list(self.found)), key=len, default=page
         )

@@ -216,6 +216,7 @@ def test_a_map_is_used_once_the_node_is_idle_unless_it_has_no_room(client: Clien
     ]
 
 
+@pytest.mark.long
 def test_a_tour_of_the_building_is_driven_by_its_server(start: Start, client: Client) -> None:
     start(
         "simulation",

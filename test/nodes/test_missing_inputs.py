@@ -84,7 +84,7 @@ def test_a_goal_succeeds_though_odometry_is_slower_than_real_time(
     base = MovingBase(client)
     base.set_pace(0.2)
     chains = ChainClient(client)
-    outcome = chains.send([call("goToPose", Pose(0.4, 0.0, 0.0))]).result(60.0).outcome
+    outcome = chains.send([call("goToPose", Pose(0.2, 0.0, 0.0))]).result(60.0).outcome
     assert outcome.code == Outcome.SUCCEEDED, outcome.reason
 
 

@@ -229,6 +229,7 @@ def test_a_name_that_is_none_is_rejected(
         host("refinement", map=models / "map.yaml", planner="a b")
 
 
+@pytest.mark.long
 def test_models_are_learned_from_its_paths(
     client: Client, models: Path, serve: Callable[..., Planned], domain: int
 ) -> None:

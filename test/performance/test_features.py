@@ -53,6 +53,7 @@ def situations(seed: int, count: int = 50) -> Direct:
         "yawg": rng.uniform(-math.pi, math.pi, count),
         "speedg": rng.uniform(0, 0.8, count),
         "hold": rng.integers(0, 2, count).astype(float),
+        "vy": rng.uniform(-0.5, 0.5, count),
     }
 
 
@@ -81,7 +82,7 @@ def turned(direct: Direct, angle: float) -> Direct:
 
 
 def mirrored(direct: Direct) -> Direct:
-    return {**direct, **{name: -direct[name] for name in ("y", "yaw", "w", "yg", "yawg")}}
+    return {**direct, **{name: -direct[name] for name in ("y", "yaw", "w", "vy", "yg", "yawg")}}
 
 
 def table(direct: Direct) -> dict[str, FloatArray]:
@@ -118,7 +119,9 @@ def test_features_depend_on_exactly_their_declared_variables(name: str) -> None:
     direct = situations(1, 400)
     before = feature_table(direct, ROBOT, [name])
     for variable in DIRECT_VARIABLES:
-        other = 1.0 - direct["hold"] if variable == "hold" else direct[variable] * 0.9 + 0.03
+        other = direct.get(variable, 0.0) * 0.9 + 0.03
+        if variable == "hold":
+            other = 1.0 - direct["hold"]
         after = feature_table({**direct, variable: other}, ROBOT, [name])
         assert (variable in FEATURES[name].derives) == bool(np.any(before != after)), variable
 
@@ -148,6 +151,7 @@ def test_a_drive_backward_turns_from_and_to_the_opposite_headings() -> None:
         "yaw": np.array([1.9, 2.5]),
         "yawg": 3.0,
     }
-    forward, backward = feature_table(direct, ROBOT, names_of(base_features(ROBOT.driving)))
+    features = base_features(ROBOT.driving)
+    forward, backward = table_of_features(direct, ROBOT, features, DRIVING)
     assert forward == pytest.approx([1.9, 3.0, 0.0, 0.0])
     assert backward == pytest.approx([math.pi - 2.5, math.pi - 3.0, 1.0, 2.0])

@@ -247,6 +247,7 @@ def test_rules_are_printed_by_action_and_by_file(
     assert capsys.readouterr().out == by_action
 
 
+@pytest.mark.long
 def test_a_page_of_the_feature_ablation_is_written(learned: Path, tmp_path: Path) -> None:
     page = tmp_path / "ablation.md"
     tables = [str(learned.with_name(name)) for name in ("a.parquet", "b.parquet")]

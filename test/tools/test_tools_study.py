@@ -1,25 +1,15 @@
-"""The command line `study`, from experience to a page.
+"""The command line `study`, from experience to a page."""
 
-Its advice on open variables; studies in docs.
-"""
-
-import dataclasses
 import json
 from pathlib import Path
-from typing import Any
 
 import pytest
-from experience_rows import uncertain
 
 from ator_ros.bases.description import load_robot
-from ator_ros.domains.trials import Trial, random_trial
-from ator_ros.evaluation.study_report import open_variables, study_page
-from ator_ros.evaluation.toolset import Toolset, ToolsetSource, tools_of
 from ator_ros.files import read_json
 from ator_ros.resources import resource_path
 from ator_ros.tools.study import main
 
-DOCS = Path(__file__).parents[2] / "docs"
 PIONEER = resource_path("config", "pioneer.yaml").read_text(encoding="utf-8")
 
 
@@ -88,92 +78,4 @@ def test_a_folder_of_another_study_is_rejected(
     assert (
         "study.jsonl: expected a study with the same options, got others: choose"
         in capsys.readouterr().err
-    )
-
-
-def test_a_study_without_a_chain_is_shown() -> None:
-    action = {
-        "episodes": 4,
-        "success": 0.0,
-        "mean_duration_s": None,
-        "accuracy": {},
-        "failures": {"lost": 4},
-    }
-    variable = {
-        "step": 2,
-        "top": "visit",
-        "name": "yaw",
-        "free": 0.25,
-        "gain_s": 0.0,
-        "explanation": "none",
-    }
-    page = study_page(
-        {
-            "command": "study", "robot": "cart", "domain": "soccer", "action_set": "default",
-            "actions": {"goToPose": action}, "left_out": {"shoot": "no holder"}, "evaluation": None,
-            "variables": [variable],
-        }
-    )  # fmt: skip
-    for text in ("no holder", "No chain of the domain can be executed", "2 (visit)"):
-        assert text in page
-
-
-@pytest.fixture(scope="module")
-def tools() -> Toolset:
-    return tools_of(ToolsetSource())[0]
-
-
-@pytest.fixture(scope="module")
-def trials(tools: Toolset) -> list[Trial]:
-    _, library = tools_of(ToolsetSource())
-    return [
-        random_trial(tools.domain, "dribble", library, seed=77, index=index) for index in range(4)
-    ]
-
-
-def found(tools: Toolset, trials: list[Trial]) -> dict[str, Any]:
-    return {each["name"]: each for each in open_variables(tools, trials)}
-
-
-def test_gains_are_reported_for_each_variable(tools: Toolset, trials: list[Trial]) -> None:
-    variables = found(tools, trials)
-    assert set(variables) == {"yaw", "speed"}
-    for each in variables.values():
-        assert (each["step"], each["top"], each["free"]) == (1, "goToBall", 1.0)
-        assert each["explanation"].startswith(
-            f"predicted to gain {each['gain_s']:.2f} s on average; the gate accepts it in "
-        )
-
-
-def test_a_model_without_arrivals_at_speed_is_reported(tools: Toolset, trials: list[Trial]) -> None:
-    model = tools.models["dribbleBall"]
-    training = model.metadata["training"]
-    starts = {**training["starts"], "v": [0.0, 0.0]}
-    slow = dataclasses.replace(
-        model, metadata={**model.metadata, "training": {**training, "starts": starts}}
-    )
-    models = {**tools.models, "dribbleBall": slow}
-    speed = found(dataclasses.replace(tools, models=models), trials)["speed"]
-    assert speed["free"] == 0.0
-    assert speed["explanation"] == "beyond the experience of dribbleBall: v from 0.00 to 0.00"
-
-
-def test_an_action_without_a_model_is_reported(tools: Toolset, trials: list[Trial]) -> None:
-    models = {"goToPose": tools.models["goToPose"]}
-    yaw = found(dataclasses.replace(tools, models=models), trials)["yaw"]
-    assert yaw["explanation"].startswith("of unknown effect: step 2 (dribbleBall)")
-
-
-def test_a_gate_that_rejects_everything_is_reported(tools: Toolset, trials: list[Trial]) -> None:
-    models = {name: uncertain(model) for name, model in tools.models.items()}
-    yaw = found(dataclasses.replace(tools, models=models), trials)["yaw"]
-    assert yaw["explanation"].startswith("the gate refuses all gains, of ")
-
-
-@pytest.mark.parametrize(
-    "file", sorted((DOCS / "studies").glob("*.json")), ids=lambda file: file.stem
-)
-def test_a_published_study_is_shown(file: Path) -> None:
-    assert f"{file.stem}: actions and their refinement" in study_page(
-        {"variables": [], **read_json(file)}
     )

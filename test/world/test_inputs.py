@@ -166,7 +166,7 @@ STANDING = RobotState(Pose(0.0, 0.0, 0.0))
 
 
 def driven(both: Inputs, pace: float, seconds: float, *, start: tuple[float, float]) -> None:
-    """Send odometry every 0.05 real s, whose stamps run `pace` times as fast, from stamp and real s."""
+    """Send odometry every 0.05 real s, whose stamps run `pace` times as fast."""
     stamp, real = start
     for tick in range(round(seconds / 0.05) + 1):
         both.robot(stamp + pace * 0.05 * tick, STANDING, real + 0.05 * tick)

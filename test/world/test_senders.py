@@ -18,7 +18,7 @@ def senders(
     uneven: float = 0.0,
     jump_every: int = 10**9,
 ) -> float:
-    """Return the distance that is found after 3 s at 40 Hz; one message in `every` is `distance` m off.
+    """Return the distance after 3 s at 40 Hz; one message in `every` is `distance` m off.
 
     `every` below 1 is the probability of such a message.
 

@@ -72,7 +72,7 @@ def test_a_velocity_is_that_of_the_last_three_tenths_of_a_second() -> None:
 
 
 def reported(vx: float, speed: float, *, until: float = 1.0, **noise: float) -> list[float]:
-    """Return the velocities that are used for an object that is said to move at `vx` from 0.5 s on."""
+    """Return the velocities used for an object that is said to move at `vx` from 0.5 s on."""
     check = VelocityCheck("ball", noise.get("noise", 0.0), noise.get("velocity_noise", 0.0))
     used = []
     for tick in range(round(until / 0.05) + 1):

@@ -256,7 +256,16 @@ def forward_shapes(
     ends = [(0.0, limits.w, math.nan, math.nan)] if free_heading else ends
     slowest = _SLOWEST * limits.w
     return [
-        Shape(gain, rate, loss, other, share, entry, start, arrival)
+        Shape(
+            gain,
+            rate,
+            loss,
+            other,
+            share,
+            entry,
+            start,
+            arrival,
+        )
         for gain, rate, entry, start in begins
         for loss, other, share, arrival in ends
         if min(rate, other) > slowest
@@ -275,7 +284,7 @@ def chosen_shapes(
     rules : Rules
         Rules of the paths.
     ends : array of float, shape (5, n)
-        Times are compared between ends like these, see `ator_ros.bases.differential.shapes.drawn_ends`.
+        Times are compared between ends like these, see `shapes.drawn_ends`.
     hold : float
         Distance in m from the axle to the object in front.
 

@@ -39,12 +39,11 @@ def fastest_drives(legs: FloatArray, driving: DrivingStyle, hold: float, aw: flo
     ends, opening, on_spot = ends_of(legs, hold, aw)
     holding = legs[HOLD] > 0.5
     held = np.count_nonzero(holding)
-    ahead = hold if held else 0.0
-    shapes = driving.approach_paths if held else driving.drive_paths
-    paths = fastest_paths(ends, shapes, hold=ahead)
-    if driving.approaches and 0 < held < len(holding):
-        drives = fastest_paths(ends, driving.drive_paths, hold=ahead)
-        paths = np.where(holding, paths, drives)
+    if held:
+        paths = fastest_paths(ends, driving.approach_paths, hold=hold)
+    if held < len(holding):
+        drives = fastest_paths(ends, driving.drive_paths, hold=0.0)
+        paths = np.where(holding, paths, drives) if held else drives
     _add_openings(paths, opening, on_spot, driving.limits.w, driving.limits.aw)
     return paths
 

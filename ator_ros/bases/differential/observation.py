@@ -256,7 +256,14 @@ def _turns(rows: pd.DataFrame, limits: Limits) -> _Turns:
     starts, end_speeds, gains, losses, rates, angles = np.array(found, dtype=float).reshape(-1, 6).T
     # rad in which the base reaches its turn rate and stops again
     full = angles > limits.w**2 / limits.aw
-    return _Turns(starts, end_speeds, gains, losses, rates, full)
+    return _Turns(
+        starts,
+        end_speeds,
+        gains,
+        losses,
+        rates,
+        full,
+    )
 
 
 def _share_of_limit(change: Any, limits: Limits) -> Any:
@@ -267,8 +274,9 @@ def _share_of_limit(change: Any, limits: Limits) -> Any:
 def _rates(speeds: FloatArray, changes: FloatArray, turns: _Turns) -> TurnRates:
     """Return the usual turn rate as a function of the speed and its change at one end of a turn.
 
-    A rate at one speed is assumed at higher ones too, up to the highest observed, and a rate while
-    the speed falls also while it falls less.
+    A rate at one speed is assumed at higher ones too, up to the first of `_SPEEDS` above the
+    highest observed: rates between both are interpolated. A rate while the speed falls is assumed
+    also while it falls less.
     """
     full = turns.full if turns.full.any() else ~turns.full
     speeds = speeds[full]

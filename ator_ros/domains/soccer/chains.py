@@ -9,21 +9,23 @@ from types import MappingProxyType
 
 import numpy as np
 
-from ator_ros.actions import TIME_LIMIT
 from ator_ros.actions.base import Goal
 from ator_ros.actions.situation import Situation, drawn_until
 from ator_ros.bases.description import Robot
 from ator_ros.domains.domain import ChainSampler
-from ator_ros.domains.soccer.field import BALL, field_of
-from ator_ros.domains.soccer.samplers import (
+from ator_ros.domains.drive import two_drives
+from ator_ros.domains.places import (
+    OF_TWO,
     SHORTEST,
-    distance_with_ball,
+    distance_when_held,
+    farthest,
     is_inside,
     pose_within,
     random_pose,
-    with_room,
 )
-from ator_ros.domains.soccer.thresholds import ball_clearance, farthest
+from ator_ros.domains.soccer.field import BALL, field_of
+from ator_ros.domains.soccer.samplers import with_room
+from ator_ros.domains.soccer.thresholds import ball_clearance
 from ator_ros.geometry import Pose
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
@@ -31,7 +33,6 @@ from ator_ros.world.state import ObjectState, RobotState, World
 
 _SHOOTING_DISTANCE = (1.2, 2.0)  # m from the middle of the goal line to a shooting position
 _SHOOTING_BEARING = math.radians(50.0)  # greatest angle of that direction to the axis of the field
-_OF_TWO = 0.3  # share of the time limit for the straight path of each of two parts
 _ROLLING_SPEED = (0.5, 2.5)  # m/s of a ball that rolls at the start
 _OPEN_HEADING = frozenset({"yaw"})
 
@@ -47,7 +48,7 @@ def dribble(
     without room.
     """
     ball, world = _start(robot, rng)
-    most = farthest(robot, _OF_TWO, SHORTEST, with_ball=True)
+    most = farthest(robot, OF_TWO, SHORTEST, holding=True)
     goal = pose_within(robot, rng, ball, SHORTEST, most, held=True)
     calls = (_call(library, "goToBall", ball, _OPEN_HEADING), _call(library, "dribbleBall", goal))
     return world, TopChain(calls)
@@ -111,10 +112,10 @@ def shoot(
     Returns the state at the start, and the chain with its open variables. Raises NoPlaceError
     without room.
     """
-    most = farthest(robot, _OF_TWO, SHORTEST, with_ball=True)
+    most = farthest(robot, OF_TWO, SHORTEST, holding=True)
 
     def dribbled(chain: TopChain) -> float:
-        return distance_with_ball(
+        return distance_when_held(
             robot,
             chain.calls[0].goal.pose,
             chain.calls[1].goal.pose,
@@ -179,30 +180,11 @@ def _last_shot(robot: Robot, chain: TopChain) -> Situation:
     )
 
 
-def drive(
-    robot: Robot,
-    library: TopLibrary,
-    rng: np.random.Generator,
-    *,
-    time_limit: float = TIME_LIMIT,
-) -> tuple[World, TopChain]:
-    """Draw a chain of two drives to poses, for every robot.
-
-    Straight paths take at most 0.3 of `time_limit` (s) each. Raises NoPlaceError without room.
-    """
-    stop = random_pose(robot, rng)
-    most = farthest(robot, _OF_TWO, SHORTEST, time_limit=time_limit)
-    goal = pose_within(robot, rng, stop, SHORTEST, most)
-    start = pose_within(robot, rng, stop, SHORTEST, most)
-    calls = (_call(library, "goToPose", stop, _OPEN_HEADING), _call(library, "goToPose", goal))
-    return World(0.0, RobotState(start)), TopChain(calls)
-
-
 def _start(robot: Robot, rng: np.random.Generator) -> tuple[Pose, World]:
     """Draw a ball, and a robot at rest that does not touch it."""
     ball = random_pose(robot, rng)
     nearest = ball_clearance(robot)
-    start = pose_within(robot, rng, ball, nearest, farthest(robot, _OF_TWO, nearest))
+    start = pose_within(robot, rng, ball, nearest, farthest(robot, OF_TWO, nearest))
     return ball, World(0.0, RobotState(start), {BALL: ObjectState(ball.x, ball.y)})
 
 
@@ -230,7 +212,7 @@ def _call(
 CHAINS: Mapping[str, ChainSampler] = MappingProxyType(
     {
         "dribble": dribble,
-        "drive": drive,
+        "drive": two_drives,
         "rolling": rolling,
         "shoot": shoot,
     }

@@ -15,9 +15,9 @@ from ator_ros.domains.domain import Domain
 from ator_ros.domains.soccer import samplers
 from ator_ros.domains.soccer.chains import CHAINS
 from ator_ros.domains.soccer.field import BALL, field_in, field_lines, field_of
-from ator_ros.domains.soccer.planned.go_to_pose import GoToPose
-from ator_ros.domains.soccer.planned.holding import DribbleBall
-from ator_ros.domains.soccer.planned.shoot import Shoot
+from ator_ros.domains.soccer.go_to_ball import GoToPoseOrBall
+from ator_ros.domains.soccer.holding import DribbleBall
+from ator_ros.domains.soccer.shoot import Shoot
 from ator_ros.domains.soccer.thresholds import RANGES
 from ator_ros.domains.soccer.tops import TOPS, tops_for
 from ator_ros.geometry import FloatArray, wrap_angles
@@ -61,7 +61,7 @@ _SHOOTING = (*names_of(SHOT), "v", *names_of(PATHS))
 ACTION_SETS: Mapping[str, tuple[ActionSpec, ...]] = MappingProxyType(
     {
         DEFAULT_SET: (
-            ActionSpec("goToPose", GoToPose, samplers.go_to_pose),
+            ActionSpec("goToPose", GoToPoseOrBall, samplers.go_to_pose),
             ActionSpec("dribbleBall", DribbleBall, samplers.dribble_ball),
             ActionSpec("shoot", Shoot, samplers.shoot_with_room, _SHOOTING),
         ),

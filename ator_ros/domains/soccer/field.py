@@ -1,6 +1,6 @@
 """The soccer field and its ball.
 
-The field is the area of the scene, with two goals. Distances to the goals' walls are here too.
+The field is the area of the scene, with two goals.
 """
 
 from __future__ import annotations
@@ -8,16 +8,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from ator_ros.actions.situation import Situation
 from ator_ros.bases.description import ConfigError, Robot
-from ator_ros.compiled import elementwise
 from ator_ros.domains.domain import Line
-from ator_ros.geometry import FloatArray, Pose
-from ator_ros.world.scene import WALL_THICKNESS, Bay, Scene
+from ator_ros.geometry import Pose
+from ator_ros.world.scene import Bay, Scene
 from ator_ros.world.state import ObjectState, World
 
 BALL = "ball"
@@ -58,14 +56,6 @@ class Field:
     goal_depth: float
     x: float = 0.0
     y: float = 0.0
-
-    @property
-    def walls_begin(self) -> float:
-        """Distance in m along x between the center and the walls of a goal.
-
-        Infinite without goals.
-        """
-        return self.length / 2 if self.goal_depth else math.inf
 
     def goal_center(self, side: int = 1) -> tuple[float, float]:
         """Return the middle of a goal line: x and y in m.
@@ -157,69 +147,3 @@ def field_lines(robot: Robot) -> Sequence[Line]:
     halfway = [(area.x, y_min), (area.x, y_max)]
     circle = list(zip(x.tolist(), y.tolist(), strict=True))
     return halfway, circle
-
-
-def touches_goals(poses: FloatArray, robot: Robot) -> bool:
-    """Return whether the robot may touch the wall of a goal at any of the poses.
-
-    Poses have the shape (n, 3): x, y in m, yaw in rad.
-    """
-    return depth_in_goals(poses, robot) > 0.0
-
-
-def depth_in_goals(places: FloatArray, robot: Robot) -> float:
-    """Return the greatest depth in m to which the robot may reach into the wall of a goal.
-
-    `places` are those of the axle in m, shape (n, 2) or more columns.
-    """
-    field = field_of(robot)
-    x, y = np.abs(places[:, :2] - (field.x, field.y)).T
-    near = x > nearest_to_goals(robot)
-    walls = wall_distance(
-        x[near],
-        y[near],
-        field.length / 2,
-        field.goal_width / 2,
-        field.goal_depth,
-    )
-    return float(np.max(robot.reach - walls, initial=0.0))
-
-
-def nearest_to_goals(robot: Robot) -> float:
-    """Return the distance in m from the center along x up to which the robot touches no goal."""
-    return field_of(robot).walls_begin - robot.reach
-
-
-@elementwise
-def wall_distance(
-    x: Any,
-    y: Any,
-    line: float,
-    half: float,
-    depth: float,
-) -> Any:
-    """Return the distance in m to the walls of a goal whose line is `line` m from the center.
-
-    Places are relative to the center, mirrored to x, y >= 0; `half` is half the goal's width in m.
-    """
-    back = line + depth
-    side = box_distance(x, y, line, back, half, half + WALL_THICKNESS)
-    return np.minimum(side, box_distance(x, y, back, back + WALL_THICKNESS, 0.0, half))
-
-
-@elementwise
-def box_distance(
-    x: Any,
-    y: Any,
-    x_low: float,
-    x_high: float,
-    y_low: float,
-    y_high: float,
-) -> Any:
-    """Return the distance in m from places to a box along the axes; 0 inside.
-
-    Places are numbers or arrays of one shape, which is that of the result.
-    """
-    along = np.maximum(np.maximum(x_low - x, x - x_high), 0.0)
-    across = np.maximum(np.maximum(y_low - y, y - y_high), 0.0)
-    return np.hypot(along, across)

@@ -10,121 +10,33 @@ import numpy as np
 
 from ator_ros.actions import TIME_LIMIT
 from ator_ros.actions.base import ActionError, Goal, Point
-from ator_ros.actions.situation import SHORT, NoPlaceError, Situation, drawn_until, short_goal
+from ator_ros.actions.situation import Situation, drawn_until, short_goal
 from ator_ros.bases.description import Robot
-from ator_ros.domains.soccer.field import BALL, field_of, objects_of, touches_goals
-from ator_ros.domains.soccer.planned.shoot import Shoot
+from ator_ros.domains.places import (
+    ALONE,
+    SHORTEST,
+    area_text,
+    farthest,
+    is_inside,
+    pose_within,
+    random_pose,
+    random_start,
+)
+from ator_ros.domains.planned.walls import touches_walls
+from ator_ros.domains.soccer.field import BALL, field_of, objects_of
+from ator_ros.domains.soccer.shoot import Shoot
 from ator_ros.domains.soccer.thresholds import (
     ball_clearance,
-    farthest,
     greatest_arrival,
-    line_margins,
 )
 from ator_ros.geometry import Pose
 from ator_ros.world.state import ObjectState, RobotState, World
 
-SHORTEST = SHORT  # m between start and goal, where the two are drawn independently
 _LEAVING = 0.04  # share of drives that start with a held ball and end elsewhere
-_ALONE = 0.6  # share of the time limit for the straight path of an action; the rest is for turns
 # m between the ball and the middle of the goal line at the start of a shot
 _SHOT_RANGE = (0.6, 2.5)
 _DRAWS = 200  # draws before giving up; each is planned, which takes 5 ms
 T = TypeVar("T")
-
-
-def random_pose(robot: Robot, rng: np.random.Generator) -> Pose:
-    """Draw a pose inside the margins, see `line_margins`.
-
-    Raises NoPlaceError if there is none.
-    """
-    half_length, half_width = _half_sizes(robot)
-    if min(half_length, half_width) < 0.0:
-        raise NoPlaceError(
-            f"{_area_text(robot)}, expected more room between the lines than starts and goals keep "
-            "from them"
-        )
-    x = rng.uniform(-half_length, half_length)
-    y = rng.uniform(-half_width, half_width)
-    return robot.scene.area.at(
-        float(x),
-        float(y),
-        float(rng.uniform(-math.pi, math.pi)),
-    )
-
-
-def pose_within(
-    robot: Robot,
-    rng: np.random.Generator,
-    of: Pose,
-    low: float,
-    high: float,
-    *,
-    held: bool = False,
-) -> Pose:
-    """Draw a pose `low` to `high` m from another.
-
-    Parameters
-    ----------
-    robot : Robot
-        The robot, with its scene.
-    rng : numpy.random.Generator
-        Source of random numbers.
-    of : Pose
-        The other pose.
-    low, high : float
-        Least and greatest distance in m.
-    held : bool
-        Whether both are poses of a held ball. Then the axle, too, drives at most `high` m.
-
-    Raises
-    ------
-    NoPlaceError
-        There is no such pose.
-    """
-
-    def distance(pose: Pose) -> float:
-        return distance_with_ball(robot, of, pose) if held else of.distance(pose)
-
-    return drawn_until(
-        lambda: random_pose(robot, rng),
-        lambda pose: low <= pose.distance(of) and distance(pose) <= high,
-        lambda: (
-            f"{_area_text(robot)}, "
-            f"expected room for starts and goals {low:.2f} to {high:.2f} m apart"
-        ),
-    )
-
-
-def distance_with_ball(robot: Robot, start: Pose, end: Pose) -> float:
-    """Return the distance in m between two poses of a held ball.
-
-    It is that of the axle if that is greater.
-    """
-    axle_start = robot.pose_holding(start)
-    axle_end = robot.pose_holding(end)
-    return max(start.distance(end), axle_start.distance(axle_end))
-
-
-def is_inside(place: Pose, robot: Robot) -> bool:
-    """Return whether a place lies inside the margins, where `random_pose` draws."""
-    half_length, half_width = _half_sizes(robot)
-    area = robot.scene.area
-    return abs(place.x - area.x) <= half_length and abs(place.y - area.y) <= half_width
-
-
-def _half_sizes(robot: Robot) -> tuple[float, float]:
-    area = robot.scene.area
-    at_end, at_side = line_margins(robot)
-    return area.length / 2 - at_end, area.width / 2 - at_side
-
-
-def _area_text(robot: Robot) -> str:
-    area = robot.scene.area
-    at_end, at_side = line_margins(robot)
-    return (
-        f"scene.area: got {area.length:g} x {area.width:g} m, of whose lines robot {robot.name} "
-        f"keeps {at_end:.2f} m at the ends and {at_side:.2f} m at the sides"
-    )
 
 
 def _speed(
@@ -171,12 +83,7 @@ def _long_drive(
     with_ball = rng.random() < 0.75 and robot.holder is not None and BALL in robot.scene.objects
     goal = random_pose(robot, rng)
     nearest = ball_clearance(robot) if with_ball else SHORTEST
-    most = farthest(robot, _ALONE, nearest, time_limit=time_limit)
-    start = pose_within(robot, rng, goal, nearest, most)
-    state = RobotState(start)
-    if rng.random() < 1.0 / 7.0:
-        velocity = robot.draw_velocity(rng)
-        state = RobotState(start, velocity.vx, velocity.w, vy=velocity.vy)
+    state = random_start(robot, rng, goal, nearest, time_limit=time_limit)
     if not with_ball:
         return Situation("goToPose", state, {}, Goal(goal, 0.0, Point.AXLE))
     arrival = Goal(goal, _speed(robot, rng, 0.5), Point.HOLD)
@@ -197,7 +104,7 @@ def _leave_ball(robot: Robot, rng: np.random.Generator) -> Situation | None:
     )
     nearest = ball_clearance(robot)
     held = Pose(ball.x, ball.y, 0.0)
-    most = farthest(robot, _ALONE, nearest) - held.distance(state.pose)  # of the axle
+    most = farthest(robot, ALONE, nearest) - held.distance(state.pose)  # of the axle
     if most <= nearest + SHORTEST:
         return None
     there = pose_within(robot, rng, held, nearest, most)
@@ -229,7 +136,7 @@ def dribble_ball(robot: Robot, rng: np.random.Generator) -> Situation:
     """
     robot.holder_for("dribbleBall")
     goal = random_pose(robot, rng)
-    most = farthest(robot, _ALONE, SHORTEST, with_ball=True)
+    most = farthest(robot, ALONE, SHORTEST, holding=True)
     ball = pose_within(robot, rng, goal, SHORTEST, most, held=True)
     speed = _speed(robot, rng, 0.5)
     arrival = Goal(goal, _speed(robot, rng, 0.3), Point.HOLD)
@@ -250,13 +157,13 @@ def shoot(robot: Robot, rng: np.random.Generator) -> Situation:
     def is_usable(pose: Pose) -> bool:
         ball = robot.hold_point(pose)
         on_floor = area.has_floor(pose.x, pose.y) and area.has_floor(ball.x, ball.y)
-        return on_floor and not touches_goals(np.array([pose]), robot)
+        return on_floor and not touches_walls(np.array([pose]), robot)
 
     start = drawn_until(
         lambda: _shooting_pose(robot, rng),
         is_usable,
         lambda: (
-            f"{_area_text(robot)}, "
+            f"{area_text(robot)}, "
             f"expected room before the goal for a robot that reaches {robot.reach:.2f} m"
         ),
     )
@@ -275,7 +182,7 @@ def _shooting_pose(robot: Robot, rng: np.random.Generator) -> Pose:
     # from the goal's axis, without places beside the goal
     bearing = rng.uniform(-0.45, 0.45) * math.pi
     nearest, most = _SHOT_RANGE
-    most = min(most, farthest(robot, _ALONE, nearest, with_ball=True))
+    most = min(most, farthest(robot, ALONE, nearest, holding=True))
     distance = rng.uniform(nearest, most)
     ball = Pose(
         x - float(distance * math.cos(bearing)),

@@ -7,6 +7,7 @@ import math
 
 from ator_ros.actions.base import Point
 from ator_ros.bases.description import Robot
+from ator_ros.domains.drive import GO_TO_POSE
 from ator_ros.domains.soccer.field import Field, field_of
 from ator_ros.tops.chain import Top
 from ator_ros.tops.conditions import Bearing, Condition, Distance, Region, Term
@@ -14,13 +15,6 @@ from ator_ros.tops.objects import held_within
 
 _NET = 0.1  # m by which a ball may lie deeper than the goal, as the net yields
 _USUAL_FIELD = Field(8.0, 5.0, goal_width=2.0, goal_depth=0.6)
-
-_AT_GOAL = (
-    Term("robot.x", "goal.x", 0.06),
-    Term("robot.y", "goal.y", 0.06),
-    Term("robot.yaw", "goal.yaw", 0.12),
-)
-GO_TO_POSE = Top("goToPose", "goToPose", Condition(), Condition(_AT_GOAL))
 
 
 def go_to_ball(held: float = 0.1) -> Top:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -76,7 +77,8 @@ class ModelTree:
     @property
     def is_leaf(self) -> BoolArray:
         """Which nodes are leaves, shape (n_nodes,)."""
-        return np.asarray(self.children[:, 0] == np.arange(len(self.feature)))
+        numbers = np.arange(len(self.feature))
+        return np.asarray(self.children[:, 0] == numbers)
 
     @property
     def n_leaves(self) -> int:
@@ -93,10 +95,30 @@ class ModelTree:
     @cached_property
     def constant(self) -> float | None:
         """The value that is predicted everywhere, if it is the same."""
-        varies = len(self.feature) > 1 or self.coefficients.any() or bool(self.base)
-        if varies:
+        if len(self.feature) > 1 or self.coefficients.any() or self.base:
             return None
-        return float(np.clip(self.intercept[0], self.lower[0], self.upper[0]))
+        predicted = np.clip(self.intercept, self.lower, self.upper)
+        return float(predicted[0])
+
+    def over(self, names: Sequence[str]) -> ModelTree:
+        """Return the same tree over the features `names`, which include all that it uses."""
+        feature = np.zeros_like(self.feature)
+        coefficients = np.zeros((len(self.feature), len(names)))
+        for column, name in enumerate(self.names):
+            if name in names:
+                new_column = names.index(name)
+                feature[self.feature == column] = new_column
+                coefficients[:, new_column] = self.coefficients[:, column]
+        return dataclasses.replace(
+            self,
+            names=tuple(names),
+            feature=feature,
+            coefficients=coefficients,
+        )
+
+    def narrowed(self) -> ModelTree:
+        """Return the same tree over the features that it uses, so that no others are computed."""
+        return self.over(self.used_features() or self.names[:1])
 
     def apply(self, X: FloatArray) -> IntArray:
         """Return the numbers of the leaves of features `X`, shape (n,).
@@ -130,10 +152,14 @@ class ModelTree:
     @cached_property
     def _base_terms(self) -> tuple[IntArray, FloatArray, FloatArray]:
         """Column, `above` and slope of each term of the base, arrays of shape (terms,)."""
-        columns = np.array([self.names.index(hinge.feature) for hinge in self.base], dtype=np.intp)
-        above = np.array([hinge.above for hinge in self.base], dtype=float)
-        slopes = np.array([hinge.slope for hinge in self.base], dtype=float)
-        return columns, above, slopes
+        columns = [self.names.index(hinge.feature) for hinge in self.base]
+        above = [hinge.above for hinge in self.base]
+        slopes = [hinge.slope for hinge in self.base]
+        return (
+            np.array(columns, dtype=np.intp),
+            np.array(above, dtype=float),
+            np.array(slopes, dtype=float),
+        )
 
 
 @compiled
@@ -232,8 +258,8 @@ class RuleWriter:
             Name to print instead of the terms of the base.
         """
         tree = self.tree
-        conditions = " & ".join(self._condition(name, *pair) for name, pair in bounds.items())
-        start = f"if {conditions} then " if conditions else ""
+        conditions = [self._condition(name, *pair) for name, pair in bounds.items()]
+        start = f"if {' & '.join(conditions)} then " if conditions else ""
         certainty = (
             f"(± {tree.spread[leaf]:.3g} {self.target_unit}, {tree.samples[leaf]:g} samples)"
         )
@@ -248,11 +274,14 @@ class RuleWriter:
         before them.
         """
         base = self.tree.base
-        unit = self.target_unit
-        shared = "shared" if self.tree.n_leaves > 1 and any(hinge.above for hinge in base) else ""
-        first = [f"{shared} = {self._formula(base, 0.0)}  [{unit}]"] if shared else []
-        rules = [self.rule(leaf, bounds, shared=shared) for leaf, bounds in leaves(self.tree)]
-        return "\n".join(first + rules)
+        lines = []
+        shared = ""
+        if self.tree.n_leaves > 1 and any(hinge.above for hinge in base):
+            shared = "shared"
+            lines.append(f"{shared} = {self._formula(base, 0.0)}  [{self.target_unit}]")
+        for leaf, bounds in leaves(self.tree):
+            lines.append(self.rule(leaf, bounds, shared=shared))
+        return "\n".join(lines)
 
     def explanation(self, situation: FloatArray) -> str:
         """Return the rule that holds in one situation, with the value of each of its terms.
@@ -271,13 +300,14 @@ class RuleWriter:
             f"here {self.target} = {predicted:.3f} ± {spread:.3f} {self.target_unit}:",
             f"  {intercept:+9.3f}  constant",
         ]
-        terms = self._terms(leaf, tree.base)
-        parts = [(hinge, hinge.of(values[hinge.feature])) for hinge in terms]
-        for hinge, part in sorted(parts, key=lambda item: -abs(item[1])):
+        parts = {}
+        for hinge in self._terms(leaf, tree.base):
+            parts[hinge] = hinge.of(values[hinge.feature])
+        for hinge, part in sorted(parts.items(), key=lambda item: -abs(item[1])):
             name = hinge.feature
             which = f"{self._term(hinge)}, " if hinge.above else ""
             lines += [f"  {part:+9.3f}  {which}{name} = {self._value(name, values[name])}"]
-        linear = intercept + sum(part for _, part in parts)
+        linear = intercept + sum(parts.values())
         base = sum(hinge.of(values[hinge.feature]) for hinge in tree.base)
         lower = base + float(tree.lower[leaf])
         upper = base + float(tree.upper[leaf])
@@ -318,7 +348,8 @@ class RuleWriter:
         text: str = "",
     ) -> str:
         parts = [(each.slope / self._scale(each.feature), f"*{self._term(each)}") for each in terms]
-        parts += [(constant, "")] if constant or not (parts or text) else []
+        if constant or not (parts or text):
+            parts.append((constant, ""))
         for number, name in parts:
             signs = ("-", " - ") if number < 0 else ("", " + ")
             sign = signs[1] if text else signs[0]

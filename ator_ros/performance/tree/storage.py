@@ -94,7 +94,13 @@ def _stored_node(tree: ModelTree, number: int) -> StoredNode:
         at_most, above = (_stored_node(tree, int(child)) for child in tree.children[number])
         name = tree.names[tree.feature[number]]
         threshold = float(tree.threshold[number])
-        return StoredSplit(samples, name, threshold, at_most, above)
+        return StoredSplit(
+            samples,
+            name,
+            threshold,
+            at_most,
+            above,
+        )
     slopes = zip(
         tree.names,
         tree.coefficients[number].tolist(),

@@ -1,4 +1,4 @@
-"""The fastest of several shapes of paths: equal to the search for all paths, and to its symmetries."""
+"""The fastest of several shapes of paths is that of all paths, and has their symmetries."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Plan the fastest manoeuvre that is clear of the ball and of the goals' walls."""
+"""Plan the fastest manoeuvre that is clear of an object and of the walls of bays."""
 
 from __future__ import annotations
 
@@ -26,14 +26,20 @@ from ator_ros.bases.differential.manoeuvre import (
 from ator_ros.bases.differential.paths import Ends, entries_of, exits_of, find_paths
 from ator_ros.bases.differential.trajectory import most_states, write_states
 from ator_ros.compiled import compiled, elementwise
-from ator_ros.domains.soccer.field import BALL, box_distance, field_of, touches_goals, wall_distance
+from ator_ros.domains.planned.walls import (
+    EndBays,
+    box_distance,
+    end_bays,
+    touches_walls,
+    wall_distance,
+)
 from ator_ros.geometry import FloatArray, Pose, Record, Records
 from ator_ros.world.state import ObjectState
 
 # s between the states that are checked, coarse and fine: 6 cm at full speed
 _INTERVALS = (0.25, 0.05)
-_BALL_MARGIN = 0.04  # m of free space around a ball
-_CLEARING = np.arange(0.0, 1.5, 0.01)  # m: lengths of straight drives away from a ball
+_MARGIN = 0.04  # m of free space around an object: a noisy position may be that wrong
+_CLEARING = np.arange(0.0, 1.5, 0.01)  # m: lengths of straight drives away from an object
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,13 +48,16 @@ class Obstacles:
 
     Attributes
     ----------
-    ball : ObjectState or None
-        The ball at rest.
+    thing : ObjectState or None
+        A round object at rest.
+    radius : float
+        Its radius in m.
     run : float
-        Length in m of the run at the end in which the ball may be touched.
+        Length in m of the run at the end in which it may be touched.
     """
 
-    ball: ObjectState | None = None
+    thing: ObjectState | None = None
+    radius: float = 0.0
     run: float = 0.0
 
 
@@ -60,15 +69,15 @@ def is_free(
 ) -> bool:
     """Return whether the robot touches no obstacle at the start of a motion to `goal`.
 
-    Poses are those of the axle. A ball may be touched within the run at the end.
+    Poses are those of the axle. The object may be touched within the run at the end.
     """
     pose = np.array([start])
-    ball = obstacles.ball
-    if touches_goals(pose, robot):
+    thing = obstacles.thing
+    if touches_walls(pose, robot):
         return False
-    if ball is None or start.distance(goal) <= obstacles.run:
+    if thing is None or start.distance(goal) <= obstacles.run:
         return True
-    return bool(ball_distances(pose, ball, robot)[0] >= _BALL_MARGIN)
+    return bool(distances_to(obstacles, pose, robot)[0] >= _MARGIN)
 
 
 def distance_to_clear(
@@ -77,50 +86,48 @@ def distance_to_clear(
     obstacles: Obstacles,
     robot: DifferentialRobot,
 ) -> float:
-    """Return the distance in m (negative: backward) of a straight drive that clears the ball.
+    """Return the distance in m (negative: backward) of a straight drive that clears the object.
 
-    It is 0 if the robot is clear at the start, or if each drive comes nearer to the ball or touches
-    a goal. A robot that never drives backward cannot leave a ball at its front.
+    It is 0 if the robot is clear at the start, or if each drive comes nearer to the object or
+    touches a wall. A robot that never drives backward cannot leave an object at its front.
     """
-    ball = obstacles.ball
-    if ball is None or is_free(start, goal, obstacles, robot):
+    thing = obstacles.thing
+    if thing is None or is_free(start, goal, obstacles, robot):
         return 0.0
-    if touches_goals(np.array([start]), robot):
+    if touches_walls(np.array([start]), robot):
         return 0.0
     found = list[float]()
     signs: tuple[float, ...] = (-1.0, 1.0)
     if not robot.limits.backward:
-        at_front = start.relative(Pose(ball.x, ball.y, 0.0)).x > robot.front
+        at_front = start.relative(Pose(thing.x, thing.y, 0.0)).x > robot.front
         signs = () if at_front else (1.0,)
     for sign in signs:
         drives = sign * _CLEARING
         poses = np.array([start.ahead(drive) for drive in drives])
-        distances = ball_distances(poses, ball, robot)
-        clear = distances >= _BALL_MARGIN
+        distances = distances_to(obstacles, poses, robot)
+        clear = distances >= _MARGIN
         until = slice(int(np.argmax(clear)) + 1)
         nearer = distances[until].min() < distances[0] - 1e-9
-        if clear.any() and not nearer and not touches_goals(poses[until], robot):
+        if clear.any() and not nearer and not touches_walls(poses[until], robot):
             found.append(float(drives[until][-1]))
     return min(found, key=abs, default=0.0)
 
 
-def ball_distances(poses: FloatArray, ball: ObjectState, robot: DifferentialRobot) -> FloatArray:
-    """Return the distances in m between the robot and the ball's surface, shape (n,).
+def distances_to(obstacles: Obstacles, poses: FloatArray, robot: DifferentialRobot) -> FloatArray:
+    """Return the distances in m between the robot and the object's surface, shape (n,).
 
-    Poses of the robot have the shape (n, 3): x, y in m, yaw in rad.
+    Poses of the robot have the shape (n, 3): x, y in m, yaw in rad. Infinite without an object.
     """
+    thing = obstacles.thing
+    if thing is None:
+        return np.full(len(poses), np.inf)
     x, y, yaw = poses.T
-    distances = _outline_distance(
-        ball.x - x,
-        ball.y - y,
-        yaw,
-        _outline(robot),
-    )
-    return np.asarray(distances - robot.scene.radius(BALL))
+    distances = _outline_distance(thing.x - x, thing.y - y, yaw, _outline(robot))
+    return np.asarray(distances - obstacles.radius)
 
 
 class Outline(NamedTuple):
-    """The robot's outline and the goals, in m; for the last three see `field.wall_distance`."""
+    """The robot's outline, and the bays of its scene, in m."""
 
     front: float
     rear: float
@@ -128,13 +135,10 @@ class Outline(NamedTuple):
     fin_tip: float
     fin_side: float
     reach: float
-    line: float
-    half: float
-    depth: float
+    bays: EndBays
 
 
 def _outline(robot: DifferentialRobot) -> Outline:
-    field = field_of(robot)
     return Outline(
         front=float(robot.front),
         rear=float(robot.rear),
@@ -142,9 +146,7 @@ def _outline(robot: DifferentialRobot) -> Outline:
         fin_tip=float(robot.tip),
         fin_side=float(robot.tip_half_width),
         reach=float(robot.reach),
-        line=float(field.walls_begin),
-        half=float(field.goal_width / 2),
-        depth=float(field.goal_depth),
+        bays=end_bays(robot),
     )
 
 
@@ -179,8 +181,8 @@ def _outline_distance(
     return np.minimum(body, fins)
 
 
-class BallObstacle(NamedTuple):
-    """A ball that must not be touched, in m: its center (NaN: none), radius, and the run to it."""
+class RoundObstacle(NamedTuple):
+    """An object that must not be touched, in m: center (NaN: none), radius, and the run to it."""
 
     x: float
     y: float
@@ -189,22 +191,22 @@ class BallObstacle(NamedTuple):
 
 
 class Surroundings(NamedTuple):
-    """The limits, the robot with the goals, and the ball, relative to the center of the area."""
+    """The limits, the robot with the bays, and an object, relative to the center of the area."""
 
     rates: Rates
     outline: Outline
-    ball: BallObstacle
+    thing: RoundObstacle
 
 
 def surroundings(robot: DifferentialRobot, limits: Limits, obstacles: Obstacles) -> Surroundings:
     """Return the surroundings in which manoeuvres within `limits` are checked."""
-    ball = obstacles.ball
+    thing = obstacles.thing
     area = robot.scene.area
-    x, y = (np.nan, np.nan) if ball is None else (ball.x - area.x, ball.y - area.y)
-    in_the_way = BallObstacle(
+    x, y = (np.nan, np.nan) if thing is None else (thing.x - area.x, thing.y - area.y)
+    in_the_way = RoundObstacle(
         x=float(x),
         y=float(y),
-        radius=float(robot.scene.radius(BALL)),
+        radius=float(obstacles.radius),
         run=float(obstacles.run),
     )
     return Surroundings(rates_of(limits), _outline(robot), in_the_way)
@@ -255,7 +257,7 @@ def is_clear(
     for interval in _INTERVALS:
         states = np.empty((most_states(duration, interval), 5))
         count = write_states(states, speeds, turns, duration, start, goal, interval)
-        if _touches(states[:count], goal, around.outline, around.ball):
+        if _touches(states[:count], goal, around.outline, around.thing):
             return False
     return True
 
@@ -265,36 +267,38 @@ def _touches(
     states: FloatArray,
     goal: Pose,
     shape: Outline,
-    ball: BallObstacle,
+    thing: RoundObstacle,
 ) -> bool:
-    """Return whether the robot touches a wall or the ball in any state; see `write_states`."""
+    """Return whether the robot touches a wall or the object in any state; see `write_states`."""
     for index in range(len(states)):
         x = abs(states[index, 0])
         y = abs(states[index, 1])
-        if x > shape.line - shape.reach:
-            distance = wall_distance(x, y, shape.line, shape.half, shape.depth)
+        if x > shape.bays.line - shape.reach:
+            distance = wall_distance(x, y, shape.bays)
             if distance < shape.reach:
                 return True
-    if math.isnan(ball.x):
+    if math.isnan(thing.x):
         return False
     end = len(states) - 1
-    if ball.run > 0.0:  # in the run the ball is straight ahead
-        while end >= 0 and math.hypot(states[end, 0] - goal.x, states[end, 1] - goal.y) <= ball.run:
+    if thing.run > 0.0:  # in the run the object is straight ahead
+        while (
+            end >= 0 and math.hypot(states[end, 0] - goal.x, states[end, 1] - goal.y) <= thing.run
+        ):
             end -= 1
     near = max(shape.reach, math.hypot(max(shape.front, shape.rear), shape.half_width))
-    near += ball.radius + _BALL_MARGIN
+    near += thing.radius + _MARGIN
     for index in range(end + 1):
-        dx = ball.x - states[index, 0]
-        dy = ball.y - states[index, 1]
+        dx = thing.x - states[index, 0]
+        dy = thing.y - states[index, 1]
         if abs(dx) < near and abs(dy) < near:
             distance = _outline_distance(dx, dy, states[index, 2], shape)
-            if distance - ball.radius < _BALL_MARGIN:
+            if distance - thing.radius < _MARGIN:
                 return True
     return False
 
 
-# Candidates of turns, as shares of the limits: changes of speed without a ball, and at the end of a
-# run to the ball; then speeds between the slowest and the fastest at the beginning of a run.
+# Candidates of turns, as shares of the limits: changes of speed without an object, and at the end
+# of a run to one; then speeds between the slowest and the fastest at the beginning of a run.
 _SHARES = (-1.0, -0.85, -0.7, -0.55, -0.4, -0.25, -0.1, 0.0, 0.1, 0.25, 0.4, 0.55, 0.7, 0.85, 1.0)
 _RUN_CHANGES = (-1.0, -0.75, -0.5, -0.25, -0.1, 0.0, 0.1, 0.25, 0.5, 0.75, 1.0)
 _RUN_SHARES = (0.0, 0.35, 0.6, 0.8, 1.0)
@@ -307,7 +311,7 @@ _LONGER = 0.05  # s that closing a path may add; some then need a drive back of 
 
 
 def _free_sides(limits: Limits, speed: float) -> list[Side]:
-    """Return candidate sides without a ball: an immediate turn, at several changes of speed.
+    """Return candidate sides without an object: an immediate turn, at several changes of speed.
 
     Sides that are backward from the beginning are left out if the base never drives so.
     """
@@ -319,7 +323,7 @@ def _free_sides(limits: Limits, speed: float) -> list[Side]:
 
 @lru_cache(maxsize=16)
 def run_exits(limits: Limits, speed: float, length: float) -> Ends:
-    """Return the exits at `speed` (m/s) with a straight run of `length` m to the ball."""
+    """Return the exits at `speed` (m/s) with a straight run of `length` m to an object."""
     # Exits are backward in time: a gain of speed here is braking in the drive.
     fastest_ = math.sqrt(speed * speed + 2.0 * limits.brake * length)
     slowest = math.sqrt(max(0.0, speed * speed - 2.0 * limits.a * length))
@@ -383,7 +387,7 @@ def fastest(
     limits : Limits
         Limits of the manoeuvre.
     obstacles : Obstacles
-        The ball, if it must not be touched.
+        The object, if it must not be touched.
     forward_only : bool
         Whether the robot must not drive backward.
     tries : int
@@ -398,7 +402,7 @@ def fastest(
     """
     if not is_free(start, goal, obstacles, robot):
         raise ActionError(
-            f"expected a start clear of ball and goals, got ({start.x:.2f}, {start.y:.2f}) m, "
+            f"expected a start clear of objects and walls, got ({start.x:.2f}, {start.y:.2f}) m, "
             f"which is too near one of them{_only_forward(limits)}"
         )
     paths = find_paths(
@@ -452,7 +456,7 @@ def turn_on_spot(
     limits : Limits
         Limits of the turn.
     obstacles : Obstacles
-        The ball, if it must not be touched.
+        The object, if it must not be touched.
 
     Raises
     ------

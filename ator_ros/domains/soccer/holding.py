@@ -14,9 +14,9 @@ from ator_ros.bases.differential.durations import change_distance
 from ator_ros.bases.differential.limits import Limits
 from ator_ros.bases.differential.manoeuvre import Manoeuvre, Side
 from ator_ros.bases.differential.paths import Ends, entries_of, exits_of
+from ator_ros.domains.planned.free_paths import Obstacles, fastest
+from ator_ros.domains.planned.planned_action import PlannedAction
 from ator_ros.domains.soccer.field import BALL
-from ator_ros.domains.soccer.planned.free_paths import Obstacles, fastest
-from ator_ros.domains.soccer.planned.planned_action import PlannedAction
 from ator_ros.domains.soccer.thresholds import check_held, lost_ball
 from ator_ros.world.state import World
 

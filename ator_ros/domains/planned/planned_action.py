@@ -12,17 +12,20 @@ from ator_ros.bases.differential.description import DifferentialRobot
 from ator_ros.bases.differential.limits import Limits
 from ator_ros.bases.differential.manoeuvre import Manoeuvre
 from ator_ros.bases.differential.trajectory import Trajectory, opening_of
-from ator_ros.domains.soccer.planned.tracker import DISTURBED_DISTANCE, Tracker
-from ator_ros.domains.soccer.thresholds import check_arrival
+from ator_ros.domains.planned.tracker import DISTURBED_DISTANCE, Tracker
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.world.state import CONTROL_PERIOD, STOP, Command, World
 
-PLAN_SHARE = 0.97  # of the base's limits that plans use; the rest is for feedback
-_USUAL_LAG, _LEAST_SHARE = 0.08, 0.5  # s: motors that lag more need more for feedback, at most half
-POSITION_TOLERANCE = 0.05  # m
-HEADING_TOLERANCE = 0.1  # rad
-_REPLANS = 20
-_LATE = 0.4  # s that a weak robot may be late at a goal with a speed
+PLAN_SHARE = 0.97
+"""Share of the base's limits that plans use; the rest is for feedback."""
+_USUAL_LAG = 0.08  # s: motors that lag more need more for feedback, 1 % for each 0.01 s
+_LEAST_SHARE = 0.5  # of the limits, whatever the lag
+POSITION_TOLERANCE = 0.05
+"""Distance in m from the goal at which a robot has arrived: 1 cm less than that of the TOPs."""
+HEADING_TOLERANCE = 0.1
+"""Angle in rad from the goal's heading at which a robot has arrived: less than that of the TOPs."""
+_REPLANS = 20  # plans after which an action fails: a drive that is undisturbed needs one
+_LATE = 0.4  # s that a robot weaker than its description may be late at a goal with a speed
 
 
 class PlannedAction(Action):
@@ -98,7 +101,8 @@ class PlannedAction(Action):
 
     def _off(self, world: World) -> tuple[float, float]:
         """Return the distance to the goal in m and the angle to its heading in rad."""
-        pose, goal = world.robot.pose, self.target()
+        pose = world.robot.pose
+        goal = self.target()
         return pose.distance(goal), abs(pose.relative(goal).yaw)
 
     def _arrived(self, world: World, command: Command) -> Step:
@@ -171,3 +175,11 @@ class PlannedAction(Action):
 
 def _described(distance: float, heading: float) -> str:
     return f"{100 * distance:.1f} cm and {heading:.3f} rad from the goal"
+
+
+def check_arrival(goal: Goal, most: float, action: str) -> None:
+    """Raise ActionError unless the goal's arrival speed is from 0 to `most` m/s."""
+    if not 0.0 <= goal.speed <= most:
+        raise ActionError(
+            f"{action}: expected an arrival speed from 0 to {most:g} m/s, got {goal.speed:g}"
+        )

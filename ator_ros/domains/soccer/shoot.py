@@ -17,8 +17,7 @@ from ator_ros.bases.differential.manoeuvre import SIDE, Manoeuvre, Side, pose_af
 from ator_ros.bases.differential.paths import Ends, ranked
 from ator_ros.bases.differential.turns import WIDEST, look_up
 from ator_ros.compiled import compiled, inlined
-from ator_ros.domains.soccer.field import BALL, ball_of, field_of, is_in_goal
-from ator_ros.domains.soccer.planned.free_paths import (
+from ator_ros.domains.planned.free_paths import (
     Obstacles,
     Surroundings,
     fastest,
@@ -26,7 +25,8 @@ from ator_ros.domains.soccer.planned.free_paths import (
     is_clear,
     surroundings,
 )
-from ator_ros.domains.soccer.planned.holding import HoldingAction, entries_with_ball, release_exits
+from ator_ros.domains.soccer.field import BALL, ball_of, field_of, is_in_goal
+from ator_ros.domains.soccer.holding import HoldingAction, entries_with_ball, release_exits
 from ator_ros.geometry import FloatArray, Pose, Record, Records, record_type
 from ator_ros.world.state import World
 

@@ -71,11 +71,13 @@ class LagEstimator:
             self._count += 1
 
 
-DISTURBED_DISTANCE = 0.12  # m from the plan
-DISTURBED_HEADING = 0.35  # rad
+DISTURBED_DISTANCE = 0.12
+"""Distance in m from the plan beyond which it is made again."""
+DISTURBED_HEADING = 0.35
+"""Angle in rad from the plan beyond which it is made again."""
 _ROUNDING = 1e-6  # s: greatest error of sums of ticks
-_LONGEST_WAIT = 1.0  # s for the robot's start, on a computer that plans slowly
-_SHORT = 0.5  # s; in a shorter plan a robot may hardly move
+_LONGEST_WAIT = 1.0  # s for the start of a robot whose computer plans slowly; then it is stuck
+_SHORT = 0.5  # s; in a shorter plan a robot may hardly move, so that its start is not noticed
 _SEEN_LATE = 0.02  # s by which a robot has the speeds of its plan late
 # m/s^2 and rad/s^2: times the square of the preview, the deviation from which on the plan's time
 # slows down. For the Pioneer that is 0.028 m and 0.063 rad, where its deviation as described is

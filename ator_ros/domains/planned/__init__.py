@@ -1,0 +1,1 @@
+"""Actions that plan a manoeuvre once, commit to it, and track it: what domains share."""
