@@ -1,1 +1,1 @@
-"""What depends on how a robot moves: its description, routes for its size, the differential base."""
+"""What depends on how a robot moves, behind the interface `base.Base`."""

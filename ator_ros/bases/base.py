@@ -128,7 +128,7 @@ class Base(ABC):
 
     @property
     def moves_sideways(self) -> bool:
-        """Whether the base controls its lateral velocity; otherwise that is 0, whatever is measured."""
+        """Whether the base controls its lateral velocity, which is 0 otherwise."""
         return any(axis.name == "vy" for axis in self.axes)
 
     @abstractmethod
@@ -137,7 +137,7 @@ class Base(ABC):
 
     @abstractmethod
     def stopping_distance(self, speed: float) -> float:
-        """Return the distance in m in which the base stops from a `speed` in m/s, however it brakes."""
+        """Return the distance in m in which the base surely stops from a `speed` in m/s."""
 
     @abstractmethod
     def standstills(self, robot: RobotState, seconds: float) -> Standstills:

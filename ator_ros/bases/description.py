@@ -152,7 +152,7 @@ class Robot(Base):
         return hold.ahead(-self.hold)
 
     def sections(self) -> dict[str, Any]:
-        """Return the content of a file that describes this robot and its scene, without defaults."""
+        """Return the content of a file that describes this robot and scene, without defaults."""
         content = self.content()
         scene = content.pop("scene")
         defaults = {field.name: field.default for field in dataclasses.fields(self)}
@@ -173,12 +173,12 @@ class Robot(Base):
         return _digest_of(content)
 
     def description_digest(self) -> str:
-        """Return a short digest of everything on which simulated results depend, with scene and map."""
+        """Return a short digest of all that simulated results depend on, with scene and map."""
         content = self.content()
         return _digest_of(content if self.grid is None else {**content, "grid": str(self.grid)})
 
     def content(self) -> dict[str, Any]:
-        """Return all fields but the map, nested ones as dicts, and `drive` if it is not the default."""
+        """Return all fields but the map, nested ones as dicts, and `drive` if not the default."""
         content = dataclasses.asdict(dataclasses.replace(self, grid=None))
         del content["grid"]
         return content if self.drive == DEFAULT_DRIVE else {"drive": self.drive, **content}
@@ -234,7 +234,7 @@ def kind_of(drive: object) -> type[Robot]:
 
 @functools.cache
 def _file_schema(kind: type[Robot]) -> type:
-    """Return the dataclass of a file's content: the sections robot, with the fields of `kind`, and scene."""
+    """Return the dataclass of a file's content: the sections robot, of this `kind`, and scene."""
     hints = get_type_hints(kind, include_extras=True)
     own = [item for item in dataclasses.fields(kind) if item.name not in ("scene", "grid")]
     section = dataclasses.make_dataclass(
@@ -256,28 +256,30 @@ def _check_held(robot: Robot) -> None:
 
     Without objects, the domain adds them.
     """
-    holder, radii = robot.holder, {name: each.radius for name, each in robot.scene.objects.items()}
+    holder = robot.holder
+    radii = {name: each.radius for name, each in robot.scene.objects.items()}
     if holder is None or not radii:
         return
     if all(abs(radius - holder.radius) > _SAME_RADIUS * holder.radius for radius in radii.values()):
         known = ", ".join(f"{name} {radius:g}" for name, radius in radii.items())
         raise ConfigError(
-            f"robot.holder.radius: expected that of an object of the scene ({known}), got {holder.radius:g}"
+            f"robot.holder.radius: expected that of an object of the scene ({known}), "
+            f"got {holder.radius:g}"
         )
 
 
 def at_least(field: str, value: float, least: float, why: str) -> None:
-    """Raise ConfigError about a field of the section `robot` whose value is below the least one."""
+    """Raise ConfigError about a field of the section `robot` whose value is too small."""
     if value < least:
         raise ConfigError(f"robot.{field}: expected at least {least:g}, {why}, got {value:g}")
 
 
 def at_most(field: str, value: float | None, most: float, why: str) -> None:
-    """Raise ConfigError about a field of the section `robot` whose value is above the greatest one."""
+    """Raise ConfigError about a field of the section `robot` whose value is too great."""
     if value is not None and value > most:
         raise ConfigError(f"robot.{field}: expected at most {most:g}, {why}, got {value:g}")
 
 
 def rounded_up(value: float) -> float:
-    """Return `value` rounded up to four digits after the point, so that the printed bound is accepted."""
+    """Return `value` rounded up to 1e-4, so that the printed bound is accepted."""
     return math.ceil(1e4 * value) / 1e4

@@ -1,4 +1,4 @@
-"""Prediction of the state at which a command takes effect, against the latency of the control loop."""
+"""Prediction of the state at which a command takes effect: latency of the control loop."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _PROMPT = 0.02  # s within which a command counts as computed immediately
 
 
 class Foresight:
-    """Predicts a state forward to the time at which the command for it moves the base (Smith predictor).
+    """Predicts states forward to when the command for them moves the base (Smith predictor).
 
     Until then the robot follows the commands already sent. Without the delay in the control loop,
     plans may brake as hard as the base can. `latency` is the time in s from the stamp of a state
@@ -42,7 +42,7 @@ class Foresight:
         self._sent.append((time, command))
 
     def punctual(self, robot: RobotState, command: Command | None, took: float) -> Command | None:
-        """Return `command`, which took `took` s to compute, or a stop if it comes too late for `robot`.
+        """Return `command`, which took `took` s to compute, or a stop if it is too late.
 
         A late command does not start a robot at rest, because the prediction would be ahead of the
         motion. The robot starts with the command for the next state, even if that is late too, as
@@ -57,7 +57,9 @@ class Foresight:
         if self._latency == 0.0:
             return world
         self._forget(world.time)
-        robot, now, end = world.robot, world.time, world.time + self._latency
+        robot = world.robot
+        now = world.time
+        end = now + self._latency
         command: Command | None = None
         for stamp, following in (*self._sent, (world.time, None)):
             acts = min(stamp + self._latency, end)
@@ -69,5 +71,6 @@ class Foresight:
         return World(end, robot, objects)
 
     def _forget(self, time: float) -> None:
-        while self._sent and self._sent[0][0] < time - self._latency - _EXPIRES:
+        expired = time - self._latency - _EXPIRES
+        while self._sent and self._sent[0][0] < expired:
             self._sent.popleft()

@@ -24,19 +24,26 @@ def route_along(path: FloatArray, look_ahead: float) -> tuple[float, float, floa
         Length in m of the first and last part of the path; departure and arrival are the directions
         across.
     """
-    distances = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
+    steps = np.diff(path, axis=0)
+    distances = np.append(0.0, np.cumsum(np.hypot(steps[:, 0], steps[:, 1])))
     length = float(distances[-1])
     look = min(look_ahead, length)
-    first, last = (
-        np.array([np.interp(distance, distances, path[:, axis]) for axis in (0, 1)])
-        for distance in (look, length - look)
-    )
     corners = _corners(path)
-    turns = wrap_angles(np.diff(np.arctan2(*np.diff(corners, axis=0).T[::-1])))
-    departure, arrival = (
-        math.atan2(step[1], step[0]) for step in (first - path[0], path[-1] - last)
-    )
+    parts = np.diff(corners, axis=0)
+    turns = wrap_angles(np.diff(np.arctan2(parts[:, 1], parts[:, 0])))
+    departure = _heading(path[0], _place_at(look, distances, path))
+    arrival = _heading(_place_at(length - look, distances, path), path[-1])
     return length, float(np.abs(turns).sum()), departure, arrival, len(corners) == 2
+
+
+def _place_at(distance: float, distances: FloatArray, path: FloatArray) -> FloatArray:
+    """Return the place on a path after a distance in m; `distances` are those of its places."""
+    return np.array([np.interp(distance, distances, column) for column in path.T])
+
+
+def _heading(start: FloatArray, end: FloatArray) -> float:
+    x, y = end - start
+    return math.atan2(y, x)
 
 
 def _corners(path: FloatArray) -> FloatArray:

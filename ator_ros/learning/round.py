@@ -28,7 +28,7 @@ from ator_ros.learning.sets import (
     seal,
     sets_in,
 )
-from ator_ros.performance.features import PATHS, Feature, declared_by, names_of
+from ator_ros.performance.features import PATHS, Feature, declared_by, names_of, suited
 from ator_ros.performance.model import MEASURES, PerformanceModel
 from ator_ros.performance.model_file import (
     RobotMismatchWarning,
@@ -69,6 +69,7 @@ def _improved(
     `NUMBER`; `seen` is the number from which on they are new, by measure; `former` are models that
     were in use before.
     """
+    features = suited(features, robot)
     rows = _usable(rows, features)
     rows = rows[routed(rows, robot, features)]
     succeeded = rows[rows["success"]]

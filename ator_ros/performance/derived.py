@@ -50,16 +50,16 @@ BASICS = (
     "w_by_turn",
     "speedg",
     "hold",
+    "vy_by_turn",
 )
 """Names of the features that the first rows hold, see `ator_ros.performance.features`."""
 (FROM_X, FROM_Y, FROM_YAW, GOAL_X, GOAL_Y, GOAL_YAW, DX, DY, DIST, ANGLE_TO, ANGLE_AT) = range(11)
-AT_BY_TURN, ANGLE_BETWEEN, SPEED, W_BY_TURN, ARRIVAL, HOLDS = range(11, len(BASICS))
+AT_BY_TURN, ANGLE_BETWEEN, SPEED, W_BY_TURN, ARRIVAL, HOLDS, VY_BY_TURN = range(11, len(BASICS))
 TO_X, TO_Y, TO_DEST, AT_DEST, RESTS, PATH_TIME, PATH_TURN = range(len(BASICS), len(BASICS) + 7)
 """Numbers of the rows after those of `BASICS`.
 
 The destination (m), the signed angles to it and at it (rad), whether the robot stands at both ends
-(1 or 0), and the time (s) of the path and the angle turned on it (rad), which `Geometry.path`
-writes.
+(1 or 0), and time (s) and turned angle (rad) of the path, which `Geometry.path` writes.
 """
 ROWS = PATH_TURN + 1
 _REST_V = AT_REST.speed
@@ -117,6 +117,7 @@ def _write_rows(
         rows[ANGLE_AT, at] = abs(there)
         rows[AT_BY_TURN, at] = side * there
         rows[W_BY_TURN, at] = side * rotation
+        rows[VY_BY_TURN, at] = side * direct[VY, at]
         rows[ANGLE_BETWEEN, at] = abs(wrapped(heading - yaw))
         arrival = direct[SPEEDG, at]
         rows[SPEED, at] = speed

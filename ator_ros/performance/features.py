@@ -107,6 +107,9 @@ SIGNED = (
 A positive angle continues the first turn, a negative one is opposite to it.
 """
 
+LATERAL = (_basic("vy_by_turn", "m/s", f"{_POSES} vy"),)
+"""The lateral velocity relative to the same side, of a base that moves sideways."""
+
 _MOTION = variables(f"{_POSES} speedg v w")
 PATHS = (
     Feature(
@@ -150,11 +153,17 @@ def _quantity(number: int, geometry: Geometry) -> FloatArray:
     return np.asarray(geometry.quantities[number])
 
 
-GENERAL: dict[str, Feature] = {each.name: each for each in (*PAPER_11, *SIGNED, *PATHS)}
+GENERAL: dict[str, Feature] = {each.name: each for each in (*PAPER_11, *SIGNED, *LATERAL, *PATHS)}
 """The features that every domain has, by name."""
 
 CANDIDATES: tuple[Feature, ...] = (*PAPER_3, *SIGNED, *PATHS)
 """Candidate features of an action that names none; see `ActionSpec.features`."""
+
+
+def suited(features: Sequence[Feature], robot: Robot) -> tuple[Feature, ...]:
+    """Return features, with `LATERAL` where the velocity counts and the base moves sideways."""
+    counts = robot.moves_sideways and GENERAL["v"] in features
+    return tuple(dict.fromkeys((*features, *(LATERAL if counts else ()))))
 
 
 def _on_route(geometry: Geometry) -> FloatArray:

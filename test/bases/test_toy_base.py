@@ -26,7 +26,15 @@ from ator_ros.experience.table import (
     write_experience,
 )
 from ator_ros.geometry import Pose
-from ator_ros.performance.features import GENERAL
+from ator_ros.performance.features import (
+    CANDIDATES,
+    GENERAL,
+    LATERAL,
+    PAPER_3,
+    feature_table,
+    names_of,
+    suited,
+)
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.model_file import load_model, save_model
 from ator_ros.performance.training import train
@@ -169,3 +177,13 @@ def test_it_never_exceeds_its_speed() -> None:
         assert state.speed <= ROBOT.speed + 1e-12
         assert state.pose.distance(Pose(0.0, 0.0, 0.0)) == pytest.approx(state.speed)
         assert math.atan2(state.vy, state.vx) == pytest.approx(math.atan2(command.vy, command.vx))
+
+
+def test_only_a_base_that_moves_sideways_has_features_of_that() -> None:
+    lateral = {feature.name for feature in LATERAL}
+    assert {*names_of(suited(CANDIDATES, ROBOT))} == {*names_of(CANDIDATES)} | lateral
+    assert suited(CANDIDATES, load_robot()) == CANDIDATES
+    assert suited(PAPER_3, ROBOT) == PAPER_3
+    direct = dict.fromkeys(("x", "yaw", "v", "w", "xg", "yawg", "speedg", "hold"), np.zeros(2))
+    direct |= {"y": np.zeros(2), "yg": np.array([1.0, -1.0]), "vy": np.array([0.2, 0.2])}
+    assert feature_table(direct, ROBOT, LATERAL)[:, 0] == pytest.approx([0.2, -0.2])

@@ -1,9 +1,11 @@
 """The measured gain of refined chains, and the gate that uses it."""
 
+import math
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.stats import ttest_ind
 
 from ator_interfaces.msg import ChainPerformance, Outcome
 from ator_ros.files import FileError
@@ -80,3 +82,53 @@ def test_only_chains_that_ran_as_predicted_count() -> None:
     assert chain_gain(record(refined=False), "a") is None
     assert chain_gain(record(fetched=1), "a") is None
     assert chain_gain(record(), "b") is None
+
+
+def test_the_interval_is_that_of_the_difference_of_two_means() -> None:
+    gains = executed(0.6, refined=8, compared=3)
+    refined = [chain.gain - chain.excess for chain in gains.chains if chain.refined]
+    naive = [-chain.excess for chain in gains.chains if not chain.refined]
+    welch = ttest_ind(refined, naive, equal_var=False).confidence_interval(0.95)
+    measured = gains.measured
+    assert (measured.low, measured.high) == pytest.approx((welch.low, welch.high))
+    assert measured.mean == pytest.approx(np.mean(refined) - np.mean(naive))
+    assert measured.predicted == pytest.approx(0.7)
+
+
+@pytest.mark.parametrize(("refined", "compared"), [(1, 5), (5, 1), (0, 0)])
+def test_two_chains_of_each_kind_are_needed(refined: int, compared: int) -> None:
+    measured = executed(0.6, refined=refined, compared=compared).measured
+    assert math.isnan(measured.mean)
+    assert (measured.refined, measured.compared) == (refined, compared)
+
+
+def test_chains_without_variance_have_an_exact_gain() -> None:
+    chains = [ChainGain(True, 0.7, 0.2)] * 3 + [ChainGain(False, 0.7, 0.1)] * 3
+    measured = Gains("", tuple(chains)).measured
+    assert (measured.mean, measured.low, measured.high) == pytest.approx((0.6, 0.6, 0.6))
+
+
+def test_the_newest_500_chains_are_kept(tmp_path: Path) -> None:
+    old = ChainGain(True, 0.1, 0.0)
+    gains = add_chain(tmp_path, Gains("a", (old,) * 499), ChainGain(True, 0.2, 0.0))
+    assert len(gains.chains) == 500
+    gains = add_chain(tmp_path, gains, ChainGain(True, 0.3, 0.0))
+    assert len(gains.chains) == 500
+    assert [chain.gain for chain in gains.chains[-3:]] == [0.1, 0.2, 0.3]
+    assert read_gains(tmp_path, "a") == gains
+
+
+@pytest.mark.parametrize("field", ["failed", "refined_again", "unknown gain", "endless"])
+def test_chains_that_predictions_do_not_cover_do_not_count(field: str) -> None:
+    message = ChainPerformance(refined=True, outcome=Outcome(code=Outcome.SUCCEEDED))
+    message.gain.models = "a"
+    assert chain_gain(message, "a") is not None
+    if field == "failed":
+        message.outcome.code = Outcome.FAILED
+    elif field == "refined_again":
+        message.refined_again = 1
+    elif field == "unknown gain":
+        message.gain.predicted = math.nan
+    else:
+        message.actual.duration = 2e6
+    assert chain_gain(message, "a") is None

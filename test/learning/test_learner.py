@@ -38,12 +38,12 @@ def learner(tmp_path: Path, rounds: list[FakeRound]) -> Learner:
     return made(tmp_path, rounds)
 
 
-def made(folder: Path, rounds: list[FakeRound]) -> Learner:
+def made(folder: Path, rounds: list[FakeRound], *, batch: int = 10) -> Learner:
     def begin() -> FakeRound:
         rounds.append(FakeRound())
         return rounds[-1]
 
-    return Learner(folder, INFO, begin, start="", batch=10)
+    return Learner(folder, INFO, begin, start="", batch=batch)
 
 
 def take(learner: Learner, count: int) -> None:
@@ -145,3 +145,72 @@ def test_freezing_ends_a_round_and_persists(
     again.freeze(False)
     again.work(2.0)
     assert len(rounds) == 2
+
+
+def test_more_records_are_awaited_once_there_are_many(
+    tmp_path: Path, rounds: list[FakeRound]
+) -> None:
+    """A round is due after 2 % of the records."""
+    learner = made(tmp_path, rounds, batch=1)
+    take(learner, 100)
+    learner.work(0.0)
+    rounds[0].done = True
+    learner.work(1.0)
+    for count in (1, 2, 3):
+        take(learner, 1)
+        learner.work(2.0)
+        assert (len(rounds), learner.new) == (1 if count < 3 else 2, count)
+
+
+def test_a_round_may_take_half_an_hour(learner: Learner, rounds: list[FakeRound]) -> None:
+    learner.learn_now()
+    learner.work(100.0)
+    assert learner.work(1899.0) is None
+    assert not rounds[0].killed
+    assert "learning failed: it took longer than 1800 s" in (learner.work(1901.0) or "")
+    assert rounds[0].killed
+
+
+def test_no_round_begins_without_a_map(learner: Learner, rounds: list[FakeRound]) -> None:
+    take(learner, 10)
+    learner.work(0.0, may_begin=False)
+    assert not rounds
+    assert learner.diagnostics()["learning"] == "waiting for records"
+    learner.work(1.0)
+    assert learner.diagnostics()["learning"] == "under way"
+
+
+def test_a_finished_round_is_summarized(learner: Learner, rounds: list[FakeRound]) -> None:
+    learner.learn_now()
+    learner.work(0.0)
+    kept = {"episodes": 30, "kind": "", "reason": "no better"}
+    switched = {"episodes": 30, "kind": "rate", "reason": "the rate: from 1 to 0"}
+    rounds[0].returned = {
+        "made": "",
+        "actions": {"s/a": kept, "s/a/success": switched, "s/a/heading": kept},
+    }
+    rounds[0].done = True
+    assert learner.work(1.0) == "s/a: no better; s/a/success: the rate: from 1 to 0"
+    values = learner.diagnostics()
+    assert values["s/a: episodes"] == 30
+    assert values["s/a: not switched"] == "no better"
+    assert values["s/a/success: switched"] == "the rate: from 1 to 0"
+    assert (values["set"], values["last switch"]) == ("that of the start", "never")
+
+
+def test_a_result_that_does_not_fit_is_a_failure(learner: Learner, rounds: list[FakeRound]) -> None:
+    take(learner, 12)
+    learner.work(0.0)
+    rounds[0].returned, rounds[0].done = {"made": 5}, True
+    assert (learner.work(1.0) or "").startswith("learning failed: made: ")
+    assert learner.new == 0
+
+
+def test_taken_records_and_chains_are_counted(learner: Learner) -> None:
+    take(learner, 3)
+    learner.take_chain(gains.ChainGain(True, 0.5, 0.1))
+    values = learner.diagnostics()
+    assert (values["records taken"], values["records stored"]) == (4, 3)
+    assert (values["records left out"], values["records lost"]) == (0, 0)
+    assert values["records since the last round"] == 3
+    assert (values["frozen"], learner.problem) == (False, "")

@@ -53,6 +53,7 @@ def situations(seed: int, count: int = 50) -> Direct:
         "yawg": rng.uniform(-math.pi, math.pi, count),
         "speedg": rng.uniform(0, 0.8, count),
         "hold": rng.integers(0, 2, count).astype(float),
+        "vy": rng.uniform(-0.5, 0.5, count),
     }
 
 
@@ -81,7 +82,7 @@ def turned(direct: Direct, angle: float) -> Direct:
 
 
 def mirrored(direct: Direct) -> Direct:
-    return {**direct, **{name: -direct[name] for name in ("y", "yaw", "w", "yg", "yawg")}}
+    return {**direct, **{name: -direct[name] for name in ("y", "yaw", "w", "vy", "yg", "yawg")}}
 
 
 def table(direct: Direct) -> dict[str, FloatArray]:

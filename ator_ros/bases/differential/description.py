@@ -1,4 +1,4 @@
-"""The description of a robot with two driven wheels, and how it answers what other rooms ask a base."""
+"""The description of a robot with two driven wheels, which answers what `Base` asks."""
 
 from __future__ import annotations
 
@@ -209,20 +209,21 @@ def differential(robot: Robot) -> DifferentialRobot:
     """Return a robot that has two driven wheels; raise ConfigError if it has none."""
     if not isinstance(robot, DifferentialRobot):
         raise ConfigError(
-            f"robot.drive: expected {DEFAULT_DRIVE} for this simulation or action, got {robot.drive}"
+            f"robot.drive: expected {DEFAULT_DRIVE} for this simulation or action, "
+            f"got {robot.drive}"
         )
     return robot
 
 
 def driving_style(driving: Driving) -> DrivingStyle:
-    """Return what is learned of the driving of a robot with two driven wheels; TypeError of another."""
+    """Return the style of a base with two driven wheels; raise TypeError for another."""
     if not isinstance(driving, DrivingStyle):
         raise TypeError(f"driving: expected a DrivingStyle, got {type(driving).__name__}")
     return driving
 
 
 def least_torque(mass: float, wheel_radius: float, limits: Limits) -> float:
-    """Return the torque in N m of each of two wheels that accelerate a mass (kg) by the limits: F = m a."""
+    """Return the torque in N m with which each of two wheels accelerates a mass in kg: F = m a."""
     return rounded_up(0.5 * mass * max(limits.a, limits.brake) * wheel_radius)
 
 

@@ -284,7 +284,7 @@ def chosen_shapes(
     rules : Rules
         Rules of the paths.
     ends : array of float, shape (5, n)
-        Times are compared between ends like these, see `ator_ros.bases.differential.shapes.drawn_ends`.
+        Times are compared between ends like these, see `shapes.drawn_ends`.
     hold : float
         Distance in m from the axle to the object in front.
 

@@ -58,13 +58,19 @@ class AxisResponse:
         rad/s).
         """
         found = np.zeros(len(times))
-        state, now, command, following = (0.0, 0.0), times[0], 0.0, 0
+        state = (0.0, 0.0)
+        now = times[0]
+        command = 0.0
+        following = 0  # number of the next command that acts
         for number, time in enumerate(times):
             while following < number and times[following] + self.latency < time:
                 acts = max(now, times[following] + self.latency)
-                state, now = self._after(state, command, acts - now), acts
-                command, following = clip(commands[following], self.limit), following + 1
-            state, now = self._after(state, command, time - now), time
+                state = self._after(state, command, acts - now)
+                now = acts
+                command = clip(commands[following], self.limit)
+                following += 1
+            state = self._after(state, command, time - now)
+            now = time
             found[number] = state[1]
         return found
 
@@ -76,16 +82,23 @@ class AxisResponse:
         while seconds > 0.0:
             reversing = setpoint * command < 0.0
             aim = 0.0 if reversing else command
+            rate = self.gain
             if command == 0.0:
                 rate = self.stop
-            else:
-                rate = self.loss if reversing or abs(command) < abs(setpoint) else self.gain
-            span = min(seconds, abs(aim - setpoint) / rate) if aim != setpoint else seconds
-            slope = math.copysign(rate, aim - setpoint) if aim != setpoint else 0.0
+            elif reversing or abs(command) < abs(setpoint):
+                rate = self.loss
+            span = seconds
+            slope = 0.0
+            new = aim
+            if aim != setpoint:
+                needed = abs(aim - setpoint) / rate  # s
+                span = min(seconds, needed)
+                slope = math.copysign(rate, aim - setpoint)
+                new = setpoint + slope * span if span < needed else aim
             behind = slope * self.lag
-            new = setpoint + slope * span if span < abs(aim - setpoint) / rate else aim
             speed = new - behind + (speed - setpoint + behind) * math.exp(-span / self.lag)
-            setpoint, seconds = new, seconds - span
+            setpoint = new
+            seconds -= span
         return setpoint, speed
 
 
@@ -94,15 +107,22 @@ _ROUNDING = 1e-6  # steps
 
 
 def driven(
-    robot: RobotState, command: Command | None, duration: float, limits: Limits, stop: StopBraking
+    robot: RobotState,
+    command: Command | None,
+    duration: float,
+    limits: Limits,
+    stop: StopBraking,
 ) -> RobotState:
     """Return the robot after `duration` s of `command`; None: at constant velocity."""
-    (x, y, yaw), speeds = robot.pose, Command(robot.vx, robot.w)
+    x, y, yaw = robot.pose
+    speeds = robot.velocity
     steps = math.ceil(duration / _STEP - _ROUNDING)
     dt = duration / steps
     for _ in range(steps):
         if command is not None:
             speeds = ramped(speeds, command, dt, limits, stop)
         step = speeds.vx * dt
-        x, y, yaw = x + step * math.cos(yaw), y + step * math.sin(yaw), yaw + speeds.w * dt
+        x += step * math.cos(yaw)
+        y += step * math.sin(yaw)
+        yaw += speeds.w * dt
     return RobotState(Pose(x, y, wrap_angle(yaw)), speeds.vx, speeds.w)

@@ -173,7 +173,7 @@ def test_a_manoeuvre_takes_the_sum_of_its_pieces_and_its_trajectory_ends_at_the_
     assert trajectory.at(0.0).pose == START
     end = trajectory.at(duration + 5.0)
     assert end.pose.distance(GOAL) < 1e-9
-    assert (end.v, end.w) == pytest.approx((EXIT.outer_speed, 0.0))
+    assert (end.vx, end.w) == pytest.approx((EXIT.outer_speed, 0.0))
     poses = trajectory.poses()
     assert poses.shape == (math.ceil(duration / DT) + 1, 3)
     steps = np.hypot(*np.diff(poses[:, :2], axis=0).T)
@@ -181,7 +181,7 @@ def test_a_manoeuvre_takes_the_sum_of_its_pieces_and_its_trajectory_ends_at_the_
     middle = trajectory.at(0.5 * duration)
     around = [trajectory.at(0.5 * duration + dt).pose for dt in (-DT, DT)]
     along = math.hypot(around[1].x - around[0].x, around[1].y - around[0].y)
-    assert along == pytest.approx(abs(middle.v) * 2.0 * DT, rel=0.02)
+    assert along == pytest.approx(abs(middle.vx) * 2.0 * DT, rel=0.02)
 
 
 def test_states_of_an_open_motion_are_bent_to_the_goal_little_by_little() -> None:
@@ -218,7 +218,7 @@ def test_an_opening_stops_the_turn_as_fast_as_the_limits_allow(
     start = RobotState(Pose(1.0, 2.0, 0.7), v, w)
     opening = opening_of(start, LIMITS, stops=stops)
     assert opening.end.w == 0.0
-    assert opening.end.v == (0.0 if stops else v)
+    assert opening.end.vx == (0.0 if stops else v)
     needed = abs(w) / LIMITS.aw
     assert opening.duration == pytest.approx(max(needed, v / LIMITS.brake if stops else 0.0))
     x, y, yaw = start.pose
@@ -227,7 +227,7 @@ def test_an_opening_stops_the_turn_as_fast_as_the_limits_allow(
         share = (at + 0.5) / steps
         dt = opening.duration / steps
         rate = w * (1.0 - share)
-        speed = v + share * (opening.end.v - v)
+        speed = v + share * (opening.end.vx - v)
         x += speed * dt * math.cos(yaw + 0.5 * rate * dt)
         y += speed * dt * math.sin(yaw + 0.5 * rate * dt)
         yaw += rate * dt
