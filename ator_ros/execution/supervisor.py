@@ -301,7 +301,7 @@ class Supervisor:
         if self._is_late(world):
             return (
                 f"{top.name} paused: states are {self._delays.greatest:.1f} s old when they are "
-                f"read"
+                "read"
             )
         delay = self._delays.seconds
         if delay > _DELAYED and self._fence.may_leave(world, min(delay, self._deadlines.odom)):
@@ -328,10 +328,8 @@ class Supervisor:
         self.end(
             Ending.INPUT_LOST,
             f"odom is late: expected states that are at most {self._deadlines.odom:g} s old when "
-            f"they "
-            f"are read, got {self._delays.greatest:.2f} s; the network, a node that publishes "
-            f"them or "
-            "this machine cannot keep up",
+            f"they are read, got {self._delays.greatest:.2f} s; the network, a node that publishes "
+            "them or this machine cannot keep up",
         )
 
     def _end_without(self, name: str, top: Top) -> None:
@@ -351,8 +349,8 @@ class Supervisor:
         late = world.time - self._stopped_at > LONGEST_STOP_TIME
         if late and not stands:
             self.explain(
-                f"the robot still moves at {world.robot.speed:.2f} m/s and {world.robot.w:.2f} rad/s, "
-                f"{LONGEST_STOP_TIME:g} s after it was commanded to stop"
+                f"the robot still moves at {world.robot.speed:.2f} m/s and "
+                f"{world.robot.w:.2f} rad/s, {LONGEST_STOP_TIME:g} s after it was commanded to stop"
             )
         calm = _CALM if self._was_released and self.ending is Ending.FAILED else 0.0
         if late or world.time - self._stood_at >= calm:

@@ -235,6 +235,8 @@ def test_maps_are_equal_if_name_content_and_planner_are() -> None:
     assert grid == GridMap("hall", hall(), 0.05, ORIGIN._replace(x=1.0 + 1e-9))
     assert hash(grid) == hash(GridMap("hall", hall(), 0.05, ORIGIN))
     assert grid != "hall"
+    flat = GridMap("hall", hall(), 0.05, Pose(0.0, 0.0, 0.0))
+    assert flat == GridMap("hall", hall(), 0.05, Pose(-1e-9, 0.0, -1e-9))
     others = [
         GridMap("room", hall(), 0.05, ORIGIN),
         GridMap("hall", hall(wall=False), 0.05, ORIGIN),
