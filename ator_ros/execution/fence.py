@@ -113,12 +113,9 @@ class Fence:
                 x, y, _ = call.goal.robot_pose(robot)
                 return (
                     f"{where}.calls[{number}].goal ({call.top.name}): expected a place for the "
-                    f"robot inside "
-                    f"the {self}, {edge_distance(robot):.2f} m from its edge, with room to stop, "
-                    f"got the "
-                    f"axle at x {x:.2f} m, y {y:.2f} m, {call.goal.speed:.2f} m/s; change "
-                    f"scene.area or the "
-                    "parameter fence"
+                    f"robot inside the {self}, {edge_distance(robot):.2f} m from its edge, with "
+                    f"room to stop, got the axle at x {x:.2f} m, y {y:.2f} m, "
+                    f"{call.goal.speed:.2f} m/s; change scene.area or the parameter fence"
                 )
         return self.unreachable(chain, robot, where)
 

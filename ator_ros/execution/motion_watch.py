@@ -69,15 +69,13 @@ class Fault(enum.Enum):
 
     STILL = (
         "does not {verb} as commanded: {shown}: blocked wheels, an obstacle, motors off, or "
-        "odometry that is "
-        "frozen or shows too little"
+        "odometry that is frozen or shows too little"
     )
     REVERSED = "{verb}s in the wrong direction: {shown}: motors or odometry with the wrong sign"
     EXCESS = "{verb}s although it was not commanded to: {shown}"
     CONSTANT = (
         "does not follow its commands: {shown}, constantly: another program may steer it, or it "
-        "cannot reach "
-        "the described {limit:.2f} {unit} (see calibrate)"
+        "cannot reach the described {limit:.2f} {unit} (see calibrate)"
     )
 
 

@@ -104,8 +104,7 @@ class OdometryPoint:
             return ""
         return (
             f"odometry seems to describe a point {' and '.join(found)}, but drives need the pose "
-            f"of "
-            "the axle's middle (`calibrate` measures it)"
+            "of the axle's middle (`calibrate` measures it)"
         )
 
 

@@ -131,8 +131,7 @@ class ObjectWatch:
             if stays and (robot.scene.radius(name) > 0.0 or moves_along):
                 return (
                     f"the {name} cannot be at the robot: expected it outside the robot's body, "
-                    f"got it "
-                    f"{_place(world, name)}; check what detects it"
+                    f"got it {_place(world, name)}; check what detects it"
                 )
         return None
 
@@ -150,8 +149,7 @@ class ObjectWatch:
         return (
             f"the {name} moves with the robot: expected another place beside it after it drove "
             f"{fixed.driven:.1f} m, got the same {_place(world, name)}; its detector may see a "
-            f"part "
-            "of the robot"
+            "part of the robot"
         )
 
     def _is_inside(self, world: World, name: str) -> bool:

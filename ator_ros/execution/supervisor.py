@@ -301,7 +301,7 @@ class Supervisor:
         if self._is_late(world):
             return (
                 f"{top.name} paused: states are {self._delays.greatest:.1f} s old when they are "
-                f"read"
+                "read"
             )
         delay = self._delays.seconds
         if delay > _DELAYED and self._fence.may_leave(world, min(delay, self._deadlines.odom)):
@@ -328,10 +328,8 @@ class Supervisor:
         self.end(
             Ending.INPUT_LOST,
             f"odom is late: expected states that are at most {self._deadlines.odom:g} s old when "
-            f"they "
-            f"are read, got {self._delays.greatest:.2f} s; the network, a node that publishes "
-            f"them or "
-            "this machine cannot keep up",
+            f"they are read, got {self._delays.greatest:.2f} s; the network, a node that publishes "
+            "them or this machine cannot keep up",
         )
 
     def _end_without(self, name: str, top: Top) -> None:
