@@ -233,7 +233,7 @@ def with_needed(chosen: Sequence[str], every: Sequence[Step]) -> list[Step]:
 def digest() -> str:
     """Return a digest of the code and the configuration."""
     sha = hashlib.sha256()
-    for folder in ("ator_ros", "benchmarks", "config", "scripts"):
+    for folder in ("ator_ros", "ator_ros_examples", "benchmarks", "config", "scripts"):
         for file in sorted((ROOT / folder).rglob("*")):
             if file.suffix in (".py", ".yaml"):
                 sha.update(file.relative_to(ROOT).as_posix().encode() + file.read_bytes())

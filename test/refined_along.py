@@ -10,7 +10,7 @@ from ator_ros.domains.trials import Trial
 from ator_ros.evaluation.policies import POLICIES
 from ator_ros.evaluation.toolset import Toolset
 from ator_ros.execution.chain_executor import ActionRecord, Ending
-from ator_ros.execution.refining import AGAIN_AFTER
+from ator_ros.execution.refining import AGAIN_AFTER, Answer
 from ator_ros.execution.supervisor import Deadlines
 from ator_ros.refinement import RefinementError
 from ator_ros.refinement.refiner import Refiner, choose
@@ -59,7 +59,7 @@ class RefinedAlong:
         if not self._begun:
             self._begun = True
             run.tick(world, world.time)
-            run.refined_to(self._chain, True, "as chosen before")
+            run.answer(Answer(self._chain, True, "as chosen before"))
         self._answer()
         command = run.tick(world, world.time)
         status = Status.RUNNING
@@ -79,10 +79,10 @@ class RefinedAlong:
         try:
             choice = choose(self._refiner, question.world, chains)
         except RefinementError as error:
-            run.unrefined(str(error))
+            run.answer(Answer(None, False, str(error)))
             return
         found = choice.refinement
-        run.refined_to(found.chain, found.refined, found.reason, chosen=choice.number)
+        run.answer(Answer(found.chain, found.refined, found.reason, chosen=choice.number))
 
 
 def refining_along(

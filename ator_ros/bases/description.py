@@ -256,7 +256,8 @@ def _check_held(robot: Robot) -> None:
 
     Without objects, the domain adds them.
     """
-    holder, radii = robot.holder, {name: each.radius for name, each in robot.scene.objects.items()}
+    holder = robot.holder
+    radii = {name: each.radius for name, each in robot.scene.objects.items()}
     if holder is None or not radii:
         return
     if all(abs(radius - holder.radius) > _SAME_RADIUS * holder.radius for radius in radii.values()):

@@ -179,8 +179,9 @@ def _oracle(
         if not call.opens("yaw"):
             continue
         goal = naive.calls[index].goal
-        turns = [2.0 * math.pi * number / settings.oracle for number in range(settings.oracle)]
-        pairs = itertools.product((goal.pose.yaw + turn for turn in turns), speeds)
+        step = 2.0 * math.pi / settings.oracle
+        headings = [goal.pose.yaw + step * number for number in range(settings.oracle)]
+        pairs = itertools.product(headings, speeds)
         options[index] = [_arriving(goal, yaw, speed) for yaw, speed in pairs]
         for number, chain in enumerate(chosen):
             theirs = chain.calls[index].goal

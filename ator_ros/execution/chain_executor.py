@@ -131,15 +131,18 @@ class ChainExecutor:
         fetches: int = 0,
         rolling: Rolling | None = None,
     ) -> None:
-        self._described, self._rolling = library, rolling
+        self._described = library
+        self._rolling = rolling
         # Of the robot with the observed deceleration of rolling objects instead of the described
         # one.
         self._library = library if rolling is None else rolling.library(library)
         self.chain = chain
-        self._time_limit, self._fetches = time_limit, fetches
+        self._time_limit = time_limit
+        self._fetches = fetches
         self._began: float | None = None  # s; first tick
         self._replanned_at = -math.inf  # s; when the active step was last planned with another goal
-        self.elapsed, self.released = 0.0, False
+        self.elapsed = 0.0
+        self.released = False
         self.records: list[ActionRecord] = []
         self.fetch_count = 0
         self.index = 0
@@ -147,7 +150,8 @@ class ChainExecutor:
 
     def choose(self, chain: TopChain) -> None:
         """Execute `chain` instead; only before the first tick."""
-        self.chain, self._run = chain, self._new_run(chain)
+        self.chain = chain
+        self._run = self._new_run(chain)
 
     def fall_back_to(self, chain: TopChain) -> bool:
         """Execute `chain` instead if the first one failed before the robot moved.
@@ -160,16 +164,18 @@ class ChainExecutor:
             or self.records[0].ending not in NOT_DONE
         ):
             return False
-        start, end = self.records[0].start.robot.pose, self.records[0].end.robot.pose
+        start = self.records[0].start.robot.pose
+        end = self.records[0].end.robot.pose
         stayed = start.distance(end) <= _STAYED and abs(start.relative(end).yaw) <= _STAYED
         if self.records[0].lost is not None or not stayed or chain.calls[0] == self.chain.calls[0]:
             return False
-        self.chain, self.index = chain, 0
+        self.chain = chain
+        self.index = 0
         self._run = self._new_run(chain, standing_first=True)
         return True
 
     def step(self, world: World) -> Step:
-        """Return the command of this tick; when an action ends, the next one starts in the same tick.
+        """Return the command of this tick; the next action starts in the tick in which one ends.
 
         At most one action starts per tick, because each plans.
         """
@@ -203,7 +209,7 @@ class ChainExecutor:
         return step
 
     def interrupt(self, world: World, ending: Ending, why: str) -> None:
-        """End the active action, if any, and record it as ended by `ending` in the state `world`."""
+        """Record the active action, if any, as ended by `ending` in the state `world`."""
         if self._run.begun and self._run.stage is not Stage.OVER:
             self.records.append(self._run.close(world, ending, why))
 
@@ -241,7 +247,8 @@ class ChainExecutor:
 
         Return a stop, or None if the step can continue.
         """
-        robot, call = self._library.robot, self._run.call
+        robot = self._library.robot
+        call = self._run.call
         name = followed(call.top)
         if name is None or (self._run.begun and is_at_front(world, robot, name)):
             return None
@@ -315,14 +322,13 @@ class StepRun:
         standing_first: bool = False,
         since: float | None = None,
     ) -> None:
-        self.call, self.since = chain.calls[index], since
+        self.call = chain.calls[index]
+        self.since = since
         self.stage = Stage.STANDING if standing_first else Stage.READY
-        self._library, self._chain, self._index, self._time_limit = (
-            library,
-            chain,
-            index,
-            time_limit,
-        )
+        self._library = library
+        self._chain = chain
+        self._index = index
+        self._time_limit = time_limit
         self.action: Action | None = None
         self._start: World | None = None
         self._speeds: list[tuple[float, float]] = []  # times (s) and speeds (m/s) since the start
@@ -335,7 +341,8 @@ class StepRun:
 
     def begin(self, world: World) -> str | None:
         """Start the action; return the reason if that is impossible."""
-        call, robot = self.call, self._library.robot
+        call = self.call
+        robot = self._library.robot
         # where a rolling object stops
         checked = at_rest(world, robot) if followed(call.top) else world
         violations = call.top.pre.violations(state_of(checked, robot), goal_values(call.goal))
@@ -346,7 +353,9 @@ class StepRun:
             action.start(world, call.goal)
         except ActionError as error:
             return str(error)
-        self.action, self._start, self.stage = action, world, Stage.ACTING
+        self.action = action
+        self._start = world
+        self.stage = Stage.ACTING
         self._speeds = [(world.time, world.robot.vx)]
         return None
 
@@ -377,7 +386,7 @@ class StepRun:
         return self._confirmed(world, self.action.step(world))
 
     def _confirmed(self, world: World, step: Step) -> Step:
-        """Return `step`, or a failure or a stop if the action succeeded without its post-condition."""
+        """Return `step`; a failure or a stop if it succeeded without its post-condition."""
         if step.status is not Status.SUCCEEDED:
             return step
         top = self.call.top
@@ -398,28 +407,31 @@ class StepRun:
         """End the step and its action; see `Action.end`."""
         if self.action is not None:
             self.action.end(reason)
-        self.action, self.stage = None, Stage.OVER
+        self.action = None
+        self.stage = Stage.OVER
 
     def close(self, world: World, ending: Ending, reason: str) -> ActionRecord:
         """End the step in the state `world`; return its record."""
         self.end(reason)
-        robot, pose = self._library.robot, world.robot.pose
+        robot = self._library.robot
+        pose = world.robot.pose
         goal = self.call.goal.robot_pose(robot)
         held = kept(self.call.top) if self.begun else held_first(self.call.top)
         lost = ending is Ending.FAILED and held is not None and is_lost(world, robot, held)
-        start, parts = self._start or world, DriveParts()
+        start = self._start or world
+        parts = DriveParts()
         if self._speeds:
             times, speeds = np.array(self._speeds).T
             parts = parts_of_drive(times - start.time, speeds, world.time - start.time)
         return ActionRecord(
-            self._index,
-            self._chain,
-            start,
-            world,
-            ending,
-            reason,
-            pose.distance(goal),
-            abs(pose.relative(goal).yaw),
-            parts,
-            held if lost else None,
+            index=self._index,
+            chain=self._chain,
+            start=start,
+            end=world,
+            ending=ending,
+            reason=reason,
+            position_error=pose.distance(goal),
+            heading_error=abs(pose.relative(goal).yaw),
+            parts=parts,
+            lost=held if lost else None,
         )

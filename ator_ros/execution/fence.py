@@ -35,12 +35,14 @@ def edge_distance(robot: Robot) -> float:
 def _inside(
     axis: str, ranges: Ranges, edges: tuple[float, float], robot: Robot, goal: Goal
 ) -> Range:
-    """Return the part of the range of a coordinate that is between two edges of a fence, at all speeds."""
-    full, speeds = ranges[axis](robot, goal), ranges.get("speed")
+    """Return the part of a coordinate's range between two edges of a fence, at all speeds."""
+    full = ranges[axis](robot, goal)
+    speeds = ranges.get("speed")
     speed = goal.speed if speeds is None else speeds(robot, goal).high
     distance = edge_distance(robot) + robot.stopping_distance(speed)
     distance += robot.hold if goal.point is Point.HOLD else 0.0  # at any heading
-    low, high = max(full.low, edges[0] + distance), min(full.high, edges[1] - distance)
+    low = max(full.low, edges[0] + distance)
+    high = min(full.high, edges[1] - distance)
     if low <= high:
         return dataclasses.replace(full, low=low, high=high)
     value = getattr(goal.pose, axis)
@@ -80,7 +82,7 @@ class Fence:
         return fence
 
     def narrowed(self, ranges: Ranges, robot: Robot) -> Ranges:
-        """Return the parts of ranges of goal variables with which the robot stays inside, at all speeds.
+        """Return the parts of ranges with which the robot stays inside at all speeds.
 
         The fence around the area changes no range. Where no values are left, the range is the
         goal's value.
@@ -102,7 +104,7 @@ class Fence:
         )
 
     def violation(self, chain: TopChain, robot: Robot, where: str = "chain") -> str | None:
-        """Return the fault of the first step that leads out of the fence or into an obstacle, or None.
+        """Return the fault of the first step that leads out or into an obstacle, or None.
 
         Executor and refinement reject such chains with this sentence, which begins with `where`.
         """
@@ -110,10 +112,10 @@ class Fence:
             if self.leads_out(call, robot):
                 x, y, _ = call.goal.robot_pose(robot)
                 return (
-                    f"{where}.calls[{number}].goal ({call.top.name}): expected a place for the robot inside "
-                    f"the {self}, {edge_distance(robot):.2f} m from its edge, with room to stop, got the "
-                    f"axle at x {x:.2f} m, y {y:.2f} m, {call.goal.speed:.2f} m/s; change scene.area or the "
-                    "parameter fence"
+                    f"{where}.calls[{number}].goal ({call.top.name}): expected a place for the "
+                    f"robot inside the {self}, {edge_distance(robot):.2f} m from its edge, with "
+                    f"room to stop, got the axle at x {x:.2f} m, y {y:.2f} m, "
+                    f"{call.goal.speed:.2f} m/s; change scene.area or the parameter fence"
                 )
         return self.unreachable(chain, robot, where)
 
@@ -126,7 +128,7 @@ class Fence:
         *,
         planned: bool = False,
     ) -> str | None:
-        """Return the fault of the first step without a route on the map, from `start` in m, or None.
+        """Return the fault of the first step without a route from `start` (m), or None.
 
         Places that are free variables are not checked; `planned` as for `Routes.fault`.
         """
@@ -149,7 +151,8 @@ class Fence:
         """
         if not call.top.arrives:
             return False
-        goal, distance = call.goal, edge_distance(robot)
+        goal = call.goal
+        distance = edge_distance(robot)
         if goal.point is Point.HOLD and self.outside(goal.pose.x, goal.pose.y) > 0.0:
             return True
         pose = goal.robot_pose(robot)
@@ -174,7 +177,9 @@ class FenceWatch:
     """
 
     def __init__(self, fence: Fence, robot: Robot, longest_gap: float) -> None:
-        self._fence, self._robot, self._longest_gap = fence, robot, longest_gap
+        self._fence = fence
+        self._robot = robot
+        self._longest_gap = longest_gap
         self._allowed = math.inf
         self._time: float | None = None
         self._period = 0.0  # s between the last two states
@@ -192,15 +197,17 @@ class FenceWatch:
         self._allowed = min(self._allowed, here + 2.0 * self._robot.reach if here > 0.0 else 0.0)
         # The base follows the command for the next state at the earliest.
         elapsed = 0.0 if self._time is None else world.time - self._time
-        self._period, self._time = min(elapsed, self._longest_gap), world.time
+        self._period = min(elapsed, self._longest_gap)
+        self._time = world.time
         return self._leaving(world, 0.0) or self._following(world, call)
 
     def may_leave(self, world: World, delay: float) -> bool:
-        """Return whether the robot may leave if the state, processed before, is late by `delay` s."""
+        """Return whether the robot may leave if the last state is late by `delay` s."""
         return self._leaving(world, delay) is not None
 
     def _leaving(self, world: World, delay: float) -> str | None:
-        robot, pose = world.robot, world.robot.pose
+        robot = world.robot
+        pose = world.robot.pose
         stands = self._robot.standstills(robot, delay + self._period + self._robot.lag)
         outside = self._fence.outside
         braking = min(max(outside(*place) for place in path) for path in stands.braking)
@@ -229,4 +236,7 @@ class FenceWatch:
         if world.time - self._leads_out_since < _DEBOUNCE:
             return None
         x, y, _ = goal.pose
-        return f"the {name} leaves the {self._fence}: {call.top.name} would lead to x {x:.2f} m, y {y:.2f} m"
+        return (
+            f"the {name} leaves the {self._fence}: {call.top.name} would lead to x {x:.2f} m, "
+            f"y {y:.2f} m"
+        )

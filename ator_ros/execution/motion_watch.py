@@ -21,115 +21,65 @@ from ator_ros.execution.odometry_point import OdometryPoint
 from ator_ros.geometry import clip, wrap_angle
 from ator_ros.world.state import STOP, Command, RobotState
 
-_DELAY = 0.1  # s by which a base may be later than `latency`: two messages at 20 Hz
-# s by which a base may be earlier than `latency`: 0.1 s, and one message at 20 Hz
-_EARLY = 0.15
-_WINDOW = 0.3  # s of commands that are compared, besides twice the lag of the motors
+# What a base that follows its commands may do:
+_LATE = 0.1  # s by which it may be later than `latency`: two messages at 20 Hz
+_EARLY = 0.15  # s by which it may be earlier: 0.1 s, and one message at 20 Hz
+_WEAK = 0.5  # share of the described change of speed that it reaches: with a load
+_STRONG = 2.0  # the same of a light base; multiple of the described lag of a sluggish one
+_QUARTER = 0.25  # least share of the expected motion: a slow base is no fault
+_GAIN = 1.25  # greatest share of the commanded speed: with larger wheels than described
+_BEYOND = 1.5  # multiple of the tolerance by which it may be faster than all this: noise
+
 _PERSISTS = 0.15  # s after which a fault is reported: three messages at 20 Hz, longer than noise
 _LEAST_REAL_TIME = 0.1  # s in which commands reach the base, however fast simulated time passes
+_SMOOTHING = 0.1  # s over which measured velocities are averaged: two messages at 20 Hz
 _LONG_GAP = 0.15  # s between two messages above which a base with a watchdog may have stopped
-_SMOOTHING = 0.1  # s over which measured velocities are averaged
-_QUARTER = 0.25  # least share of the expected motion of a base that follows
-_COASTING = 0.25  # s for which a base may keep a speed beyond its commands
-_BEYOND = 1.5  # multiple of the tolerance beyond its commands that is a fault
-_LOSES = 0.3  # s for which a base that follows does not lose speed below its commands
-_STEP = 0.025  # s; step of the prediction
-_GAIN = 1.25  # greatest share of the commanded speed of a base that is faster than commanded
-_FASTER = 1.05  # share of the commanded speed from which the base is said to be faster
+_VERY_LONG_GAP = 0.3  # s; one message after such a gap counts in full
+_STEP = 0.025  # s; step of the prediction, half a tick
+_DEPARTS = 0.3  # s for which a base may depart from its commands: longer than a delayed response
+_CONSTANT = 0.25  # s, besides the lag, after which a speed responds to other commands
+_CONSTANT_PERSISTS = 0.06  # s after which a constant speed is a fault: two messages
+_FEWEST = 4  # messages in which a speed is constant, and changes that show the share of a slow base
+# share of the limit from which the base may be at a lower limit of its own
+_NEAR_LIMIT = 0.75
 
 # Odometry is frozen; longer than total slip of 0.3 s, and at 20 Hz noticed within 0.5 s.
 _FROZEN = 0.35  # s for which the pose is the same although the robot is commanded to move
 _REPEATED = 0.3  # s; also if the velocity repeats exactly
 _SAME = 0.1  # share of the reported motion below which a pose is the same
 
-_CONTRADICTS = 0.15  # s over which pose and twist are compared when there is a fault
-
-# s by which a base may be later than `latency` if that explains a fault, and their step
-_LATEST, _LATE_STEP = 0.6, 0.05
-_COMPARED = 0.8  # s of motion for that
-
-# A speed that is the opposite of the commands: see `AxisWatch._is_opposite`.
-_OPPOSITE = 0.3  # s of motion that are compared
-_LATE = (0.0, 0.05, 0.1)  # s by which the base may be late in that comparison
-
-# A speed that is constant whatever is commanded: see `AxisWatch._is_constant`.
-_CONSTANT = 0.25  # s of motion that are compared, besides the lag of the motors
-_FEWEST = 4  # least number of messages in that time, and to determine the share
-_VARIES = 0.5  # greatest variation as a multiple of the tolerance
-# share of the described limit above which the base may be at a lower one of its own
-_NEAR_LIMIT = 0.75
-_CONSTANT_PERSISTS = 0.06  # s after which the fault is reported, in two messages at least
+_COMPARED = 0.8  # s of motion that show the delay of a base
+# s by which a base may seem later than `latency`, and the step between two delays: one message
+_LATEST = 0.6
+_LATE_STEP = 0.05
+_JUDGED = 0.5  # s between two estimates of the delay and the share while there is no fault
+_KEPT = 1.5  # s for which states and commands are kept: `_COMPARED` and `_LATEST`
+# shares of the commanded speed from which a base is said to be slow or fast
+_SLOW = 0.75
+_FAST = 1.05
+_STEADY = 1.0  # s for which it must be so
 _ROUNDING = 1e-6
+_LEAST_TOLERANCE = {"m/s": 0.04, "rad/s": 0.1}  # noise and dead bands of small bases
 _PLACES = {"m/s": "position", "rad/s": "heading"}
 _VERBS = {"move": "drives", "turn": "turns"}  # of a base that is slower than commanded
-_LEAST_TOLERANCE = {"m/s": 0.04, "rad/s": 0.1}  # noise and dead band of usual bases
-
-
-@dataclass(frozen=True, slots=True)
-class Thresholds:
-    """Limits and thresholds of one axis, in m and m/s or in rad and rad/s.
-
-    The tolerance is 4 % of the limit, at least `_LEAST_TOLERANCE`, at most 40 %.
-    """
-
-    limit: float  # described greatest speed
-    rate: float  # described greatest change of speed per s
-    lag: float  # s; time constant of the motors
-    stop: float  # described change of speed per s when commanded to stand
-    tolerance: float  # difference of speeds that is ignored
-    window: float  # s over which the measured change of speed is compared with the predicted one
-
-    @classmethod
-    def of(cls, robot: Robot, axis: Axis) -> Thresholds:
-        """Return the thresholds of an axis of a robot."""
-        tolerance = min(max(0.04 * axis.limit, _LEAST_TOLERANCE[axis.unit]), 0.4 * axis.limit)
-        window = _WINDOW + 2.0 * robot.lag
-        return cls(axis.limit, axis.rate, robot.lag, axis.stop, tolerance, window)
 
 
 class Fault(enum.Enum):
     """Kind of deviation of the base from its commands; the value is its message."""
 
     STILL = (
-        "does not {move} as commanded: {shown}: blocked wheels, an obstacle, motors off, or odometry that is "
-        "frozen or shows too little"
+        "does not {verb} as commanded: {shown}: blocked wheels, an obstacle, motors off, or "
+        "odometry that is frozen or shows too little"
     )
-    REVERSED = "{move}s in the wrong direction: {shown}: motors or odometry with the wrong sign"
-    EXCESS = "{move}s although it was not commanded to: {shown}"
-    EARLY = (
-        "reacts earlier than `latency` {latency:g} s: lower it (`calibrate` measures it): {shown}"
-    )
-    LATE = "{late}: {shown}"
+    REVERSED = "{verb}s in the wrong direction: {shown}: motors or odometry with the wrong sign"
+    EXCESS = "{verb}s although it was not commanded to: {shown}"
     CONSTANT = (
-        "does not follow its commands: {shown}, constantly: another program may steer it, or it cannot reach "
-        "the described {limit:.2f} {unit} (see calibrate)"
+        "does not follow its commands: {shown}, constantly: another program may steer it, or it "
+        "cannot reach the described {limit:.2f} {unit} (see calibrate)"
     )
 
 
 _NEVER_BACKWARD = "; if the base never drives backward, set limits.v_back: 0 in its description"
-
-
-class Debounce:
-    """Determines whether a condition persists, by the stamps and in real time."""
-
-    def __init__(self) -> None:
-        self._seconds, self._since = 0.0, math.inf
-
-    def update(self, holds: bool, gap: Gap, needed: float = _PERSISTS) -> bool:
-        """Add the gap before a message if the condition `holds`, else reset.
-
-        Return whether it persists.
-        """
-        if not holds:
-            self._seconds, self._since = 0.0, math.inf
-            return False
-        self._since = min(self._since, gap.began)
-        # One message says little about a gap above 0.1 s, unless the gap is very long.
-        self._seconds += (
-            gap.elapsed if gap.elapsed >= _WINDOW - _ROUNDING else min(gap.elapsed, 0.1)
-        )
-        in_real_time = gap.ended - self._since >= _LEAST_REAL_TIME - _ROUNDING
-        return self._seconds >= needed - _ROUNDING and in_real_time
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,305 +91,43 @@ class Gap:
     ended: float
 
 
-class AxisWatch:
-    """Compares one velocity of the base with the commands.
+class Debounce:
+    """Determines whether a condition persists, by the stamps and in real time."""
 
-    The speed at the start of a window is predicted forward under the commands sent since, for a
-    base that may be late. The base must have made at least a quarter of the predicted change. A
-    base that reaches a quarter of the commanded speeds or more is slow, which is no fault, unless
-    it keeps a constant speed that is not its share of the commands: plans that start at the
-    measured speed conceal such a base. A base may also be up to a quarter faster than commanded if
-    it was so before the commands changed.
+    def __init__(self) -> None:
+        self._seconds = 0.0
+        self._since = math.inf
 
-    A base may be up to `early` s earlier than its latency: commands that were sent but should act
-    only then may explain its motion, too.
-    """
+    def update(self, holds: bool, gap: Gap, needed: float = _PERSISTS) -> bool:
+        """Add the gap before a message if the condition `holds`, else reset.
 
-    def __init__(self, thresholds: Thresholds, early: float = 0.0) -> None:
-        self.thresholds, self._early = thresholds, early
-        self._measured: deque[tuple[float, float]] = deque()
-        self._smooth: deque[tuple[float, float]] = deque()
-        self._compared: deque[tuple[float, float, list[float]]] = deque()
-        self._fault = Debounce()
-        self._constant = False
-        self._slow_for, self._share = 0.0, 1.0
-        self._lost, self._eased, self._lost_for, self._commanded = 0.0, 0.0, 0.0, 0.0
-        self._shares: deque[tuple[float, float]] = deque(maxlen=_FEWEST)
-        self._last_response = -math.inf, 0.0
-
-    @property
-    def share(self) -> float:
-        """The speed as a share of the commanded one if it has differed for more than a second, else 1."""
-        return self._share if self._slow_for >= 1.0 else 1.0
-
-    @property
-    def speed(self) -> float:
-        """The last speed, averaged."""
-        return self._smooth[-1][1]
-
-    def update(self, time: float, speed: float, commands: Commands, gap: Gap) -> Fault | None:
-        """Process the speed at `time` (s); return the fault that persists."""
-        self._observe_response(time, speed, commands)
-        self._measured.append((time, speed))
-        while self._measured[0][0] < time - _SMOOTHING + _ROUNDING:
-            self._measured.popleft()
-        speed = sum(value for _, value in self._measured) / len(self._measured)
-        self._smooth.append((time, speed))
-        while (
-            len(self._smooth) > 1
-            and self._smooth[1][0] <= time - self.thresholds.window + _ROUNDING
-        ):
-            self._smooth.popleft()
-        if len(self._smooth) == 1:
-            return None
-        limit = self.thresholds.limit
-        latest = time + self._early
-        recent = [clip(command, limit) for command in commands.between(time - _DELAY, latest)]
-        self._compare(time, commands)
-        fault = self._fault_now(time, speed, recent, commands, gap)
-        was_constant, self._constant = self._constant, fault is Fault.CONSTANT
-        needed = _CONSTANT_PERSISTS if was_constant and self._constant else _PERSISTS
-        persists = self._fault.update(fault is not None, gap, needed)
-        stood = 0.0 in commands.between(time - _DELAY - 2.0 * self.thresholds.lag, latest)
-        loses = not stood and self._loses(speed, min(recent), max(recent), gap)
-        self._observe_share(speed, recent, gap.elapsed)
-        if self._is_opposite():
-            return Fault.REVERSED
-        return fault if persists else Fault.STILL if loses else None
-
-    def _fault_now(
-        self, time: float, speed: float, recent: Sequence[float], commands: Commands, gap: Gap
-    ) -> Fault | None:
-        tolerance = self.thresholds.tolerance
-        since, before = self._smooth[0]
-        fast = [0.0, before]
-        for early in {0.0, self._early}:
-            predicted = self._fast(since, before, time, commands, early)
-            fast += predicted[-round(_COASTING / _STEP) :]
-        gain = self._gain_at(since, before, commands)
-        low, high = gain * min(fast), gain * max(fast)
-        if not low - _BEYOND * tolerance <= self._measured[-1][1] <= high + _BEYOND * tolerance:
-            return Fault.EXCESS
-        # At the start of the window the base may just have started to move.
-        fastest = max(self._smooth, key=lambda each: abs(each[1]))
-        share = min(
-            0.99, max(self._share_at(*each, commands) for each in (self._smooth[0], fastest))
-        )
-        slow, part = (self._slow(since, before, time, commands, each) for each in (1.0, share))
-        # The least speed that is expected now, in the direction of the commands.
-        least = max(0.0, min(part, share * min(recent))) + min(0.0, max(part, share * max(recent)))
-        sign = math.copysign(1.0, least)
-        ahead, gained = abs(least) - sign * before, sign * (speed - before)
-        approached = ahead > 0.0 and gained >= _QUARTER * ahead
-        if abs(least) >= tolerance and _is_below_quarter(speed, least) and not approached:
-            return Fault.STILL
-        if gap.elapsed > _LONG_GAP:
-            return None  # a base with a watchdog has stopped and started again
-        sign = math.copysign(1.0, before)
-        most = max(sign * slow, *(gain * sign * command for command in recent))
-        had, has = sign * before, sign * speed
-        if had - most >= tolerance and had - has < _QUARTER * (had - most):
-            return Fault.EXCESS
-        spans = [_CONSTANT + self.thresholds.lag]
-        if all(_is_below_quarter(speed, command) for command in recent):
-            spans.append(self.thresholds.window)  # in which the commands vary more
-        if any(self._is_constant(time, seconds, recent, commands) for seconds in spans):
-            return Fault.CONSTANT
-        return None
-
-    def _is_constant(
-        self, time: float, seconds: float, recent: Sequence[float], commands: Commands
-    ) -> bool:
-        """Return whether the speed is constant and differs from the commands, unless the base is slow.
-
-        A slow base reaches a share of the commands, which was measured while its speed changed, or
-        a limit of its own not far below the described one.
+        Return whether it persists for `needed` s.
         """
-        axis = self.thresholds
-        since = min(time - seconds, self._smooth[-min(_FEWEST, len(self._smooth))][0])
-        recently = [(then, value) for then, value in self._smooth if then >= since - _ROUNDING]
-        speeds = [value for _, value in recently]
-        if len(speeds) < _FEWEST or max(speeds) - min(speeds) > _VARIES * axis.tolerance:
+        if not holds:
+            self._seconds = 0.0
+            self._since = math.inf
             return False
-        speed = speeds[-1]
-        # The last commands cannot be the cause of a speed that was constant before.
-        latest = time - _DELAY + self._early
-        sent = [clip(command, axis.limit) for command in commands.between(since, latest)]
-        gain = self._gain_at(*recently[0], commands)
-        low = min(*sent, *(gain * command for command in sent))
-        high = max(*sent, *(gain * command for command in sent))
-        if low - axis.tolerance < speed < high + axis.tolerance:
-            return False
-        slower = all(command * speed >= speed * speed for command in sent)
-        if slower and abs(speed) >= _NEAR_LIMIT * axis.limit:
-            return False
-        known = [
-            sum(acting) / len(acting)
-            for then, _ in recently
-            if then <= time - _DELAY - axis.lag
-            for acting in [commands.between(then - _SMOOTHING, then)]
-        ]
-        if known and max(known) - min(known) >= 2.0 * axis.tolerance:
-            return True
-        possible = [
-            share * command for pair in self._shares for share in pair for command in recent
-        ]
-        return not (
-            possible and min(possible) - axis.tolerance <= speed <= max(possible) + axis.tolerance
-        )
-
-    def _compare(self, time: float, commands: Commands) -> None:
-        """Store the last speed and the commands to which it may be the response."""
-        limit = self.thresholds.limit
-        sent = [clip(commands.between(time - late, time - late)[0], limit) for late in _LATE]
-        self._compared.append((time, self._measured[-1][1], sent))
-        while self._compared[0][0] < time - _OPPOSITE - _ROUNDING:
-            self._compared.popleft()
-
-    def _is_opposite(self) -> bool:
-        """Return whether the base has the opposite of the commanded speeds.
-
-        New plans start at the measured speed, so such a base is commanded to and fro: no single
-        speed differs from its commands for long.
-        """
-        if len(self._compared) < _FEWEST or self._span < 0.8 * _OPPOSITE:
-            return False
-        speeds = np.array([speed for _, speed, _ in self._compared])
-        changes = speeds - speeds.mean()
-        tolerance = self.thresholds.tolerance
-        if min(np.abs(speeds).mean(), 2.0 * np.abs(changes).mean()) < tolerance:
-            return False
-        for commands in np.array([sent for _, _, sent in self._compared]).T:
-            # The speeds are opposite, and so are their changes: a base that brakes late is not.
-            sums = (
-                np.abs(speeds + commands).sum(),
-                np.abs(changes + commands - commands.mean()).sum(),
-            )
-            if sums[0] > 0.5 * np.abs(speeds).sum() or sums[1] > 0.5 * np.abs(changes).sum():
-                continue
-            return True
-        return False
-
-    @property
-    def _span(self) -> float:
-        """The time in s between the first and the last speed that are compared."""
-        return self._compared[-1][0] - self._compared[0][0]
-
-    def _gain_at(self, time: float, speed: float, commands: Commands) -> float:
-        """Return the speed as a share of the least of the commands at `time`, 1 to 1.25."""
-        acting = commands.between(time - _DELAY - 2.0 * self.thresholds.lag, time)
-        command = min(acting, key=lambda each: each * speed)
-        if command * speed <= 0.0:
-            return 1.0
-        return min(_GAIN, max(1.0, speed / command))
-
-    def _share_at(self, time: float, speed: float, commands: Commands) -> float:
-        """Return the speed as a share of the commands at `time`, at least a quarter.
-
-        1 without a command.
-        """
-        command = max(commands.between(time - _DELAY - 2.0 * self.thresholds.lag, time), key=abs)
-        if abs(command) < self.thresholds.tolerance or speed * command <= 0.0:
-            return 1.0
-        return min(1.0, max(_QUARTER, speed / command))
-
-    def _slow(
-        self, since: float, speed: float, time: float, commands: Commands, share: float
-    ) -> float:
-        """Return the speed at `time` of a base that had `speed` at `since`, is late and lags.
-
-        To reach a lower share it brakes as on a command to stand.
-        """
-        axis, count, dt = self.thresholds, *_steps(time - since)
-        sent = [
-            share * clip(speed if c is None else c, axis.limit)
-            for c in commands.sampled(since - _DELAY, dt, count)
-        ]
-        setpoint = speed
-        for target in sent:
-            rate = axis.stop if target == 0.0 and share < 1.0 else axis.rate
-            setpoint += clip(target - setpoint, rate * dt)
-            speed += (setpoint - speed) * min(1.0, dt / max(axis.lag, _STEP))
-        return speed
-
-    def _fast(
-        self, since: float, speed: float, time: float, commands: Commands, early: float
-    ) -> list[float]:
-        """Return the speeds until `time` of a base that changes its speed twice as fast as described."""
-        speeds, (count, dt) = [], _steps(time - since)
-        for command in commands.sampled(since + early + dt, dt, count):
-            speed += clip(
-                (speed if command is None else command) - speed, 2.0 * self.thresholds.rate * dt
-            )
-            speeds.append(speed)
-        return speeds
-
-    def _loses(self, speed: float, low: float, high: float, gap: Gap) -> bool:
-        """Return whether the axis continues to lose speed below every recent command.
-
-        A base whose speed drops to a part, and stays there, is slow, but follows.
-        """
-        (_, before), sign = self._smooth[-2], math.copysign(1.0, speed)
-        commanded = sign * (low if sign > 0.0 else high)
-        lost = sign * (before - speed)
-        falls = lost >= _QUARTER * self.thresholds.rate * gap.elapsed
-        below = sign * speed < commanded - 0.25 * self.thresholds.tolerance
-        eased, self._commanded = max(0.0, sign * self._commanded - commanded), sign * commanded
-        if not (falls and below) or gap.elapsed > _LONG_GAP:
-            self._lost, self._eased, self._lost_for = 0.0, 0.0, 0.0
-            return False
-        # more is a drop to a part of the speed
-        lost = min(lost, 1.5 * self.thresholds.rate * gap.elapsed)
-        self._lost, self._eased = self._lost + lost, self._eased + eased
-        self._lost_for += gap.elapsed
-        tolerance = self.thresholds.tolerance
-        enough = self._lost >= max(2.0 * tolerance, self._eased + 0.5 * tolerance)
-        return enough and self._lost_for >= _LOSES - _ROUNDING
-
-    def _observe_response(self, time: float, speed: float, commands: Commands) -> None:
-        """Record which shares of the commands the base reaches while its speed changes, late or in time."""
-        axis, (then, before) = self.thresholds, self._last_response
-        if time - then < 0.5 * _SMOOTHING - _ROUNDING:
-            return
-        self._last_response = time, speed
-        if abs(speed - before) < 0.05 * axis.tolerance:
-            return
-        if abs(speed - before) > 1.5 * axis.rate * (time - then) + axis.tolerance:
-            self._shares.clear()  # after a jump, earlier shares do not apply
-        sent = [clip(commands.between(late, late)[0], axis.limit) for late in (time, time - _DELAY)]
-        if (
-            min(abs(command) for command in sent) >= 2.0 * axis.tolerance
-            and sent[0] * sent[1] > 0.0
-        ):
-            self._shares.append((speed / sent[0], speed / sent[1]))
-
-    def _observe_share(self, speed: float, recent: Sequence[float], elapsed: float) -> None:
-        """Record the share of the commanded speed that the base reaches."""
-        command = min(recent, key=abs)
-        if abs(command) < 0.2 * self.thresholds.limit:
-            return
-        share = speed / command
-        if share > 1.0:
-            share = max(1.0, speed / max(recent, key=abs))
-        if 0.0 < share < 0.75 or _FASTER <= share <= _GAIN:
-            passed = min(elapsed, 0.1)
-            self._share += (share - self._share) * (passed / (self._slow_for + passed))
-            self._slow_for = min(self._slow_for + passed, 2.0)
-        else:
-            self._slow_for = max(0.0, self._slow_for - min(elapsed, 0.1))
+        self._since = min(self._since, gap.began)
+        # One message says little about a gap above 0.1 s, unless the gap is very long.
+        is_very_long = gap.elapsed >= _VERY_LONG_GAP - _ROUNDING
+        self._seconds += gap.elapsed if is_very_long else min(gap.elapsed, 0.1)
+        in_real_time = gap.ended - self._since >= _LEAST_REAL_TIME - _ROUNDING
+        return self._seconds >= needed - _ROUNDING and in_real_time
 
 
 class Commands:
     """The commands of one axis with the times in s from which they act."""
 
-    def __init__(self) -> None:
+    def __init__(self, limit: float) -> None:
+        self._limit = limit
         self._times: list[float] = []
         self._sent: list[float] = []
 
     def add(self, acts: float, command: float) -> None:
         """Add a command that acts from `acts` (s) on and replaces later ones."""
         earlier = bisect.bisect_left(self._times, acts)
-        self._times[earlier:], self._sent[earlier:] = [acts], [command]
+        self._times[earlier:] = [acts]
+        self._sent[earlier:] = [clip(command, self._limit)]
 
     def delay_last(self, seconds: float) -> None:
         """Let the last command act later."""
@@ -451,20 +139,280 @@ class Commands:
         over = max(0, bisect.bisect_right(self._times, time) - 1)
         del self._times[:over], self._sent[:over]
 
+    def at(self, time: float) -> float:
+        """Return the command that acts at a time in s; 0 before the first one."""
+        index = bisect.bisect_right(self._times, time + _ROUNDING)
+        return self._sent[index - 1] if index else 0.0
+
     def between(self, since: float, until: float) -> list[float]:
         """Return the commands that acted between two times in s; 0 before the first one."""
-        begin, end = (bisect.bisect_right(self._times, time + _ROUNDING) for time in (since, until))
-        return [self._sent[begin - 1] if begin else 0.0, *self._sent[begin:end]]
+        begin = bisect.bisect_right(self._times, since + _ROUNDING)
+        end = bisect.bisect_right(self._times, until + _ROUNDING)
+        return [self.at(since), *self._sent[begin:end]]
 
-    def sampled(self, since: float, dt: float, count: int) -> list[float | None]:
-        """Return the commands that act at `count` times in s from `since` on.
 
-        None before the first one.
-        """
-        found = (
-            bisect.bisect_right(self._times, since + step * dt + _ROUNDING) for step in range(count)
+class Follower:
+    """The speed of a base that follows the commands of one axis in its own way.
+
+    `delay` (s) is negative for a base that is early; `rate` and `stop` are its changes of speed per
+    s, `lag` (s) its time constant.
+    """
+
+    def __init__(self, delay: float, rate: float, stop: float, lag: float) -> None:
+        self._delay = delay
+        self._rate = rate
+        self._stop = stop
+        self._lag = lag
+        self.start(0.0)
+
+    def start(self, speed: float) -> None:
+        """Start at a speed in m/s or rad/s."""
+        self._setpoint = self.speed = speed
+
+    def advance(self, time: float, dt: float, commands: Commands) -> None:
+        """Follow the command of `time` (s) for `dt` s."""
+        command = commands.at(time - self._delay)
+        rate = self._stop if command == 0.0 else self._rate
+        self._setpoint += clip(command - self._setpoint, rate * dt)
+        self.speed += (self._setpoint - self.speed) * min(1.0, dt / max(self._lag, dt))
+
+
+class Response:
+    """The range of speeds of bases that follow the commands of one axis.
+
+    The most prompt base is early, without lag, and twice as strong as described; its speeds count
+    as long as a late one may be behind. A sluggish one is late and has twice the lag. A loaded one
+    is also half as strong, and does not stop faster than it brakes.
+    """
+
+    def __init__(self, axis: Axis, lag: float, early: float) -> None:
+        self._prompt = Follower(-early - _STEP, _STRONG * axis.rate, _STRONG * axis.stop, 0.0)
+        self._sluggish = Follower(_LATE, axis.rate, axis.stop, _STRONG * lag)
+        self._loaded = Follower(_LATE, _WEAK * axis.rate, _WEAK * axis.rate, _STRONG * lag)
+        self._followers = (self._prompt, self._sluggish, self._loaded)
+        self._spread = early + _LATE
+        self._recent: deque[tuple[float, float]] = deque()  # times in s and the most prompt speeds
+        self.low = self.high = 0.0
+        self.least = 0.0
+        """The slowest of the speeds that are expected; 0 if a base that follows may stand."""
+
+    def start(self, time: float, speed: float) -> None:
+        """Start at a speed in m/s or rad/s at `time` (s)."""
+        for follower in self._followers:
+            follower.start(speed)
+        self._recent.append((time, speed))
+
+    def advance(self, since: float, until: float, commands: Commands) -> None:
+        """Follow the commands between two times in s."""
+        steps = math.ceil((until - since) / _STEP - _ROUNDING)
+        for step in range(steps):
+            dt = (until - since) / steps
+            time = since + step * dt
+            for follower in self._followers:
+                follower.advance(time, dt, commands)
+            self._recent.append((time + dt, self._prompt.speed))
+        while len(self._recent) > 1 and self._recent[0][0] < until - self._spread - _ROUNDING:
+            self._recent.popleft()
+        speeds = [self._sluggish.speed, *(speed for _, speed in self._recent)]
+        self.low = min(self._loaded.speed, *speeds)
+        self.high = max(self._loaded.speed, *speeds)
+        self.least = min(speeds, key=abs) if self.low * self.high > 0.0 else 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """The measured speed of one axis in m/s or rad/s: last, mean, and by the poses."""
+
+    time: float  # s
+    last: float
+    mean: float
+    by_pose: float
+
+
+class AxisWatch:
+    """Compares the measured speeds of one axis with those of bases that follow its commands.
+
+    A speed outside the range of `Response` is a fault. A base that reaches a quarter of the
+    commanded speeds or more is slow, which is no fault. Plans that start at the measured speed
+    conceal bases that do not respond at all: their speed departs from the commands, or is constant
+    without being a share of the commands that was seen while the speed changed.
+
+    Twist and poses must both show a fault: where they contradict each other, one of them is wrong.
+    """
+
+    def __init__(self, axis: Axis, latency: float, lag: float) -> None:
+        self._axis = axis
+        self.tolerance = min(max(0.04 * axis.limit, _LEAST_TOLERANCE[axis.unit]), 0.4 * axis.limit)
+        self.commands = Commands(axis.limit)
+        self._early = min(latency, _EARLY)
+        self._lag = lag
+        self._response = Response(axis, lag, self._early)
+        self._speeds: deque[tuple[float, float]] = deque()  # times in s and mean speeds
+        self._fault = Debounce()
+        self._departure = _Departure(axis, self.tolerance)
+        # shares of the commands in time and of the late ones
+        self._shares: deque[tuple[float, float]] = deque(maxlen=_FEWEST)
+        self._last_change = (-math.inf, 0.0)  # s, speed
+        self._share = _SteadyShare(axis)
+
+    @property
+    def share(self) -> float:
+        """The share of the commanded speed if it has differed for a second, else 1."""
+        return self._share.value
+
+    def start(self, time: float, speed: float) -> None:
+        """Start at a speed at `time` (s)."""
+        self._response.start(time, speed)
+
+    def update(self, measured: Measured, gap: Gap) -> Fault | None:
+        """Process a speed; return the fault that persists."""
+        time = measured.time
+        speed = measured.mean
+        self._observe_change(time, measured.last)
+        self._speeds.append((time, speed))
+        while self._speeds[0][0] < time - _CONSTANT - self._lag - _ROUNDING:
+            self._speeds.popleft()
+        self._response.advance(time - gap.elapsed, time, self.commands)
+        recent = self.commands.between(time - _LATE, time + self._early)
+        self._share.update(speed, recent, gap)
+        departs = self._departure.update(speed, recent, gap)
+        fault = self._deviation(speed)
+        if self._deviation(measured.by_pose) is None:
+            fault = None
+        faster = max(abs(speed), abs(measured.by_pose))
+        is_agreed = abs(speed - measured.by_pose) < max(self.tolerance, 0.5 * faster)
+        if fault is None and is_agreed and self._is_constant(time, speed):
+            fault = Fault.CONSTANT
+        needed = _CONSTANT_PERSISTS if fault is Fault.CONSTANT else _PERSISTS
+        persists = self._fault.update(fault is not None, gap, needed)
+        behind = self.commands.between(time - _LATE - 2.0 * self._lag, time + self._early)
+        if departs and is_agreed and 0.0 not in behind:
+            fault = Fault.STILL
+        elif not persists:
+            return None
+        is_opposite = speed * self.commands.at(time) <= -self.tolerance * abs(recent[-1])
+        return Fault.REVERSED if fault is Fault.STILL and is_opposite and recent[-1] else fault
+
+    def _deviation(self, speed: float) -> Fault | None:
+        """Return the fault of a speed that is outside the range of the response."""
+        low = self._response.low
+        high = self._response.high
+        beyond = _BEYOND * self.tolerance
+        if not _GAIN * min(low, 0.0) - beyond <= speed <= _GAIN * max(high, 0.0) + beyond:
+            return Fault.EXCESS
+        least = self._response.least
+        is_opposite = speed * least < 0.0 and abs(speed - least) >= beyond
+        is_slow = abs(least) >= self.tolerance and speed * least < _QUARTER * least * least
+        return Fault.STILL if is_opposite or is_slow else None
+
+    def _is_constant(self, time: float, speed: float) -> bool:
+        """Return whether the speed is constant and no known share of the commands."""
+        since = self._speeds[0][0]
+        speeds = [value for _, value in self._speeds]
+        if len(speeds) < _FEWEST or time - since < _CONSTANT + self._lag - 2.0 * _STEP - _ROUNDING:
+            return False
+        if max(speeds) - min(speeds) > 0.5 * self.tolerance:
+            return False
+        # The last commands cannot be the cause of a speed that was constant before.
+        sent = self.commands.between(since, time - _LATE + self._early)
+        if min(sent) - self.tolerance < speed < max(sent) + self.tolerance:
+            return False
+        is_slower = all(command * speed >= speed * speed for command in sent)
+        if is_slower and abs(speed) >= _NEAR_LIMIT * self._axis.limit:
+            return False
+        greatest = max(map(abs, sent))
+        if greatest == 0.0:
+            return False  # it moves although it is not commanded to
+        share = min(1.0, abs(speed) / greatest)
+        if share * (max(sent) - min(sent)) >= 2.0 * self.tolerance:
+            return True
+        possible = [share * command for pair in self._shares for share in pair for command in sent]
+        return not (
+            possible and min(possible) - self.tolerance <= speed <= max(possible) + self.tolerance
         )
-        return [self._sent[index - 1] if index else None for index in found]
+
+    def _observe_change(self, time: float, speed: float) -> None:
+        """Record which shares of the commands the base reaches while its speed changes."""
+        then, before = self._last_change
+        if time - then < 0.5 * _SMOOTHING - _ROUNDING:
+            return
+        self._last_change = time, speed
+        if abs(speed - before) < 0.05 * self.tolerance:
+            return
+        if abs(speed - before) > 1.5 * self._axis.rate * (time - then) + self.tolerance:
+            self._shares.clear()  # after a jump, earlier shares do not apply
+        in_time = self.commands.at(time)
+        late = self.commands.at(time - _LATE)
+        if in_time * late > 0.0 and min(abs(in_time), abs(late)) >= 2.0 * self.tolerance:
+            self._shares.append((speed / in_time, speed / late))
+
+
+class _Departure:
+    """A speed that departs from all recent commands, further than these change."""
+
+    def __init__(self, axis: Axis, tolerance: float) -> None:
+        self._axis = axis
+        self._tolerance = tolerance
+        self._before = 0.0
+        self._nearest = 0.0  # last command
+        self._side = 0.0
+        self._restart()
+
+    def _restart(self) -> None:
+        self._departed = 0.0
+        self._expected = 0.0
+        self._seconds = 0.0
+
+    def update(self, speed: float, recent: Sequence[float], gap: Gap) -> bool:
+        """Process a speed and the recent commands; return whether it departs."""
+        margin = 0.25 * self._tolerance
+        side = float(speed > max(recent) + margin) - float(speed < min(recent) - margin)
+        nearest = max(recent) if side > 0.0 else min(recent)
+        departed = side * (speed - self._before)
+        expected = _GAIN * max(0.0, side * (nearest - self._nearest))
+        is_departing = side != 0.0 and departed >= _QUARTER * self._axis.rate * gap.elapsed
+        is_other = side != self._side or gap.elapsed > _LONG_GAP
+        self._before = speed
+        self._nearest = nearest
+        self._side = side
+        if is_other or not is_departing:
+            self._restart()
+            return False
+        # More is a drop to a part of the speed, as of a slow base.
+        self._departed += min(departed, 1.5 * self._axis.rate * gap.elapsed)
+        self._expected += expected
+        self._seconds += gap.elapsed
+        least = max(2.0 * self._tolerance, self._expected + 0.5 * self._tolerance)
+        return self._departed >= least and self._seconds >= _DEPARTS - _ROUNDING
+
+
+class _SteadyShare:
+    """The share of the commanded speed that a base reaches, if it is slow or fast."""
+
+    def __init__(self, axis: Axis) -> None:
+        self._least_command = 0.2 * axis.limit  # in slower motion, noise and dead bands count more
+        self._seconds = 0.0
+        self._mean = 1.0
+
+    @property
+    def value(self) -> float:
+        """The share if it has differed from 1 for more than a second, else 1."""
+        return self._mean if self._seconds >= _STEADY else 1.0
+
+    def update(self, speed: float, recent: Sequence[float], gap: Gap) -> None:
+        """Process a speed and the recent commands."""
+        slowest = min(recent, key=abs)
+        if abs(slowest) < self._least_command:
+            return
+        share = speed / slowest
+        if share > 1.0:
+            share = max(1.0, speed / max(recent, key=abs))
+        passed = min(gap.elapsed, 0.1)
+        if 0.0 < share < _SLOW or _FAST <= share <= _GAIN:
+            self._mean += (share - self._mean) * passed / (self._seconds + passed)
+            self._seconds = min(self._seconds + passed, 2.0 * _STEADY)
+        else:
+            self._seconds = max(0.0, self._seconds - passed)
 
 
 class MotionWatch:
@@ -480,9 +428,8 @@ class MotionWatch:
     """
 
     def __init__(self, robot: Robot, latency: float) -> None:
-        self._robot, self._latency = robot, latency
-        self._axes = robot.axes
-        self._thresholds = [Thresholds.of(robot, axis) for axis in robot.axes]
+        self._robot = robot
+        self._latency = latency
         self.foresight = Foresight(robot, latency)
         self._point = OdometryPoint(robot.reach)
         self._forget()
@@ -501,43 +448,40 @@ class MotionWatch:
         if preempts:
             return
         if latency != self._latency:
-            self._latency, self.foresight = latency, Foresight(self._robot, latency)
+            self._latency = latency
+            self.foresight = Foresight(self._robot, latency)
         self._forget()
 
     def _forget(self) -> None:
-        early = min(self._latency, _EARLY)
-        self._watches = [AxisWatch(each, early) for each in self._thresholds]
-        # These raise no fault where a shorter latency explains the motion.
-        self._without_latency = [AxisWatch(each, self._latency) for each in self._thresholds]
-        self._commands = [Commands() for _ in self._axes]
+        self._axes = {
+            axis: AxisWatch(axis, self._latency, self._robot.lag) for axis in self._robot.axes
+        }
+        self._ahead = next(iter(self._axes.values()))
         self._last = STOP
-        self._faulty, self._is_driving_faulty, self._late = False, False, False
+        self._fault: tuple[Axis, Fault] | None = None  # the first one
+        self._delay = ""
+        self._judged = -math.inf  # s
         self._states: deque[tuple[float, RobotState]] = deque()
-        self._received, self._answered = -math.inf, math.inf
+        self._received = -math.inf
+        self._answered = math.inf
 
     @property
     def remark(self) -> str:
-        """A sentence on a slow or fast base, and on odometry of another point than the axle; else empty."""
+        """A sentence on a slow, fast, early or late base, and on odometry of another point."""
         parts = [
             f"{_VERBS[axis.verb]} at about {_percent(watch.share)} % of the commanded speed"
-            for axis, watch in zip(self._axes, self._watches, strict=True)
+            for axis, watch in self._axes.items()
             if watch.share != 1.0
         ]
         slow = f"the base {' and '.join(parts)}" if parts else ""
-        return "; ".join(filter(None, (slow, self._point.remark)))
+        return "; ".join(filter(None, (slow, self._delay, self._point.remark)))
 
     @property
     def cause(self) -> str:
         """The cause of a fault that the motion before and after it shows; else empty."""
-        if self._late and not self._point.remark:
-            return f"the base {self._lateness}"
-        return self._point.suspicion() if self._is_driving_faulty else self._point.remark
-
-    @property
-    def _lateness(self) -> str:
-        return (
-            f"reacts later than `latency` {self._latency:g} s: raise it (`calibrate` measures it)"
-        )
+        is_driving = self._fault is not None and self._fault[0].verb == "move"
+        point = self._point.suspicion() if is_driving else self._point.remark
+        return "; ".join(filter(None, (self._delay, point)))
 
     def sent(self, time: float, command: Command | None, now: float = -math.inf) -> None:
         """Record a command that was sent in response to a state of `time` (s), at `now` in real s.
@@ -548,54 +492,46 @@ class MotionWatch:
         if command is None:
             self._forget()
             return
-        self._answered, self._last = min(self._answered, now), command
-        for commands, value in zip(self._commands, self._parts(command), strict=True):
-            commands.add(time + self._latency, value)
-
-    def _parts(self, velocity: Command | RobotState) -> list[float]:
-        """Return the velocity of each axis."""
-        return [getattr(velocity, axis.name) for axis in self._axes]
+        self._answered = min(self._answered, now)
+        self._last = command
+        for axis, watch in self._axes.items():
+            watch.commands.add(time + self._latency, getattr(command, axis.name))
 
     def fault(self, time: float, robot: RobotState, now: float) -> str | None:
         """Process odometry of `time` (s), received at `now` (real s).
 
         Return the fault in words, or None.
         """
-        (commanded,) = self._commands[0].between(time, time)
-        self._point.update(time, robot.pose, commanded)
-        last = self._states[-1] if self._states else (time, robot)
-        if time < last[0]:
+        if self._states and time < self._states[-1][0]:
             self._forget()
-        gap = Gap(time - last[0], self._received, now)
+        if not self._states:
+            for axis, watch in self._axes.items():
+                watch.start(time, getattr(robot, axis.name))
+            self._states.append((time, robot))
+        gap = Gap(time - self._states[-1][0], self._received, now)
         self._delay_late_answer(gap)
-        self._received, self._answered = now, math.inf
+        self._received = now
+        self._answered = math.inf
         self._states.append((time, robot))
-        while len(self._states) > 1 and self._states[1][0] <= time - 1.0:
+        while self._states[1][0] <= time - _KEPT:
             self._states.popleft()
-        shown = self._shown(last[1], robot, gap)
-        faults = [
-            watch.update(time, speed, commands, gap)
-            for watch, speed, commands in zip(self._watches, shown, self._commands, strict=True)
-        ]
-        if self._latency > _EARLY:
-            for number, watch in enumerate(self._without_latency):
-                tolerant = watch.update(time, shown[number], self._commands[number], gap)
-                if tolerant is None and faults[number] is not None:
-                    faults[number] = Fault.EARLY
-        if any(faults) or self._faulty:
-            self._faulty = True
-            self._late |= any(self._is_late(time, axis) for axis in range(len(self._axes)))
-            late = [None if fault is None else Fault.LATE for fault in faults]
-            faults = late if self._late and Fault.EARLY not in faults else faults
-        for commands in self._commands:
-            commands.forget(time - max(2.0 * self._thresholds[0].window, _COMPARED + _LATEST))
-        # Where the poses contradict the twist they decide: see `TwistCheck`.
-        trusted = [
-            None if fault is not None and self._contradicts(time, number) else fault
-            for number, fault in enumerate(faults)
-        ]
-        self._is_driving_faulty |= trusted[0] is not None
-        return self._frozen(time, robot) or self._message(robot, trusted)
+        faults = {
+            axis: found
+            for axis, watch in self._axes.items()
+            if (found := watch.update(self._measured(axis), gap)) is not None
+        }
+        if not self._robot.moves_sideways:
+            self._point.update(time, robot.pose, self._ahead.commands.at(time))
+        self._judge_delay(time)
+        if faults and self._fault is None:
+            self._fault = next(iter(faults.items()))
+        for watch in self._axes.values():
+            watch.commands.forget(time - _KEPT)
+        frozen = self._frozen(time, robot)
+        if frozen is not None or not faults:
+            return frozen
+        axis, found = next(iter(faults.items()))
+        return self._message(axis, found, robot)
 
     def _delay_late_answer(self, gap: Gap) -> None:
         """Let a command that was sent late in a long gap act later.
@@ -604,27 +540,23 @@ class MotionWatch:
         """
         late = self._answered - gap.began
         if gap.elapsed > _LONG_GAP and 0.0 < late < gap.ended - gap.began:
-            for commands in self._commands:
-                commands.delay_last(late / (gap.ended - gap.began) * gap.elapsed)
+            for watch in self._axes.values():
+                watch.commands.delay_last(late / (gap.ended - gap.began) * gap.elapsed)
 
-    def _shown(self, before: RobotState, robot: RobotState, gap: Gap) -> list[float]:
-        """Return the velocities by odometry.
-
-        In a long gap the base may have moved and then stopped by itself, so its mean velocity
-        counts, too.
-        """
-        if gap.elapsed <= _LONG_GAP:
-            return self._parts(robot)
-        seconds = min(gap.elapsed, self._thresholds[0].window)
-        return [
-            speed if abs(speed) >= axis.tolerance else moved / seconds
-            for speed, axis, moved in zip(
-                self._parts(robot), self._thresholds, self._moved(before, robot), strict=True
-            )
-        ]
+    def _measured(self, axis: Axis) -> Measured:
+        """Return the last speed of an axis."""
+        time, robot = self._states[-1]
+        recent = self._since(time - _SMOOTHING) or list(self._states)
+        began, first = recent[0]
+        speeds = [getattr(state, axis.name) for _, state in recent[1:]]
+        mean = sum(speeds) / len(speeds)
+        elapsed = time - began
+        moved = _moved(first, robot)[axis.name]
+        by_pose = moved / elapsed if elapsed > 0.0 else mean
+        return Measured(time, getattr(robot, axis.name), mean, by_pose)
 
     def _frozen(self, time: float, robot: RobotState) -> str | None:
-        """Return the fault if the robot is commanded to move and reports it, but its pose is constant."""
+        """Return the fault if the pose is constant while commands and twist are not."""
         repeated = all(state == robot for _, state in self._since(time - _REPEATED))
         recent = self._since(time - (_REPEATED if repeated else _FROZEN))
         if not recent:
@@ -634,103 +566,83 @@ class MotionWatch:
         elapsed = time - began
         if elapsed > _LONG_GAP * len(states):
             return None  # messages are missing, between which the robot may have moved to and fro
-        for number, axis in enumerate(self._axes):
-            tolerance = self._thresholds[number].tolerance
-            reported = self._parts(robot)[number]
+        for axis, watch in self._axes.items():
+            reported = getattr(robot, axis.name)
             sign = math.copysign(1.0, reported)
-            least = min(sign * self._parts(state)[number] for state in states)
-            commanded = min(sign * sent for sent in self._commands[number].between(began, time))
-            moved = max(abs(self._moved(first, state)[number]) for state in states)
-            moves = min(least, commanded) >= tolerance
+            least = min(sign * getattr(state, axis.name) for state in states)
+            commanded = min(sign * sent for sent in watch.commands.between(began, time))
+            moved = max(abs(_moved(first, state)[axis.name]) for state in states)
+            moves = min(least, commanded) >= watch.tolerance
             if moves and moved < _SAME * least * elapsed:
                 return (
-                    f"odometry is frozen: it reports {self._words(robot)}, "
-                    f"but its {_PLACES[axis.unit]} has been constant for {elapsed:.2f} s "
+                    f"odometry is frozen: it reports {_speeds(robot, self._axes)}, but its "
+                    f"{_PLACES[axis.unit]} has been constant for {elapsed:.2f} s "
                     f"(velocity {reported:.2f} {axis.unit})"
                 )
         return None
 
-    def _contradicts(self, time: float, axis: int) -> bool:
-        """Return whether the last poses move in contradiction to the velocities of an axis."""
-        recent = self._since(time - _CONTRADICTS)
-        if not recent:
-            return False
-        (began, first), (_, last) = recent[0], recent[-1]
-        tolerance = self._thresholds[axis].tolerance
-        moved = self._moved(first, last)[axis] / (time - began)
-        # The last velocities: one that jumped may have done so at any time between two messages.
-        speeds = [self._parts(state)[axis] for _, state in recent[1:]]
-        reported = min(max(moved, min(speeds)), max(speeds))
-        greatest = max(abs(moved), abs(reported))
-        return abs(moved - reported) >= max(tolerance, 0.5 * greatest) and moved != 0.0
+    def _judge_delay(self, time: float) -> None:
+        """Determine whether the base reacts later or earlier than `latency`."""
+        if self._fault is None and time - self._judged < _JUDGED:
+            return
+        self._judged = time
+        for axis, watch in self._axes.items():
+            delay = self._delay_of(time, axis, watch)
+            if delay > 0.0:
+                self._delay = (
+                    f"the base reacts later than `latency` {self._latency:g} s: raise it "
+                    "(`calibrate` measures it)"
+                )
+            elif delay < 0.0:
+                self._delay = (
+                    f"the base reacts earlier than `latency` {self._latency:g} s: lower it "
+                    "(`calibrate` measures it)"
+                )
 
-    def _is_late(self, time: float, axis: int) -> bool:
-        """Return whether the base follows the commands of an axis, but later than `latency`."""
+    def _delay_of(self, time: float, axis: Axis, watch: AxisWatch) -> float:
+        """Return by how much later than `latency` the base follows the commands of an axis, in s.
+
+        Negative if it is earlier; 0 if no delay that it may have explains its motion much better.
+        """
         recent = self._since(time - _COMPARED) or list(self._states)
-        speeds = np.array([self._parts(state)[axis] for _, state in recent])
-        tolerance = self._thresholds[axis].tolerance
-        if np.ptp(speeds) < 2.0 * tolerance:
-            return False  # a base that does not move does not react later
+        times = [then for then, _ in recent]
+        speeds = np.array([getattr(state, axis.name) for _, state in recent])
+        if np.ptp(speeds) < 2.0 * watch.tolerance:
+            return 0.0  # a base that does not move does not react later
 
-        def off(late: float) -> float:
-            commands = self._commands[axis]
-            sent = [commands.between(then - late, then - late)[0] for then, _ in recent]
+        def off(delay: float) -> float:
+            sent = [watch.commands.at(then - delay) for then in times]
             return float(np.abs(speeds - sent).mean())
 
-        steps = round(_LATEST / _LATE_STEP)
-        differences = [off(step * _LATE_STEP) for step in range(steps + 1)]
-        punctual = round(_DELAY / _LATE_STEP) + 1
-        least = min(differences[punctual:])
-        most = min(0.5 * min(differences[:punctual]), 0.5 * float(np.abs(speeds).mean()), tolerance)
-        return least < most
+        earliest = -round(self._latency / _LATE_STEP)
+        delays = [_LATE_STEP * step for step in range(earliest, round(_LATEST / _LATE_STEP) + 1)]
+        usual = [delay for delay in delays if -_EARLY <= delay <= _LATE + _ROUNDING]
+        best = min(delays, key=off)
+        most = min(0.5 * min(map(off, usual)), 0.5 * float(np.abs(speeds).mean()), watch.tolerance)
+        return best if best not in usual and off(best) < most else 0.0
 
     def _since(self, time: float) -> list[tuple[float, RobotState]]:
-        """Return the states from the last one at or before `time` (s) on; none if there is no such one."""
+        """Return the states from the last one at or before `time` (s) on, if there is one."""
         before = [index for index, (then, _) in enumerate(self._states) if then <= time + _ROUNDING]
         return list(self._states)[before[-1] :] if before else []
 
-    def _message(self, robot: RobotState, faults: Sequence[Fault | None]) -> str | None:
-        """Return the fault of the first axis that has one, in words."""
-        shown = f"commanded to {self._words(self._last)}, odometry shows {self._words(robot)}"
-        for number, fault in enumerate(faults):
-            if fault is not None:
-                axis, watch = self._axes[number], self._watches[number]
-                command = self._parts(self._last)[number]
-                against = watch.speed * command <= -watch.thresholds.tolerance * abs(command)
-                fault = Fault.REVERSED if fault is Fault.STILL and against and command else fault
-                text = fault.value.format(
-                    move=axis.verb,
-                    shown=shown,
-                    limit=axis.limit,
-                    unit=axis.unit,
-                    latency=self._latency,
-                    late=self._lateness,
-                )
-                backward = fault is Fault.STILL and axis.name == "vx" and command < 0.0
-                return f"the base {text}{_NEVER_BACKWARD if backward else ''}"
-        return None
-
-    def _words(self, velocity: Command | RobotState) -> str:
-        """Return the velocity of each axis with its unit."""
-        parts = zip(self._parts(velocity), self._axes, strict=True)
-        return " and ".join(f"{speed:.2f} {axis.unit}" for speed, axis in parts)
-
-    def _moved(self, before: RobotState, after: RobotState) -> list[float]:
-        """Return how far a robot moved along each axis, in m and rad.
-
-        A base that cannot move sideways has driven the whole distance.
-        """
-        moved = before.pose.relative(after.pose)
-        distance = before.pose.distance(after.pose)
-        ahead = moved.x if self._robot.moves_sideways else math.copysign(distance, moved.x)
-        parts = {"vx": ahead, "vy": moved.y, "w": wrap_angle(after.pose.yaw - before.pose.yaw)}
-        return [parts[axis.name] for axis in self._axes]
+    def _message(self, axis: Axis, fault: Fault, robot: RobotState) -> str:
+        """Return the fault of an axis in words."""
+        shown = (
+            f"commanded to {_speeds(self._last, self._axes)}, odometry shows "
+            f"{_speeds(robot, self._axes)}"
+        )
+        if self._delay:
+            return f"{self._delay}: {shown}"
+        text = fault.value.format(verb=axis.verb, shown=shown, limit=axis.limit, unit=axis.unit)
+        is_backward = axis.name == "vx" and self._last.vx < 0.0
+        hint = _NEVER_BACKWARD if fault is Fault.STILL and is_backward else ""
+        return f"the base {text}{hint}"
 
 
-def _steps(seconds: float) -> tuple[int, float]:
-    """Return the number of steps in which to predict, and their length in s."""
-    count = math.ceil(seconds / _STEP - _ROUNDING)
-    return count, seconds / count
+def _speeds(moving: Command | RobotState, axes: Sequence[Axis] | dict[Axis, AxisWatch]) -> str:
+    """Return the velocities of all axes in words."""
+    return " and ".join(f"{getattr(moving, axis.name):.2f} {axis.unit}" for axis in axes)
 
 
 def _percent(share: float) -> int:
@@ -738,6 +650,9 @@ def _percent(share: float) -> int:
     return round(100 * share) if share > 1.0 else 10 * round(10 * share)
 
 
-def _is_below_quarter(speed: float, command: float) -> bool:
-    """Return whether a speed is less than a quarter of the command, or in the other direction."""
-    return speed * command < _QUARTER * command * command
+def _moved(before: RobotState, after: RobotState) -> dict[str, float]:
+    """Return by how much a robot moved along each axis, in m and rad."""
+    turned = wrap_angle(after.pose.yaw - before.pose.yaw)
+    middle = before.pose._replace(yaw=before.pose.yaw + 0.5 * turned)
+    moved = middle.relative(after.pose)
+    return {"vx": moved.x, "vy": moved.y, "w": turned}

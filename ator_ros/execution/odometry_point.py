@@ -1,4 +1,4 @@
-"""Which point of the robot odometry describes: in turns, any but the axle's middle moves otherwise."""
+"""Which point of the robot odometry describes: in turns, each moves in its own way."""
 
 from __future__ import annotations
 
@@ -24,7 +24,8 @@ _NOISE = 0.001  # m; least standard deviation of a step: encoders resolve about 
 _ROUNDED = 0.05  # m; so that the sentence rarely changes
 # least number of steps, and greatest share of the unexplained motion, of a suspicion after a fault:
 # 0.2 m beside the axle leave 0.01 (turns on the spot) to 0.49 (arcs), wheels that are stuck 0.57
-_FEWEST_SUSPECT, _UNEXPLAINED = 3, 0.5
+_FEWEST_SUSPECT = 3
+_UNEXPLAINED = 0.5
 
 
 class OdometryPoint:
@@ -42,14 +43,15 @@ class OdometryPoint:
     def __init__(self, reach: float) -> None:
         self._reach = reach
         self._begin: tuple[float, Pose] | None = None
-        self._driven, self._commanded = 0.0, 0.0  # m as commanded since then, m/s last
+        self._driven = 0.0
+        self._commanded = 0.0  # m as commanded since then, m/s last
         # each: chord of the turn, m as commanded, change of command in m/s, m ahead, m to the left
         self._steps: deque[tuple[float, float, float, float, float]] = deque(maxlen=_KEPT)
         self._last = -math.inf  # s
         self.remark = ""
 
     def update(self, time: float, pose: Pose, commanded: float) -> None:
-        """Process odometry of `time` (s), and the speed in m/s at which the base should drive then."""
+        """Process odometry of `time` (s), and the commanded speed in m/s."""
         elapsed = time - self._last
         self._last = time
         if self._begin is None or not 0.0 <= elapsed <= _LONGEST_STEP:
@@ -70,7 +72,8 @@ class OdometryPoint:
 
     def _restart(self, time: float, pose: Pose, commanded: float) -> None:
         self._begin = time, pose
-        self._driven, self._commanded = 0.0, commanded
+        self._driven = 0.0
+        self._commanded = commanded
 
     def suspicion(self) -> str:
         """Return the point that would explain why a base seems to drive otherwise; empty if none.
@@ -100,8 +103,8 @@ class OdometryPoint:
         if not found:
             return ""
         return (
-            f"odometry seems to describe a point {' and '.join(found)}, but drives need the pose of "
-            "the axle's middle (`calibrate` measures it)"
+            f"odometry seems to describe a point {' and '.join(found)}, but drives need the pose "
+            "of the axle's middle (`calibrate` measures it)"
         )
 
 

@@ -41,25 +41,29 @@ class Predictor:
 
 
 class Forecast:
-    """The predictions of a chain in execution: of the whole chain, and of its rest after the last change."""
+    """The predictions of a chain in execution: as a whole, and after the last change."""
 
     def __init__(self, predictor: Predictor, executor: ChainExecutor) -> None:
-        self._predictor, self._executor = predictor, executor
+        self._predictor = predictor
+        self._executor = executor
         self.begun = False
         """Whether the chain has started."""
         self.whole: ChainPrediction | None = None
         """The prediction of the chain with which it started; None before, and without models."""
         self._rest: ChainPrediction | None = None
-        self._step, self._time = 0, math.nan  # where and when (s) `_rest` begins
+        self._step = 0
+        self._time = math.nan  # where and when (s) `_rest` begins
 
     def begin(self, world: World) -> None:
         """Predict the chain from its start `world`."""
         self.change(world)
-        self.begun, self.whole = True, self._rest
+        self.begun = True
+        self.whole = self._rest
 
     def change(self, world: World) -> None:
         """Predict the rest of the chain, which has changed, from the state `world`."""
-        self._step, self._time = self._executor.index, world.time
+        self._step = self._executor.index
+        self._time = world.time
         self._rest = self._predictor.chain(
             world, TopChain(self._executor.chain.calls[self._step :])
         )
@@ -69,7 +73,8 @@ class Forecast:
 
         NaN if unknown.
         """
-        step, records = self._executor.index - self._step, self._executor.records
+        step = self._executor.index - self._step
+        records = self._executor.records
         if self._rest is None or step < 0:
             return math.nan
         began = max(self._time, records[-1].end.time) if records else self._time
@@ -100,12 +105,14 @@ def warm_up_actions(library: TopLibrary, predictor: Predictor) -> None:
 
 
 def _chains(library: TopLibrary) -> Iterator[tuple[World, TopChain]]:
-    """Yield chains of two steps whose first goal has a free heading and speed, and states to start from.
+    """Yield states, and chains of two steps whose first goal has a free heading and speed.
 
     The first chain fetches an object and carries it. All objects are at the center of the area, or
     held if the first step needs that.
     """
-    usable, robot, area = library.usable(), library.robot, library.robot.scene.area
+    usable = library.usable()
+    robot = library.robot
+    area = library.robot.scene.area
     fetching = next((top for top in usable if object_fetched_by(top)), None)
     carrying = next((top for top in usable if kept(top)), None)
     fetches = [(fetching, carrying)] if fetching is not None and carrying is not None else []

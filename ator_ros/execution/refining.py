@@ -35,7 +35,7 @@ Continuation = tuple[int, TopChain]
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """A question to refinement, which may choose one of `others`, the continuations of other plans."""
+    """A question to refinement, which may choose one of `others`: parts of other plans."""
 
     world: World  # the state from which the chain would continue
     chain: TopChain  # the steps that are not done
@@ -43,6 +43,29 @@ class Question:
     asked: float  # s; real time of the question
     others: tuple[Continuation, ...] = ()
     cause: str = ""  # the change since the question before, in words; empty for the first question
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """An answer of refinement to a `Question`, or why there is none.
+
+    Attributes
+    ----------
+    chain : TopChain or None
+        The chain to execute, None if there is none. An unrefined one may differ from the question:
+        naive values replace placeholders.
+    refined : bool
+        Whether goals were changed.
+    reason : str
+        A sentence on the result.
+    chosen : int
+        Index of the chain: 0 is that of the question, others are its alternatives.
+    """
+
+    chain: TopChain | None
+    refined: bool
+    reason: str
+    chosen: int = 0
 
 
 class Refining:
@@ -79,22 +102,28 @@ class Refining:
         again_after: float = AGAIN_AFTER,
     ) -> None:
         self.question: Question | None = None
-        self.wanted, self.refined, self.refined_again = wanted, False, 0
-        self._executor, self._library, self._robot = executor, library, library.robot
-        self._plans, self._number, self._fence = plans, 0, fence
+        self.wanted = wanted
+        self.refined = False
+        self.refined_again = 0
+        self._executor = executor
+        self._library = library
+        self._robot = library.robot
+        self._plans = plans
+        self._number = 0
+        self._fence = fence
         self._again_after = again_after
         self._expected: Mapping[str, ObjectState] = {}  # objects in the world of the last question
         # planned at the last question, or later for another step
         self._path: FloatArray | None = None
         self._call: TopCall | None = None  # the step of that path
-        self._answer: tuple[TopChain, str, int] | None = None
+        self._answer: Answer | None = None  # until it is applied
         self._first: str | None = None  # result of the first question
         # results of the last question that changed the chain, and after
         self._changed = self._unchanged = ""
 
     @property
     def reason(self) -> str:
-        """Results of the first question, of the last that changed the chain, and of the last after that."""
+        """Results of the first question, the last that changed the chain, and the last."""
         if self._first is not None:
             return self._first + self._changed + self._unchanged
         if not self.wanted:
@@ -107,16 +136,18 @@ class Refining:
         self.question = Question(world, self._executor.chain, 0, now)
 
     def ask_again(self, world: World, now: float) -> None:
-        """Ask about the remaining steps and the other plans if the world deviates from the last question."""
+        """Ask about the rest and the other plans if the world deviates from the last question."""
         if not (self.wanted and self._again_after) or self.question is not None:
             return
-        resting, step = at_rest(world, self._robot), self._executor.index
+        resting = at_rest(world, self._robot)
+        step = self._executor.index
         cause = self._deviation(world, resting)
         if not cause:
             return
         chain = with_followed(self._executor.chain, resting, self._robot, step=step)
         others = continuations(self._plans, self._number, chain, step, resting, self._robot)
-        self._expected, self._call = resting.objects, None
+        self._expected = resting.objects
+        self._call = None
         self.question = Question(resting, TopChain(chain.calls[step:]), step, now, others, cause)
 
     def _deviation(self, world: World, resting: World) -> str:
@@ -125,9 +156,11 @@ class Refining:
         Objects, except those that the robot moves, are compared where they come to rest, the robot
         with the planned path of the active action.
         """
-        executor, most = self._executor, self._again_after
+        executor = self._executor
+        most = self._again_after
         for _, name in awaited(executor.chain.calls[executor.index :]):
-            actual, expected = resting.objects.get(name), self._expected.get(name)
+            actual = resting.objects.get(name)
+            expected = self._expected.get(name)
             if actual is None or is_at_front(world, self._robot, name):
                 continue
             if expected is None:
@@ -136,47 +169,44 @@ class Refining:
             if moved > most:
                 return f"the {name} comes to rest {moved:.2f} m from the forecast"
         if self._path is None or executor.call is not self._call:
-            self._path, self._call = executor.path(), executor.call
+            self._path = executor.path()
+            self._call = executor.call
         off = 0.0 if self._path is None else _distance(world.robot.pose, self._path)
         return f"the robot is {off:.2f} m off its path" if off > most else ""
 
-    def take(self, chain: TopChain, refined: bool, reason: str, chosen: int) -> None:
-        """Accept the answer to `question`, see `Supervisor.refined_to`.
-
-        Later `apply` applies it.
-        """
+    def answer(self, answer: Answer) -> None:
+        """Process the answer to `question`: before the chain starts at once, later by `apply`."""
         assert self.question is not None
         choices = len(self._plans) if self._first is None else 1 + len(self.question.others)
-        if chosen >= choices:
-            self.refuse(f"chosen: expected an index from 0 to {choices - 1}, got {chosen}")
+        if answer.chain is None:
+            self._refuse(answer.reason)
+        elif answer.chosen >= choices:
+            self._refuse(f"chosen: expected an index from 0 to {choices - 1}, got {answer.chosen}")
         elif self._first is None:
-            self._start_with(self.question, chain, refined, reason, chosen)
-        elif refined or chosen:
-            self._answer = chain, reason, chosen
+            self._start(self.question, answer.chain, answer)
+        elif answer.refined or answer.chosen:
+            self._answer = answer
         else:  # the chain being executed has no placeholders left
-            self._close(reason, changed=False)
+            self._close(answer.reason, changed=False)
 
-    def _start_with(
-        self, question: Question, chain: TopChain, refined: bool, reason: str, chosen: int
-    ) -> None:
-        planned = self._plans[chosen]
+    def _start(self, question: Question, refined: TopChain, answer: Answer) -> None:
+        planned = self._plans[answer.chosen]
         asked = dataclasses.replace(question, chain=planned)
         try:
-            executed = refined_chain(planned, asked, chain, question.world, self._library)
+            executed = refined_chain(planned, asked, refined, question.world, self._library)
         except InvalidChainError as error:
-            self.refuse(f"the answer cannot be used: {error}")
+            self._refuse(f"the answer cannot be used: {error}")
             return
         self._executor.choose(executed)
-        self._choose(chosen, reason, changed=refined and executed != planned)
+        self._choose(answer.chosen, answer, changed=answer.refined and executed != planned)
 
-    def refuse(self, why: str) -> None:
-        """Continue with the naive chain, or the chain in execution, as `question` has no valid answer."""
+    def _refuse(self, why: str) -> None:
+        """Continue with the naive chain, or the one in execution: there is no valid answer."""
         if self._first is None and self.question is not None:
             sent = self._executor.chain
             self._number = self._plans.index(sent)
             naive = self._naive(self.question.world)
-            if naive != sent:
-                self._executor.choose(naive)
+            self._executor.choose(naive)
             why = f"{_executed(sent, naive)}, refinement failed: {why}"
         self._close(why, changed=False)
 
@@ -190,14 +220,15 @@ class Refining:
         naive = self._naive(world)
         if not self._executor.fall_back_to(naive):
             return False
-        self.refined, self.refined_again = False, 0
+        self.refined = False
+        self.refined_again = 0
         how = _executed(self._plans[self._number], naive)
         self._first = f"{how}, as the refined chain failed at its start: {why}"
         self._changed = self._unchanged = ""
         return True
 
     def _naive(self, world: World) -> TopChain:
-        """Return the chosen plan with naive values for placeholders, as sent if these leave the fence."""
+        """Return the chosen plan with naive values; as sent if these leave the fence."""
         sent = self._plans[self._number]
         naive = naive_on_paths(world, sent, self._robot, self._library.ranges)
         return sent if self._fence.violation(naive, self._robot) else naive
@@ -207,22 +238,23 @@ class Refining:
 
         Return whether it did.
         """
-        answer, question, self._answer = self._answer, self.question, None
-        if answer is None or question is None:
+        answer = self._answer
+        question = self.question
+        self._answer = None
+        if answer is None or answer.chain is None or question is None:
             return False
-        refined, reason, chosen = answer
-        obstacle = self._switch(question, refined, chosen, world)
+        obstacle = self._switch(question, answer.chain, answer.chosen, world)
         if obstacle:
-            self.refuse(obstacle)
+            self._refuse(obstacle)
             return False
-        self._choose(
-            question.others[chosen - 1][0] if chosen else self._number, reason, changed=True
-        )
+        others = [self._number, *(number for number, _ in question.others)]
+        self._choose(others[answer.chosen], answer, changed=True)
         return True
 
     def _switch(self, question: Question, refined: TopChain, chosen: int, world: World) -> str:
         """Switch to the refined goals; return why that is impossible, or an empty text."""
-        chain, step = self._executor.chain, question.step
+        chain = self._executor.chain
+        step = question.step
         if step != self._executor.index:
             return "the step was over when the answer came"
         if chosen:
@@ -239,8 +271,10 @@ class Refining:
             return "no path leads from here to the refined subgoal"
         return ""
 
-    def _choose(self, number: int, reason: str, *, changed: bool) -> None:
-        other, self._number = number != self._number, number
+    def _choose(self, number: int, answer: Answer, *, changed: bool) -> None:
+        other = number != self._number
+        reason = answer.reason
+        self._number = number
         self._close(
             f"alternative {number} is chosen: {reason}" if other else reason, changed=changed
         )
@@ -248,7 +282,8 @@ class Refining:
     def _close(self, why: str, *, changed: bool) -> None:
         """Close the question with the reason for its result."""
         cause = "" if self.question is None else self.question.cause
-        self.question, why = None, why or "no reason given"
+        self.question = None
+        why = why or "no reason given"
         self.refined = self.refined or changed
         if self._first is None:
             self._first = why
@@ -256,7 +291,8 @@ class Refining:
         after = f"after {self._executor.elapsed:.2f} s, as {cause}: {printable(why, _LONGEST)}"
         if changed:
             self.refined_again += 1
-            self._changed, self._unchanged = f"; refined again {after}", ""
+            self._changed = f"; refined again {after}"
+            self._unchanged = ""
         else:
             self._unchanged = f"; asked again {after}"
 
@@ -269,7 +305,8 @@ def _executed(sent: TopChain, executed: TopChain) -> str:
 def _distance(pose: Pose, path: FloatArray) -> float:
     """Return the distance in m from a pose to the polygon through the positions of a path."""
     points = path[:, :2] - (pose.x, pose.y)
-    begins, along = points[:-1], np.diff(points, axis=0)
+    begins = points[:-1]
+    along = np.diff(points, axis=0)
     squares = np.maximum((along**2).sum(axis=1), 1e-12)
     shares = np.clip(-(begins * along).sum(axis=1) / squares, 0.0, 1.0)
     nearest = np.vstack([points[-1:], begins + shares[:, None] * along])
@@ -277,7 +314,7 @@ def _distance(pose: Pose, path: FloatArray) -> float:
 
 
 def awaited(calls: Sequence[TopCall]) -> Iterator[tuple[int, str]]:
-    """Yield index (from 0) and object of the steps that follow an object which no earlier step moves."""
+    """Yield index (from 0) and object of the steps that follow one which none moves before."""
     moved: set[str] = set()
     for index, call in enumerate(calls):
         name = followed(call.top)
@@ -301,7 +338,7 @@ def with_followed(chain: TopChain, resting: World, robot: Robot, *, step: int = 
 def continuations(
     plans: Sequence[TopChain], number: int, chain: TopChain, step: int, resting: World, robot: Robot
 ) -> tuple[Continuation, ...]:
-    """Return the valid continuations of other plans: after steps that they share with those done, or from 0.
+    """Return the valid continuations of other plans: after the steps done, or from the start.
 
     `chain` is executed as plan `number` (from 0); `step` is its first step that is not done.
     `resting` is the state with its objects at rest.
@@ -321,7 +358,7 @@ def continuations(
 
 
 def _same(done: TopCall, planned: TopCall) -> bool:
-    """Return whether a step that is done has the TOP and all bound goal variables of a planned one."""
+    """Return whether a step that is done has TOP and bound variables of a planned one."""
     values = goal_values(done.goal)
     return done.top == planned.top and all(
         name in values and same_value(name, values[name], value)
@@ -333,7 +370,7 @@ def _same(done: TopCall, planned: TopCall) -> bool:
 def refined_chain(
     chain: TopChain, question: Question, answer: TopChain, world: World, library: TopLibrary
 ) -> TopChain:
-    """Return `chain`, whose goals may have moved since the question, with the changes made by `answer`.
+    """Return `chain`, whose goals may have moved, with the changes made by `answer`.
 
     Raises
     ------

@@ -17,15 +17,19 @@ _CLEAR = 0.02  # m from the robot above which it does not push an object
 _SLOWEST = 0.1  # m/s below which rolling is not evaluated
 _HIT = 3.0  # m/s^2; change of speed above which an object has hit something or was pushed
 # s; greatest and least time between two sightings of a free roll
-_LONGEST_GAP, _LEAST_GAP = 0.25, 0.02
-_SHORTEST, _ENOUGH = 0.4, 0.6  # s; least time of one free roll, and of all together
+_LONGEST_GAP = 0.25
+_LEAST_GAP = 0.02
+_SHORTEST = 0.4
+_ENOUGH = 0.6  # s; least time of one free roll, and of all together
 _KEPT = 5  # number of free rolls, whose median is used
-_MOST, _FEWEST = 400, 5  # greatest and least number of sightings in one free roll
+_MOST = 400
+_FEWEST = 5  # greatest and least number of sightings in one free roll
 # share by which distance and integrated speed may differ: more is noise at rest, or a curve
 _STRAY = 0.15
 # standard errors by which a deceleration must differ, as errors of filtered speeds correlate
 _SURE = 6.0
-_LEAST_CORRECTION, _GREATEST_CORRECTION = 1.3, 4.0  # multiples of the distance that an object rolls
+_LEAST_CORRECTION = 1.3
+_GREATEST_CORRECTION = 4.0  # multiples of the distance that an object rolls
 _PUSHED = 6.0  # multiple above which something pushes it
 _STEPS = 14  # steps of the described deceleration for corrections: actions compute tables for each
 
@@ -41,14 +45,16 @@ class Rolling:
     """
 
     def __init__(self, robot: Robot, *, slowest: float = _SLOWEST) -> None:
-        self._described, self._slowest = robot, max(slowest, _SLOWEST)
+        self._described = robot
+        self._slowest = max(slowest, _SLOWEST)
         # The last roll of each object may continue.
         self._rolls = {name: deque([_FreeRoll()], maxlen=_KEPT + 1) for name in robot.scene.objects}
 
     def observe(self, world: World) -> None:
         """Process the state `world`; repeated and extrapolated sightings are ignored."""
         for name, rolls in self._rolls.items():
-            state, pose = world.objects.get(name), world.robot.pose
+            state = world.objects.get(name)
+            pose = world.robot.pose
             pushed_within = self._described.reach + self._described.scene.radius(name) + _CLEAR
             if state is not None and (
                 state.speed < self._slowest
@@ -97,7 +103,8 @@ class Rolling:
 
         None if the deceleration is so low that the object is pushed.
         """
-        fit, described = roll.fit(), self._described.scene.objects[name].rolling_deceleration
+        fit = roll.fit()
+        described = self._described.scene.objects[name].rolling_deceleration
         is_free = fit is not None and fit.deceleration - 2.0 * fit.error > described / _PUSHED
         return fit if is_free else None
 
@@ -143,7 +150,7 @@ class _FreeRoll:
         return abs(state.speed - last.speed) <= _HIT * max(elapsed, _LEAST_GAP)
 
     def add(self, time: float, state: ObjectState) -> None:
-        """Add a sighting, unless it is too early or repeats the last velocity, which free rolls never do."""
+        """Add a sighting, unless it is too early or repeats the last velocity."""
         if self._sightings:
             before, last = self._sightings[-1]
             if time - before < _LEAST_GAP - 1e-6 or (state.vx, state.vy) == (last.vx, last.vy):
@@ -160,7 +167,8 @@ class _FreeRoll:
         times = np.array([time for time, _ in self._sightings])
         speeds = np.array([state.speed for _, state in self._sightings])
         distance = 0.5 * float((speeds[1:] + speeds[:-1]) @ np.diff(times))  # integrated speed
-        first, last = self._sightings[0][1], self._sightings[-1][1]
+        first = self._sightings[0][1]
+        last = self._sightings[-1][1]
         moved = math.hypot(last.x - first.x, last.y - first.y)
         seconds = float(times[-1] - times[0])
         if seconds < _SHORTEST or abs(moved - distance) > _STRAY * distance:

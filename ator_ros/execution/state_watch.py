@@ -1,4 +1,4 @@
-"""Monitoring of states during one goal: whether they are late, and whether objects are where they can be."""
+"""Monitoring of states during one goal: whether they are late, and objects where they can be."""
 
 from __future__ import annotations
 
@@ -130,8 +130,8 @@ class ObjectWatch:
             moves_along = name == followed(top) and moved > robot.front + robot.rear
             if stays and (robot.scene.radius(name) > 0.0 or moves_along):
                 return (
-                    f"the {name} cannot be at the robot: expected it outside the robot's body, got it "
-                    f"{_place(world, name)}; check what detects it"
+                    f"the {name} cannot be at the robot: expected it outside the robot's body, "
+                    f"got it {_place(world, name)}; check what detects it"
                 )
         return None
 
@@ -148,8 +148,8 @@ class ObjectWatch:
             return None
         return (
             f"the {name} moves with the robot: expected another place beside it after it drove "
-            f"{fixed.driven:.1f} m, got the same {_place(world, name)}; its detector may see a part "
-            "of the robot"
+            f"{fixed.driven:.1f} m, got the same {_place(world, name)}; its detector may see a "
+            "part of the robot"
         )
 
     def _is_inside(self, world: World, name: str) -> bool:
@@ -166,14 +166,16 @@ class _FixedObject:
 
     def __init__(self, first: World, name: str) -> None:
         self.driven = 0.0  # m
-        self._name, self._place = name, _relative(first, name)
+        self._name = name
+        self._place = _relative(first, name)
         self._last = first
         self._turned = 0.0  # rad
         self._slowest = self._fastest = first.robot.vx  # m/s
 
     def continues(self, world: World, name: str) -> bool:
         """Process the next state; return whether the object `name` is still at that place."""
-        robot, before = world.robot, self._last.robot
+        robot = world.robot
+        before = self._last.robot
         self._last = world
         self.driven += before.pose.distance(robot.pose)
         self._turned += before.pose.relative(robot.pose).yaw
@@ -198,5 +200,6 @@ def _place(world: World, name: str) -> str:
 
 def _relative(world: World, name: str) -> Pose:
     """Return the place of an object in the robot's frame."""
-    pose, there = world.robot.pose, world.objects[name]
+    pose = world.robot.pose
+    there = world.objects[name]
     return pose.relative(pose._replace(x=there.x, y=there.y))

@@ -12,7 +12,7 @@ from ator_ros.actions.base import Status
 from ator_ros.execution.chain_executor import NOT_DONE, ChainExecutor, Ending
 from ator_ros.execution.fence import Fence, FenceWatch
 from ator_ros.execution.predictions import Forecast, Predictor
-from ator_ros.execution.refining import AGAIN_AFTER, Question, Refining
+from ator_ros.execution.refining import AGAIN_AFTER, Answer, Question, Refining
 from ator_ros.execution.rolling import Rolling
 from ator_ros.execution.state_watch import DelayWatch, ObjectWatch, Timeliness
 from ator_ros.geometry import FloatArray
@@ -26,13 +26,16 @@ from ator_ros.world.state import STOP, Command, World
 WATCH_PERIOD = 0.05
 """Real time in s between two checks of the deadlines."""
 GREATEST_STOP_SLOWDOWN = 5.0
-"""Greatest factor by which a slow clock delays the stop command. After a pause of some seconds a clock seems
-up to 50 times slower than real time, which may delay the end of a goal but not the stop of a robot."""
+"""Greatest factor by which a slow clock delays the stop command.
+
+After a pause of some seconds a clock seems up to 50 times slower than real time, which may delay
+the end of a goal but not the stop of a robot."""
 LONGEST_STOP_TIME = 5.0
 """Time in s for which a robot that still moves is commanded to stop."""
 _CALM = 0.5
-"""Time in s for which a robot must stand after another program moved it and failed: that may continue, as
-Nav2's controller server does after its navigator died."""
+"""Time in s for which a robot must stand after another program moved it and failed.
+
+That may continue, as Nav2's controller server does after its navigator died."""
 # least timeout of odometry in real s before a goal drives: its rate may be unknown
 _FIRST_GAP = 1.0
 _DELAYED = 0.1  # s above which a delay counts near the fence; less is the jitter of messages
@@ -44,7 +47,7 @@ _LONGEST_STALL = 2.0
 
 
 class Phase(enum.Enum):
-    """Phase of the execution of a goal, in this order; REFINING is left out if no refinement is wanted.
+    """Phase of a goal, in this order; REFINING is left out if no refinement is wanted.
 
     All ends of a goal lead to STOPPING; without odometry, or if it is dropped, it is ENDED at once.
     """
@@ -131,7 +134,8 @@ class Supervisor:
         self.ending: Ending | None = None
         self.reason = Phase.WAITING.value
         self.start: World | None = None
-        self.slowdown, self.may_stall = 1.0, False
+        self.slowdown = 1.0
+        self.may_stall = False
         self._gaps = list[float]()  # s; gaps in odometry in which the robot had to stand
         self.executor = ChainExecutor(
             library, chain, time_limit=deadlines.action, fetches=fetches, rolling=rolling
@@ -141,13 +145,17 @@ class Supervisor:
             self.executor, library, plans, wanted=refine, fence=fence, again_after=again_after
         )
         self.forecast = Forecast(predictor, self.executor)
-        self._plans, self._robot, self._deadlines = plans, library.robot, deadlines
-        self._area, self._fence = fence, FenceWatch(fence, library.robot, deadlines.longest_gap)
+        self._plans = plans
+        self._robot = library.robot
+        self._deadlines = deadlines
+        self._area = fence
+        self._fence = FenceWatch(fence, library.robot, deadlines.longest_gap)
         self._delays = DelayWatch(library.robot, deadlines.odom, delay or Delay())
         self._objects = ObjectWatch(library.robot)
         self._missing: str | None = None  # an object that the last state lacked
         self._newest: World | None = None
-        self._accepted, self._odom_at = now, math.inf
+        self._accepted = now
+        self._odom_at = math.inf
         self._stopped_at = self._stood_at = math.inf
         self._was_released = False
 
@@ -177,7 +185,7 @@ class Supervisor:
         overdue: frozenset[str] = frozenset(),
         fault: str | None = None,
     ) -> Command | None:
-        """Process a newer state of the world; return the command, None if another program moves the robot.
+        """Process a newer state; return the command, None if another program moves the robot.
 
         A step that needs an `overdue` object, one without recent messages, pauses. A `fault` of the
         base, see `MotionWatch`, ends the goal.
@@ -188,7 +196,8 @@ class Supervisor:
             self.base_fault(fault)
         if self.odometry_is_late(now):
             self._gaps.append(now - self._odom_at)
-        self._odom_at, self._newest = now, world
+        self._odom_at = now
+        self._newest = world
         # The first command, to stand, makes a simulation wait for the next one, which requires
         # planning.
         if self.phase is Phase.WAITING and self._begin(world, now) and world.robot.is_standing:
@@ -258,7 +267,8 @@ class Supervisor:
         if step.status is not Status.SUCCEEDED and self.refining.revert(world, step.message):
             self.forecast.change(at_rest(world, self._robot))
             return STOP
-        last, missing = self.executor.records[-1], missing_object(self._top, world)
+        last = self.executor.records[-1]
+        missing = missing_object(self._top, world)
         if missing is not None:
             self._end_without(missing, self._top)
         elif last.lost is not None:
@@ -274,7 +284,8 @@ class Supervisor:
         state, as after a long tick odometry may be read before the object's message.
         """
         top = self._top
-        before, self._missing = self._missing, missing_object(top, world)
+        before = self._missing
+        self._missing = missing_object(top, world)
         if self._missing and before:
             self._end_without(self._missing, top)
             return ""
@@ -288,7 +299,10 @@ class Supervisor:
         if impossible is not None:
             self.end(Ending.INPUT_LOST, impossible)
         if self._is_late(world):
-            return f"{top.name} paused: states are {self._delays.greatest:.1f} s old when they are read"
+            return (
+                f"{top.name} paused: states are {self._delays.greatest:.1f} s old when they are "
+                "read"
+            )
         delay = self._delays.seconds
         if delay > _DELAYED and self._fence.may_leave(world, min(delay, self._deadlines.odom)):
             return f"{top.name} paused: states are {delay:.1f} s old, and the fence is near"
@@ -313,9 +327,9 @@ class Supervisor:
     def _end_late(self) -> None:
         self.end(
             Ending.INPUT_LOST,
-            f"odom is late: expected states that are at most {self._deadlines.odom:g} s old when they "
-            f"are read, got {self._delays.greatest:.2f} s; the network, a node that publishes them or "
-            "this machine cannot keep up",
+            f"odom is late: expected states that are at most {self._deadlines.odom:g} s old when "
+            f"they are read, got {self._delays.greatest:.2f} s; the network, a node that publishes "
+            "them or this machine cannot keep up",
         )
 
     def _end_without(self, name: str, top: Top) -> None:
@@ -335,8 +349,8 @@ class Supervisor:
         late = world.time - self._stopped_at > LONGEST_STOP_TIME
         if late and not stands:
             self.explain(
-                f"the robot still moves at {world.robot.speed:.2f} m/s and {world.robot.w:.2f} rad/s, "
-                f"{LONGEST_STOP_TIME:g} s after it was commanded to stop"
+                f"the robot still moves at {world.robot.speed:.2f} m/s and "
+                f"{world.robot.w:.2f} rad/s, {LONGEST_STOP_TIME:g} s after it was commanded to stop"
             )
         calm = _CALM if self._was_released and self.ending is Ending.FAILED else 0.0
         if late or world.time - self._stood_at >= calm:
@@ -345,7 +359,7 @@ class Supervisor:
     # Deadlines
 
     def odometry_is_late(self, now: float) -> bool:
-        """Return whether the robot must stand because odometry has been missing for half its timeout.
+        """Return whether the robot must stand: odometry is missing for half its timeout.
 
         A slow clock makes that at most `GREATEST_STOP_SLOWDOWN` times longer. If another program
         moves the robot, commands would interfere.
@@ -362,18 +376,19 @@ class Supervisor:
             return ""
         return (
             f"odom: expected messages at most {self._deadlines.stop_after:.2f} s apart, got "
-            f"{len(self._gaps)} longer gaps, up to {max(self._gaps):.2f} s, in which the robot stood: "
-            "check the network and its driver"
+            f"{len(self._gaps)} longer gaps, up to {max(self._gaps):.2f} s, in which the robot "
+            "stood: check the network and its driver"
         )
 
     def odometry_received(self, now: float) -> None:
-        """Restart the timeout of odometry at `now`: messages that arrived during a tick are not late."""
+        """Restart the timeout of odometry at `now`, as messages of a tick are not late."""
         self._odom_at = now
 
     def postpone(self, now: float, why: str) -> None:
         """Restart the timeout of a goal that cannot start yet."""
         if self.phase is Phase.WAITING:
-            self._accepted, self.reason = now, why
+            self._accepted = now
+            self.reason = why
 
     def watch(self, now: float) -> None:
         """Check all timeouts at `now`."""
@@ -391,7 +406,8 @@ class Supervisor:
                 )
         if self.question is not None and now - self.question.asked > self._deadlines.refinement:
             within = f"{self._deadlines.refinement:g} s"
-            self.unrefined(f"no answer within {within}; is a refinement node running?")
+            why = f"no answer within {within}; is a refinement node running?"
+            self.answer(Answer(None, False, why))
         limit = self.slowdown * self._deadlines.odom
         if self.phase is Phase.WAITING:
             limit = max(limit, _FIRST_GAP)
@@ -404,23 +420,11 @@ class Supervisor:
 
     # Answers of refinement
 
-    def refined_to(self, chain: TopChain, refined: bool, reason: str, *, chosen: int = 0) -> None:
-        """Accept the answer `chain` to `question`.
-
-        `chosen` is its index: 0 is the chain of the question, others are its alternatives. An
-        unrefined chain may differ from the question: naive values replace placeholders.
-        """
-        if self.question is not None:
-            self.refining.take(chain, refined, reason, chosen)
-            self._start_answered()
-
-    def unrefined(self, why: str) -> None:
-        """Continue with the naive chain, or the chain in execution, as `question` has no valid answer."""
-        if self.question is not None:
-            self.refining.refuse(why)
-            self._start_answered()
-
-    def _start_answered(self) -> None:
+    def answer(self, answer: Answer) -> None:
+        """Process the answer to `question`; without a question it is ignored."""
+        if self.question is None:
+            return
+        self.refining.answer(answer)
         if self.phase is Phase.REFINING:
             self.phase = Phase.EXECUTING
             self.reason = self.phase.value  # for feedback before the next tick
@@ -436,7 +440,9 @@ class Supervisor:
             return
         if self._newest is not None:
             self.executor.interrupt(self._newest, ending, reason)
-        self.phase, self.ending, self.reason = Phase.STOPPING, ending, reason
+        self.phase = Phase.STOPPING
+        self.ending = ending
+        self.reason = reason
         if math.isinf(self._odom_at):  # without any odometry its timeout counts from the acceptance
             self._odom_at = self._accepted
 
@@ -446,7 +452,8 @@ class Supervisor:
         Also after a success, until the base stands.
         """
         if self.ending is Ending.SUCCEEDED and self.phase is Phase.STOPPING:
-            self.ending, self.reason = Ending.BASE_FAULT, reason
+            self.ending = Ending.BASE_FAULT
+            self.reason = reason
         self.end(Ending.BASE_FAULT, reason)
 
     def explain(self, cause: str) -> None:

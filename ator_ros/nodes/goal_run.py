@@ -19,7 +19,7 @@ from ator_interfaces.srv import RefineSubgoal
 from ator_ros.execution.chain_executor import ActionRecord, Ending
 from ator_ros.execution.fence import Fence
 from ator_ros.execution.predictions import Predictor
-from ator_ros.execution.refining import Question
+from ator_ros.execution.refining import Answer, Question
 from ator_ros.execution.rolling import Rolling
 from ator_ros.execution.supervisor import Deadlines, Phase, Supervisor
 from ator_ros.nodes import messages
@@ -152,9 +152,13 @@ class GoalRun:
             return
         if not self._refinement.service_is_ready():
             if time.monotonic() - question.asked > _DISCOVERY:
-                self.supervisor.unrefined(
-                    f"expected the service refine_subgoal within {_DISCOVERY:g} s, got none; "
-                    "start a refinement node"
+                self.supervisor.answer(
+                    Answer(
+                        None,
+                        False,
+                        f"expected the service refine_subgoal within {_DISCOVERY:g} s, got none; "
+                        "start a refinement node",
+                    )
                 )
             return
         goal = self.handle.request
@@ -183,7 +187,7 @@ class GoalRun:
             return
         reason = one_line(answer.reason)
         if not answer.accepted:
-            supervisor.unrefined(reason)
+            supervisor.answer(Answer(None, False, reason))
             return
         if supervisor.phase is Phase.REFINING:
             self._gain = answer.gain
@@ -195,9 +199,9 @@ class GoalRun:
                 answer.chain, self._library, frame=frame, where=where, fence=self._fence
             )
         except MessageError as error:
-            supervisor.unrefined(str(error))
+            supervisor.answer(Answer(None, False, str(error)))
         else:
-            supervisor.refined_to(chain, answer.refined, reason, chosen=answer.chosen)
+            supervisor.answer(Answer(chain, answer.refined, reason, chosen=answer.chosen))
 
     def new_records(self) -> list[ActionPerformance]:
         """Return the records of the actions that have ended since the last call."""

@@ -59,8 +59,7 @@ TO_X, TO_Y, TO_DEST, AT_DEST, RESTS, PATH_TIME, PATH_TURN = range(len(BASICS), l
 """Numbers of the rows after those of `BASICS`.
 
 The destination (m), the signed angles to it and at it (rad), whether the robot stands at both ends
-(1 or 0), and the time (s) of the path and the angle turned on it (rad), which `Geometry.path`
-writes.
+(1 or 0), and time (s) and turned angle (rad) of the path, which `Geometry.path` writes.
 """
 ROWS = PATH_TURN + 1
 _REST_V = AT_REST.speed

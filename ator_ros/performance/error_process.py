@@ -89,7 +89,8 @@ class ErrorProcess:
         known, inverse, weights, center, scale = self._solved
         points = np.ascontiguousarray((features - center) / scale)
         similar = signs @ _kernel(points, known, self.signal, self.length)
-        variance = signs @ _kernel(points, points, self.signal, self.length) @ signs
+        covariances = _kernel(points, points, self.signal, self.length)
+        variance = signs @ covariances @ signs
         variance -= similar @ inverse @ similar
         return float(similar @ weights), max(float(variance), 0.0)
 
@@ -101,7 +102,9 @@ class ErrorProcess:
         covariances = _kernel(known, known, self.signal, self.length) + noise
         inverse: FloatArray = np.asarray(np.linalg.inv(covariances), dtype=float)
         weights = inverse @ _clipped(np.array(self.errors), known)
-        return known, inverse, weights, np.array(self.center), np.array(self.scale)
+        center = np.array(self.center)
+        scale = np.array(self.scale)
+        return known, inverse, weights, center, scale
 
 
 @compiled
@@ -119,7 +122,8 @@ def _kernel(
             for feature in range(one.shape[1]):
                 square += (one[row, feature] - other[column, feature]) ** 2
             scaled = math.sqrt(3.0 * square) / length
-            found[row, column] = signal * signal * (1.0 + scaled) * math.exp(-scaled)
+            falling = math.exp(-scaled)
+            found[row, column] = signal * signal * (1.0 + scaled) * falling
     return found
 
 

@@ -1,4 +1,4 @@
-"""The performance model of an action: from situations to performance (paper, section 2.1)."""
+"""The performance model of an action: maps situations to measures (paper, section 2.1)."""
 
 from __future__ import annotations
 
@@ -22,8 +22,13 @@ from ator_ros.performance.tree.nodes import ModelTree, RuleWriter
 from ator_ros.schema import Within
 from ator_ros.world.state import CONTROL_PERIOD
 
-MEASURES: dict[str, str] = {"duration": "s", "success": "", "accuracy": "m", "heading": "rad"}
-"""What is predicted, with units: time to the end, probability of success, errors at the end."""
+MEASURES: dict[str, str] = {
+    "duration": "s",
+    "success": "",
+    "accuracy": "m",
+    "heading": "rad",
+}
+"""What is predicted, with units: time, probability of success, and the errors at the end."""
 
 
 @dataclass(frozen=True)
@@ -142,14 +147,14 @@ class PerformanceModel:
 
     @cached_property
     def experience(self) -> Mapping[str, tuple[float, float]]:
-        """Least and greatest value of each quantity at the starts of learning, if known.
+        """Range of each quantity at the starts that it was learned from, if known.
 
         Places are in the robot's area, while those of the file are relative to the area's center;
         see `ator_ros.performance.training.start_ranges`.
         """
         ranges = self.metadata.get("training", {}).get("starts", {})
         area = self.robot.scene.area
-        moved = {"x": area.x, "xg": area.x, "y": area.y, "yg": area.y}
+        moved = dict.fromkeys(("x", "xg"), area.x) | dict.fromkeys(("y", "yg"), area.y)
         experience = {}
         for name, (low, high) in ranges.items():
             by = moved.get(name, 0.0)
@@ -207,7 +212,7 @@ class PerformanceModel:
         return tree.evaluate(self._rows(geometry, tree.names))[0]
 
     def rules(self, measure: str = "duration") -> str:
-        """Return the rules of one measure in the paper's form, one a line, after what they share."""
+        """Return the rules of a measure in the paper's form, one a line, after what they share."""
         rules = self._writer(measure).rules()
         if self.driving is None:
             return rules
@@ -217,7 +222,7 @@ class PerformanceModel:
         return f"{self.driving.rule()}\n{rules}"
 
     def explain(self, direct: Direct) -> str:
-        """Return the rule that predicts a duration, and what each of its terms adds."""
+        """Return the rule that predicts the duration of a situation, and what its terms add."""
         rows = self._rows(self._geometry(direct), self.trees["duration"].names)
         return self._writer("duration").explanation(rows[:, 0])
 
@@ -247,7 +252,7 @@ def _write_at_goal(
     durations: FloatArray,
     spreads: FloatArray,
 ) -> None:
-    """Write duration and spread for robots at rest within a distance (m) and angle (rad) of the goal."""
+    """Write duration and spread for robots at rest within a distance (m) and angle of the goal."""
     for at in range(rows.shape[1]):
         if (
             rows[RESTS, at] > 0.5

@@ -105,8 +105,11 @@ def save_model(path: Path | str, model: PerformanceModel) -> None:
 
     The file is replaced in one step, so that a reader never gets half of it.
     """
-    names = dict.fromkeys(name for tree in model.trees.values() for name in tree.names)
-    names.update(dict.fromkeys(model.errors.features if model.errors is not None else ()))
+    names: dict[str, None] = {}
+    for tree in model.trees.values():
+        names |= dict.fromkeys(tree.names)
+    if model.errors is not None:
+        names |= dict.fromkeys(model.errors.features)
     file = _ModelFile(
         action=model.action,
         action_set=model.metadata.get("action_set", DEFAULT_SET),
@@ -230,7 +233,8 @@ def load_models(
     if not top.is_dir():
         raise FileError(f"{top}: expected a folder of models, found none")
     place = models_folder(top, action_set)
-    models = {file.stem: load_model(file, robot, features) for file in sorted(place.glob("*.json"))}
+    files = sorted(place.glob("*.json"))
+    models = {file.stem: load_model(file, robot, features) for file in files}
     if not models:
         raise NoModelsError(
             f"{place}: expected model files such as goToPose.json: run train to make them"

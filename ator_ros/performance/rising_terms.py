@@ -125,7 +125,10 @@ def _fitted(
     It is a non-negative least-squares fit on the segments between bends. Bends are removed, those
     first that are worth least, while the corrected error of M5' does not grow.
     """
-    by_feature = [_segments(table[name].to_numpy(), bends) for name, bends in rising.items()]
+    by_feature = []
+    for name, bends in rising.items():
+        values = table[name].to_numpy()
+        by_feature.append(_segments(values, bends))
     segments = np.hstack(by_feature)
     centered = segments - segments.mean(axis=0)
     target = durations - durations.mean()
@@ -147,13 +150,14 @@ def _fitted(
         groups.append([[number] for number in range(first, len(begins))])
     error, slopes = _fit(groups, factor, len(target))
     while candidates := _merged(groups):
-        fits = [(*_fit(merged, factor, len(target)), merged) for merged in candidates]
-        least, other, merged = min(fits, key=lambda each: each[0])
+        fits = [_fit(merged, factor, len(target)) for merged in candidates]
+        best = min(range(len(fits)), key=lambda number: fits[number][0])
+        least, its_slopes = fits[best]
         if least[0] > error[0]:
             break
         error = least
-        slopes = other
-        groups = merged
+        slopes = its_slopes
+        groups = candidates[best]
     return _changes(begins, groups, slopes)
 
 
@@ -185,7 +189,8 @@ def _fit(
 ) -> tuple[tuple[float, float], FloatArray]:
     """Return corrected error (may be infinite) and plain error, to sort by, and the slopes."""
     all_runs = [run for runs in groups for run in runs]
-    table = np.column_stack([factor[:, run].sum(axis=1) for run in all_runs])
+    columns = [factor[:, run].sum(axis=1) for run in all_runs]
+    table = np.column_stack(columns)
     slopes, residual = nnls(table, factor[:, -1])
     terms = np.array([1.0 + _TERM_COST * len(slopes)])
     squared = np.array([residual**2])

@@ -599,14 +599,16 @@ def start_ranges(rows: pd.DataFrame, robot: Robot) -> dict[str, list[float]]:
     starts = rows[rows["t"] == 0.0]
     names = (name for name in DIRECT_VARIABLES if name not in ("yaw", "yawg", "hold"))
     area = robot.scene.area
-    moved = {"x": area.x, "xg": area.x, "y": area.y, "yg": area.y}
+    moved = dict.fromkeys(("x", "xg"), area.x) | dict.fromkeys(("y", "yg"), area.y)
     relative = {name: starts[name] - moved.get(name, 0.0) for name in names}
     between = (starts["yawg"] - starts["yaw"]).to_numpy(dtype=float)
     turns = np.abs(wrap_angles(between))
     columns = {**relative, "way": _distances(starts, robot), "turn": turns}
     ranges = {}
     for name, values in columns.items():
-        ranges[name] = [float(values.min()), float(values.max())]
+        least = float(values.min())
+        greatest = float(values.max())
+        ranges[name] = [least, greatest]
     ranges["braking"] = [0.0, _braking(starts[starts["success"]], robot)]
     return ranges
 

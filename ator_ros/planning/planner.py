@@ -244,7 +244,7 @@ def _place_in(
     for margin in (top.place_tolerance, 0.0):
         good = places[np.broadcast_to(least >= margin - 1e-9, len(places))]
         if len(good):
-            present = [state.get(f"{thing}.{axis}", 0.0) for axis in "xy"]
+            present = [state[f"{thing}.{axis}"] for axis in "xy"]
             away = np.hypot(*(good - present).T)
             far = away >= _LEAST_DISTANCE
             if far.any():

@@ -117,22 +117,27 @@ class StepRows:
 
     Parameters
     ----------
-    start : callable
-        Returns the start variables x, y, yaw, v, w, vy for candidates of the subgoal before.
+    start : mapping of str
+        The start variables x, y, yaw, v, w, vy, if no candidate changes them.
     goal, free : Goal, sequence of str
         The subgoal that the step leads to, and the names of its free variables.
+    changed : callable, optional
+        Returns the start variables for candidates of the subgoal before.
     """
 
     def __init__(
         self,
-        start: Callable[[FloatArray], Mapping[str, Any]],
+        start: Mapping[str, float],
         goal: Goal,
         free: Sequence[str],
+        changed: Callable[[FloatArray], Mapping[str, Any]] | None = None,
     ) -> None:
         self.names = (*DIRECT_VARIABLES, *map(direct_name, sorted(goal.values)))
-        self._start = start
-        self._goal = goal
-        self._free = free
+        own = {direct_name(name): value for name, value in goal_values(goal).items()}
+        fixed = {**start, **own, "hold": float(goal.point is Point.HOLD)}
+        self._fixed = np.array([fixed[name] for name in self.names], dtype=float)
+        self._free = [direct_name(name) for name in free]
+        self._changed = changed
 
     def values(self, before: FloatArray, after: FloatArray) -> FloatArray:
         """Return the direct variables, shape (names, ...), for candidates (..., k), broadcast.
@@ -140,13 +145,13 @@ class StepRows:
         They are of the subgoals before and after the step; those that change no variable count as
         one.
         """
-        goal = with_candidates(self._goal, self._free, after)
-        columns = {direct_name(name): value for name, value in goal.items()}
-        columns["hold"] = float(self._goal.point is Point.HOLD)
-        columns.update(self._start(before))
+        columns = {name: after[..., column] for column, name in enumerate(self._free)}
+        if self._changed is not None:
+            columns.update(self._changed(before))
         table = np.empty((len(self.names), *np.broadcast(*columns.values()).shape))
-        for row, name in enumerate(self.names):
-            table[row] = columns[name]
+        table.T[:] = self._fixed
+        for name, values in columns.items():
+            table[self.names.index(name)] = values
         return table
 
 
@@ -163,10 +168,11 @@ def step_rows(
     """
     rows = []
     start = _present(world)
+    changed = None
     place = world.robot.pose[:2]
     stays = any(not call.top.arrives for call in chain.calls[:-1])
     for call, free in zip(chain.calls, names, strict=True):
-        rows.append(StepRows(start, call.goal, free))
+        rows.append(StepRows(start, call.goal, free, changed))
         if stays:
             world = projected(world, call, robot)
         if call.top.arrives:
@@ -174,20 +180,21 @@ def step_rows(
             model = models.get(call.top.action)
             arrival = model.arrival if model is not None and goal.point is Point.AXLE else None
             bearing = arrival_heading(place, goal.pose, robot)
-            start = _Subgoal(goal, free, robot, arrival, bearing).start
+            start = _Subgoal(goal, (), robot, arrival, bearing).start(np.zeros(0))
+            changed = _Subgoal(goal, free, robot, arrival, bearing).start if free else None
             there = columns_after(goal_values(goal), goal.point, robot)
             place = (float(there["x"]), float(there["y"]))
         else:  # the robot is where the post-condition puts it
             start = _present(world)
+            changed = None
             place = world.robot.pose[:2]
     return rows
 
 
-def _present(world: World) -> Callable[[FloatArray], Mapping[str, Any]]:
-    """Return a function for the start variables of the robot's state, whatever the candidates."""
+def _present(world: World) -> dict[str, float]:
+    """Return the start variables of the robot's state."""
     state = world.robot
-    columns = {**state.pose._asdict(), "v": state.vx, "w": state.w, "vy": state.vy}
-    return lambda _: columns
+    return {**state.pose._asdict(), "v": state.vx, "w": state.w, "vy": state.vy}
 
 
 def chain_situations(
@@ -276,7 +283,7 @@ class ChainModel:
     def step_costs(self, steps: Sequence[Pairs]) -> list[FloatArray]:
         """Return the costs of actions, see `ator_ros.refinement.search.StepCosts`."""
         tables = [(index, self.rows[index].values(before, after)) for index, before, after in steps]
-        predicted, _ = self._predicted(tables, self.objective.needs)
+        predicted, _ = self._predicted(tables, ())
         costs = [step["cost"] for step in predicted]
         for place, (index, table) in enumerate(tables):
             if self._routes is not None and {"x", "y"} & set(self.names[index]):
@@ -293,7 +300,7 @@ class ChainModel:
 
         Its cost is infinite if that of a step is NaN.
         """
-        steps, _ = self._predicted(self._tables(self.given), self._reported)
+        steps, _ = self._predicted(self._tables(self.given), REPORTED)
         return _summed(steps)
 
     def compare(
@@ -307,12 +314,8 @@ class ChainModel:
         count = len(before)
         tables = self._tables(before) + self._tables(after)
         signs = np.repeat((1.0, -1.0), count)
-        steps, uncertainty = self._predicted(tables, self._reported, signs)
+        steps, uncertainty = self._predicted(tables, REPORTED, signs)
         return _summed(steps[:count]), _summed(steps[count:]), uncertainty
-
-    @property
-    def _reported(self) -> tuple[str, ...]:
-        return tuple(dict.fromkeys(REPORTED + self.objective.needs))
 
     def _tables(self, values: Sequence[FloatArray]) -> list[tuple[int, FloatArray]]:
         """Return each step's index and direct variables, for values (k,) of each subgoal."""
@@ -322,14 +325,15 @@ class ChainModel:
     def _predicted(
         self,
         tables: Sequence[tuple[int, FloatArray]],
-        fields: tuple[str, ...],
+        reported: tuple[str, ...],
         signs: FloatArray | None = None,
     ) -> tuple[list[dict[str, FloatArray]], float]:
-        """Return the predicted fields and the cost for each table, in its shape.
+        """Return the cost and the reported fields for each table, in its shape.
 
         With the signs of the tables, also the uncertainty in s of the sum of all durations.
         """
         predicted = [{"cost": np.zeros(table.shape[1:])} for _, table in tables]
+        fields = tuple(dict.fromkeys(reported + self.objective.needs))
         error = variance = 0.0
         actions = [self._actions[index] for index, _ in tables]
         for action in dict.fromkeys(actions):
@@ -346,7 +350,7 @@ class ChainModel:
             if signs is not None:
                 error += prediction.error_of_sum[0]
                 variance += prediction.error_of_sum[1]
-            columns = {name: getattr(prediction, name, None) for name in fields}
+            columns = {name: getattr(prediction, name, None) for name in reported}
             columns["cost"] = np.fmin(self.objective.cost(prediction), np.inf)  # NaN: infinite
             known = {name: values for name, values in columns.items() if values is not None}
             last = 0

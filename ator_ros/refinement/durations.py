@@ -71,7 +71,7 @@ def predict_durations(
         model = models.get(call.top.action)
         if model is None:
             continue
-        rows = StepRows(lambda _: start, call.goal, ())
+        rows = StepRows(dict.fromkeys(start, 0.0), call.goal, (), lambda _: start)
         direct = DirectTable(rows.names, rows.values(nothing, nothing))
         prediction = model.predict(direct, fields, None)
         for values, name in zip(found, fields, strict=True):

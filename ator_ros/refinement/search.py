@@ -141,6 +141,8 @@ class Optimum:
         First candidates, by subgoal.
     rows : sequence of int
         Row of the best candidate among the last ones of each subgoal.
+    costs : sequence of ndarray, shapes (n, m)
+        Cost of each step with the last candidates of the subgoals before (n) and after it (m).
     complete : bool
         False if the deadline ended the search.
     """
@@ -149,6 +151,7 @@ class Optimum:
     cost: float
     curves: Sequence[SearchCurve]
     rows: Sequence[int] = ()
+    costs: Sequence[FloatArray] = ()
     complete: bool = True
 
     @property
@@ -210,12 +213,22 @@ def search(
             break
         if not path.complete or deadline():
             return dataclasses.replace(path, curves=curves, complete=False)
-        candidates = [
-            window.candidates(row, curve, number)
-            for window, row, curve in zip(windows, path.rows, path.curves, strict=True)
-        ]
+        candidates = []
+        known: list[FloatArray | None] = []  # costs between subgoals that keep their candidates
+        rows_before = [0]
+        kept_before = True
+        for index, window in enumerate(windows):
+            curve = path.curves[index]
+            best = window.best(path.rows[index], curve)
+            centers = curve.values.take(best, axis=0)
+            kept = not window.has_new(number)
+            costs = path.costs[index].take(rows_before, axis=0).take(best, axis=1)
+            known.append(costs if kept and kept_before else None)
+            candidates.append(centers if kept else window.around(centers, number))
+            rows_before = best
+            kept_before = kept
         former = path
-        path = least_path(step_costs, candidates, deadline)
+        path = least_path(step_costs, candidates, deadline, known)
         for window, start, end in zip(windows, former.values, path.values, strict=True):
             window.shrink(start, end, number)
         gains = former.cost - path.cost > _GAIN * abs(former.cost) / len(axes)
@@ -245,14 +258,21 @@ def least_path(
     step_costs: StepCosts,
     candidates: Sequence[FloatArray],
     deadline: Deadline = no_deadline,
+    known: Sequence[FloatArray | None] = (),
 ) -> Optimum:
-    """Find the best candidate of each subgoal; after the deadline, later ones keep the first."""
-    costs = _evaluated(step_costs, candidates, 0, deadline)
+    """Find the best candidate of each subgoal; after the deadline, later ones keep the first.
+
+    `known` are the costs (n, m) of each step, None where they must be evaluated; by default all
+    must be.
+    """
+    unknown = [None] * len(candidates)
+    costs = _evaluated(step_costs, candidates, known or unknown, deadline)
     in_time = len(costs)
     if in_time < len(candidates):
         first_only = [each[:1] for each in candidates[in_time:]]
         candidates = [*candidates[:in_time], *first_only]
-        costs += _evaluated(step_costs, candidates, in_time, no_deadline)
+        known = [*costs, *unknown[in_time:]]
+        costs = _evaluated(step_costs, candidates, known, no_deadline)
     forward = [costs[0][0]]
     origins = []
     for cost in costs[1:]:
@@ -272,39 +292,40 @@ def least_path(
     for index, among in enumerate(candidates):
         values.append(among[rows[index]])
         curves.append(SearchCurve(among, forward[index] + backward[index]))
-    return Optimum(values, total, curves, rows, complete=in_time == len(candidates))
+    is_complete = in_time == len(candidates)
+    return Optimum(values, total, curves, rows, costs, is_complete)
 
 
 def _evaluated(
     evaluate: StepCosts,
     candidates: Sequence[FloatArray],
-    start: int,
+    known: Sequence[FloatArray | None],
     deadline: Deadline,
 ) -> list[FloatArray]:
-    """Return the costs (n, m) of each step from `start` on, of fewer if time is up."""
+    """Return the costs (n, m) of each step, evaluated if not known; of fewer if time is up."""
     costs: list[FloatArray] = []
-    block: list[Pairs] = []
-    parts: list[FloatArray] = []  # of the costs, for the pairs in the block
-    blocks = [(block, parts)]
-    size = 0  # pairs in the block
-    for index in range(start, len(candidates)):
+    blocks: list[tuple[list[Pairs], list[FloatArray]]] = []  # pairs, and their parts of the costs
+    room = 0  # pairs for which the last block has room
+    for index, after in enumerate(candidates):
+        given = known[index]
+        if given is not None:
+            costs.append(given)
+            continue
         before = candidates[index - 1] if index else np.zeros((1, 0))
-        after = candidates[index]
         costs.append(np.empty((len(before), len(after))))
         rows = max(1, BLOCK // len(after))
         for first in range(0, len(before), rows):
             part = costs[-1][first : first + rows]
-            if block and size + part.size > BLOCK:
-                block = []
-                parts = []
-                size = 0
-                blocks.append((block, parts))
-            block.append((index, before[first : first + rows, None], after))
-            parts.append(part)
-            size += part.size
+            room -= part.size
+            if room < 0:
+                blocks.append(([], []))
+                room = BLOCK - part.size
+            pairs, results = blocks[-1]
+            pairs.append((index, before[first : first + rows, None], after))
+            results.append(part)
     for pairs, results in blocks:
         if deadline():
-            return costs[: pairs[0][0] - start]
+            return costs[: pairs[0][0]]
         for result, cost in zip(results, evaluate(pairs), strict=True):
             result[:] = cost
     return costs
@@ -339,25 +360,14 @@ class _Windows:
         self._used = 0  # points of the sequence
         self.first, self._radius = self._first()
 
-    def candidates(
-        self,
-        row: int,
-        curve: SearchCurve,
-        number: int,
-    ) -> FloatArray:
-        """Return the candidates (n, k) of a round.
-
-        They are the best one of the former round, which is at `row` of its `curve`, the best that
-        is no neighbor of it, since its valley may be deeper, and new ones in windows around both.
-        """
-        best = [row]
+    def best(self, row: int, curve: SearchCurve) -> list[int]:
+        """Return `row`, and the best row that is no neighbor of it: its valley may be deeper."""
         reach = _APART * self._radius
         second = _best_apart(curve.values, curve.totals, row, reach, self._period)
-        if second >= 0:
-            best.append(second)
-        centers = curve.values.take(best, axis=0)
-        if not self.has_new(number):
-            return centers
+        return [row, second] if second >= 0 else [row]
+
+    def around(self, centers: FloatArray, number: int) -> FloatArray:
+        """Return the `centers` (n, k), and new candidates in windows around them."""
         each = _of(_IN_WINDOW, len(self._ranges))
         points = spread_points(len(self._ranges), self._used, each * len(centers))
         self._used += len(points)

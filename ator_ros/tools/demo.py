@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import io
-import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -124,9 +123,7 @@ def table(situations: Sequence[DemoSituation]) -> str:
 def _times(situation: DemoSituation, run: Run) -> dict[str, str]:
     """Return predicted and actual time of each step and of the chain."""
     predicted = situation.answer.after if run.record.refined else situation.answer.before
-    actual = itertools.chain(
-        (a.actual.duration for a in run.record.actions), itertools.repeat(math.nan)
-    )
+    actual = [action.actual.duration for action in run.record.actions]
     steps = zip(situation.chain.calls, predicted, actual, strict=False)  # fewer if it failed
     cells = {
         f"{number} {call.top.name}": f"{seconds(before)} / {seconds(after)}"

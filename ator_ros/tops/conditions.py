@@ -200,7 +200,7 @@ class Distance(Relation):
     ) -> Any:
         """Return the clearance; see `Relation.room`."""
         distance = np.hypot(dx, dy)
-        within = distance - self.low if self.low > 0.0 else np.inf + 0.0 * distance
+        within = distance - self.low if self.low > 0.0 else np.inf
         return np.minimum(within, self.high - distance)
 
     def __str__(self) -> str:

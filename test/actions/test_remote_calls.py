@@ -136,8 +136,10 @@ def test_the_final_state_decides_where_nothing_else_is_declared() -> None:
         ("there", "", False),
         (0.1, 0.10000000149011612, True),  # as a 32-bit float
         (0.1, 0.10001, False),
+        (1.0, 1.0000015, False),
+        (1.0, 1.0000009, True),
         (0.0, 1e-10, True),
-        (0.0, 1e-8, False),
+        (0.0, 1.5e-9, False),
         (2.0, 2, True),
         (2.0, "2.0", False),
         (math.inf, math.inf, True),

@@ -19,6 +19,7 @@ from ator_ros.evaluation.running import (
 from ator_ros.evaluation.toolset import ToolsetSource, tools_of
 from ator_ros.files import FileError, load
 
+FIFTH = str(Path(__file__).parents[1] / "fifth.yaml")
 SETTINGS = Settings(seed=405, chain="dribble", policies=("naive", "face_goal"))
 
 
@@ -87,7 +88,7 @@ def test_the_oracle_of_an_earlier_evaluation_is_read(tmp_path: Path) -> None:
         dataclasses.replace(SETTINGS, chain="shoot"),
         dataclasses.replace(SETTINGS, source=ToolsetSource(action_set="bezier")),
         dataclasses.replace(SETTINGS, source=ToolsetSource(domain="drive")),
-        dataclasses.replace(SETTINGS, source=ToolsetSource(robot="test/fifth.yaml")),
+        dataclasses.replace(SETTINGS, source=ToolsetSource(robot=FIFTH)),
     ]
     for settings in others:
         with pytest.raises(FileError, match="expected an evaluation of "):
@@ -140,3 +141,12 @@ def test_the_refiner_has_the_time_limit_as_cost_of_a_failure() -> None:
     tools, _ = tools_of(ToolsetSource())
     assert tools.refiner().failure_cost == tools.domain.time_limit
     assert tools.refiner(gated=True).gate != tools.refiner().gate
+
+
+def test_the_described_robot_is_that_of_the_file() -> None:
+    shipped = ToolsetSource().described()
+    other = ToolsetSource(robot=FIFTH)
+    assert other.described().name == "fifth" != shipped.name
+    assert other.digest() != ToolsetSource().digest()
+    assert ToolsetSource(action_set="bezier").digest() != ToolsetSource().digest()
+    assert ToolsetSource(action_set="bezier").folder() == ToolsetSource().folder() / "bezier"

@@ -39,7 +39,8 @@ def test_a_study_without_a_chain_is_shown() -> None:
             "variables": [variable],
         }
     )  # fmt: skip
-    for text in ("no holder", "No chain of the domain can be executed", "2 (visit)"):
+    texts = ("no holder", "No chain of the domain can be executed", "2 (visit)", ">25 %<", ">0.00<")
+    for text in texts:
         assert text in page
 
 

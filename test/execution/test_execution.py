@@ -9,6 +9,7 @@ from executions import FORWARD, FORWARD_LEFT, ROBOT, chain, execution, world
 from ator_ros.domains.soccer.field import BALL
 from ator_ros.execution import refining
 from ator_ros.execution.chain_executor import Ending
+from ator_ros.execution.refining import Answer
 from ator_ros.execution.supervisor import Phase, Supervisor
 from ator_ros.geometry import Pose
 from ator_ros.simulation.simulation import Simulation
@@ -89,7 +90,7 @@ def test_the_goal_waits_for_refinement_until_its_deadline() -> None:
     assert run.refining.reason.startswith(
         "executed as sent, refinement failed: no answer within 5 s"
     )
-    run.refined_to(FORWARD_LEFT, True, "too late")
+    run.answer(Answer(FORWARD_LEFT, True, "too late"))
     assert run.executor.chain is FORWARD
 
 
@@ -97,7 +98,7 @@ def test_without_an_answer_open_values_are_naive() -> None:
     sent = chain(("goToPose", Pose(1.0, 1.0, 3.0)), opened=frozenset({"yaw"}))
     run = execution(sent, refine=True)
     run.tick(world(), 100.0)
-    run.unrefined("no models")
+    run.answer(Answer(None, False, "no models"))
     assert run.executor.chain.calls[0].goal.pose.yaw == pytest.approx(math.pi / 4)
     assert run.refining.reason == "executed with naive values, refinement failed: no models"
     assert not run.refining.refined
@@ -134,7 +135,7 @@ def test_a_refined_chain_is_executed_if_it_is_valid() -> None:
     run = execution(forward, refine=True)
     run.tick(world(), 100.0)
     assert run.reason == "waiting for refinement"
-    run.refined_to(forward_left, True, "0.5 s faster")
+    run.answer(Answer(forward_left, True, "0.5 s faster"))
     assert run.reason == "executing"
     run.tick(world(1.05), 100.1)
     assert (run.executor.chain, run.refining.refined, run.refining.reason) == (
@@ -144,7 +145,7 @@ def test_a_refined_chain_is_executed_if_it_is_valid() -> None:
     )
     other = execution(FORWARD, refine=True)
     other.tick(world(), 100.0)
-    other.refined_to(chain(("shoot", Pose(4.0, 0.0, 0.0))), True, "invalid")
+    other.answer(Answer(chain(("shoot", Pose(4.0, 0.0, 0.0))), True, "invalid"))
     assert other.executor.chain is FORWARD
     assert "expected the steps of the question" in other.refining.reason
     assert not other.refining.refined
@@ -157,7 +158,7 @@ def test_open_variables_are_filled_in_without_refinement() -> None:
     state = world(ball=ObjectState(1.0, 0.0))
     run = execution(sent, refine=True)
     run.tick(state, 100.0)
-    run.refined_to(filled, False, "the gate is closed")
+    run.answer(Answer(filled, False, "the gate is closed"))
     run.tick(dataclasses.replace(state, time=1.05), 100.1)
     assert run.executor.chain == filled
     assert (run.refining.refined, run.refining.reason) == (False, "the gate is closed")
@@ -204,12 +205,12 @@ def test_refinement_chooses_a_plan_and_changes_only_its_open_variables() -> None
     turned = chain(("goToPose", Pose(1.0, 1.0, 0.5)), opened=frozenset({"yaw"}))
     run = execution(FORWARD, opened, refine=True)
     run.tick(world(), 100.0)
-    run.refined_to(turned, True, "better", chosen=1)
+    run.answer(Answer(turned, True, "better", chosen=1))
     assert run.executor.chain == turned
     assert run.refining.reason == "alternative 1 is chosen: better"
     other = execution(FORWARD, opened, refine=True)
     other.tick(world(), 100.0)
-    other.refined_to(FORWARD_LEFT, True, "invalid", chosen=0)
+    other.answer(Answer(FORWARD_LEFT, True, "invalid", chosen=0))
     assert other.executor.chain == FORWARD
     assert "x of step 1" in other.refining.reason or "y of step 1" in other.refining.reason
 
@@ -252,7 +253,7 @@ def test_the_original_chain_is_executed_if_the_refined_one_has_no_path() -> None
     in_a_post = chain(("goToPose", Pose(4.0, 1.0, 0.0)), opened=frozenset({"x"}))
     run = execution(sent, refine=True)
     run.tick(world(), 100.0)
-    run.refined_to(in_a_post, True, "0.5 s faster")
+    run.answer(Answer(in_a_post, True, "0.5 s faster"))
     assert run.refining.refined
     for tick in range(1, 60):
         command = run.tick(world(1.0 + 0.05 * tick), 100.0 + 0.05 * tick)

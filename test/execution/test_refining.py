@@ -13,7 +13,13 @@ from ator_ros.actions.goal_variables import with_values
 from ator_ros.domains.soccer.field import BALL
 from ator_ros.execution.chain_executor import Ending
 from ator_ros.execution.predictions import Predictor
-from ator_ros.execution.refining import Question, continuations, refined_chain, with_followed
+from ator_ros.execution.refining import (
+    Answer,
+    Question,
+    continuations,
+    refined_chain,
+    with_followed,
+)
 from ator_ros.execution.supervisor import Deadlines
 from ator_ros.geometry import Pose
 from ator_ros.refinement.chain_prediction import ChainPrediction
@@ -76,7 +82,7 @@ class Drive:
         )
         self.tick()
         if refine:
-            self.run.refined_to(plans[0], False, "the first answer")
+            self.run.answer(Answer(plans[0], False, "the first answer"))
 
     def tick(self, times: int = 1) -> None:
         for _ in range(times):
@@ -156,7 +162,7 @@ def test_another_plan_is_executed_without_a_stop(simulation: Simulation) -> None
     drive = Drive(simulation, ANYWHERE, HERE, AROUND)
     question = drive.moved_ball_question()
     assert [number for number, _ in question.others] == [1, 2]
-    drive.run.refined_to(question.others[1][1], False, "3 s faster", chosen=2)
+    drive.run.answer(Answer(question.others[1][1], False, "3 s faster", chosen=2))
     drive.tick(20)
     assert [c.top.name for c in drive.run.executor.chain.calls] == ["goToPose", "goToBall", "shoot"]
     assert drive.run.executor.chain.calls[1].goal.pose == Pose(2.0, 0.4, 0.0)
@@ -180,14 +186,14 @@ def test_an_invalid_choice_is_ignored(simulation: Simulation) -> None:
     drive = Drive(simulation, HERE, ANYWHERE)
     drive.moved_ball_question()
     before = drive.run.executor.chain
-    drive.run.refined_to(ANYWHERE, False, "invalid", chosen=2)
+    drive.run.answer(Answer(ANYWHERE, False, "invalid", chosen=2))
     assert "chosen: expected an index from 0 to 1, got 2" in drive.run.refining.reason
     drive.simulation.place_object(BALL, 2.0, 0.0)
     drive.tick()
     question = drive.run.question
     _, other = question.others[0]
     changed = other.with_goal(2, dataclasses.replace(other.calls[2].goal, pose=Pose(4.0, 1.0, 0.0)))
-    drive.run.refined_to(changed, True, "invalid", chosen=1)
+    drive.run.answer(Answer(changed, True, "invalid", chosen=1))
     drive.tick()
     assert "y of step 3 (shoot): expected 0 as planned, got 1" in drive.run.refining.reason
     assert drive.run.executor.chain.calls[1:] == before.calls[1:]
@@ -202,7 +208,7 @@ def test_a_robot_pushed_off_its_path_causes_one_question(simulation: Simulation)
     drive.tick(2)
     question = drive.run.question
     assert question.cause.endswith("m off its path")
-    drive.run.refined_to(question.chain, False, "no better")
+    drive.run.answer(Answer(question.chain, False, "no better"))
     drive.tick(20)
     assert drive.run.question is None
     assert "asked again after" in drive.run.refining.reason
@@ -243,7 +249,7 @@ def test_the_question_has_the_moving_robot_and_the_current_ball(drive: Drive) ->
 def test_the_answer_changes_the_goal_without_a_stop(drive: Drive) -> None:
     question = moved_ball_question(drive)
     drive.tick(4)
-    drive.run.refined_to(with_yaw(question.chain, NEW_YAW), True, "0.5 s faster")
+    drive.run.answer(Answer(with_yaw(question.chain, NEW_YAW), True, "0.5 s faster"))
     drive.tick(10)
     assert STOP not in drive.commands[5:]
     assert drive.run.executor.chain.calls[0].goal.pose == Pose(0.3, 0.4, NEW_YAW)
@@ -263,7 +269,7 @@ def test_the_answer_applies_to_the_ball_that_moved_since(drive: Drive) -> None:
     question = moved_ball_question(drive)
     drive.simulation.place_object(BALL, 0.3, 0.6)
     drive.tick()
-    drive.run.refined_to(with_yaw(question.chain, NEW_YAW), True, "0.5 s faster")
+    drive.run.answer(Answer(with_yaw(question.chain, NEW_YAW), True, "0.5 s faster"))
     drive.tick()
     assert drive.run.executor.chain.calls[0].goal.pose == Pose(0.3, 0.6, NEW_YAW)
 
@@ -281,7 +287,7 @@ def test_the_goal_continues_without_an_answer(drive: Drive) -> None:
 def test_an_answer_that_changes_bound_variables_is_ignored(drive: Drive) -> None:
     question = moved_ball_question(drive)
     goal = with_values(question.chain.calls[0].goal, {"x": -2.0})
-    drive.run.refined_to(with_yaw(question.chain, NEW_YAW).with_goal(0, goal), True, "invalid")
+    drive.run.answer(Answer(with_yaw(question.chain, NEW_YAW).with_goal(0, goal), True, "invalid"))
     drive.tick()
     assert drive.run.executor.chain == question.chain
     reason = "x of step 1 (goToBall): expected 0.3 as planned, got -2"

@@ -37,14 +37,14 @@ LIBRARY = SOCCER.library(load_robot())
 FRAME = "odom"
 BALL = ObjectReader(ObjectSource("ball"), FRAME)
 
-places = st.floats(-FARTHEST, FARTHEST)
-speeds = st.floats(-FASTEST, FASTEST)
-angles = st.floats(-math.pi, math.pi, exclude_max=True)
+places = st.floats(-FARTHEST, FARTHEST, allow_subnormal=False)
+speeds = st.floats(-FASTEST, FASTEST, allow_subnormal=False)
+angles = st.floats(-math.pi, math.pi, exclude_max=True, allow_subnormal=False)
 poses = st.builds(Pose, places, places, angles)
 balls = st.builds(ObjectState, places, places, speeds, speeds)
 worlds = st.builds(
     World,
-    st.floats(0.0, 1e6),
+    st.floats(0.0, 1e6, allow_subnormal=False),
     st.builds(RobotState, poses, speeds, speeds),
     st.just({}) | st.builds(objects_of, balls),
 )
@@ -83,7 +83,9 @@ def test_odometry_is_unchanged_by_a_message(robot: RobotState, ball: ObjectState
 
 @given(
     st.lists(
-        st.tuples(st.sampled_from(list(LIBRARY)), poses, st.floats(0.0, 2.0)),
+        st.tuples(
+            st.sampled_from(list(LIBRARY)), poses, st.floats(0.0, 2.0, allow_subnormal=False)
+        ),
         min_size=1,
         max_size=5,
     )

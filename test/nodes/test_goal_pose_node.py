@@ -3,6 +3,7 @@
 import time
 
 import pytest
+from arena import LONG_START
 from chain_client import ChainClient
 from conftest import Start
 from geometry_msgs.msg import PoseStamped
@@ -19,7 +20,8 @@ def test_the_robot_drives_to_a_pose_and_other_frames_are_ignored(
     start: Start, client: Client
 ) -> None:
     start("simulation", real_time_factor=10.0, command_wait=0.5)
-    start("executor", odom_timeout=1.5)
+    executor = start("executor", odom_timeout=1.5)
+    client.eventually(lambda: "ready for chains" in executor.output, "the executor", LONG_START)
     here = client.robot().pose
     ChainClient(client).wait_for_publishers()
     node = start("goal_pose")
@@ -45,7 +47,8 @@ def test_the_robot_drives_to_a_pose_and_other_frames_are_ignored(
 
 def test_the_robot_stops_where_its_client_is_killed(start: Start, client: Client) -> None:
     start("simulation", real_time_factor=0.2)  # the drive takes 30 s
-    start("executor", odom_timeout=1.5, action_timeout=600.0)
+    executor = start("executor", odom_timeout=1.5, action_timeout=600.0)
+    client.eventually(lambda: "ready for chains" in executor.output, "the executor", LONG_START)
     node, chains = start("goal_pose"), ChainClient(client)
     chains.wait_for_publishers()
     sender = client.node.create_publisher(PoseStamped, "goal_pose", RESULTS)

@@ -1,12 +1,18 @@
 """Leases of goals, and topics that are none."""
 
 import pytest
+from chain_client import PATROL
+from conftest import Host
 from geometry_msgs.msg import Twist
+from moving_base import MovingBase
 from ros_client import Client
 from std_msgs.msg import Empty
 
+from ator_interfaces.action import ExecuteChain
+from ator_interfaces.msg import ChainPerformance, Outcome, TopChain
+from ator_ros.nodes.chain_client import ChainClient
 from ator_ros.nodes.leases import LeaseWatch, publish_lease
-from ator_ros.nodes.qos import LEASE, NEWEST
+from ator_ros.nodes.qos import LATCHED, LEASE, NEWEST
 from ator_ros.world.readers import MessageError
 
 CLIENT = {"silent": True}
@@ -62,3 +68,21 @@ def test_the_newest_lease_is_watched_until_its_client_is_gone(client: Client) ->
     client.eventually(lambda: lease.has_ended, "the end of the lease")
     client.within(lambda: lease.watch(""))
     assert not lease.has_ended
+
+
+def test_a_goal_ends_with_its_client(host: Host, client: Client) -> None:
+    host("executor", odom_timeout=10.0)
+    base = MovingBase(client)
+    records = client.listen(ChainPerformance, "performance/chain", LATCHED)
+    gone = Client(client.domain, name="gone", silent=True)
+    sender = gone.within(lambda: ChainClient(gone.node))
+    gone.eventually(sender.is_ready, "the executor")
+    gone.wait_for_discovery_by("execute_chain")
+    goal = ExecuteChain.Goal(chain=TopChain(calls=PATROL))
+    gone.within(lambda: sender.send(goal))
+    client.eventually(lambda: base.commanded.linear.x > 0.2, "the robot drives")
+    gone.close()
+    client.eventually(lambda: records, "the end of the goal")
+    assert records[0].outcome.code == Outcome.CANCELED
+    assert "the client of this goal is gone" in records[0].outcome.reason
+    client.eventually(lambda: base.commanded.linear.x == 0.0, "the robot stands")

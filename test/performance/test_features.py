@@ -48,12 +48,12 @@ def situations(seed: int, count: int = 50) -> Direct:
         "yaw": rng.uniform(-math.pi, math.pi, count),
         "v": rng.uniform(-0.3, 1.0, count),
         "w": rng.uniform(-2, 2, count),
-        "vy": rng.uniform(-0.5, 0.5, count),
         "xg": rng.uniform(-4, 4, count),
         "yg": rng.uniform(-3, 3, count),
         "yawg": rng.uniform(-math.pi, math.pi, count),
         "speedg": rng.uniform(0, 0.8, count),
         "hold": rng.integers(0, 2, count).astype(float),
+        "vy": rng.uniform(-0.5, 0.5, count),
     }
 
 

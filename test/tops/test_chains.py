@@ -218,6 +218,9 @@ def test_usual_ranges_are_those_of_area_and_robot() -> None:
     assert {name: item.rest for name, item in found.items() if item.rest is not None} == {
         "speed": 0.0
     }
+    spacing = {name: (item.high - item.low) / item.steps for name, item in found.items()}
+    assert spacing["x"] == spacing["y"] == 0.5  # m, on the shipped field
+    assert spacing["yaw"] == pytest.approx(math.radians(10.0))
     assert found["yaw"].steps > found["x"].steps > found["y"].steps > found["speed"].steps > 1
 
 

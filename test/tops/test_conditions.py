@@ -170,6 +170,13 @@ def test_the_clearance_of_a_distance_is_the_way_to_its_edge(
     assert relation.places == ("cup", "goal")
 
 
+def test_a_distance_without_a_least_one_has_no_inner_edge() -> None:
+    near = {"cup.x": 0.1, "cup.y": 0.0}
+    origin = {"x": 0.0, "y": 0.0}
+    assert Distance("cup", "goal", 0.0, 2.0).clearance(near, origin) == pytest.approx(1.9)
+    assert Distance("cup", "goal", 0.05, 2.0).clearance(near, origin) == pytest.approx(0.05)
+
+
 @pytest.mark.parametrize("missing", ["cup.x", "cup.y", "x", "y"])
 def test_relations_of_unknown_places_have_no_clearance(missing: str) -> None:
     state, goal = {"cup.x": 0.0, "cup.y": 0.0}, {"x": 1.0, "y": 0.0}

@@ -8,7 +8,8 @@ from typing import Annotated
 
 from ator_ros.schema import Within
 
-LEAST, GREATEST = 0.01, {"v": 20.0, "w": 50.0, "a": 100.0, "brake": 100.0, "aw": 1000.0}
+LEAST = 0.01
+GREATEST = {"v": 20.0, "w": 50.0, "a": 100.0, "brake": 100.0, "aw": 1000.0}
 """The bounds of `Limits`: tables of turns take 3 MB for each m/s; beyond are wrong units."""
 
 

@@ -274,9 +274,9 @@ def _share_of_limit(change: Any, limits: Limits) -> Any:
 def _rates(speeds: FloatArray, changes: FloatArray, turns: _Turns) -> TurnRates:
     """Return the usual turn rate as a function of the speed and its change at one end of a turn.
 
-    A rate at one speed is assumed at higher ones too, up to the first of `_SPEEDS` above the highest
-    observed: rates between both are interpolated. A rate while the speed falls is assumed also
-    while it falls less.
+    A rate at one speed is assumed at higher ones too, up to the first of `_SPEEDS` above the
+    highest observed: rates between both are interpolated. A rate while the speed falls is assumed
+    also while it falls less.
     """
     full = turns.full if turns.full.any() else ~turns.full
     speeds = speeds[full]

@@ -46,13 +46,15 @@ class Standardized:
         """Standardize features of shape (n, n_features) and targets of shape (n,)."""
         table = np.column_stack([X, y])
         mean = table.mean(axis=0)
-        deviation = np.sqrt(((table - mean) ** 2).mean(axis=0))
+        variance = ((table - mean) ** 2).mean(axis=0)
+        deviation = np.sqrt(variance)
         # A column that varies by rounding only is a constant.
         scale = np.where(deviation > 1e-12 * np.abs(mean), deviation, 0.0)
         features = scale[:-1]
         features[features < _LEAST_DEVIATION] = 0.0
         scale[scale == 0] = 1.0
-        rows = np.column_stack([np.ones(len(X)), (table - mean) / scale])
+        constant = np.ones(len(X))
+        rows = np.column_stack([constant, (table - mean) / scale])
         return cls(rows, mean, scale)
 
     def to_units(self, models: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -68,8 +70,10 @@ class Standardized:
         intercepts : array of float, shape (n_nodes,)
         slopes : array of float, shape (n_nodes, n_features)
         """
-        slopes = models[:, 1:] * self.scale[-1] / self.scale[:-1]
-        at_mean = models[:, 0] * self.scale[-1] + self.mean[-1]
+        of_target = self.scale[-1]
+        of_features = self.scale[:-1]
+        slopes = models[:, 1:] * of_target / of_features
+        at_mean = models[:, 0] * of_target + self.mean[-1]
         intercepts = at_mean - slopes @ self.mean[:-1]
         return intercepts, slopes
 
@@ -80,9 +84,10 @@ def solve(moments: FloatArray) -> FloatArray:
     `moments` have the shape (n_features + 2, n_features + 2), the model (1 + n_features,). Both are
     standardized.
     """
-    left = moments[:-1, :-1] / moments[0, 0]
-    left.flat[:: len(left) + 1] += _RIDGE
-    right = moments[:-1, -1] / moments[0, 0]
+    samples = moments[0, 0]
+    left = moments[:-1, :-1] / samples
+    np.fill_diagonal(left, left.diagonal() + _RIDGE)
+    right = moments[:-1, -1] / samples
     return np.asarray(np.linalg.solve(left, right))
 
 
@@ -161,8 +166,9 @@ def fit_node_models(moments: FloatArray) -> tuple[FloatArray, FloatArray]:
     n_terms = moments.shape[1] - 1
     features = np.arange(1, n_terms)
     swept[:, features, features] += _RIDGE
+    every = np.zeros(len(swept), dtype=np.intp)
     for term in range(n_terms):
-        swept = _sweep(swept, np.full(len(swept), term, dtype=np.intp))
+        swept = _sweep(swept, every + term)
     kept = np.ones((len(swept), n_terms), dtype=bool)
     all_terms = np.full(len(swept), TERM_COST * n_terms)
     error = corrected_error(swept[:, -1, -1] * samples, samples, all_terms)
@@ -171,7 +177,8 @@ def fit_node_models(moments: FloatArray) -> tuple[FloatArray, FloatArray]:
         # The term of each node whose removal costs least, and the mean squared error without it.
         left = swept[active]
         there = kept[active]
-        variance = np.abs(left[:, np.arange(n_terms), np.arange(n_terms)])
+        diagonal = left.diagonal(axis1=1, axis2=2)
+        variance = np.abs(diagonal[:, :-1])
         increase = np.where(
             there,
             left[:, :-1, -1] ** 2 / variance,
@@ -190,7 +197,8 @@ def fit_node_models(moments: FloatArray) -> tuple[FloatArray, FloatArray]:
         swept[active] = _sweep(swept[active], column)
         kept[active, column] = False
         error[active] = candidate
-    return np.where(kept, swept[:, :-1, -1], 0.0), error
+    models = np.where(kept, swept[:, :-1, -1], 0.0)
+    return models, error
 
 
 def _sweep(matrices: FloatArray, column: IntArray) -> FloatArray:

@@ -120,73 +120,118 @@ class ModelTreeRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         )
 
     def _finish(
-        self, nodes: list[GrownNode], standard: Standardized, names: tuple[str, ...]
+        self,
+        nodes: list[GrownNode],
+        standard: Standardized,
+        names: tuple[str, ...],
     ) -> ModelTree:
         """Fit the linear models, prune and smooth; return the remaining nodes in preorder."""
         children = [node.children for node in nodes]
         moments = np.stack([node.moments for node in nodes])
         samples = moments[:, 0, 0]
         fitted, error = fit_node_models(moments)
-        # A node becomes a leaf if its own model is expected to err no more than the tree below it.
-        # Nodes below have higher numbers.
-        is_leaf = np.ones(len(nodes), dtype=bool)
-        best = error.copy()
-        for node, pair in reversed(list(enumerate(children))):
-            if pair is not None:
-                first, second = pair
-                of_children = samples[first] * best[first] + samples[second] * best[second]
-                of_subtree = of_children / samples[node]
-                is_leaf[node] = error[node] <= of_subtree
-                best[node] = min(error[node], of_subtree)
-        # M5 smooths a prediction p from the leaf up to the root: p' = (n p + k q) / (n + k), with q
-        # predicted by the node above, n the samples and k `smoothing`. All are linear in the
-        # features, so mixing the coefficients once, from the root down, predicts the same.
-        models = fitted.copy()
-        for node, pair in enumerate(children):
-            for child in pair or ():
-                share = samples[child] / (samples[child] + self.smoothing)
-                models[child] = share * models[child] + (1 - share) * models[node]
-        # Smoothing adds traces of the terms of all models above. They would clutter the rules and
-        # count as features that influence performance (paper, section 4.2). A term is removed if
-        # its deviation over a node's rows is a trace of the error; its mean is added to the
-        # constant.
-        features = np.arange(1, models.shape[1])
-        mean = moments[:, 0, 1:-1] / samples[:, None]
-        variance = np.maximum(moments[:, features, features] / samples[:, None] - mean**2, 0.0)
-        most = _TRACE * np.sqrt(squared_error(models, moments) / samples)[:, None]
-        deviation = np.abs(models[:, 1:]) * np.sqrt(variance)
-        traces = np.where(deviation < most, models[:, 1:], 0.0)
-        constants = models[:, 0] + (traces * mean).sum(axis=1)
-        models = np.column_stack([constants, models[:, 1:] - traces])
+        is_leaf = _pruned(children, samples, error)
+        smoothed = _smoothed(children, samples, fitted, self.smoothing)
+        models = _without_traces(smoothed, moments)
         terms = TERM_COST * np.count_nonzero(fitted, axis=1).clip(1)
-        squared = squared_error(models, moments)
-        spread = corrected_error(squared, samples, terms)
-        plain_spread = np.sqrt(squared / samples)
-        spread = np.where(np.isfinite(spread), spread, plain_spread) * standard.scale[-1]
+        spread = _spread(models, moments, terms) * standard.scale[-1]
         ranges = np.array([node.target_range for node in nodes])
         ranges = ranges * standard.scale[-1] + standard.mean[-1]
         margin = self.extrapolation * np.ptp(ranges, axis=1)
+        lower = ranges[:, 0] - margin
+        upper = ranges[:, 1] + margin
         intercept, slopes = standard.to_units(models)
+        features = np.array([node.feature for node in nodes])
+        thresholds = np.array([node.threshold for node in nodes])
         at, below = _preorder(children, is_leaf)
         leaf = is_leaf[at]
-        split_features = np.array([node.feature for node in nodes])
-        thresholds = np.array([node.threshold for node in nodes])
+
+        def at_leaves(values: FloatArray) -> FloatArray:
+            return np.where(leaf, values[at], 0.0)
+
         return ModelTree(
             names=names,
-            feature=split_features[at] * ~leaf,
+            feature=features[at] * ~leaf,
             threshold=np.where(leaf, 0.0, thresholds[at]),
             children=below,
-            intercept=np.where(leaf, intercept[at], 0.0),
+            intercept=at_leaves(intercept),
             coefficients=np.where(leaf[:, None], slopes[at], 0.0),
-            lower=np.where(leaf, (ranges[:, 0] - margin)[at], 0.0),
-            upper=np.where(leaf, (ranges[:, 1] + margin)[at], 0.0),
-            spread=np.where(leaf, spread[at], 0.0),
+            lower=at_leaves(lower),
+            upper=at_leaves(upper),
+            spread=at_leaves(spread),
             samples=samples[at],
         )
 
 
+Children = list[tuple[int, int] | None]
+"""By node, the numbers of the two nodes below it; they are higher than its own."""
+
+
+def _pruned(children: Children, samples: FloatArray, error: FloatArray) -> BoolArray:
+    """Return which nodes become leaves: their model is expected to err no more than those below."""
+    is_leaf = np.ones(len(children), dtype=bool)
+    best = error.copy()
+    for node, pair in reversed(list(enumerate(children))):
+        if pair is not None:
+            first, second = pair
+            of_children = samples[first] * best[first] + samples[second] * best[second]
+            of_subtree = of_children / samples[node]
+            is_leaf[node] = error[node] <= of_subtree
+            best[node] = min(error[node], of_subtree)
+    return is_leaf
+
+
+def _smoothed(
+    children: Children,
+    samples: FloatArray,
+    models: FloatArray,
+    smoothing: float,
+) -> FloatArray:
+    """Return models that predict as smoothed by those of the nodes above."""
+    # M5 smooths a prediction p from the leaf up to the root: p' = (n p + k q) / (n + k), with q
+    # predicted by the node above, n the samples and k `smoothing`. All are linear in the features,
+    # so mixing the coefficients once, from the root down, predicts the same.
+    models = models.copy()
+    for node, pair in enumerate(children):
+        for child in pair or ():
+            share = samples[child] / (samples[child] + smoothing)
+            models[child] = share * models[child] + (1 - share) * models[node]
+    return models
+
+
+def _without_traces(models: FloatArray, moments: FloatArray) -> FloatArray:
+    """Return models without terms whose deviation over a node's rows is a trace of the error.
+
+    Smoothing adds traces of the terms of all models above. They would clutter the rules and count
+    as features that influence performance (paper, section 4.2). The mean of a removed term is added
+    to the constant.
+    """
+    samples = moments[:, 0, 0]
+    mean = moments[:, 0, 1:-1] / samples[:, None]
+    features = np.arange(1, models.shape[1])
+    mean_square = moments[:, features, features] / samples[:, None]
+    variance = np.maximum(mean_square - mean**2, 0.0)
+    error = np.sqrt(squared_error(models, moments) / samples)
+    slopes = models[:, 1:]
+    deviation = np.abs(slopes) * np.sqrt(variance)
+    is_trace = deviation < _TRACE * error[:, None]
+    traces = np.where(is_trace, slopes, 0.0)
+    constants = models[:, 0] + (traces * mean).sum(axis=1)
+    return np.column_stack([constants, slopes - traces])
+
+
+def _spread(models: FloatArray, moments: FloatArray, terms: FloatArray) -> FloatArray:
+    """Return the standard deviations of residuals, those expected on new rows where known."""
+    samples = moments[:, 0, 0]
+    squared = squared_error(models, moments)
+    corrected = corrected_error(squared, samples, terms)
+    plain = np.sqrt(squared / samples)
+    return np.where(np.isfinite(corrected), corrected, plain)
+
+
 def _preorder(
-    children: list[tuple[int, int] | None], is_leaf: BoolArray
+    children: Children,
+    is_leaf: BoolArray,
 ) -> tuple[IntArray, IntArray]:
     """Return the remaining nodes in preorder: old numbers (n,), new numbers of children (n, 2)."""
     at: list[int] = []

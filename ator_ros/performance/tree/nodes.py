@@ -77,7 +77,8 @@ class ModelTree:
     @property
     def is_leaf(self) -> BoolArray:
         """Which nodes are leaves, shape (n_nodes,)."""
-        return np.asarray(self.children[:, 0] == np.arange(len(self.feature)))
+        numbers = np.arange(len(self.feature))
+        return np.asarray(self.children[:, 0] == numbers)
 
     @property
     def n_leaves(self) -> int:
@@ -154,7 +155,11 @@ class ModelTree:
         columns = [self.names.index(hinge.feature) for hinge in self.base]
         above = [hinge.above for hinge in self.base]
         slopes = [hinge.slope for hinge in self.base]
-        return np.array(columns, dtype=np.intp), np.array(above, float), np.array(slopes, float)
+        return (
+            np.array(columns, dtype=np.intp),
+            np.array(above, dtype=float),
+            np.array(slopes, dtype=float),
+        )
 
 
 @compiled
@@ -253,8 +258,8 @@ class RuleWriter:
             Name to print instead of the terms of the base.
         """
         tree = self.tree
-        conditions = " & ".join(self._condition(name, *pair) for name, pair in bounds.items())
-        start = f"if {conditions} then " if conditions else ""
+        conditions = [self._condition(name, *pair) for name, pair in bounds.items()]
+        start = f"if {' & '.join(conditions)} then " if conditions else ""
         certainty = (
             f"(± {tree.spread[leaf]:.3g} {self.target_unit}, {tree.samples[leaf]:g} samples)"
         )

@@ -64,7 +64,8 @@ class Partition:
 
     def grow(self) -> list[GrownNode]:
         """Split the nodes, those with the greatest reduction first, and return all of them."""
-        order = np.ascontiguousarray(np.argsort(self.X, axis=0, kind="stable").T)
+        by_column = np.argsort(self.X, axis=0, kind="stable")
+        order = np.ascontiguousarray(by_column.T)
         # The sides of splits are fitted to the rows with the residuals of their node as target.
         self._residuals = self.rows.copy()
         self._goes_left = np.zeros(len(self.X), dtype=bool)
@@ -106,12 +107,18 @@ class Partition:
         self._goes_left[along[:position]] = True
         left: BoolArray = self._goes_left.take(node.order)
         n_features = len(node.order)
-        first = self._add(node.order[left].reshape(n_features, -1), queue)
-        second = self._add(node.order[~left].reshape(n_features, -1), queue)
+        below_split = node.order[left].reshape(n_features, -1)
+        above_split = node.order[~left].reshape(n_features, -1)
+        first = self._add(below_split, queue)
+        second = self._add(above_split, queue)
         node.children = (first, second)
         node.order = node.order[:, :0]
 
-    def _best_split(self, node: GrownNode, table: FloatArray) -> tuple[float, int, int] | None:
+    def _best_split(
+        self,
+        node: GrownNode,
+        table: FloatArray,
+    ) -> tuple[float, int, int] | None:
         """Return the greatest reduction of the deviation by a split, its feature and position."""
         total = node.moments[0, 0]  # number of rows
         minimum = self.min_samples_leaf
