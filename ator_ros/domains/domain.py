@@ -65,6 +65,8 @@ Line = Sequence[tuple[float, float]]
 class DomainError(ReadableError, ValueError):
     """A domain that cannot be used."""
 
+    longest = 400  # names the state variables that a condition may have
+
 
 @dataclass(frozen=True)
 class Domain:

@@ -97,14 +97,36 @@ def arc(offset: Pose, *, jump: float = 0.0) -> str:
 
     It is corrected by `jump` m to and fro each half second, as by a localization.
     """
+    return point_of(offset, 100, jump=jump).remark
+
+
+def point_of(offset: Pose, ticks: int, *, jump: float = 0.0) -> OdometryPoint:
+    """Return the estimate after some ticks of turning at 1 rad/s; see `arc`."""
     point = OdometryPoint(ROBOT.reach)
-    for tick in range(100):
+    for tick in range(ticks):
         shift = jump * (tick // 10 % 2)
         pose = Pose(shift, 0.0, wrap_angle(0.05 * tick)).compose(offset)
         point.update(0.05 * tick, pose, 0.0)
-    return point.remark
+    return point
 
 
 def test_a_jump_of_the_pose_is_no_motion_of_another_point() -> None:
     assert arc(Pose(0.0, 0.0, 0.0), jump=0.05) == ""
     assert "0.15 m behind" in arc(Pose(-0.15, 0.0, 0.0))
+
+
+def test_a_point_is_suspected_after_few_steps_and_named_after_a_turn_by_0_3_rad() -> None:
+    beside = Pose(0.0, 0.15, 0.0)
+    early = point_of(beside, 6)  # 0.25 rad
+    assert early.remark == ""
+    assert early.suspicion().startswith("or odometry describes a point about 0.15 m to the left")
+    assert point_of(beside, 3).suspicion() == ""
+    late = point_of(beside, 9)
+    assert "about 0.15 m to the left" in late.remark
+    assert late.suspicion() == late.remark
+
+
+@pytest.mark.parametrize("offset", [Pose(0.05, 0.0, 0.0), Pose(0.0, -0.05, 0.0)])
+def test_an_offset_with_which_drives_arrive_is_not_named(offset: Pose) -> None:
+    assert arc(offset) == ""
+    assert point_of(offset, 6).suspicion() == ""

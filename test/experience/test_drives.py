@@ -238,6 +238,17 @@ def test_speeds_along_an_arc_are_not_corrected() -> None:
     assert track.corrected == set()
 
 
+def test_a_speed_along_an_arc_is_derived_from_its_poses() -> None:
+    track = straight(0.5, 0.0, seconds=3.0, w=2.0)
+    assert track.corrected == {"twist.linear"}
+    assert track.odom[2:-2, 4] == pytest.approx(0.5, abs=0.01)
+
+
+def test_a_robot_that_turns_in_place_is_not_at_rest() -> None:
+    assert not straight(0.0, 0.0, seconds=2.0, w=0.5).stood(0.1, 1.9)
+    assert straight(0.0, 0.0, seconds=2.0).stood(0.1, 1.9)
+
+
 def test_a_robot_at_rest_is_stood() -> None:
     track = segment_of((0.4, 1.0), (0.0, 1.0), (0.4, 1.0)).track
     assert not track.stood(0.1, 0.9)

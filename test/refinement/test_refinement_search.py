@@ -329,3 +329,13 @@ def test_points_are_spread_evenly(dimensions: int) -> None:
         assert counts.min() > 58
         assert counts.max() < 70
     assert (spread_points(dimensions, 10, 5) == points[10:15]).all()
+
+
+def test_a_small_region_has_as_many_first_candidates_as_a_whole_range() -> None:
+    def narrow(index: int, values: FloatArray) -> FloatArray:
+        return np.asarray(np.abs(values[:, 0] - 1.0) < 0.3)  # type: ignore[return-value]
+
+    whole = search(pair_by_pair(flat), [[CIRCLE]]).curves[0]
+    part = search(pair_by_pair(flat), [[CIRCLE]], allowed=narrow).curves[0]  # type: ignore[arg-type]
+    assert len(part.values) == len(whole.values)
+    assert np.ptp(part.values) > 0.5

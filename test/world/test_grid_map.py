@@ -281,7 +281,7 @@ def test_a_map_that_is_saved_is_read_again(tmp_path: Path) -> None:
 def test_a_pixel_is_free_if_it_is_brighter_than_the_threshold(
     tmp_path: Path, image: str, negate: int
 ) -> None:
-    bright = np.array([[255, 205, 203, 0]], dtype=np.uint8)  # occupied by 0, 0.196, 0.204 and 1
+    bright = np.array([[255, 204, 203, 0]], dtype=np.uint8)  # occupied by 0, 0.2, 0.204 and 1
     shades = 255 - bright if negate else bright
     pixels: Any = {
         "gray": shades,
@@ -289,7 +289,7 @@ def test_a_pixel_is_free_if_it_is_brighter_than_the_threshold(
         "color": np.stack([shades] * 3, axis=-1),
     }[image]
     Image.fromarray(pixels).save(tmp_path / "other.png")
-    file = write_map(tmp_path, hall(), image="other.png", free_thresh=0.2, negate=negate)
+    file = write_map(tmp_path, hall(), image="other.png", free_thresh=0.201, negate=negate)
     assert load_map(file).free.tolist() == [[True, True, False, False]]
 
 

@@ -71,6 +71,15 @@ def test_a_velocity_is_that_of_the_last_three_tenths_of_a_second() -> None:
     assert state.vx == pytest.approx(1.0)
 
 
+def test_a_position_with_a_repeated_stamp_is_ignored() -> None:
+    estimate = VelocityEstimate()
+    for tick in range(10):
+        estimate.state(0.05 * tick, 0.05 * tick, 0.0)
+    again = estimate.state(0.05 * 9, 0.5, 0.1)
+    assert (again.x, again.y) == (0.5, 0.1)
+    assert (again.vx, again.vy) == pytest.approx((1.0, 0.0), abs=1e-6)
+
+
 def reported(vx: float, speed: float, *, until: float = 1.0, **noise: float) -> list[float]:
     """Return the velocities used for an object that is said to move at `vx` from 0.5 s on."""
     check = VelocityCheck("ball", noise.get("noise", 0.0), noise.get("velocity_noise", 0.0))
