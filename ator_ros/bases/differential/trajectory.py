@@ -115,8 +115,8 @@ def write_states(
     span = max(duration, interval)
     off_x = (goal.x - x) / span
     off_y = (goal.y - y) / span
-    turn = (goal.yaw - yaw + math.pi) % math.tau - math.pi
-    off_yaw = turn / span
+    off = (goal.yaw - yaw + math.pi) % math.tau - math.pi
+    off_yaw = off / span
     for at in range(index + 1):
         time = min(interval * at, duration)
         states[at, 0] += time * off_x
