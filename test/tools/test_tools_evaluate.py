@@ -155,7 +155,7 @@ DAMAGE: list[Damage] = [
     lambda data: data["settings"].update(source=None),
     lambda data: data["settings"].pop("seed"),
     lambda data: data.pop("runs"),
-    lambda data: data.update(runs=[1]),
+    lambda data: data.update(runs=1),
     lambda data: data["runs"].update(oracle=5),
     lambda data: data["runs"]["oracle"].pop("best"),
     lambda data: data["runs"]["oracle"].pop("success"),
