@@ -172,7 +172,7 @@ def alias_bomb() -> str:
         ),
         (
             PIONEER.replace("  track:", "  tracks:"),
-            "[build, grip, holder, stop]; missing track and unknown",
+            "[build, drive, grip, holder, stop]; missing track and unknown",
         ),
         (
             "format: ator_ros domain\n" + PIONEER,

@@ -78,10 +78,11 @@ def calibrate(options: argparse.Namespace, words: Sequence[str]) -> None:
         lines.append(
             f"wheel_torque {robot.wheel_torque:g} N m: the least that {robot.mass:g} kg need"
         )
-    robot_of(robot.sections())  # raises SchemaError if an estimate is out of bounds
     comments = ("Written by:", portable_command("calibrate", words), *lines)
-    content = yaml.safe_dump({**header(KIND), **robot.sections()}, sort_keys=False)
-    write_text(options.out, "".join(f"# {line}\n" for line in comments) + content)
+    text = yaml.safe_dump(robot.sections(), sort_keys=False)
+    robot_of(yaml.safe_load(text))  # raises SchemaError if an estimate is out of bounds
+    text = yaml.safe_dump(header(KIND), sort_keys=False) + text
+    write_text(options.out, "".join(f"# {line}\n" for line in comments) + text)
     print("\n".join((*lines, f"written to {options.out}")))
 
 

@@ -23,7 +23,6 @@ from ros_client import Client
 
 from ator_interfaces.msg import Outcome, TopCall
 from ator_interfaces.srv import PredictDurations, RefineSubgoal
-from ator_ros.bases.description import Robot
 from ator_ros.domains.domain import find_domain
 from ator_ros.geometry import Pose
 from ator_ros.nodes import refinement
@@ -107,10 +106,13 @@ def test_all_durations_of_a_request_are_predicted_on_one_map(
 ) -> None:
     has_begun = threading.Event()
 
-    def predicted(worlds: Sequence[World], calls: Sequence[object], robot: Robot, *_) -> Durations:
+    used: list[object] = []  # models; each map has its own
+
+    def predicted(worlds: Sequence[World], calls: Sequence[object], models: object) -> Durations:
+        used.append(models)
         has_begun.set()
         time.sleep(0.05)  # as with a slow planner: a request takes 2 s
-        return Durations(*np.full((3, len(worlds), len(calls)), float(robot.grid == WALL)))
+        return Durations(*np.full((3, len(worlds), len(calls)), float(models is used[0])))
 
     monkeypatch.setattr(refinement, "predict_durations", predicted)
     maps = client.node.create_publisher(OccupancyGrid, "map", LATCHED)
