@@ -100,7 +100,8 @@ class RecordStore:
         self._file = folder / STORE
         self._most = most
         self._opened: tuple[int, int] | None = None  # identity of the open file
-        self._database = sqlite3.connect(self._file, check_same_thread=False)
+        with _errors_of(self._file):
+            self._database = sqlite3.connect(self._file, check_same_thread=False)
         limit(self._database, longest=_LONGEST)
         try:
             with _errors_of(self._file):

@@ -117,6 +117,18 @@ def test_a_deleted_store_is_replaced_by_a_new_one(
     assert (learner.stored, learner.diagnostics()["records waiting in memory"]) == (43, 0)
 
 
+def test_records_wait_while_the_store_cannot_be_opened(learner: Learner, folder: Path) -> None:
+    file = folder / RECORDS / STORE
+    file.rename(folder / "elsewhere")
+    file.mkdir()
+    take(learner, 3)
+    assert "unable to open database file" in learner.fault
+    file.rmdir()
+    (folder / "elsewhere").rename(file)
+    learner.work(0.0)
+    assert (learner.fault, learner.lost, count(folder)) == ("", 0, 43)
+
+
 @pytest.mark.parametrize("number", [errno.EIO, errno.ESTALE, errno.EACCES])
 def test_records_wait_while_the_file_system_has_errors(
     learner: Learner, folder: Path, monkeypatch: pytest.MonkeyPatch, number: int
