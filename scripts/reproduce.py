@@ -374,6 +374,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--list", action="store_true", help="print the steps, execute none")
     options = parser.parse_args(argv)
+    if options.small and not options.list and options.out.resolve() == ROOT:
+        parser.error("--small: expected --out, too: a trial replaces nothing that ships")
     sizes = SMALL if options.small else Sizes()
     planned = with_needed(options.parts, list(steps(sizes)))
     if options.list:

@@ -398,6 +398,10 @@ def find_domain(name: str = DEFAULT) -> Domain:
                 f"whose models have that name, got {domain.name!r}"
             )
         return domain
+    return _installed(name)
+
+
+def _installed(name: str) -> Domain:
     domain = _loaded(GROUP, name, "domain")
     if not isinstance(domain, Domain):
         raise DomainError(f"domain {name}: expected a Domain, got {type(domain).__name__}")
@@ -465,7 +469,7 @@ def _made(declared: DeclaredDomain, path: Path) -> Domain:
             specs.append(_remote_spec(action, points.get(action.name, Point.AXLE), limit, where))
             continue
         try:
-            domain = find_domain(action.local.domain)
+            domain = _installed(action.local.domain)  # a file may name itself
             found = domain.actions(action.local.action_set)
         except DomainError as error:
             raise DomainError(f"{where}.local: {error}") from error

@@ -8,6 +8,8 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ator_ros.evaluation.comparison import Record, Settings, evaluate_trial
 from ator_ros.evaluation.statistics import prediction_errors, summarize
 from ator_ros.experience.json_lines import PartialResults
@@ -61,7 +63,10 @@ def run_situations(
     identity = {"settings": asdict(settings), "digest": settings.source.digest()}
     expected = "results of the same settings and models"
     with PartialResults(folder / PARTIAL, identity, expected) as partial:
-        records = {record["index"]: record for record in partial.results}
+        try:
+            records = {record["index"]: record for record in partial.results}
+        except (LookupError, TypeError) as error:
+            raise FileError(f"{partial.path}: expected {expected}, one a line") from error
         tasks = [(settings, index) for index in range(situations) if index not in records]
         results = progress(
             run_tasks(evaluate_trial, tasks),
@@ -90,13 +95,19 @@ def earlier_oracle(
     """
     file = folder / RESULT
     earlier = load(file, KIND, dict[str, Any])
-    theirs = _situations_of(earlier["settings"])
+    try:
+        theirs = _situations_of(earlier["settings"])
+        runs = earlier["runs"]
+        columns = {name: runs[name] for name in ("oracle", "oracle_speed") if name in runs}
+        for oracle in columns.values():
+            np.array([oracle["best"], oracle["success"]], dtype=float)
+        lengths = [len(values) for oracle in columns.values() for values in oracle.values()]
+    except (AttributeError, LookupError, TypeError, ValueError) as error:
+        raise FileError(f"{file}: expected settings and runs of an evaluation") from error
     ours = _situations_of(asdict(_portable(settings)))
     if theirs != ours:
         raise FileError(f"{file}: expected an evaluation of {ours}, got {theirs}")
-    runs = earlier["runs"]
-    columns = {name: runs[name] for name in ("oracle", "oracle_speed") if name in runs}
-    found = len(runs["index"]) if "oracle" in columns else 0
+    found = min(lengths) if "oracle" in columns else 0
     if found < situations:
         raise FileError(
             f"{file}: expected an oracle of at least {situations} situations, got {found}"

@@ -43,7 +43,7 @@ class PartialResults:
         self._file.truncate(path.stat().st_size - len(cut_off))
         try:
             rows = [dict(json.loads(line)) for line in lines]
-        except (TypeError, ValueError) as error:
+        except (RecursionError, TypeError, ValueError) as error:
             raise FileError(f"{path}: expected {expected}, one a line: {error}") from error
         self._has_results = len(rows) > 1
         if not rows:

@@ -21,8 +21,8 @@ from ator_ros.actions.situation import Situation
 from ator_ros.bases.drive_parts import DriveParts, parts_of_drive
 from ator_ros.files import atomic_write, content_of, header, is_name
 from ator_ros.geometry import FloatArray
-from ator_ros.printable import ReadableError, printable, quoted
-from ator_ros.schema import SchemaError
+from ator_ros.printable import ReadableError, listed, printable, quoted
+from ator_ros.schema import SchemaError, require
 from ator_ros.world.readers import MOST_OBJECTS
 from ator_ros.world.state import World
 
@@ -33,6 +33,7 @@ class ExperienceError(ReadableError, ValueError):
     longest = 600  # names topics of recordings and columns of tables beside what was expected
 
 
+_MOST_ROWS = 2_000_000  # of a table: 55 h at 10 Hz, which need about 1 GB
 LARGEST = 1e9
 """Greatest number in a table: thirty years in s; in m it exceeds `world.messages.FARTHEST`."""
 
@@ -423,13 +424,24 @@ def read_experience(path: Path | str) -> Experience:
         raise ExperienceError(f"{expected}, got none")
     try:
         with pq.ParquetFile(path) as file:
+            names = file.schema_arrow.names
+            rows = file.metadata.num_rows
+            if len(set(names)) < len(names):
+                raise ExperienceError(f"{path}: expected each column once, got {listed(names)}")
+            if rows > _MOST_ROWS:
+                raise ExperienceError(
+                    f"{path}: expected at most {_MOST_ROWS:,} rows, got {rows:,}: split the table"
+                )
             text = (file.schema_arrow.metadata or {}).get(_KEY) or b"null"
-            table = file.read(columns=list(columns_among(file.schema_arrow.names)))
+            table = file.read(columns=list(columns_among(names)))
             frame = table.replace_schema_metadata(None).to_pandas()  # pandas' own may be damaged
     except (OSError, UnicodeError, pa.ArrowException) as error:
         raise ExperienceError(f"{expected}: {printable(error, 200)}") from error
     try:
         metadata = content_of(json.loads(text), KIND)
+        seed = metadata.get("seed")
+        is_seed = seed is None or (type(seed) is int and seed >= 0)
+        require(is_seed, "seed", "a whole number of at least 0", seed)
     except SchemaError as error:
         raise ExperienceError(f"{path}: metadata.{error}") from error
     except (ValueError, RecursionError) as error:

@@ -25,13 +25,14 @@ from ator_ros.experience.parallel import progress
 from ator_ros.experience.table import (
     Experience,
     ExperienceError,
+    checked_rows,
     join,
     library_versions,
     write_experience,
 )
 from ator_ros.files import FileError
 from ator_ros.geometry import FloatArray, wrap_angles
-from ator_ros.printable import one_line
+from ator_ros.printable import one_line, quoted
 from ator_ros.tools.command_line import (
     RESUMES,
     add_factor,
@@ -115,7 +116,7 @@ def collect(
     wanted = [(action, number) for action in possible for number in range(episodes)]
     contents = "episodes of the same seed, robot, domain, action set and versions"
     with PartialResults(file, identity, contents) as partial:
-        finished = {_key(frame): frame for frame in map(pd.DataFrame, partial.results)}
+        finished = _finished(file, partial.results, source.action_set)
         missing = [key for key in wanted if key not in finished]
         done = len(wanted) - len(missing)
         if done:
@@ -159,6 +160,24 @@ def collect(
                 _report(join(kept), robot)
                 print(f"wrote {out}")
     file.unlink()
+
+
+def _finished(
+    file: Path, results: Sequence[Any], action_set: str
+) -> dict[tuple[str, int], pd.DataFrame]:
+    """Return the episodes of an earlier call by their keys.
+
+    Raises FileError or ExperienceError if one is damaged.
+    """
+    try:
+        frames = {_key(frame): frame for frame in map(pd.DataFrame, results)}
+        if frames:
+            checked_rows(file, join(frames.values()), action_set)
+    except ExperienceError:
+        raise
+    except (LookupError, TypeError, ValueError) as error:
+        raise FileError(f"{file}: expected episodes, one a line: {error}") from error
+    return frames
 
 
 def _key(frame: pd.DataFrame) -> tuple[str, int]:
@@ -255,7 +274,9 @@ def arguments() -> argparse.ArgumentParser:
 def _table(text: str) -> Path:
     path = destination(text)
     if path.suffix != ".parquet":  # train recognizes tables by the suffix
-        raise argparse.ArgumentTypeError(f"expected a file with the suffix .parquet, got {text!r}")
+        raise argparse.ArgumentTypeError(
+            f"expected a file with the suffix .parquet, got {quoted(text)}"
+        )
     return path
 
 

@@ -17,7 +17,7 @@ from ator_ros.domains.domain import Domain, DomainError, domain_for
 from ator_ros.evaluation.toolset import ToolsetSource
 from ator_ros.experience.parallel import BackendError, workers
 from ator_ros.files import FileError, portable_command
-from ator_ros.printable import ReadableError, one_line
+from ator_ros.printable import ReadableError, one_line, quoted
 
 _LONGEST_LINE = 600  # characters, as of the longest error
 INTERRUPTED = 130  # exit code after Ctrl-C or SIGTERM
@@ -192,7 +192,7 @@ def _check_names(
         if name not in allowed:
             flag = f"--{option.replace('_', '-')}"
             expected = ", ".join(allowed)
-            parser.error(f"argument {flag}: expected one of {expected}, got {name[:80]!r}")
+            parser.error(f"argument {flag}: expected one of {expected}, got {quoted(name)}")
 
 
 def without_ros_arguments(words: Sequence[str]) -> tuple[list[str], list[str]]:
@@ -216,7 +216,7 @@ def number(least: float, most: float = 1e12) -> Callable[[str], float]:
             if least <= value <= most:
                 return value
         expected = f"a number from {least:g} to {most:g}"
-        raise argparse.ArgumentTypeError(f"expected {expected}, got {text!r}")
+        raise argparse.ArgumentTypeError(f"expected {expected}, got {quoted(text)}")
 
     return read
 
@@ -229,7 +229,7 @@ def whole(least: int = 0, most: int = 10**12) -> Callable[[str], int]:
             if text.isdecimal() and least <= int(text) <= most:
                 return int(text)
         expected = f"a whole number from {least} to {most}"
-        raise argparse.ArgumentTypeError(f"expected {expected}, got {text!r}")
+        raise argparse.ArgumentTypeError(f"expected {expected}, got {quoted(text)}")
 
     return read
 
@@ -241,7 +241,12 @@ def _jobs(text: str) -> int:
 def destination(text: str) -> Path:
     """Check the path of a file to write, as far as possible beforehand; an argparse type."""
     path = Path(text)
-    folder = next(parent for parent in path.absolute().parents if parent.exists())
-    if path.is_dir() or not folder.is_dir():
-        raise argparse.ArgumentTypeError(f"expected a file that can be written, got {text!r}")
+    try:
+        folder = next(parent for parent in path.absolute().parents if parent.exists())
+        usable = folder.is_dir() and not path.is_dir()
+    except OSError:  # such as of a name that is too long
+        usable = False
+    if not usable:
+        expected = "expected a file that can be written"
+        raise argparse.ArgumentTypeError(f"{expected}, got {quoted(text)}")
     return path

@@ -16,6 +16,7 @@ from ator_ros.files import FileError, is_name
 from ator_ros.nodes.network import stay_on_this_machine
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.model_file import load_models
+from ator_ros.printable import quoted
 from ator_ros.simulation.urdf import robot_urdf
 from ator_ros.tools.command_line import (
     add_factor,
@@ -113,7 +114,7 @@ def _namespace(text: str) -> str:
     name = text.removeprefix("/")
     if not all(map(is_name, name.split("/"))):
         raise argparse.ArgumentTypeError(
-            f"expected a namespace of letters, digits, _ and /, got {text!r}"
+            f"expected a namespace of letters, digits, _ and /, got {quoted(text)}"
         )
     return name
 

@@ -166,6 +166,11 @@ def test_a_top_without_a_declared_action_is_omitted(tmp_path: Path) -> None:
             r"actions\[1\].local: domain: expected an entry point .*'chess'",
         ),
         (
+            "actions.1.local.domain",
+            "./errands.yaml",
+            r"actions\[1\].local: domain: expected an entry point .*'./errands.yaml'",
+        ),
+        (
             "actions.0.local",
             {"domain": "soccer"},
             r"actions\[0\]: local, remote: expected one of the two",

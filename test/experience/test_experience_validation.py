@@ -4,6 +4,8 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from bags import action_performance, own_types, write_records
 from experience_rows import synthetic_experience
@@ -43,6 +45,36 @@ def test_names_in_a_table_cannot_change_the_output_folder(
     assert main([str(file), "--models", str(tmp_path / "deep" / "models")]) == 1
     assert f"table.parquet: {field}: expected a name" in capsys.readouterr().err
     assert files_below(tmp_path) == {file}
+
+
+def test_a_column_must_not_occur_twice(tmp_path: Path) -> None:
+    file = table(tmp_path, synthetic_experience("goToPose", episodes=2))
+    whole = pq.read_table(file)
+    twice = pa.Table.from_arrays([*whole.columns, whole["x"]], [*whole.column_names, "x"])
+    pq.write_table(twice.replace_schema_metadata(whole.schema.metadata), file)
+    with pytest.raises(ExperienceError, match="expected each column once"):
+        read_experience(file)
+
+
+def test_rows_are_counted_before_they_are_read(tmp_path: Path) -> None:
+    file = table(tmp_path, synthetic_experience("goToPose", episodes=2))
+    schema = pq.read_schema(file)
+    row = {item.name: pa.array([None], item.type) for item in schema}
+    many = [pa.repeat(row[name][0], 100_000) for name in schema.names]
+    with pq.ParquetWriter(file, schema) as writer:
+        for _ in range(25):
+            writer.write_table(pa.Table.from_arrays(many, schema=schema))
+    assert file.stat().st_size < 1_000_000
+    with pytest.raises(ExperienceError, match="expected at most 2,000,000 rows, got 2,500,000"):
+        read_experience(file)
+
+
+@pytest.mark.parametrize("seed", ["abc", -1, 1.5, [1], True, "x" * 10_000])
+def test_a_seed_that_is_no_whole_number_is_rejected(tmp_path: Path, seed: object) -> None:
+    file = tmp_path / "table.parquet"
+    write_experience(file, Experience(synthetic_experience("goToPose", episodes=2), {"seed": seed}))
+    with pytest.raises(ExperienceError, match=r"metadata\.seed: expected a whole number"):
+        read_experience(file)
 
 
 @pytest.mark.parametrize(

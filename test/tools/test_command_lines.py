@@ -47,7 +47,7 @@ REFUSED = [
     *(("view --attach --robots " + name, NAMESPACE) for name in ("a-b", "../x")),
     *(
         ("collect --out=" + place, NO_FILE.format("out"))
-        for place in (".", "file/result", "file/a/result")
+        for place in (".", "file/result", "file/a/result", 300 * "x", f"{300 * 'x'}/b")
     ),
     ("demo --out=file/result", NO_FILE.format("out")),
     *((f"{command} --domain=chess", NOT_INSTALLED) for command in ("collect", "evaluate", "train")),

@@ -173,6 +173,31 @@ def test_finished_episodes_of_other_settings_are_not_continued(
 
 
 @pytest.mark.parametrize(
+    "line",
+    ["[" * 100_000, "5", "{}", '{"a":1}', '{"action":[],"episode":[]}',
+     '{"action":["goToPose"],"episode":["x"]}', '{"action":["goToPose"],"episode":[1,2]}',
+     '{"action":["goToPose"],"episode":[1],"t":[0]}'],
+)  # fmt: skip
+def test_a_damaged_episode_of_an_earlier_call_is_reported(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], line: str
+) -> None:
+    def interrupted(*_: Any, **__: Any) -> Iterator[pd.DataFrame]:
+        yield synthetic_experience("goToPose", episodes=1)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(collect.simulated, "collect", interrupted)
+    words = ["--actions", "goToPose", "--out", str(tmp_path / "t.parquet")]
+    assert collect.main(words) == INTERRUPTED
+    with (tmp_path / "t.episodes.jsonl").open("a") as file:
+        file.write(f"{line}\n")
+    capsys.readouterr()
+    assert collect.main(words) == 1
+    error = capsys.readouterr().err
+    assert error.startswith(f"collect: {tmp_path / 't.episodes.jsonl'}: ")
+    assert error.count("\n") == 1
+
+
+@pytest.mark.parametrize(
     ("tool", "out", "partial"),
     [(collect, "t.parquet", "t.episodes.jsonl"), (evaluate, ".", "situations.jsonl")],
 )

@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ from refinement_fakes import ROBOT
 
 from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.evaluation.comparison import Settings
-from ator_ros.evaluation.running import PARTIAL, run_situations
+from ator_ros.evaluation.running import PARTIAL, earlier_oracle, run_situations
 from ator_ros.evaluation.toolset import ToolsetSource
 from ator_ros.files import FileError
 from ator_ros.performance.model_file import save_model
@@ -145,6 +146,46 @@ def test_the_oracle_of_an_earlier_evaluation_is_taken(
         assert main([*same, *words]) == 1
         assert expected in capsys.readouterr().err
     assert not (tmp_path / "other").exists()
+
+
+Damage = Callable[[dict[str, Any]], object]
+DAMAGE: list[Damage] = [
+    lambda data: data.pop("settings"),
+    lambda data: data.update(settings=[1]),
+    lambda data: data["settings"].update(source=None),
+    lambda data: data["settings"].pop("seed"),
+    lambda data: data.pop("runs"),
+    lambda data: data.update(runs=1),
+    lambda data: data["runs"].update(oracle=5),
+    lambda data: data["runs"]["oracle"].pop("best"),
+    lambda data: data["runs"]["oracle"].pop("success"),
+    lambda data: data["runs"]["oracle"].update(best=["soon", "late", "x"]),
+    lambda data: data["runs"]["oracle"].update(chosen=5),
+]
+"""Changes of an evaluation that leave no oracle to use."""
+
+
+@pytest.mark.parametrize("damage", DAMAGE)
+def test_a_damaged_evaluation_has_no_oracle(
+    finished: tuple[Path, dict[str, Any]], models: Path, tmp_path: Path, damage: Damage
+) -> None:
+    data = json.loads((finished[0] / "evaluation.json").read_text())
+    damage(data)
+    (tmp_path / "evaluation.json").write_text(json.dumps(data))
+    source = ToolsetSource(models=str(models))
+    settings = Settings(seed=405, chain="dribble", policies=("naive",), source=source)
+    with pytest.raises(FileError, match="expected settings and runs of an evaluation"):
+        earlier_oracle(tmp_path, settings, 1)
+
+
+@pytest.mark.parametrize("line", ["[" * 100_000, "5", "{}", '{"index": [1]}', "\0"])
+def test_a_damaged_situation_is_reported(models: Path, tmp_path: Path, line: str) -> None:
+    source = ToolsetSource(models=str(models))
+    settings = Settings(seed=405, chain="dribble", policies=("naive",), source=source)
+    identity = {"settings": dataclasses.asdict(settings), "digest": source.digest()}
+    (tmp_path / PARTIAL).write_text(f"{json.dumps(identity)}\n{line}\n")
+    with pytest.raises(FileError, match="expected results of the same settings and models"):
+        run_situations(settings, situations=1, folder=tmp_path)
 
 
 def test_action_durations_add_up_and_refined_chains_are_predicted(
