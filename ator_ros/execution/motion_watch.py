@@ -459,6 +459,7 @@ class MotionWatch:
         self._ahead = next(iter(self._axes.values()))
         self._last = STOP
         self._fault: tuple[Axis, Fault] | None = None  # the first one
+        self._point_at_fault = ""  # while the robot then brakes, the motion may hide it
         self._delay = ""
         self._judged = -math.inf  # s
         self._states: deque[tuple[float, RobotState]] = deque()
@@ -479,9 +480,13 @@ class MotionWatch:
     @property
     def cause(self) -> str:
         """The cause of a fault that the motion before and after it shows; else empty."""
+        point = self._named_point() or self._point_at_fault
+        return "; ".join(filter(None, (point, self._delay)))
+
+    def _named_point(self) -> str:
+        """Return which point odometry describes, if that may be the cause of the fault."""
         is_driving = self._fault is not None and self._fault[0].verb == "move"
-        point = self._point.suspicion() if is_driving else self._point.remark
-        return "; ".join(filter(None, (self._delay, point)))
+        return self._point.suspicion() if is_driving else self._point.remark
 
     def sent(self, time: float, command: Command | None, now: float = -math.inf) -> None:
         """Record a command that was sent in response to a state of `time` (s), at `now` in real s.
@@ -525,6 +530,7 @@ class MotionWatch:
         self._judge_delay(time)
         if faults and self._fault is None:
             self._fault = next(iter(faults.items()))
+            self._point_at_fault = self._named_point()
         for watch in self._axes.values():
             watch.commands.forget(time - _KEPT)
         frozen = self._frozen(time, robot)

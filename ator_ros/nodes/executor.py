@@ -403,6 +403,8 @@ class ExecutorNode(Node):
         remark = self._motion.remark
         if ending is Ending.BASE_FAULT:
             return self._motion.cause or self._delay_problem() or self._commands.cause()
+        if ending is Ending.OUT_OF_BOUNDS:
+            return self._diagnosis.senders_problem()  # their poses may seem to be motion
         if ending is Ending.SUCCEEDED:
             return remark
         if ending is Ending.FAILED:

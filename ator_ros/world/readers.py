@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from ator_ros.files import is_name
-from ator_ros.geometry import Pose, yaw_from_quaternion
+from ator_ros.geometry import Pose, clip, yaw_from_quaternion
 from ator_ros.printable import ReadableError, quoted
 from ator_ros.schema import require
 from ator_ros.world.robot_velocity import RobotVelocity, TwistCheck
@@ -359,7 +359,7 @@ class OdometryReader:
         expect_frame(given, "odom.header.frame_id", expected=self.frame)
         pose = pose_from(odometry.pose.pose, "odom.pose.pose")
         twist = odometry.twist.twist
-        vx = velocity(twist.linear.x, "odom.twist.twist.linear.x")
+        vx = velocity(self._bounded(twist.linear.x, 0), "odom.twist.twist.linear.x")
         vy = 0.0
         in_pose_frame = _is_pose_frame(odometry.child_frame_id, given, self.frame)
         if in_pose_frame or self._sideways:
@@ -368,7 +368,7 @@ class OdometryReader:
             cos = math.cos(pose.yaw)
             sin = math.sin(pose.yaw)
             vx, vy = vx * cos + vy * sin, vy * cos - vx * sin
-        w = velocity(twist.angular.z, "odom.twist.twist.angular.z", "rad/s")
+        w = velocity(self._bounded(twist.angular.z, 1), "odom.twist.twist.angular.z", "rad/s")
         time = seconds_from(odometry.header.stamp, "odom.header.stamp")
         robot = RobotState(pose, vx, w, vy=vy if self._sideways else 0.0)
         self.frame = self.frame or plain_frame(given)
@@ -382,6 +382,14 @@ class OdometryReader:
             f"odom: {found}; is the twist in the frame child_frame_id {child}?" if found else ""
         )
         return time, checked
+
+    def _bounded(self, reported: float, axis: int) -> float:
+        """Return a reported velocity, at most `FASTEST` if the poses decide about it.
+
+        In degrees a base that turns may seem faster.
+        """
+        is_replaced = self._check is not None and self._check.replaces(axis)
+        return clip(reported, FASTEST) if is_replaced and math.isfinite(reported) else reported
 
 
 class ObjectReader:

@@ -203,9 +203,13 @@ class TwistCheck:
             f"got {by_twist:.2f} {unit}"
         )
 
+    def replaces(self, axis: int) -> bool:
+        """Return whether velocities of driving (0) or turning (1) are derived from the poses."""
+        return self._contradictions[axis].confirmed or self._windows[axis] == _CONFIRMED
+
     def _velocity(self, axis: int, reported: float) -> float:
         """Return the velocity of driving (0) or turning (1) in m/s or rad/s."""
-        if self._contradictions[axis].confirmed or self._windows[axis] == _CONFIRMED:
+        if self.replaces(axis):
             speeds = [step.motion[0, axis] / step.elapsed for step in self._steps]
             return float(np.median(speeds)) if speeds else reported
         return -reported if reported and self._has_wrong_sign(axis) else reported

@@ -60,7 +60,7 @@ def test_both_coordinates_of_another_point_are_named() -> None:
     assert "0.20 m ahead of the axle and about 0.10 m to the left of the axle's middle" in remark
 
 
-@pytest.mark.parametrize("left", [0.2, -0.2])
+@pytest.mark.parametrize("left", [0.2, -0.2, 0.15, -0.15])
 @pytest.mark.parametrize("goal", GOALS)
 def test_a_fault_due_to_a_point_beside_the_axle_names_it(goal: Pose, left: float) -> None:
     """Its own twist differs from the commands in each turn."""

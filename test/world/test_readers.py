@@ -75,6 +75,21 @@ def test_stamps_since_1970_and_projected_coordinates_keep_their_precision() -> N
     assert (robot.pose.x, robot.pose.y, robot.vx, robot.w) == (FAR.x, FAR.y, 15.0, 0.5)
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_turn_rate_in_degrees_beyond_the_bound_is_that_of_the_poses(sign: float) -> None:
+    """A base that speeds up to 2.4 rad/s, which are 138 degrees per second."""
+    reader = OdometryReader("odom")
+    yaw = 0.0
+    for step in range(40):
+        w = sign * min(2.4, 4.0 * 0.04 * step)
+        yaw += 0.04 * w
+        message = odometry(Pose(1.0, 2.0, yaw), vector(), math.degrees(w), time=0.04 * step)
+        _, robot = reader.read(message)
+    assert robot.w == pytest.approx(sign * 2.4, abs=0.05)
+    with pytest.raises(MessageError, match=r"angular\.z: expected a finite number"):
+        reader.read(odometry(Pose(1.0, 2.0, yaw), vector(), math.nan, time=1.6))
+
+
 @pytest.mark.parametrize("length", [1e-3, 1.5])
 def test_a_quaternion_of_any_length_is_normalized(length: float) -> None:
     for yaw in (-3.0, -1.2, 0.0, 0.4, 1.687, 3.1):
