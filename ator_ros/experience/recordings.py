@@ -185,6 +185,10 @@ def _without_drives(
     if reader.has_both:
         expected = f"expected a drive of at least {SHORTEST} s between two stops of {CMD_VEL}"
         return "; ".join([f"{expected}, found none", *remarks[:2]])
+    has_commands = any(kind in _TYPES[CMD_VEL] for _, kind in topics)
+    has_states = any(segment.odom for segment in reader.segments)
+    if has_commands and reader.left_out[ODOM] and not has_states:
+        return "; ".join(["expected odometry that can be used, found none", *remarks[:3]])
     usable = [topic for topic, kind in topics if kind in _TYPES[ODOM] | _TYPES[CMD_VEL]]
     statuses = "".join(f"{name} with tf and {PLAN}, or " for name in status_topics(domain))
     expected = (

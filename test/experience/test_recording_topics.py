@@ -152,6 +152,14 @@ def test_messages_without_orientation_are_omitted_and_counted(
     assert "messages: odom.pose.pose.orientation: expected a quaternion" in line
 
 
+def test_odometry_of_which_nothing_can_be_used_is_named(tmp_path: Path) -> None:
+    bag = recorded(tmp_path, length=0.0)
+    expected = r"expected odometry that can be used, found none; left out .* odom\.pose\.pose\."
+    with pytest.raises(ExperienceError, match=expected) as refused:
+        read_recording(bag, ROBOT, SOCCER)
+    assert "--odom" not in str(refused.value)
+
+
 @pytest.mark.parametrize("topic", ["/v/odom", "/v/ball"])
 def test_a_topic_of_another_type_is_skipped_and_reported(
     tmp_path: Path, usual: pd.DataFrame, topic: str
