@@ -18,6 +18,7 @@ from ator_ros.geometry import FloatArray
 from ator_ros.performance.derived import ANGLE_BETWEEN, DIST, RESTS, Geometry
 from ator_ros.performance.error_process import ErrorProcess
 from ator_ros.performance.features import Feature, declared_by, derived_from
+from ator_ros.performance.held_up import NOT_HELD_UP, HeldUp
 from ator_ros.performance.tree.nodes import ModelTree, RuleWriter
 from ator_ros.schema import Within
 from ator_ros.world.state import CONTROL_PERIOD
@@ -115,6 +116,8 @@ class PerformanceModel:
         Its errors on episodes that it was not learned from; None: any error is possible.
     arrival : Arrival or None
         Where it ends, if the robot stands at its start and end; None: at the goal.
+    held_up : HeldUp
+        How often, and how long, its drives were held up; trees predict the others.
     """
 
     action: str
@@ -126,6 +129,7 @@ class PerformanceModel:
     at_goal: AtGoal | None = UNOBSERVED
     errors: ErrorProcess | None = None
     arrival: Arrival | None = None
+    held_up: HeldUp = NOT_HELD_UP
 
     @cached_property
     def used_features(self) -> tuple[str, ...]:
