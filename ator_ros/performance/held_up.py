@@ -14,14 +14,17 @@ import numpy as np
 from ator_ros.geometry import BoolArray, FloatArray
 from ator_ros.schema import Within
 
-# Least ratio of the duration of a drive that was held up to that of similar drives. Errors of
-# models reach 1.4 on drives that nobody disturbs.
+# Least ratio of the duration of a drive that was held up to that of similar drives, and least delay
+# in s. Errors of models reach ratios of 1.4, and short drives 1 s, if nobody disturbs.
 _LEAST_RATIO = 1.5
-# Some actions vary more, such as a shot that is tried again. Then the least ratio is a power of
-# that which this share of the usual drives keeps. Few drives do not show it: it has a limit.
+_LEAST_DELAY = 2.0
+# Some drives vary more. Then the least ratio is a power of that which this share of usual drives
+# keeps. Few drives do not show it, so it has a limit.
 _SHARE_OF_USUAL = 0.95
 _POWER = 4.0
 _MOST_RATIO = 2.5
+# An action that does not follow its path, such as a shot, may take several attempts.
+_RATIO_OF_ATTEMPTS = 3.0
 # A drive that was believed to be held up needs less to remain so, or beliefs would alternate.
 _TO_REMAIN = 0.5
 _MOST_SHARE = 1.0 / 3.0  # of drives that are held up; more are how the action drives
@@ -74,7 +77,9 @@ def clipped(durations: FloatArray, path_times: FloatArray) -> FloatArray:
     return np.minimum(durations, _CLIPPED_AT * (usual * fastest + _SHORT))
 
 
-def find_held_up(durations: FloatArray, predicted: FloatArray, believed: BoolArray) -> BoolArray:
+def find_held_up(
+    durations: FloatArray, predicted: FloatArray, believed: BoolArray, *, follows_path: bool = True
+) -> BoolArray:
     """Return which drives were held up, shape (n,).
 
     Parameters
@@ -85,14 +90,18 @@ def find_held_up(durations: FloatArray, predicted: FloatArray, believed: BoolArr
         What a model predicts that was learned without the drive.
     believed : array of bool, shape (n,)
         Which drives the model was learned without because they are believed to be held up.
+    follows_path : bool
+        Whether the action follows its path, so that its durations vary little.
     """
-    longer = np.log((durations + _SHORT) / (np.maximum(predicted, 0.0) + _SHORT))
+    predicted = np.maximum(predicted, 0.0)
+    longer = np.log((durations + _SHORT) / (predicted + _SHORT))
     longer -= np.median(longer)
     low, high = np.log((_LEAST_RATIO, _MOST_RATIO))
     tail = float(np.quantile(longer[longer <= low], _SHARE_OF_USUAL))
-    least = np.clip(_POWER * tail, low, high)
-    found: BoolArray = longer > np.where(believed, _TO_REMAIN, 1.0) * least
-    return found & (found.mean() <= _MOST_SHARE)
+    least = np.clip(_POWER * tail, low, high) if follows_path else np.log(_RATIO_OF_ATTEMPTS)
+    found = longer > np.where(believed, _TO_REMAIN, 1.0) * least
+    found &= durations - predicted > _LEAST_DELAY
+    return np.asarray(found & (found.mean() <= _MOST_SHARE))
 
 
 def describe_held_up(errors: FloatArray, held: BoolArray) -> HeldUp:

@@ -236,7 +236,9 @@ def _learned_undisturbed(
     held = np.full(len(starts), False)
     for _ in range(_MOST_ROUNDS):
         learned = _learned_without(held, values, rows, starts, robot, features)
-        found = find_held_up(durations, durations - learned.errors, held)
+        predicted = durations - learned.errors
+        follows_path = len(learned.tree.base) > 0
+        found = find_held_up(durations, predicted, held, follows_path=follows_path)
         if (found == held).all() and (values == durations).all():
             break
         held = found

@@ -23,6 +23,7 @@ from ator_ros.experience.table import Experience, ExperienceError, library_versi
 from ator_ros.files import FileError, is_name
 from ator_ros.nodes.network import stay_on_this_machine
 from ator_ros.performance.accuracy import accuracy, brier, kinds
+from ator_ros.performance.coverage import unvaried
 from ator_ros.performance.held_up import held_up_remark
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.model_file import load_model, model_path, save_model
@@ -87,9 +88,13 @@ def train(
             errors.append(str(error))
             continue
         learned += 1
-        left_out = [f"{action}{text}" for text in without_routes(examples, robot, features)]
-        left_out += held_up_remark(action, model.held_up)
-        for remark in (*without_errors(action, examples), *left_out):
+        remarks = [f"{action}{text}" for text in without_routes(examples, robot, features)]
+        remarks += held_up_remark(action, model.held_up)
+        if any(top.arrives for top in domain.tops if top.action == action):
+            remarks += unvaried(
+                action, examples[examples["success"] & (examples["t"] == 0.0)], robot
+            )
+        for remark in (*without_errors(action, examples), *remarks):
             print(f"train: {one_line(remark)}", file=sys.stderr)
         starts = tests.frame[(tests.frame["action"] == action) & (tests.frame["t"] == 0.0)]
         measured = _measured(model, starts, tests.metadata.get("seed") or 0) if len(starts) else {}
