@@ -237,7 +237,7 @@ class SimulationNode(Node):
         frame = self._topics[number].frame
         checks.expect_frame(request.pose.header.frame_id, "pose.header.frame_id", expected=frame)
         pose = checks.pose_from(request.pose.pose, "pose.pose")
-        self._world.place_robot(pose, number, Command(request.v, request.w))
+        self._world.place_robot(pose, number, Command(request.vx, request.w, vy=request.vy))
         who = self._world.robots[number].name or "robot"
         return f"{who} at x {pose.x:.3f} m, y {pose.y:.3f} m, yaw {pose.yaw:.3f} rad"
 

@@ -188,6 +188,11 @@ def test_arbitrary_messages_are_read_or_rejected(data: st.DataObject) -> None:
     assert "expected" in reason
 
 
+def test_the_velocity_of_a_situation_is_planar() -> None:
+    robot = RobotState(Pose(1.0, 2.0, 0.5), 0.4, vy=-0.2, w=0.3)
+    assert world_from(messages.situation_of(World(3.0, robot, {}), frame="odom")).robot == robot
+
+
 def test_goals_and_situations_in_a_known_frame_are_transformed() -> None:
     origin = Pose(1.0, 2.0, math.pi / 2.0)
     world = World(
