@@ -11,7 +11,7 @@ from bags import ROBOT, TICK, action_performance, drives, own_types, recorded, w
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
-from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.soccer_domain import SOCCER
 from ator_ros.experience.recordings import read_recording
 from ator_ros.experience.table import ExperienceError
 from ator_ros.geometry import Pose

@@ -14,9 +14,9 @@ import ator_interfaces.msg as msg
 from ator_interfaces.msg import GoalValue, Objective, Situation, TopCall, TopChain
 from ator_ros.actions.goal_variables import GOAL_VARIABLES, GoalVariable
 from ator_ros.bases.description import load_robot
-from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import ball_of, objects_of
 from ator_ros.domains.soccer.shoot import Shoot
+from ator_ros.domains.soccer.soccer_domain import SOCCER
 from ator_ros.geometry import Pose, wrap_angle
 from ator_ros.nodes import messages
 from ator_ros.tops.library import TopLibrary
