@@ -6,7 +6,7 @@ import pytest
 from experience_rows import dead_zone_drives, dead_zone_time, synthetic_experience
 
 from ator_ros.bases.description import load_robot
-from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.soccer_domain import SOCCER
 from ator_ros.performance.held_up import NOT_HELD_UP, HeldUp, clipped, find_held_up, held_up_remark
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.training import WorseThanMeanError, direct_of, train
