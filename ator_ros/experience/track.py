@@ -32,9 +32,7 @@ _BESIDE = 0.1  # s before and after a state between which its velocity is derive
 # s for which pose and twist have to contradict each other; a jump of the pose takes twice `_BESIDE`
 _LEAST_TIME = 1.0
 _JUMPS = "the pose jumps during the drive"
-_CONTRADICTS = (
-    "its poses contradict its velocities, as if the robot was moved or its pose was reset"
-)
+_CONTRADICTS = "poses and velocities contradict each other: the pose was reset, or the robot moved"
 # m and rad by which a drive may end elsewhere than its velocities lead, besides `TWIST_TOLERANCE`
 _ELSEWHERE = (0.2, 0.4)
 WIDTH = 7  # columns of odometry

@@ -14,8 +14,8 @@ import numpy as np
 from ator_ros.geometry import BoolArray, FloatArray
 from ator_ros.schema import Within
 
-# Least ratio of the duration of a drive that was held up to that of similar drives. Errors reach 1.4
-# if nobody disturbs, and those of short drives more: the delay is at least 2 s, or the ratio 2.
+# Least ratio of the duration of a drive that was held up to that of similar drives. Errors reach
+# 1.4 if nobody disturbs, and those of short drives more: the delay is at least 2 s, or the ratio 2.
 _LEAST_RATIO = 1.5
 _LEAST_DELAY = 2.0
 _SURE_RATIO = 2.0
