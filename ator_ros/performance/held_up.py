@@ -7,6 +7,7 @@ example of how long the action takes, and is described apart.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from statistics import NormalDist
 from typing import Annotated
 
 import numpy as np
@@ -34,6 +35,8 @@ _SHORT = 0.5
 # A drive counts for the first model with at most this multiple of what it usually takes, which is
 # more than hard drives differ from easy ones, and less than most delays.
 _CLIPPED_AT = 2.5
+_KEPT = 0.9  # share of drives that keep a bound
+_MOST_KEPT = 0.999  # of those that are not held up; more would assume that errors are normal
 _LEAST_TIME = 0.05  # s, least time of a path in such a multiple
 
 
@@ -49,11 +52,25 @@ class HeldUp:
         Mean of their durations less those predicted, in s.
     drives : int
         Their number.
+    late : float
+        Nine of ten drives, held up or not, took at most so many s longer than predicted; 0 if none
+        was held up.
     """
 
-    share: Annotated[float, Within(0.0, 1.0)] = 0.0
+    share: Annotated[float, Within(0.0, 0.5)] = 0.0
     delay: Annotated[float, Within(0.0)] = 0.0
     drives: Annotated[int, Within(0)] = 0
+    late: float = 0.0
+
+    def bound(self, durations: FloatArray, spreads: FloatArray) -> FloatArray:
+        """Return what nine of ten drives take at most, shape (n,), in s.
+
+        `durations` (n,) are predicted, `spreads` (n,) their standard deviations in s if nobody
+        holds the robot up.
+        """
+        quantile = min(_KEPT / (1.0 - self.share), _MOST_KEPT)
+        deviations = NormalDist().inv_cdf(quantile)
+        return np.asarray(durations + np.maximum(self.late, deviations * spreads))
 
 
 NOT_HELD_UP = HeldUp()
@@ -113,7 +130,8 @@ def describe_held_up(errors: FloatArray, held: BoolArray) -> HeldUp:
     if not held.any():
         return NOT_HELD_UP
     delay = float(errors[held].mean())
-    return HeldUp(float(held.mean()), max(delay, 0.0), int(held.sum()))
+    late = float(np.quantile(errors, _KEPT))
+    return HeldUp(float(held.mean()), max(delay, 0.0), int(held.sum()), late)
 
 
 def held_up_remark(action: str, held_up: HeldUp) -> list[str]:

@@ -32,7 +32,7 @@ def held(rows: pd.DataFrame, *, share: float, seed: int) -> tuple[pd.DataFrame, 
     times = np.ones(len(rows))
     times[rng.choice(len(rows), count, replace=False)] = rng.uniform(3.0, 10.0, count)
     longer = rows["duration"] * times
-    delay = float((longer - rows["duration"]).sum() / count)
+    delay = float((longer - rows["duration"]).sum() / max(count, 1))
     return rows.assign(duration=longer, time_to_go=longer), count, delay
 
 
@@ -57,6 +57,15 @@ def test_a_server_that_waited_for_half_a_minute_was_held_up() -> None:
     model = learned(rows.assign(duration=waited, time_to_go=waited))
     assert model.held_up.drives == 2
     assert model.held_up.delay == pytest.approx(30.0, abs=1.0)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.08, 0.15])
+def test_nine_of_ten_drives_keep_the_bound(share: float) -> None:
+    model = learned(held(dead_zone_drives(150, seed=9), share=share, seed=9)[0])
+    fresh, *_ = held(dead_zone_drives(300, seed=10), share=share, seed=10)
+    predicted = model.predict(direct_of(fresh), ("duration", "spread"))
+    assert predicted.bound is not None
+    assert 0.85 <= (fresh["duration"] <= predicted.bound).mean() <= 0.97
 
 
 def test_undisturbed_drives_are_learned_as_they_are() -> None:
