@@ -14,9 +14,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ator_ros.bases.base import Axis
 from ator_ros.bases.description import Robot
 from ator_ros.bases.foresight import Foresight
+from ator_ros.bases.interface import Axis
 from ator_ros.execution.odometry_point import OdometryPoint
 from ator_ros.geometry import clip, wrap_angle
 from ator_ros.world.state import STOP, Command, RobotState

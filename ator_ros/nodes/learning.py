@@ -23,7 +23,7 @@ from ator_ros.learning.learner import Learner
 from ator_ros.learning.process import RoundProcess
 from ator_ros.learning.sets import digest_of_start
 from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health
-from ator_ros.nodes.inputs import WARNING_PERIOD
+from ator_ros.nodes.main_loop import run_node
 from ator_ros.nodes.maps import FollowedMap
 from ator_ros.nodes.parameters import (
     FRAME,
@@ -39,7 +39,7 @@ from ator_ros.nodes.parameters import (
 )
 from ator_ros.nodes.path_planner import planner_name
 from ator_ros.nodes.qos import RESULTS, SERVICES
-from ator_ros.nodes.running import run_node
+from ator_ros.nodes.subscriptions import WARNING_PERIOD
 from ator_ros.printable import one_line
 from ator_ros.world.grid_map import GridMap, save_map
 from ator_ros.world.readers import MessageError

@@ -172,7 +172,9 @@ def grid_from(message: OccupancyGrid, topic: str, *, frame: str) -> GridMap:
 def situation_of(world: World, *, frame: str) -> msg.Situation:
     """Write the state of robot and objects."""
     robot = world.robot
-    message = msg.Situation(robot=pose_of(robot.pose), v=float(robot.vx), w=float(robot.w))
+    message = msg.Situation(
+        robot=pose_of(robot.pose), vx=float(robot.vx), vy=float(robot.vy), w=float(robot.w)
+    )
     message.header.stamp = stamp_of(world.time)
     message.header.frame_id = frame
     for name, there in world.objects.items():

@@ -445,7 +445,7 @@ class ObjectReader:
 
 
 def _forward(situation: Any) -> Any:
-    """Return the forward velocity of a Situation, which recordings of version 0.1 call v."""
+    """Return the forward velocity of a Situation, which recordings of version 0.2 call v."""
     return situation.vx if hasattr(situation, "vx") else situation.v
 
 
