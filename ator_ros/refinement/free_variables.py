@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ator_ros.actions.base import Point
-from ator_ros.actions.goal_variables import GOAL_VARIABLES, direct_name, goal_values
+from ator_ros.actions.goal_variables import GOAL_VARIABLES, ORDER, direct_name, goal_values
 from ator_ros.bases.description import Robot
 from ator_ros.bases.direct import DirectTable
 from ator_ros.geometry import BoolArray, FloatArray, Pose, wrap_angle
@@ -32,7 +32,7 @@ from ator_ros.refinement.chain_prediction import (
 )
 from ator_ros.refinement.search import Allowed, spread_points
 from ator_ros.tops.bindings import bindings
-from ator_ros.tops.chain import EVERYTHING, ORDER, InvalidChainError, TopCall, TopChain, projected
+from ator_ros.tops.chain import EVERYTHING, InvalidChainError, TopCall, TopChain, projected
 from ator_ros.tops.conditions import Condition, Distance, Region, Relation, state_of
 from ator_ros.tops.ranges import USUAL_RANGES, Range, Ranges
 from ator_ros.world.state import World

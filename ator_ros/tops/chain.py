@@ -12,7 +12,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from ator_ros.actions.base import Goal, Point
-from ator_ros.actions.goal_variables import goal_values
+from ator_ros.actions.goal_variables import ORDER, goal_values
 from ator_ros.bases.description import Robot
 from ator_ros.geometry import Pose
 from ator_ros.printable import ReadableError
@@ -103,8 +103,6 @@ class Top:
 
 EVERYTHING = "*"
 """Opens all goal variables but those that the post-condition names."""
-ORDER = "order"
-"""Opens the place of a call in the chain; see `ator_ros.tops.ordering`."""
 
 
 class InvalidChainError(ReadableError, ValueError):
@@ -183,6 +181,18 @@ class TopChain:
     def order(self) -> tuple[int, ...]:
         """The indices of the calls in the chain as it was sent."""
         return self.sent_as or tuple(range(len(self.calls)))
+
+    def part(self, first: int, last: int | None = None) -> TopChain:
+        """Return the calls from `first` to before `last` as a chain; they keep their places."""
+        calls = (
+            dataclasses.replace(call, open=call.open - {ORDER}, after=())
+            for call in self.calls[first:last]
+        )
+        return TopChain(tuple(calls))
+
+    def sent(self, index: int) -> TopCall:
+        """Return the call with an index (from 0) in the chain as it was sent."""
+        return self.calls[self.order.index(index)]
 
     def step_name(self, index: int) -> str:
         """Return number and TOP of a call (from 0) for messages; the number is that as sent."""

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ator_ros.actions.goal_variables import goal_values
+from ator_ros.actions.goal_variables import ORDER, goal_values
 from ator_ros.bases.description import Robot
 from ator_ros.geometry import BoolArray
-from ator_ros.tops.chain import ORDER, InvalidChainError, TopChain, projected
+from ator_ros.tops.chain import InvalidChainError, TopChain, projected
 from ator_ros.tops.conditions import state_of
 from ator_ros.world.state import ObjectState, RobotState, World
 

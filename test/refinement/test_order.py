@@ -19,12 +19,13 @@ from refinement_fakes import (
     world,
 )
 
+from ator_ros.actions.goal_variables import ORDER
 from ator_ros.geometry import FloatArray, Pose, wrap_angle
 from ator_ros.refinement import RefinementError
 from ator_ros.refinement.order import MOST_EXACT
 from ator_ros.refinement.order_search import LocalSearch, best_orders, nearest_next
 from ator_ros.refinement.refiner import ITS_DEADLINE, LONGEST_CHAIN, Refinement, Refiner, choose
-from ator_ros.tops.chain import ORDER, TopCall, TopChain
+from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.ordering import ordering_of
 from ator_ros.world.state import RobotState, World
 

@@ -6,7 +6,8 @@ import itertools
 import pytest
 from refinement_fakes import ANGLE, LIBRARY, NOTHING, ROBOT, call, world
 
-from ator_ros.tops.chain import ORDER, InvalidChainError, TopCall, TopChain
+from ator_ros.actions.goal_variables import ORDER
+from ator_ros.tops.chain import InvalidChainError, TopCall, TopChain
 from ator_ros.tops.ordering import in_valid_order, ordering_of, possible_steps
 
 OPEN = ANGLE | {ORDER}
