@@ -49,6 +49,7 @@ from ator_ros.world.state import Command, ObjectState, RobotState, World
 
 # times the robot's limit, which may be an estimate; a speed in km/h would be 3.6 times
 _FASTEST_GOAL = 3.0
+_MOST_LIMITS = 16  # as in FreeVariable.msg
 _LONGEST_TEXT = 65_536  # characters of all texts in a refused chain that is sent back
 
 
@@ -472,10 +473,18 @@ def _free_variables(refinement: Refinement) -> list[msg.FreeVariable]:
             after=goal_values(after.sent(variable.subgoal).goal)[variable.name],
             low=variable.domain.low,
             high=variable.domain.high,
-            limits=list(variable.limits),
+            limits=_bounded(variable.limits),
         )
         for variable in refinement.free
     ]
+
+
+def _bounded(texts: Sequence[str]) -> list[str]:
+    """Return texts, of which the last one counts those above `_MOST_LIMITS`."""
+    if len(texts) <= _MOST_LIMITS:
+        return list(texts)
+    shown = texts[: _MOST_LIMITS - 1]
+    return [*shown, f"and {len(texts) - len(shown)} more"]
 
 
 def _curve(curve: SubgoalCurve) -> msg.SearchCurve:
