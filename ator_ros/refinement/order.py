@@ -195,11 +195,17 @@ class OrderSearch:
     def _climb(self, search: LocalSearch, deadline: Deadline, *, must_check: bool) -> None:
         """Improve an order until no move does; with conditions, by moves that keep it valid."""
         cursor = 0
+        rejected: set[int] = set()  # cursors behind moves that made the present order invalid
         while cursor >= 0 and not deadline():
             before = search.order, search.cost
             cursor = search.improve(cursor, 1 if must_check else _MOST_MOVES)
             if must_check and self._violates(search):
                 search.restore(*before)
+                if cursor in rejected:  # all moves were tried
+                    return
+                rejected.add(cursor)
+            else:
+                rejected.clear()
 
     def _violates(self, search: LocalSearch) -> bool:
         chain = self._chain.reordered(search.order.tolist())
