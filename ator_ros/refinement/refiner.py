@@ -207,17 +207,13 @@ class Refiner:
         model = ChainModel(
             world, chain, self.robot, models=self.models, names=names, objective=objective
         )
-        reference = _Searched(chain, analysis, model, unsearched(model.given, math.inf))
+        reference = _Searched(chain, analysis, model, unsearched(model.given, math.nan))
         if ordering.is_open and len(self._without_model(chain)) < len(chain):
             best = self._ordered(world, reference, ordering, regions, deadline, work)
         elif analysis.free:
             best = self._searched(reference, regions, deadline, work)
         else:
             return self._left_alone(chain, analysis, model)
-        if not math.isfinite(best.optimum.cost):
-            raise RefinementError(
-                "expected a finite prediction for some candidate, got none: check the distances"
-            )
         kept = KEPT_NAIVE if placeholders else KEPT_AS_SENT
         return self._answer(world, reference, best, work, kept)
 
@@ -228,18 +224,17 @@ class Refiner:
         deadline: Deadline,
         work: Work,
     ) -> _Searched:
-        """Return a chain with the best values of its free variables."""
+        """Return a chain with the best values of its free variables; unchanged without time."""
         if deadline():
-            optimum = unsearched(start.model.given, start.model.predict().cost)
-        else:
-            optimum = search(
-                start.model.step_costs,
-                _axes(start.chain, start.analysis),
-                start.model.given,
-                allowed=regions.allowing(),
-                deadline=deadline,
-                work=work,
-            )
+            return start
+        optimum = search(
+            start.model.step_costs,
+            _axes(start.chain, start.analysis),
+            start.model.given,
+            allowed=regions.allowing(),
+            deadline=deadline,
+            work=work,
+        )
         return dataclasses.replace(start, optimum=optimum)
 
     def _ordered(
@@ -265,8 +260,7 @@ class Refiner:
             axes=_axes(chain, reference.analysis),
             allowed=regions.allowing(),
         ).chains(_MOST_ORDERS, deadline, work)
-        as_sent = unsearched(model.given, model.predict().cost)
-        best = dataclasses.replace(reference, optimum=as_sent)
+        best = reference.predicted()
         for number, (candidate, cost) in enumerate(orders):
             if number and cost > _PROMISING * best.optimum.cost:
                 break
@@ -283,9 +277,9 @@ class Refiner:
                     objective=model.objective,
                     reference=model,
                 ),
-                as_sent,
+                unsearched(model.given, math.nan),
             )
-            found = self._searched(start, limits, deadline, work)
+            found = self._searched(start, limits, deadline, work).predicted()
             if found.optimum.cost < best.optimum.cost and not found.refined.violations(
                 world, self.robot
             ):
@@ -390,6 +384,12 @@ class Refiner:
         optimum = found.optimum
         objective = found.model.objective
         before, after, error = found.model.compare(reference.model.given, optimum.values)
+        if math.isnan(optimum.cost):
+            optimum = unsearched(optimum.values, after.cost)
+        if not math.isfinite(optimum.cost):
+            raise RefinementError(
+                "expected a finite prediction for some candidate, got none: check the distances"
+            )
         uncertainty = math.sqrt(max(len(analysis.free), 1)) * error
         gain = _gain(before, after, objective)
         known = uncertainty if _in_seconds(before, objective) else None
@@ -489,12 +489,22 @@ class Refiner:
 
 @dataclass(frozen=True, slots=True)
 class _Searched:
-    """A chain in one order, what is free in it, its model, and the best values found."""
+    """A chain in one order, what is free in it, its model, and the best values found.
+
+    The cost of values that were not searched is NaN until it is `predicted`.
+    """
 
     chain: TopChain
     analysis: Analysis
     model: ChainModel
     optimum: Optimum
+
+    def predicted(self) -> _Searched:
+        """Return it with a known cost."""
+        if not math.isnan(self.optimum.cost):
+            return self
+        cost = self.model.predict().cost
+        return dataclasses.replace(self, optimum=unsearched(self.model.given, cost))
 
     @property
     def refined(self) -> TopChain:

@@ -100,10 +100,10 @@ def test_a_failed_chain_counts_at_the_time_limit() -> None:
 
 
 def test_orders_by_length_of_stations_in_a_line(tools: Toolset) -> None:
-    """From 0, the nearest next is 1, -2, 4: 1 + 3 + 6 m; the shortest is -2, 1, 4: 2 + 3 + 3 m."""
+    """From 0, nearest next is 1, -2, 4.5: 10.5 m; the shortest order is -2, 1, 4.5: 8.5 m."""
     opened = frozenset({"yaw", "order"})
     top = LIBRARY["goToPose"]
-    calls = tuple(TopCall(top, Goal(Pose(x, 0.0, 0.0)), opened) for x in (4.0, 1.0, -2.0))
+    calls = tuple(TopCall(top, Goal(Pose(x, 0.0, 0.0)), opened) for x in (4.5, 1.0, -2.0))
     drawn = Trial(World(0.0, RobotState(Pose(0.0, 0.0, 0.0))), TopChain(calls))
 
     def places(name: str) -> list[float]:
@@ -111,9 +111,9 @@ def test_orders_by_length_of_stations_in_a_line(tools: Toolset) -> None:
         return [call.goal.pose.x for call in chosen.calls]
 
     for headings in ("", "_refined"):
-        assert places(f"listed{headings}") == [4.0, 1.0, -2.0]
-        assert places(f"nearest{headings}") == [1.0, -2.0, 4.0]
-        assert places(f"straight{headings}") == places(f"route{headings}") == [-2.0, 1.0, 4.0]
+        assert places(f"listed{headings}") == [4.5, 1.0, -2.0]
+        assert places(f"nearest{headings}") == [1.0, -2.0, 4.5]
+        assert places(f"straight{headings}") == places(f"route{headings}") == [-2.0, 1.0, 4.5]
     refined = POLICIES["refined"](tools, drawn)
     assert refined.predicted is not None
     for name in ORDERS:

@@ -284,6 +284,7 @@ def test_many_stations_keep_places_precedences_and_conditions() -> None:
     assert choice.refinement.after.cost < 0.75 * choice.refinement.before.cost
 
 
+@pytest.mark.long
 def test_the_longest_chain_is_ordered() -> None:
     cheap = Refiner(ROBOT, {"goToPose": FakeModel(turning_time, USED)})
     rng = np.random.default_rng(3)
