@@ -185,8 +185,8 @@ class PerformanceModel:
                 if "duration" in measures or "spread" in measures:
                     fields |= self._durations(geometry)
             elif name in measures:
-                highest = 1.0 if name == "success" else None
-                fields[name] = np.clip(self._values(geometry, tree), 0.0, highest)
+                highest = 1.0 if name == "success" else math.inf
+                fields[name] = self._values(geometry, tree, highest)
         error = None
         if signs is not None:
             error = (0.0, math.inf)
@@ -206,10 +206,11 @@ class PerformanceModel:
             _write_at_goal(geometry.rows, place, result, duration, spread)
         return {"duration": duration, "spread": spread}
 
-    def _values(self, geometry: Geometry, tree: ModelTree) -> FloatArray:
+    def _values(self, geometry: Geometry, tree: ModelTree, highest: float) -> FloatArray:
+        """Return the predictions of a tree, from 0 to `highest`."""
         if tree.constant is not None:
-            return np.full(len(geometry.dist), tree.constant)
-        return tree.evaluate(self._rows(geometry, tree.names))[0]
+            return np.full(len(geometry.dist), min(max(tree.constant, 0.0), highest))
+        return tree.evaluate(self._rows(geometry, tree.names))[0].clip(0.0, highest)
 
     def rules(self, measure: str = "duration") -> str:
         """Return the rules of a measure in the paper's form, one a line, after what they share."""

@@ -71,12 +71,12 @@ def columns_after(
     y = goal["y"]
     yaw = goal["yaw"]
     if point is Point.HOLD:
-        x = x - robot.hold * np.cos(yaw)
-        y = y - robot.hold * np.sin(yaw)
+        hold = robot.hold
+        x = x - hold * np.cos(yaw)
+        y = y - hold * np.sin(yaw)
     return {"x": x, "y": y, "yaw": yaw, "v": goal["speed"], "w": 0.0, "vy": 0.0}
 
 
-@dataclass(frozen=True, slots=True)
 class _Subgoal:
     """A subgoal, the names of its free variables, and how the next action starts there.
 
@@ -84,32 +84,43 @@ class _Subgoal:
     direction in rad in which it comes there.
     """
 
-    goal: Goal
-    names: Sequence[str]
-    robot: Robot
-    arrival: Arrival | None
-    bearing: float
+    def __init__(
+        self,
+        goal: Goal,
+        names: Sequence[str],
+        robot: Robot,
+        arrival: Arrival | None,
+        bearing: float,
+    ) -> None:
+        self._values = goal_values(goal)  # once, as `start` is called for each block of candidates
+        self._point = goal.point
+        self._names = names
+        self._robot = robot
+        self._arrival = arrival
+        self._bearing = bearing
 
     def start(self, candidates: FloatArray) -> dict[str, Any]:
         """Return the start variables of the next action for candidates (..., k) of this subgoal."""
-        goal = with_candidates(self.goal, self.names, candidates)
-        start = columns_after(goal, self.goal.point, self.robot)
-        if self.arrival is not None:
-            start["x"] = start["x"] - self.arrival.dist * math.cos(self.bearing)
-            start["y"] = start["y"] - self.arrival.dist * math.sin(self.bearing)
-            turned = wrap_angles(start["yaw"] - self.bearing)
-            start["yaw"] = start["yaw"] - turned.clip(-self.arrival.angle, self.arrival.angle)
+        goal = with_candidates(self._values, self._names, candidates)
+        start = columns_after(goal, self._point, self._robot)
+        if self._arrival is not None:
+            dist = self._arrival.dist
+            angle = self._arrival.angle
+            start["x"] = start["x"] - dist * math.cos(self._bearing)
+            start["y"] = start["y"] - dist * math.sin(self._bearing)
+            turned = wrap_angles(start["yaw"] - self._bearing)
+            start["yaw"] = start["yaw"] - turned.clip(-angle, angle)
         return start
 
 
 def with_candidates(
-    goal: Goal,
+    values: Mapping[str, float],
     names: Sequence[str],
     candidates: FloatArray,
 ) -> dict[str, float | FloatArray]:
-    """Return the variables of a goal; of those with these names, columns of candidates (..., k)."""
+    """Return `values` of a goal; of those with these names, columns of candidates (..., k)."""
     columns = {name: candidates[..., column] for column, name in enumerate(names)}
-    return {**goal_values(goal), **columns}
+    return {**values, **columns}
 
 
 class StepRows:
@@ -136,6 +147,7 @@ class StepRows:
         own = {direct_name(name): value for name, value in goal_values(goal).items()}
         fixed = {**start, **own, "hold": float(goal.point is Point.HOLD)}
         self._fixed = np.array([fixed[name] for name in self.names], dtype=float)
+        self._row = {name: row for row, name in enumerate(self.names)}
         self._free = [direct_name(name) for name in free]
         self._changed = changed
 
@@ -151,7 +163,7 @@ class StepRows:
         table = np.empty((len(self.names), *np.broadcast(*columns.values()).shape))
         table.T[:] = self._fixed
         for name, values in columns.items():
-            table[self.names.index(name)] = values
+            table[self._row[name]] = values
         return table
 
 

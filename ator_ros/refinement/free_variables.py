@@ -317,7 +317,7 @@ class Regions:
     def _after(self, index: int, values: FloatArray) -> tuple[dict[str, Any], dict[str, Any]]:
         """Return state and goal variables after a step whose goal has these free values (n, k)."""
         call = self._chain.calls[index]
-        goal = with_candidates(call.goal, self._names[index], values)
+        goal = with_candidates(goal_values(call.goal), self._names[index], values)
         before = self._states[index]
         if not call.top.arrives:
             state = call.top.post.apply(before, goal)
@@ -408,7 +408,7 @@ def _outside_experience(
 
 def _quantities(direct: DirectTable, robot: Robot) -> dict[str, float]:
     """Return the values of `_QUANTITIES` in one situation."""
-    numbers = {name: float(values[0]) for name, values in direct.items()}
+    numbers = dict(zip(direct.names, direct.table[:, 0].tolist(), strict=True))
     ahead = robot.hold * numbers["hold"] if robot.holder is not None else 0.0
     start = Pose(numbers["x"], numbers["y"], numbers["yaw"]).ahead(ahead)
     way = math.hypot(numbers["xg"] - start.x, numbers["yg"] - start.y)

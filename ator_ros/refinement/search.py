@@ -222,8 +222,10 @@ def search(
             best = window.best(path.rows[index], curve)
             centers = curve.values.take(best, axis=0)
             kept = not window.has_new(number)
-            costs = path.costs[index].take(rows_before, axis=0).take(best, axis=1)
-            known.append(costs if kept and kept_before else None)
+            if kept and kept_before:
+                known.append(path.costs[index].take(rows_before, axis=0).take(best, axis=1))
+            else:
+                known.append(None)
             candidates.append(centers if kept else window.around(centers, number))
             rows_before = best
             kept_before = kept
@@ -357,6 +359,7 @@ class _Windows:
         self._high = np.array([each.high for each in ranges], dtype=float)
         is_circle = np.array([each.periodic and each.high > each.low for each in ranges], bool)
         self._period = np.where(is_circle, self._high - self._low, np.inf)
+        self._bounds = np.stack((self._low, self._high, self._period))
         self._used = 0  # points of the sequence
         self.first, self._radius = self._first()
 
@@ -371,8 +374,7 @@ class _Windows:
         each = _of(_IN_WINDOW, len(self._ranges))
         points = spread_points(len(self._ranges), self._used, each * len(centers))
         self._used += len(points)
-        bounds = np.stack((self._low, self._high, self._period))
-        points = _in_windows(points, centers, each, self._radius, bounds, number)
+        points = _in_windows(points, centers, each, self._radius, self._bounds, number)
         return np.concatenate((centers, self._within(points)))
 
     def shrink(
