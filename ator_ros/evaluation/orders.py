@@ -22,7 +22,8 @@ OrderChoice = Callable[[FloatArray, Ordering], list[int]]
 
 def straight(robot: Robot, starts: FloatArray, ends: FloatArray) -> FloatArray:  # noqa: ARG001
     """Return the lengths of straight lines."""
-    return np.hypot(*(ends - starts))
+    lengths: FloatArray = np.hypot(*(ends - starts))
+    return lengths
 
 
 def along_routes(robot: Robot, starts: FloatArray, ends: FloatArray) -> FloatArray:
