@@ -18,6 +18,7 @@ from ator_ros.geometry import FloatArray
 from ator_ros.performance.derived import ANGLE_BETWEEN, DIST, RESTS, Geometry
 from ator_ros.performance.error_process import ErrorProcess
 from ator_ros.performance.features import Feature, declared_by, derived_from
+from ator_ros.performance.held_up import NOT_HELD_UP, HeldUp
 from ator_ros.performance.tree.nodes import ModelTree, RuleWriter
 from ator_ros.schema import Within
 from ator_ros.world.state import CONTROL_PERIOD
@@ -45,6 +46,9 @@ class Prediction:
         Expected errors at the end in m and rad.
     error_of_sum : tuple of float or None
         Expected error in s of a signed sum of the durations, and its variance in s².
+    bound : ndarray or None
+        What nine of ten drives take at most in s, those included that are held up. It is predicted
+        with the spread.
     """
 
     duration: FloatArray | None = None
@@ -53,6 +57,7 @@ class Prediction:
     accuracy: FloatArray | None = None
     heading: FloatArray | None = None
     error_of_sum: tuple[float, float] | None = None
+    bound: FloatArray | None = None
 
 
 @dataclass(frozen=True)
@@ -115,6 +120,8 @@ class PerformanceModel:
         Its errors on episodes that it was not learned from; None: any error is possible.
     arrival : Arrival or None
         Where it ends, if the robot stands at its start and end; None: at the goal.
+    held_up : HeldUp
+        How often, and how long, its drives were held up; trees predict the others.
     """
 
     action: str
@@ -126,6 +133,7 @@ class PerformanceModel:
     at_goal: AtGoal | None = UNOBSERVED
     errors: ErrorProcess | None = None
     arrival: Arrival | None = None
+    held_up: HeldUp = NOT_HELD_UP
 
     @cached_property
     def used_features(self) -> tuple[str, ...]:
@@ -193,7 +201,10 @@ class PerformanceModel:
             if self.errors is not None:
                 rows = self._rows(geometry, self.errors.features)
                 error = self.errors.of_sum(rows.T, signs)
-        return Prediction(**fields, error_of_sum=error)
+        bound = None
+        if "spread" in measures:
+            bound = self.held_up.bound(fields["duration"], fields["spread"])
+        return Prediction(**fields, error_of_sum=error, bound=bound)
 
     def _durations(self, geometry: Geometry) -> dict[str, FloatArray]:
         """Return durations and spreads; durations are within the bounds of their leaves."""

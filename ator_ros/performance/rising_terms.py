@@ -64,7 +64,7 @@ _TERM_COST = 0.75
 _CLIPPED_AT = 3.0
 _ROUNDS = 3
 _SAMPLING = 0.1  # s between the rows of drives; smaller residuals are never clipped
-_ROUNDING = 1e-9  # slopes that are rounded zeros
+_ROUNDING = 1e-9  # slopes, and ranges of segments, that are rounded zeros
 
 
 def rising_in(names: Container[str]) -> dict[str, FloatArray]:
@@ -131,6 +131,7 @@ def _fitted(
         by_feature.append(_segments(values, bends))
     segments = np.hstack(by_feature)
     centered = segments - segments.mean(axis=0)
+    centered[:, np.ptp(segments, axis=0) < _ROUNDING] = 0.0  # else rounding errors get slopes
     target = durations - durations.mean()
     for _ in range(_ROUNDS):
         fitted = centered @ nnls(centered, target)[0]
