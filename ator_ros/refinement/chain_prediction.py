@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -24,7 +24,7 @@ from ator_ros.geometry import FloatArray, wrap_angles
 from ator_ros.performance.model import Arrival
 from ator_ros.refinement.objective import Objective
 from ator_ros.refinement.search import Pairs, StepCosts
-from ator_ros.tops.chain import TopChain, projected
+from ator_ros.tops.chain import TopCall, TopChain, projected
 from ator_ros.world.state import World
 
 REPORTED = ("duration", "spread", "success", "accuracy")
@@ -203,6 +203,37 @@ def step_rows(
     return rows
 
 
+def leg_rows(
+    world: World,
+    chain: TopChain,
+    robot: Robot,
+    names: Sequence[Sequence[str]],
+    legs: Iterable[tuple[int, int]],
+) -> list[StepRows]:
+    """Return the direct variables of legs from one call of `chain` (-1: the start) to another.
+
+    A leg may lead to a call that does not follow in the chain. It starts exactly at the goal, as
+    the direction in which the robot came there is unknown. After a call that does not arrive at its
+    goal, the robot is where it is in the order of the chain.
+    """
+    calls = chain.calls
+    starts: list[Mapping[str, Any]] = [_present(world)]
+    changes: list[Callable[[FloatArray], Mapping[str, Any]] | None] = [None]
+    for call, free in zip(calls, names, strict=True):
+        world = projected(world, call, robot)
+        exact = _Subgoal(call.goal, free, robot, None, 0.0)
+        starts.append(
+            columns_after(goal_values(call.goal), call.goal.point, robot)
+            if call.top.arrives
+            else _present(world)
+        )
+        changes.append(exact.start if call.top.arrives and free else None)
+    return [
+        StepRows(starts[origin + 1], calls[end].goal, names[end], changes[origin + 1])
+        for origin, end in legs
+    ]
+
+
 def _present(world: World) -> dict[str, float]:
     """Return the start variables of the robot's state."""
     state = world.robot
@@ -253,44 +284,42 @@ class ChainPrediction:
         return math.hypot(*(action.get("spread", 0.0) for action in self.actions))
 
 
-class ChainModel:
-    """The cost of the steps of one chain, from one state, for candidates of its free variables.
-
-    `given` are the chain's own values of the free variables of each subgoal, shapes (k,).
+class StepModel:
+    """The cost of steps, for candidates of the subgoals before and after each.
 
     Parameters
     ----------
-    world, chain, robot
-        The request.
+    rows : sequence of StepRows
+        The steps.
+    calls : sequence of TopCall
+        The call that each step executes.
+    names : sequence of tuple of str
+        The free variables of each call; candidates have a column for each.
+    robot : Robot
     models : mapping
         Action name to performance model; a step without one costs nothing.
-    names : sequence of tuple of str, one per subgoal
-        The free variables; candidates have a column for each.
     objective : Objective
         What a step costs.
     """
 
     def __init__(
         self,
-        world: World,
-        chain: TopChain,
+        rows: Sequence[StepRows],
+        calls: Sequence[TopCall],
+        names: Sequence[tuple[str, ...]],
         robot: Robot,
         *,
         models: Mapping[str, PredictsPerformance],
-        names: Sequence[tuple[str, ...]],
         objective: Objective,
     ) -> None:
+        self.rows = rows
+        self.calls = calls
         self.names = names
         self._robot = robot
         self._routes = routes_of(robot)
-        self.rows = step_rows(world, chain, robot, self.names, models)
-        self._actions = [call.top.action for call in chain.calls]
+        self._actions = [call.top.action for call in calls]
         self._models = {action: models.get(action) for action in self._actions}
         self.objective = objective
-        self.given = [
-            np.array([goal_values(call.goal)[name] for name in names], dtype=float)
-            for call, names in zip(chain.calls, self.names, strict=True)
-        ]
 
     def step_costs(self, steps: Sequence[Pairs]) -> list[FloatArray]:
         """Return the costs of actions, see `ator_ros.refinement.search.StepCosts`."""
@@ -302,37 +331,6 @@ class ChainModel:
                 has_room = self._routes.clearance(table[XG], table[YG]) >= self._robot.reach
                 costs[place] = np.where(has_room, costs[place], np.inf)
         return costs
-
-    def costs_of_step(self, index: int) -> StepCosts:
-        """Return a function for the costs of one action alone, whatever the number of the step."""
-        return lambda steps: self.step_costs([(index, before, after) for _, before, after in steps])
-
-    def predict(self) -> ChainPrediction:
-        """Return the prediction for the chain's own values.
-
-        Its cost is infinite if that of a step is NaN.
-        """
-        steps, _ = self._predicted(self._tables(self.given), REPORTED)
-        return _summed(steps)
-
-    def compare(
-        self, before: Sequence[FloatArray], after: Sequence[FloatArray]
-    ) -> tuple[ChainPrediction, ChainPrediction, float]:
-        """Return the predictions of two chains, and the uncertainty (s) of the second's gain.
-
-        It is the error of the models, from their errors on episodes that they were not learned
-        from; the difference between single runs is `ChainPrediction.spread`.
-        """
-        count = len(before)
-        tables = self._tables(before) + self._tables(after)
-        signs = np.repeat((1.0, -1.0), count)
-        steps, uncertainty = self._predicted(tables, REPORTED, signs)
-        return _summed(steps[:count]), _summed(steps[count:]), uncertainty
-
-    def _tables(self, values: Sequence[FloatArray]) -> list[tuple[int, FloatArray]]:
-        """Return each step's index and direct variables, for values (k,) of each subgoal."""
-        pairs = itertools.pairwise((np.zeros(0), *values))
-        return [(index, self.rows[index].values(*pair)) for index, pair in enumerate(pairs)]
 
     def _predicted(
         self,
@@ -374,6 +372,80 @@ class ChainModel:
                     name: values[first:last].reshape(shape) for name, values in known.items()
                 }
         return predicted, math.sqrt(error**2 + variance)
+
+
+class ChainModel(StepModel):
+    """The cost of the steps of one chain, from one state, for candidates of its free variables.
+
+    `given` are the chain's own values of the free variables of each subgoal, shapes (k,).
+
+    Parameters
+    ----------
+    world, chain, robot
+        The request.
+    models, objective
+        As for `StepModel`.
+    names : sequence of tuple of str, one per subgoal
+        The free variables; candidates have a column for each.
+    reference : ChainModel, optional
+        The model of the calls in another order, with whose predictions `compare` compares.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        chain: TopChain,
+        robot: Robot,
+        *,
+        models: Mapping[str, PredictsPerformance],
+        names: Sequence[tuple[str, ...]],
+        objective: Objective,
+        reference: ChainModel | None = None,
+    ) -> None:
+        rows = step_rows(world, chain, robot, names, models)
+        calls = chain.calls
+        self._reference = 0  # index of its first step
+        if reference is not None:
+            self._reference = len(rows)
+            rows = [*rows, *reference.rows]
+            calls = (*calls, *reference.calls)
+        super().__init__(rows, calls, names, robot, models=models, objective=objective)
+        self.given = [
+            np.array([goal_values(call.goal)[name] for name in names], dtype=float)
+            for call, names in zip(chain.calls, self.names, strict=True)
+        ]
+
+    def costs_of_step(self, index: int) -> StepCosts:
+        """Return a function for the costs of one action alone, whatever the number of the step."""
+        return lambda steps: self.step_costs([(index, before, after) for _, before, after in steps])
+
+    def predict(self) -> ChainPrediction:
+        """Return the prediction for the chain's own values.
+
+        Its cost is infinite if that of a step is NaN.
+        """
+        steps, _ = self._predicted(self._tables(self.given), REPORTED)
+        return _summed(steps)
+
+    def compare(
+        self, before: Sequence[FloatArray], after: Sequence[FloatArray]
+    ) -> tuple[ChainPrediction, ChainPrediction, float]:
+        """Return the predictions of two chains, and the uncertainty (s) of the second's gain.
+
+        `before` are values in the order of the reference, `after` in that of the chain. The
+        uncertainty is the error of the models, from their errors on episodes that they were not
+        learned from; the difference between single runs is `ChainPrediction.spread`.
+        """
+        count = len(before)
+        tables = self._tables(before, self._reference) + self._tables(after)
+        signs = np.repeat((1.0, -1.0), count)
+        steps, uncertainty = self._predicted(tables, REPORTED, signs)
+        return _summed(steps[:count]), _summed(steps[count:]), uncertainty
+
+    def _tables(self, values: Sequence[FloatArray], first: int = 0) -> list[tuple[int, FloatArray]]:
+        """Return each step's index and direct variables, for values (k,) of each subgoal."""
+        pairs = itertools.pairwise((np.zeros(0), *values))
+        return [(index, self.rows[index].values(*pair)) for index, pair in enumerate(pairs, first)]
 
 
 def _summed(steps: Sequence[Mapping[str, FloatArray]]) -> ChainPrediction:
