@@ -39,6 +39,9 @@ class Prediction:
     ----------
     duration, spread : ndarray or None
         Expected time in s, and the standard deviation in s of actual times about it.
+    noise : ndarray or None
+        The part of the spread in s by which single runs of the same situation differ; the rest is
+        what the model may be wrong by. It is predicted with the spread.
     success : ndarray or None
         Probability.
     accuracy, heading : ndarray or None
@@ -49,6 +52,7 @@ class Prediction:
 
     duration: FloatArray | None = None
     spread: FloatArray | None = None
+    noise: FloatArray | None = None
     success: FloatArray | None = None
     accuracy: FloatArray | None = None
     heading: FloatArray | None = None
@@ -147,19 +151,14 @@ class PerformanceModel:
 
     @cached_property
     def experience(self) -> Mapping[str, tuple[float, float]]:
-        """Range of each quantity at the starts that it was learned from, if known.
-
-        Places are in the robot's area, while those of the file are relative to the area's center;
-        see `ator_ros.performance.training.start_ranges`.
-        """
+        """Range of each of the `ator_ros.performance.training.start_ranges`, if known."""
         ranges = self.metadata.get("training", {}).get("starts", {})
-        area = self.robot.scene.area
-        moved = dict.fromkeys(("x", "xg"), area.x) | dict.fromkeys(("y", "yg"), area.y)
-        experience = {}
-        for name, (low, high) in ranges.items():
-            by = moved.get(name, 0.0)
-            experience[name] = (float(low) + by, float(high) + by)
-        return experience
+        return {name: (float(low), float(high)) for name, (low, high) in ranges.items()}
+
+    @property
+    def not_varied(self) -> tuple[str, ...]:
+        """The features that the drives hardly varied, so that they show no slope along them."""
+        return self.errors.not_varied if self.errors is not None else ()
 
     def predict(
         self,
@@ -183,7 +182,7 @@ class PerformanceModel:
         for name, tree in self.trees.items():
             if name == "duration":
                 if "duration" in measures or "spread" in measures:
-                    fields |= self._durations(geometry)
+                    fields |= self._durations(geometry, with_spread="spread" in measures)
             elif name in measures:
                 highest = 1.0 if name == "success" else None
                 fields[name] = np.clip(self._values(geometry, tree), 0.0, highest)
@@ -195,16 +194,20 @@ class PerformanceModel:
                 error = self.errors.of_sum(rows.T, signs)
         return Prediction(**fields, error_of_sum=error)
 
-    def _durations(self, geometry: Geometry) -> dict[str, FloatArray]:
-        """Return durations and spreads; durations are within the bounds of their leaves."""
+    def _durations(self, geometry: Geometry, *, with_spread: bool) -> dict[str, FloatArray]:
+        """Return durations, within the bounds of their leaves, and noise and spread if wanted."""
         tree = self.trees["duration"]
         duration, leaf = tree.evaluate(self._rows(geometry, tree.names))
-        spread = tree.spread.take(leaf)
+        noise = tree.spread.take(leaf)
+        spread = noise.copy()
+        if with_spread and self.errors is not None:
+            rows = self._rows(geometry, self.errors.features)
+            spread = np.hypot(noise, self.errors.deviations(rows.T))
         if self.at_goal is not None:
             place = (self.at_goal.dist, self.at_goal.angle)
-            result = (self.at_goal.duration, self.at_goal.spread)
-            _write_at_goal(geometry.rows, place, result, duration, spread)
-        return {"duration": duration, "spread": spread}
+            result = np.array((self.at_goal.duration, self.at_goal.spread, self.at_goal.spread))
+            _write_at_goal(geometry.rows, place, result, (duration, noise, spread))
+        return {"duration": duration, "noise": noise, "spread": spread}
 
     def _values(self, geometry: Geometry, tree: ModelTree) -> FloatArray:
         if tree.constant is not None:
@@ -248,15 +251,15 @@ class PerformanceModel:
 def _write_at_goal(
     rows: FloatArray,
     place: tuple[float, float],
-    result: tuple[float, float],
-    durations: FloatArray,
-    spreads: FloatArray,
+    result: FloatArray,
+    written: tuple[FloatArray, FloatArray, FloatArray],
 ) -> None:
-    """Write duration and spread for robots at rest within a distance (m) and angle of the goal."""
+    """Write duration, noise, spread of robots at rest within a distance (m), angle of the goal."""
     for at in range(rows.shape[1]):
         if (
             rows[RESTS, at] > 0.5
             and rows[DIST, at] <= place[0]
             and rows[ANGLE_BETWEEN, at] <= place[1]
         ):
-            durations[at], spreads[at] = result
+            for number in range(3):
+                written[number][at] = result[number]

@@ -27,7 +27,7 @@ from ator_ros.refinement.search import Pairs, StepCosts
 from ator_ros.tops.chain import TopChain, projected
 from ator_ros.world.state import World
 
-REPORTED = ("duration", "spread", "success", "accuracy")
+REPORTED = ("duration", "spread", "noise", "success", "accuracy")
 """Fields predicted for every action regardless of the objective."""
 
 
@@ -225,10 +225,13 @@ class ChainPrediction:
         has none.
     cost : float
         The objective summed over the actions that have a model.
+    error : float
+        What the models may be wrong by in the summed duration, in s: the root mean square.
     """
 
     actions: tuple[Mapping[str, float], ...]
     cost: float
+    error: float = 0.0
 
     @property
     def duration(self) -> float:
@@ -237,8 +240,12 @@ class ChainPrediction:
 
     @property
     def spread(self) -> float:
-        """Standard deviation in s of the summed duration; errors count as independent."""
-        return math.hypot(*(action.get("spread", 0.0) for action in self.actions))
+        """Standard deviation in s of the summed duration: of single runs, and of the models.
+
+        Models whose errors are unknown count as exact.
+        """
+        error = self.error if math.isfinite(self.error) else 0.0
+        return math.hypot(error, *(action.get("noise", 0.0) for action in self.actions))
 
 
 class ChainModel:
@@ -300,22 +307,27 @@ class ChainModel:
 
         Its cost is infinite if that of a step is NaN.
         """
-        steps, _ = self._predicted(self._tables(self.given), REPORTED)
-        return _summed(steps)
+        tables = self._tables(self.given)
+        steps, error = self._predicted(tables, REPORTED, np.ones(len(tables)))
+        return _summed(steps, error)
 
     def compare(
         self, before: Sequence[FloatArray], after: Sequence[FloatArray]
     ) -> tuple[ChainPrediction, ChainPrediction, float]:
         """Return the predictions of two chains, and the uncertainty (s) of the second's gain.
 
-        It is the error of the models, from their errors on episodes that they were not learned
-        from; the difference between single runs is `ChainPrediction.spread`.
+        It is what the models may be wrong by in the difference, less than in either chain, as their
+        errors are alike in similar situations.
         """
-        count = len(before)
-        tables = self._tables(before) + self._tables(after)
-        signs = np.repeat((1.0, -1.0), count)
-        steps, uncertainty = self._predicted(tables, REPORTED, signs)
-        return _summed(steps[:count]), _summed(steps[count:]), uncertainty
+        first = self._tables(before)
+        second = self._tables(after)
+        signs = np.repeat((1.0, -1.0), len(first))
+        _, uncertainty = self._predicted(first + second, (), signs)
+        one, other = (
+            _summed(*self._predicted(tables, REPORTED, np.ones(len(tables))))
+            for tables in (first, second)
+        )
+        return one, other, uncertainty
 
     def _tables(self, values: Sequence[FloatArray]) -> list[tuple[int, FloatArray]]:
         """Return each step's index and direct variables, for values (k,) of each subgoal."""
@@ -364,12 +376,12 @@ class ChainModel:
         return predicted, math.sqrt(error**2 + variance)
 
 
-def _summed(steps: Sequence[Mapping[str, FloatArray]]) -> ChainPrediction:
-    """Return the prediction of a chain from those of its steps."""
+def _summed(steps: Sequence[Mapping[str, FloatArray]], error: float) -> ChainPrediction:
+    """Return the prediction of a chain from those of its steps, and the error of the models."""
     actions = tuple(
         {name: float(value) for name, value in step.items() if name != "cost"} for step in steps
     )
-    return ChainPrediction(actions, float(np.sum([step["cost"] for step in steps])))
+    return ChainPrediction(actions, float(np.sum([step["cost"] for step in steps])), error)
 
 
 def predict_chain(
