@@ -152,7 +152,11 @@ def _share(percent: float | None) -> str:
 
 
 def prediction_table(summary: Mapping[str, Any]) -> pd.DataFrame:
-    """Return the errors of the policies' predictions, a row for each policy with models."""
+    """Return how well predictions hold, a row for each policy with models.
+
+    Their errors, how many durations are within the predicted 90 % interval, and mean gains over the
+    naive chains.
+    """
     found = {name: row.get("prediction", {}) for name, row in _rows(summary).items()}
     return pd.DataFrame(
         {
@@ -162,10 +166,17 @@ def prediction_table(summary: Mapping[str, Any]) -> pd.DataFrame:
             "95 %": _interval(row["mean_error_ci95"], 3),
             "MAE s": f"{row['mae_s']:.3f}",
             "RMSE s": f"{row['rmse_s']:.3f}",
+            "in 90 %": f"{row['within_90_percent']:.0f} %" if "within_90_percent" in row else "-",
+            "predicted gain s": _seconds(row.get("gain_predicted_s")),
+            "executed gain s": _seconds(row.get("gain_executed_s")),
         }
         for name, row in found.items()
         if row.get("chains")
     )
+
+
+def _seconds(value: float | None) -> str:
+    return "-" if value is None else f"{value:.2f}"
 
 
 def _rows(summary: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:

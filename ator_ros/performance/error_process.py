@@ -164,7 +164,7 @@ class ErrorProcess:
             itself = features[row : row + 1]
             variances[row] = self._covariances(itself, itself)[0, 0]
         variances -= np.einsum("nm,nm->n", similar @ inverse, similar)
-        return np.sqrt(np.maximum(variances, 0.0) + np.square(similar @ weights))
+        return np.asarray(np.sqrt(np.maximum(variances, 0.0) + np.square(similar @ weights)))
 
     @cached_property
     def _solved(self) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -180,7 +180,7 @@ class ErrorProcess:
         """Return the covariances in s² of errors at features (n, k) and (m, k), shape (n, m)."""
         scale = np.array(self.scale)
         near = _kernel(one / scale, other / scale, self.signal, self.length)
-        return near + self._reaches(one) @ self._reaches(other).T
+        return np.asarray(near + self._reaches(one) @ self._reaches(other).T)
 
     def _reaches(self, features: FloatArray) -> FloatArray:
         """Return by how many s each part of an unknown slope may change durations, (n, parts)."""
