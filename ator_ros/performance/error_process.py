@@ -116,7 +116,7 @@ class ErrorProcess:
     signal: _Positive
     noise: _Positive
     length: _Positive
-    slopes: tuple[UnknownSlope, ...]
+    slopes: tuple[UnknownSlope, ...] = ()
 
     def __post_init__(self) -> None:
         """Check the shapes."""
