@@ -32,7 +32,7 @@ DOMAINS = {
     "building": f"{EXAMPLES}.tour:BUILDING",
     "drive": f"{PACKAGE}.domains.drive:DRIVE",
     "pursuit": f"{EXAMPLES}.tour:PURSUIT",
-    "soccer": f"{PACKAGE}.domains.soccer.domain:SOCCER",
+    "soccer": f"{PACKAGE}.domains.soccer.soccer_domain:SOCCER",
     "tour": f"{EXAMPLES}.tour:TOUR",
 }
 ACTION_SETS = {"soccer.bezier": f"{EXAMPLES}.bezier:ACTIONS"}

@@ -14,8 +14,8 @@ import numpy as np
 from ator_ros.actions.base import Action, ActionError, Goal, Status, Step, finished
 from ator_ros.actions.situation import ActionSpec
 from ator_ros.bases.description import Robot
-from ator_ros.bases.differential.description import differential
 from ator_ros.bases.differential.limits import Limits
+from ator_ros.bases.differential.robot import differential
 from ator_ros.domains.planned.planned_action import check_arrival
 from ator_ros.domains.planned.walls import depth_in_walls, nearest_to_walls
 from ator_ros.domains.soccer import samplers

@@ -23,7 +23,7 @@ from ator_ros.experience.simulated import episode_generator, run_episode
 from ator_ros.experience.table import Episode
 from ator_ros.files import portable_command, write_text
 from ator_ros.geometry import wrap_angle
-from ator_ros.simulation.simulation import Simulation
+from ator_ros.simulation.scene_simulation import Simulation
 from ator_ros.tops.library import top_of
 
 TURN = math.radians(1.0)  # rad, change of the heading at the start

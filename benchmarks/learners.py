@@ -21,8 +21,8 @@ import numpy as np
 from sklearn.ensemble import HistGradientBoostingRegressor, RandomForestRegressor
 from sklearn.tree import DecisionTreeRegressor
 
-from ator_ros.bases.base import Driving
 from ator_ros.bases.description import Robot
+from ator_ros.bases.interface import Driving
 from ator_ros.domains.domain import find_domain
 from ator_ros.experience.table import Experience, read_experience
 from ator_ros.geometry import FloatArray

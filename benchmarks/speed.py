@@ -28,7 +28,7 @@ from ator_ros.domains.trials import open_places, open_speeds, random_trial
 from ator_ros.evaluation.toolset import ToolsetSource, tools_of
 from ator_ros.geometry import BoolArray, FloatArray, Pose
 from ator_ros.planning.planner import chains_for
-from ator_ros.simulation.simulation import CONTROL_RATE, Simulation
+from ator_ros.simulation.scene_simulation import CONTROL_RATE, Simulation
 from ator_ros.tops.chain import EVERYTHING, TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.objects import is_lost, kept, object_fetched_by

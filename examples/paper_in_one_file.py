@@ -28,7 +28,7 @@ from ator_ros.actions.base import ActionError, Goal, Point, Status
 from ator_ros.domains.domain import find_domain
 from ator_ros.geometry import FloatArray, Pose, wrap_angles
 from ator_ros.simulation.run import place, run_action
-from ator_ros.simulation.simulation import Simulation
+from ator_ros.simulation.scene_simulation import Simulation
 from ator_ros.world.state import World
 
 SOCCER = find_domain("soccer")

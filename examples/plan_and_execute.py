@@ -26,10 +26,16 @@ _TIMEOUT = 120.0  # s
 def situation(node: Node) -> Situation:
     """Return the current state of robot and ball."""
     robot, ball = _message(node, "odom"), _message(node, "ball")
-    twist = robot.twist.twist
+    moving = robot.twist.twist
     position, velocity = ball.pose.pose.position, ball.twist.twist.linear
     objects = [ObjectState(name="ball", position=position, velocity=velocity)]
-    return Situation(robot=robot.pose.pose, v=twist.linear.x, w=twist.angular.z, objects=objects)
+    return Situation(
+        robot=robot.pose.pose,
+        vx=moving.linear.x,
+        vy=moving.linear.y,
+        w=moving.angular.z,
+        objects=objects,
+    )
 
 
 def _message(node: Node, topic: str) -> Any:

@@ -24,7 +24,7 @@ from ator_ros.evaluation.chain_run import run_chain
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.performance.accuracy import mean_ci95
 from ator_ros.performance.model_file import load_models
-from ator_ros.refinement.durations import predict_durations
+from ator_ros.refinement.step_durations import predict_durations
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.world.state import RobotState, World
 

@@ -20,13 +20,13 @@ from functools import partial
 import numpy as np
 
 from ator_ros.actions.base import Goal, Point
-from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import BALL
+from ator_ros.domains.soccer.soccer_domain import SOCCER
 from ator_ros.evaluation.chain_run import run_chain
 from ator_ros.geometry import Pose
 from ator_ros.performance.accuracy import mean_ci95
 from ator_ros.performance.model_file import load_models
-from ator_ros.refinement.durations import predict_durations
+from ator_ros.refinement.step_durations import predict_durations
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.world.state import ObjectState, RobotState, World
 

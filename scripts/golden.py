@@ -47,7 +47,7 @@ from ator_ros.performance.training import direct_of, train
 from ator_ros.planning.goals import GoalStatement, PlanningError, statement_from
 from ator_ros.planning.planner import chains_for
 from ator_ros.refinement.chain_prediction import ChainPrediction
-from ator_ros.simulation.simulation import Simulation
+from ator_ros.simulation.scene_simulation import Simulation
 from ator_ros.tops.chain import TopChain
 from ator_ros.world.state import Command, ObjectState, RobotState, World
 

@@ -14,7 +14,7 @@ from ator_ros.domains.domain import find_domain
 from ator_ros.domains.soccer.field import ball_of, objects_of
 from ator_ros.geometry import Pose
 from ator_ros.simulation.run import judge, place, run_action
-from ator_ros.simulation.simulation import Simulation
+from ator_ros.simulation.scene_simulation import Simulation
 from ator_ros.tops.library import top_of
 from ator_ros.world.state import STOP, ObjectState, RobotState, World
 

@@ -1,6 +1,8 @@
 """Recordings made for tests: their types, drives, and records of the executor."""
 
+import dataclasses
 import math
+import re
 from collections.abc import Callable, Sequence
 from itertools import chain
 from pathlib import Path
@@ -201,8 +203,11 @@ def action_performance(
     ball = types["ator_interfaces/msg/ObjectState"](
         name="ball", position=point(goal.x, goal.y, 0.0), velocity=vector(0.0, 0.0, 0.0)
     )
-    situation = types["ator_interfaces/msg/Situation"](
-        header=header, robot=pose(Pose(*start, 0.1)), v=0.1, w=0.0, objects=[ball]
+    situation_type = types["ator_interfaces/msg/Situation"]
+    names = [field.name for field in dataclasses.fields(situation_type)]
+    moving = {"vx": 0.1, "vy": 0.0} if "vx" in names else {"v": 0.1}
+    situation = situation_type(
+        header=header, robot=pose(Pose(*start, 0.1)), **moving, w=0.0, objects=[ball]
     )
     call = types["ator_interfaces/msg/TopCall"](
         top=top, goal=types["geometry_msgs/msg/PoseStamped"](header, pose(goal)), speed=speed,
@@ -230,13 +235,20 @@ def write_records(folder: Path, store: Any, records: list[Any]) -> None:
             writer.write(link, 1_000_000_000 * number, store.serialize_cdr(record, kind))
 
 
-def own_types() -> Any:
-    """Return a store of types with our interfaces, read from their files."""
+def own_types(*, former_velocity: bool = False) -> Any:
+    """Return a store of types with our interfaces, read from their files.
+
+    With `former_velocity`, a Situation has the forward velocity `v`, as in version 0.2.
+    """
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
     store = get_typestore(Stores.ROS2_JAZZY)
     types: dict[str, Any] = {}
     for file in sorted(share_folder().glob("ator_interfaces/msg/*.msg")):
-        types |= get_types_from_msg(file.read_text(), f"ator_interfaces/msg/{file.stem}")
+        text = file.read_text()
+        if former_velocity and file.stem == "Situation":
+            text = re.sub(r"^float64 vy.*\n", "", text, flags=re.MULTILINE)
+            text = re.sub(r"^float64 vx", "float64 v", text, flags=re.MULTILINE)
+        types |= get_types_from_msg(text, f"ator_interfaces/msg/{file.stem}")
     store.register(types)
     return store

@@ -2,8 +2,8 @@
 
 from ator_ros.actions.base import Goal
 from ator_ros.bases.description import load_robot
-from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import objects_of
+from ator_ros.domains.soccer.soccer_domain import SOCCER
 from ator_ros.execution.fence import Fence
 from ator_ros.execution.predictions import Predictor
 from ator_ros.execution.supervisor import Deadlines, Supervisor

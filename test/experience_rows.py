@@ -11,7 +11,7 @@ import pandas as pd
 from ator_ros.bases.description import Robot
 from ator_ros.bases.drive_parts import DriveParts, parts_of_drive
 from ator_ros.bases.routes import routes_of
-from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.soccer_domain import SOCCER
 from ator_ros.experience.table import columns
 from ator_ros.geometry import FloatArray, wrap_angles
 from ator_ros.performance.model import PerformanceModel

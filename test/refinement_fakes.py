@@ -10,8 +10,8 @@ import numpy as np
 
 from ator_ros.actions.base import Goal
 from ator_ros.bases.description import load_robot
-from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import BALL
+from ator_ros.domains.soccer.soccer_domain import SOCCER
 from ator_ros.geometry import FloatArray, Pose, wrap_angles
 from ator_ros.performance.model import Arrival
 from ator_ros.refinement.search import Deadline, Pairs, StepCosts

@@ -8,7 +8,7 @@ import yaml
 
 from ator_ros.bases.description import Robot, load_robot
 from ator_ros.bases.differential.limits import Limits
-from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.soccer_domain import SOCCER
 from ator_ros.resources import resource_path
 
 PIONEER = SOCCER.robot()

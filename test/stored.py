@@ -11,7 +11,7 @@ import numpy as np
 from ator_ros.actions.base import Goal
 from ator_ros.actions.situation import Situation
 from ator_ros.bases.description import load_robot
-from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.soccer_domain import SOCCER
 from ator_ros.experience.store import RecordStore, StoreInfo
 from ator_ros.experience.table import Episode
 from ator_ros.geometry import Pose

@@ -3,6 +3,7 @@
 import ast
 import subprocess
 import sys
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from token import NAME
@@ -61,6 +62,11 @@ def test_imports_point_down(layer: str) -> None:
         if name.startswith("ator_ros.") and name.split(".")[1] not in allowed
     }
     assert not upward
+
+
+def test_no_two_files_have_one_name() -> None:
+    names = Counter(file.name for file in FILES if file.name != "__init__.py")
+    assert [name for name, count in names.items() if count > 1] == []
 
 
 GENERAL = (
@@ -133,7 +139,7 @@ def test_only_nodes_and_what_uses_them_import_ros() -> None:
 
 def test_nodes_start_without_the_packages_of_learning() -> None:
     names = [f"ator_ros.nodes.{name}" for name in ("executor", "refinement", "simulation")]
-    names.append("ator_ros.domains.soccer.domain")
+    names.append("ator_ros.domains.soccer.soccer_domain")
     heavy = ["sklearn", "pandas", "pyarrow", "scipy.stats", "matplotlib", "viser"]
     script = (
         f"import sys, {', '.join(names)}; print([name for name in {heavy} if name in sys.modules])"

@@ -17,7 +17,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from ator_ros.bases.description import ConfigError, load_robot
-from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.soccer_domain import SOCCER
 from ator_ros.experience.recordings import read_recording
 from ator_ros.experience.table import Experience, ExperienceError, read_experience, write_experience
 from ator_ros.files import FileError

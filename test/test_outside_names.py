@@ -16,9 +16,9 @@ from ator_interfaces import msg
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.bases.description import load_robot
 from ator_ros.domains.domain import domain_for
-from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.soccer_domain import SOCCER
 from ator_ros.nodes import messages
-from ator_ros.nodes.inputs import TfListener
+from ator_ros.nodes.subscriptions import TfListener
 from ator_ros.printable import ReadableError, listed, one_line
 from ator_ros.resources import resource_path
 from ator_ros.tools import train

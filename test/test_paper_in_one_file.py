@@ -18,7 +18,7 @@ from ator_ros.geometry import FloatArray, wrap_angle
 from ator_ros.performance.features import PAPER_11
 from ator_ros.performance.training import train
 from ator_ros.refinement.refiner import Refiner
-from ator_ros.simulation.simulation import Simulation
+from ator_ros.simulation.scene_simulation import Simulation
 from ator_ros.tops.library import top_of
 from examples import paper_in_one_file as example
 

@@ -57,5 +57,5 @@ def test_the_site_is_built_without_warnings(tmp_path: Path) -> None:
     pages = [page.relative_to(ROOT).with_suffix(".html") for page in (ROOT / "docs").glob("*.md")]
     assert [str(page) for page in pages if not (site / page).is_file()] == []
     python = (site / "docs" / "generated" / "python.html").read_text(encoding="utf-8")
-    assert 'id="ator_ros.refinement.durations.predict_durations"' in python
+    assert 'id="ator_ros.refinement.step_durations.predict_durations"' in python
     assert "docs/generated/python.html" in (site / "README.html").read_text(encoding="utf-8")

@@ -13,7 +13,7 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, get_type_hints
 
-from ator_ros.bases.base import Base
+from ator_ros.bases.interface import Base
 from ator_ros.files import FileError, content_with_optional_header, read_yaml
 from ator_ros.geometry import Pose
 from ator_ros.printable import ReadableError, quoted
@@ -33,7 +33,7 @@ DEFAULT_DRIVE = "differential"
 """The kind of base of a file without the field `drive`."""
 _SHIPPED_DRIVE = EntryPoint(
     DEFAULT_DRIVE,
-    "ator_ros.bases.differential.description:DifferentialRobot",
+    "ator_ros.bases.differential.robot:DifferentialRobot",
     GROUP,
 )
 _LARGEST = 100_000  # bytes of a description; ours has 2 kB

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 
-from ator_ros.bases.base import Base
+from ator_ros.bases.interface import Base
 from ator_ros.world.state import STOP, Command, RobotState, World
 
 _EXPIRES = 0.5  # s after which a command is forgotten: other programs may steer

@@ -11,7 +11,7 @@ from ator_ros.bases.description import Robot
 from ator_ros.execution.chain_executor import ChainExecutor, Ending
 from ator_ros.execution.rolling import Rolling
 from ator_ros.simulation.run import judge, place, run
-from ator_ros.simulation.simulation import CONTROL_RATE, Simulation
+from ator_ros.simulation.scene_simulation import CONTROL_RATE, Simulation
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import World

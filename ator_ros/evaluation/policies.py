@@ -11,8 +11,8 @@ from functools import partial
 from types import MappingProxyType
 from typing import Any
 
-from ator_ros.bases.base import Driving
 from ator_ros.bases.description import Robot
+from ator_ros.bases.interface import Driving
 from ator_ros.domains.trials import Trial, open_places, open_speeds, reopened, with_headings
 from ator_ros.evaluation.toolset import Toolset
 from ator_ros.geometry import Pose

@@ -14,9 +14,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ator_ros.bases.base import Axis
 from ator_ros.bases.description import Robot
 from ator_ros.bases.foresight import Foresight
+from ator_ros.bases.interface import Axis
 from ator_ros.execution.odometry_point import OdometryPoint
 from ator_ros.geometry import clip, wrap_angle
 from ator_ros.world.state import STOP, Command, RobotState
@@ -53,6 +53,8 @@ _COMPARED = 0.8  # s of motion that show the delay of a base
 _LATEST = 0.6
 _LATE_STEP = 0.05
 _JUDGED = 0.5  # s between two estimates of the delay and the share while there is no fault
+# estimates in a row by which a base seems to react before its commands: then `latency` is too high
+_FEWEST_EARLY = 4
 _KEPT = 1.5  # s for which states and commands are kept: `_COMPARED` and `_LATEST`
 # shares of the commanded speed from which a base is said to be slow or fast
 _SLOW = 0.75
@@ -461,6 +463,8 @@ class MotionWatch:
         self._fault: tuple[Axis, Fault] | None = None  # the first one
         self._point_at_fault = ""  # while the robot then brakes, the motion may hide it
         self._delay = ""
+        self._early_in_a_row = 0
+        self._is_early = False
         self._judged = -math.inf  # s
         self._states: deque[tuple[float, RobotState]] = deque()
         self._received = -math.inf
@@ -475,7 +479,10 @@ class MotionWatch:
             if watch.share != 1.0
         ]
         slow = f"the base {' and '.join(parts)}" if parts else ""
-        return "; ".join(filter(None, (slow, self._delay, self._point.remark)))
+        delay = self._delay or (self._early_text() if self._is_early else "")
+        if any(watch.share < _SLOW for watch in self._axes.values()):
+            delay = ""  # such a base only seems to be late
+        return "; ".join(filter(None, (slow, delay, self._point.remark)))
 
     @property
     def cause(self) -> str:
@@ -600,10 +607,13 @@ class MotionWatch:
                     "(`calibrate` measures it)"
                 )
             elif delay < 0.0:
-                self._delay = (
-                    f"the base reacts earlier than `latency` {self._latency:g} s: lower it "
-                    "(`calibrate` measures it)"
-                )
+                self._delay = self._early_text()
+
+    def _early_text(self) -> str:
+        return (
+            f"the base reacts earlier than `latency` {self._latency:g} s: lower it "
+            "(`calibrate` measures it)"
+        )
 
     def _delay_of(self, time: float, axis: Axis, watch: AxisWatch) -> float:
         """Return by how much later than `latency` the base follows the commands of an axis, in s.
@@ -617,13 +627,15 @@ class MotionWatch:
             return 0.0  # a base that does not move does not react later
 
         def off(delay: float) -> float:
-            sent = [watch.commands.at(then - delay) for then in times]
+            sent = [watch.share * watch.commands.at(then - delay) for then in times]
             return float(np.abs(speeds - sent).mean())
 
         earliest = -round(self._latency / _LATE_STEP)
         delays = [_LATE_STEP * step for step in range(earliest, round(_LATEST / _LATE_STEP) + 1)]
         usual = [delay for delay in delays if -_EARLY <= delay <= _LATE + _ROUNDING]
         best = min(delays, key=off)
+        self._early_in_a_row = self._early_in_a_row + 1 if best < 0.0 else 0
+        self._is_early = self._is_early or self._early_in_a_row >= _FEWEST_EARLY
         most = min(0.5 * min(map(off, usual)), 0.5 * float(np.abs(speeds).mean()), watch.tolerance)
         return best if best not in usual and off(best) < most else 0.0
 

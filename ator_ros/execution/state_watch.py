@@ -8,7 +8,7 @@ import math
 from ator_ros.bases.description import Robot
 from ator_ros.geometry import Pose
 from ator_ros.tops.chain import Top
-from ator_ros.tops.objects import followed, is_at_front, objects_in
+from ator_ros.tops.objects import followed, is_at_front, is_held, objects_in
 from ator_ros.world.delay import Delay
 from ator_ros.world.state import World
 
@@ -27,6 +27,11 @@ _LONGEST_GAP = 0.4
 _FIXED = 0.05
 # s by which detections may be late: then the place differs with the robot's speed
 _FIXED_TIME = 0.1
+# m by which an object may seem to be in the robot: noise of cameras and errors of its description
+_OVERLAP = 0.08
+_BACKWARD = 0.1  # m that a robot drives backward, away from an object that it has pushed
+_FOLLOWED = 0.3  # greatest share of that by which the place beside the robot may differ
+_PULLED = 3  # states in a row in which it must be so: noise of cameras
 # An object that rolls or walks may by chance keep its place while the robot drives evenly.
 _SPEED_CHANGE = 0.4  # share of the greatest speed by which the speed must vary, or
 _TURN = 1.0  # rad by which the robot must turn
@@ -102,7 +107,8 @@ class ObjectWatch:
     An object cannot be inside the robot's body. A described object has a size; other ones may be
     marks on the floor, unless the robot drives to them and they move along with it. Nor can an
     object to which the robot drives keep its place beside the robot while the robot speeds up,
-    brakes or turns: then its detector sees a part of the robot.
+    brakes or turns: then its detector sees a part of the robot. The robot may push an object at
+    its front, but cannot pull it backward, nor turn with it unless its holder holds it.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -137,14 +143,20 @@ class ObjectWatch:
 
     def _companion(self, world: World, name: str | None) -> str | None:
         """Return that the followed object moves with the robot, without being pushed, or None."""
-        if name is None or name not in world.objects or is_at_front(world, self._robot, name):
+        if name is None or name not in world.objects:
             self._fixed = None
             return None
         fixed = self._fixed
         if fixed is None or not fixed.continues(world, name):
             self._fixed = _FixedObject(world, name)
             return None
-        if not fixed.moves_with(self._robot):
+        if is_at_front(world, self._robot, name):
+            is_pulled = fixed.is_pulled
+            is_turned = fixed.turns_with(self._robot) and not is_held(world, self._robot, name)
+            moves_with = is_pulled or is_turned
+        else:
+            moves_with = fixed.moves_with(self._robot)
+        if not moves_with:
             return None
         return (
             f"the {name} moves with the robot: expected another place beside it after it drove "
@@ -153,12 +165,16 @@ class ObjectWatch:
         )
 
     def _is_inside(self, world: World, name: str) -> bool:
-        """Return whether the center of an object is in the robot's body."""
+        """Return whether an object overlaps with the robot's body by more than an error."""
         if name not in world.objects:
             return False
+        robot = self._robot
         there = _relative(world, name)
-        is_beside = abs(there.y) >= self._robot.half_width
-        return -self._robot.rear < there.x < self._robot.front and not is_beside
+        off = math.hypot(
+            max(-robot.rear - there.x, 0.0, there.x - robot.front),
+            max(abs(there.y) - robot.half_width, 0.0),
+        )
+        return off < robot.scene.radius(name) - _OVERLAP or off == 0.0
 
 
 class _FixedObject:
@@ -171,6 +187,8 @@ class _FixedObject:
         self._last = first
         self._turned = 0.0  # rad
         self._slowest = self._fastest = first.robot.vx  # m/s
+        self._ahead = self._farthest = 0.0  # m driven forward, and the most so far
+        self._pulled = 0  # states in a row
 
     def continues(self, world: World, name: str) -> bool:
         """Process the next state; return whether the object `name` is still at that place."""
@@ -178,19 +196,34 @@ class _FixedObject:
         before = self._last.robot
         self._last = world
         self.driven += before.pose.distance(robot.pose)
-        self._turned += before.pose.relative(robot.pose).yaw
+        step = before.pose.relative(robot.pose)
+        self._turned += step.yaw
+        self._ahead += step.x
+        self._farthest = max(self._farthest, self._ahead)
         self._slowest = min(self._slowest, robot.vx)
         self._fastest = max(self._fastest, robot.vx)
         off = self._place.distance(_relative(world, name))
+        backward = self._farthest - self._ahead
+        pulled = backward >= _BACKWARD and off <= _FOLLOWED * backward
+        self._pulled = self._pulled + 1 if pulled else 0
         return name == self._name and off <= _FIXED + _FIXED_TIME * abs(robot.vx)
 
     def moves_with(self, robot: Robot) -> bool:
         """Return whether the robot has moved so that no other object could have kept its place."""
-        maneuvers = (
-            self._fastest - self._slowest >= _SPEED_CHANGE * robot.greatest_speed()
-            or abs(self._turned) >= _TURN
-        )
-        return maneuvers and self.driven >= _DRIVEN * (robot.front + robot.rear)
+        changes = self._fastest - self._slowest >= _SPEED_CHANGE * robot.greatest_speed()
+        return self.turns_with(robot) or (changes and self._is_far(robot))
+
+    def turns_with(self, robot: Robot) -> bool:
+        """Return whether the robot has turned, so that nothing that it does not hold has."""
+        return abs(self._turned) >= _TURN and self._is_far(robot)
+
+    @property
+    def is_pulled(self) -> bool:
+        """Whether the object has followed the robot backward, as nothing at its front does."""
+        return self._pulled >= _PULLED
+
+    def _is_far(self, robot: Robot) -> bool:
+        return self.driven >= _DRIVEN * (robot.front + robot.rear)
 
 
 def _place(world: World, name: str) -> str:

@@ -17,7 +17,7 @@ from ator_ros.bases.description import Robot
 from ator_ros.experience.parallel import run_tasks
 from ator_ros.experience.table import Episode, ExperienceError, sample_of
 from ator_ros.simulation.run import SimulatedWorld, judge, place, run_action
-from ator_ros.simulation.simulation import Simulation
+from ator_ros.simulation.scene_simulation import Simulation
 from ator_ros.tops.chain import Top
 from ator_ros.tops.library import top_of
 from ator_ros.world.state import STOP, World

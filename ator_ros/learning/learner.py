@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import math
+import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -41,6 +43,7 @@ FROZEN = "frozen"
 # real s; a round of 20,000 episodes takes some seconds, but at the lowest priority
 _LONGEST_ROUND = 1800.0
 _MOST_WAITING = 1000  # records in memory, about 2 MB; older ones are lost
+_WRITING = 0.1  # real s of writing between which other records are taken
 _SHARE = 0.02  # new records, as a share of all, after which to learn again
 
 
@@ -91,7 +94,7 @@ class Learner:
     frozen : bool
         Whether publishing is frozen; persists across restarts.
     taken, left_out, lost : int
-        Records given to `take` and `take_chain`, rejected by the caller, and never written.
+        Records given to `take`, `take_chain` and `miss`, rejected by the caller, and never written.
 
     Raises
     ------
@@ -242,10 +245,17 @@ class Learner:
         self.taken += 1
         self._put(write)
 
+    def miss(self, count: int) -> None:
+        """Count records as lost that came faster than they were taken."""
+        self.taken += count
+        self.lost += count
+
     def _put(self, write: Callable[[], None]) -> None:
+        """Write a record at once, or by `work` if others wait: each attempt may take long."""
         self.lost += len(self._waiting) == self._waiting.maxlen
         self._waiting.append(write)
-        self._write_waiting()
+        if len(self._waiting) == 1:
+            self._write_waiting()
 
     def work(self, now: float, *, may_begin: bool = True) -> str | None:
         """Start or finish a round at the real time `now` (s); return a message when a round ends.
@@ -356,7 +366,7 @@ class Learner:
     def close(self) -> None:
         """End a running round and close the store; records that cannot be written are lost."""
         self._end_round()
-        self._write_waiting()
+        self._write_waiting(within=math.inf)
         self.lost += len(self._waiting)
         self._waiting.clear()
         self._store.close()
@@ -367,12 +377,16 @@ class Learner:
             self._round.kill()
             self._round = None
 
-    def _write_waiting(self) -> None:
-        """Write what waits, if the folder is in place; `fault` is why it cannot be written."""
+    def _write_waiting(self, within: float = _WRITING) -> None:
+        """Write what waits for about `within` s, if the folder is in place.
+
+        `fault` is why it cannot be written.
+        """
+        end = time.monotonic() + within
         try:
             if not self._store.is_in_place():
                 self._open_again()
-            while self._waiting:
+            while self._waiting and time.monotonic() <= end:
                 self._write_oldest()
             if not self._is_saved:
                 save(self._folder / ROUND, KIND, self._last)

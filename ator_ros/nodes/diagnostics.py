@@ -16,8 +16,8 @@ from rclpy.node import Node
 from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
-from ator_ros.nodes.inputs import GAPS, MOST_NAMED, WARNING_PERIOD, Subscriptions
 from ator_ros.nodes.qos import RESULTS
+from ator_ros.nodes.subscriptions import GAPS, MOST_NAMED, WARNING_PERIOD, Subscriptions
 from ator_ros.printable import listed, one_line, printable
 from ator_ros.world.readers import FrameError, SendersError, second_parent
 

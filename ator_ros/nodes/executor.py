@@ -42,8 +42,8 @@ from ator_ros.nodes.diagnostics import (
 )
 from ator_ros.nodes.drawing import ExecutionDrawing
 from ator_ros.nodes.goal_run import GoalRun, concluded, unstarted
-from ator_ros.nodes.inputs import Subscriptions
 from ator_ros.nodes.leases import LeaseWatch
+from ator_ros.nodes.main_loop import run_node, spin_out
 from ator_ros.nodes.maps import FollowedMap
 from ator_ros.nodes.messages import expect_sizes, into_frame
 from ator_ros.nodes.models import LEARNED, LearnedSets
@@ -64,7 +64,7 @@ from ator_ros.nodes.parameters import (
 )
 from ator_ros.nodes.qos import ACTION_QUEUES, LATCHED, RESULTS, SERVICES
 from ator_ros.nodes.remote_actions import RemoteServers
-from ator_ros.nodes.running import run_node, spin_out
+from ator_ros.nodes.subscriptions import Subscriptions
 from ator_ros.printable import one_line
 from ator_ros.tops.objects import missing_in
 from ator_ros.world.inputs import ClockJumpError, Inputs

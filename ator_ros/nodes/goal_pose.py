@@ -12,6 +12,7 @@ from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import Outcome, TopChain
 from ator_ros.geometry import Pose
 from ator_ros.nodes.chain_client import ChainClient
+from ator_ros.nodes.main_loop import run_node
 from ator_ros.nodes.messages import call_of
 from ator_ros.nodes.parameters import (
     DOMAIN,
@@ -21,7 +22,6 @@ from ator_ros.nodes.parameters import (
     driving_top,
 )
 from ator_ros.nodes.qos import RESULTS
-from ator_ros.nodes.running import run_node
 from ator_ros.tops.chain import TopCall
 
 PARAMETERS = (DOMAIN, ROBOT)

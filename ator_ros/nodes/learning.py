@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
@@ -23,7 +24,7 @@ from ator_ros.learning.learner import Learner
 from ator_ros.learning.process import RoundProcess
 from ator_ros.learning.sets import digest_of_start
 from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health
-from ator_ros.nodes.inputs import WARNING_PERIOD
+from ator_ros.nodes.main_loop import run_node
 from ator_ros.nodes.maps import FollowedMap
 from ator_ros.nodes.parameters import (
     FRAME,
@@ -38,8 +39,8 @@ from ator_ros.nodes.parameters import (
     map_topic,
 )
 from ator_ros.nodes.path_planner import planner_name
-from ator_ros.nodes.qos import RESULTS, SERVICES
-from ator_ros.nodes.running import run_node
+from ator_ros.nodes.qos import RESULTS_OF_MANY, SERVICES
+from ator_ros.nodes.subscriptions import WARNING_PERIOD
 from ator_ros.printable import one_line
 from ator_ros.world.grid_map import GridMap, save_map
 from ator_ros.world.readers import MessageError
@@ -89,6 +90,7 @@ class LearningNode(Node):
         self._topic_map: GridMap | None = None
         self._given = given | {"learned": str(folder), "planner": planner}
         self._fault = ""  # the last one that was logged
+        self._numbers: dict[str, int] = {}  # of the last message of each topic
         models = self._domain.models_root(settings["models"])
         try:
             self._learner = Learner(
@@ -108,7 +110,8 @@ class LearningNode(Node):
             (ChainPerformance, settings["chains"], self._take_chain),
         ):
             for topic in topics:
-                self.create_subscription(kind, topic, take, RESULTS)
+                received = partial(self._receive, take, topic)
+                self.create_subscription(kind, topic, received, RESULTS_OF_MANY)
                 subscribed[topic] = kind
         self.create_service(Trigger, "~/learn_now", self._learn_now, qos_profile=SERVICES)
         self.create_service(SetBool, "~/freeze", self._freeze, qos_profile=SERVICES)
@@ -137,6 +140,20 @@ class LearningNode(Node):
             grid = str(save_map(self._topic_map, self._folder))
         settings = self._given | {"map": grid, "time": _now()}
         return RoundProcess("ator_ros.nodes.learning_process", settings)
+
+    def _receive(
+        self, take: Callable[[Any], None], topic: str, message: Any, info: Mapping[str, Any]
+    ) -> None:
+        """Take a record, and count those before it that came faster than they were read.
+
+        Each publisher numbers its messages: only those of a single one can be counted.
+        """
+        number = info["publication_sequence_number"]
+        last = self._numbers.get(topic, number)
+        self._numbers[topic] = number
+        if number > last + 1 and self.count_publishers(topic) == 1:
+            self._learner.miss(number - last - 1)
+        take(message)
 
     def _take(self, message: Any) -> None:
         if message.outcome.code not in ENDED:
@@ -197,8 +214,8 @@ class LearningNode(Node):
         self._learner.close()
         if self._learner.lost:
             self.get_logger().error(
-                f"{self._learner.lost} of {self._learner.taken} records are lost: "
-                f"{self._folder} could not be written"
+                f"{self._learner.lost} of {self._learner.taken} records are lost: they came "
+                f"faster than they were read, or {self._folder} could not be written"
             )
 
 

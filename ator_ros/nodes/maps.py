@@ -13,10 +13,10 @@ from ator_ros.bases.description import Robot
 from ator_ros.domains.domain import Domain
 from ator_ros.files import FileError
 from ator_ros.nodes.diagnostics import STEADY
-from ator_ros.nodes.inputs import WARNING_PERIOD
 from ator_ros.nodes.messages import grid_from
 from ator_ros.nodes.parameters import SetupError, map_topic
 from ator_ros.nodes.qos import LATCHED
+from ator_ros.nodes.subscriptions import WARNING_PERIOD
 from ator_ros.printable import one_line, quoted
 from ator_ros.world.grid_map import GridMap, describe_values
 from ator_ros.world.readers import MessageError

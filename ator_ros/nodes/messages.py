@@ -48,6 +48,7 @@ from ator_ros.world.state import Command, ObjectState, RobotState, World
 
 # times the robot's limit, which may be an estimate; a speed in km/h would be 3.6 times
 _FASTEST_GOAL = 3.0
+_MOST_LIMITS = 16  # as in FreeVariable.msg
 _LONGEST_TEXT = 65_536  # characters of all texts in a refused chain that is sent back
 
 
@@ -172,7 +173,9 @@ def grid_from(message: OccupancyGrid, topic: str, *, frame: str) -> GridMap:
 def situation_of(world: World, *, frame: str) -> msg.Situation:
     """Write the state of robot and objects."""
     robot = world.robot
-    message = msg.Situation(robot=pose_of(robot.pose), v=float(robot.vx), w=float(robot.w))
+    message = msg.Situation(
+        robot=pose_of(robot.pose), vx=float(robot.vx), vy=float(robot.vy), w=float(robot.w)
+    )
     message.header.stamp = stamp_of(world.time)
     message.header.frame_id = frame
     for name, there in world.objects.items():
@@ -450,10 +453,18 @@ def _free_variables(refinement: Refinement) -> list[msg.FreeVariable]:
             after=after[variable.subgoal][variable.name],
             low=variable.domain.low,
             high=variable.domain.high,
-            limits=list(variable.limits),
+            limits=_bounded(variable.limits),
         )
         for variable in refinement.free
     ]
+
+
+def _bounded(texts: Sequence[str]) -> list[str]:
+    """Return texts, of which the last one counts those above `_MOST_LIMITS`."""
+    if len(texts) <= _MOST_LIMITS:
+        return list(texts)
+    shown = texts[: _MOST_LIMITS - 1]
+    return [*shown, f"and {len(texts) - len(shown)} more"]
 
 
 def _curve(curve: SubgoalCurve) -> msg.SearchCurve:

@@ -14,6 +14,9 @@ NEWEST = QoSProfile(depth=1)
 RESULTS = QoSProfile(depth=100)
 """For records, all of which must arrive."""
 
+RESULTS_OF_MANY = QoSProfile(depth=1000)
+"""For subscribing to records of many publishers, or while each takes long to store."""
+
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """For state that late subscribers must receive: the last record, the robot's description."""
 

@@ -26,7 +26,7 @@ from ator_ros.learning.gains import Gains
 from ator_ros.nodes import messages
 from ator_ros.nodes.diagnostics import Diagnostics, Health
 from ator_ros.nodes.drawing import LazyPublisher, marker_array
-from ator_ros.nodes.inputs import WARNING_PERIOD, TfListener
+from ator_ros.nodes.main_loop import pause, run_node
 from ator_ros.nodes.maps import FollowedMap
 from ator_ros.nodes.models import LEARNED, LearnedSets, ModelSet
 from ator_ros.nodes.parameters import (
@@ -43,18 +43,18 @@ from ator_ros.nodes.parameters import (
 )
 from ator_ros.nodes.path_planner import with_planner
 from ator_ros.nodes.qos import SERVICES
-from ator_ros.nodes.running import pause, run_node
 from ator_ros.nodes.segments import refinement_shapes
+from ator_ros.nodes.subscriptions import WARNING_PERIOD, TfListener
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.planning.goals import PlanningError
 from ator_ros.planning.planner import chains_for
 from ator_ros.printable import one_line
 from ator_ros.refinement import RefinementError
-from ator_ros.refinement.durations import Durations, predict_durations
 from ator_ros.refinement.gate import NO_GATE, Gate
 from ator_ros.refinement.objective import MOST_WEIGHT
 from ator_ros.refinement.refiner import Refiner, Selection, choose
 from ator_ros.refinement.search import Deadline, no_deadline
+from ator_ros.refinement.step_durations import Durations, predict_durations
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.conditions import state_variables
 from ator_ros.tops.library import TopLibrary

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 
 from ator_ros.bases.description import Robot
 from ator_ros.geometry import Pose
+from ator_ros.simulation.scene_simulation import Simulation
 from ator_ros.simulation.sensors import Sensors
-from ator_ros.simulation.simulation import Simulation
 from ator_ros.world import readers
 from ator_ros.world.readers import MessageError
 from ator_ros.world.state import STOP, Command, World

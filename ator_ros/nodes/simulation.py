@@ -24,6 +24,7 @@ from ator_ros.domains.domain import domain_for
 from ator_ros.files import is_name
 from ator_ros.geometry import Pose, quaternion_from_yaw
 from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health, Ticks, Warnings
+from ator_ros.nodes.main_loop import run_node
 from ator_ros.nodes.messages import object_odometry_of, occupancy_grid_of, odometry_of, stamp_of
 from ator_ros.nodes.parameters import (
     FRAMES,
@@ -37,11 +38,10 @@ from ator_ros.nodes.parameters import (
     map_topic,
 )
 from ator_ros.nodes.qos import LATCHED, NEWEST, RESULTS, SENSOR_DATA, SERVICES
-from ator_ros.nodes.running import run_node
 from ator_ros.nodes.simulated_world import SimulatedRobot, SimulatedWorld
 from ator_ros.printable import quoted
+from ator_ros.simulation.scene_simulation import TICK
 from ator_ros.simulation.sensors import ObjectErrors, SensorConfig, Sensors
-from ator_ros.simulation.simulation import TICK
 from ator_ros.simulation.urdf import WHEEL_NAMES, robot_urdf
 from ator_ros.world import readers as checks
 from ator_ros.world.readers import MessageError
@@ -237,7 +237,7 @@ class SimulationNode(Node):
         frame = self._topics[number].frame
         checks.expect_frame(request.pose.header.frame_id, "pose.header.frame_id", expected=frame)
         pose = checks.pose_from(request.pose.pose, "pose.pose")
-        self._world.place_robot(pose, number, Command(request.v, request.w))
+        self._world.place_robot(pose, number, Command(request.vx, request.w, vy=request.vy))
         who = self._world.robots[number].name or "robot"
         return f"{who} at x {pose.x:.3f} m, y {pose.y:.3f} m, yaw {pose.yaw:.3f} rad"
 

@@ -27,7 +27,7 @@ from ator_ros.domains.domain import Domain
 from ator_ros.geometry import Pose
 from ator_ros.nodes.chain_client import NO_EXECUTOR, ChainClient, SentChain
 from ator_ros.nodes.diagnostics import STEADY, Warnings
-from ator_ros.nodes.inputs import Subscriptions
+from ator_ros.nodes.main_loop import pause, run_node, spin_out
 from ator_ros.nodes.maps import FollowedMap
 from ator_ros.nodes.messages import chain_of, pose_of, stamp_of
 from ator_ros.nodes.parameters import (
@@ -43,7 +43,7 @@ from ator_ros.nodes.parameters import (
 )
 from ator_ros.nodes.qos import ACTION_QUEUES
 from ator_ros.nodes.remote_messages import action_type
-from ator_ros.nodes.running import pause, run_node, spin_out
+from ator_ros.nodes.subscriptions import Subscriptions
 from ator_ros.printable import one_line, quoted
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.world.readers import (

@@ -9,7 +9,6 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from ator_ros.bases.base import Driving
 from ator_ros.bases.description import Robot
 from ator_ros.bases.direct import (
     HOLD,
@@ -28,6 +27,7 @@ from ator_ros.bases.direct import (
     direct_table,
     wrapped,
 )
+from ator_ros.bases.interface import Driving
 from ator_ros.compiled import compiled
 from ator_ros.geometry import FloatArray
 from ator_ros.world.state import AT_REST

@@ -13,9 +13,9 @@ from functools import cache, partial
 import numpy as np
 
 from ator_ros.actions.goal_variables import GoalVariable, direct_name
-from ator_ros.bases.base import Driving
 from ator_ros.bases.description import Robot
 from ator_ros.bases.direct import DIRECT_VARIABLES, Direct
+from ator_ros.bases.interface import Driving
 from ator_ros.bases.routes import routes_of
 from ator_ros.geometry import FloatArray, wrap_angles
 from ator_ros.performance.derived import (

@@ -10,9 +10,9 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from ator_ros.bases.base import Driving
 from ator_ros.bases.description import Robot
 from ator_ros.bases.direct import Direct
+from ator_ros.bases.interface import Driving
 from ator_ros.compiled import compiled
 from ator_ros.geometry import FloatArray
 from ator_ros.performance.derived import ANGLE_BETWEEN, DIST, RESTS, Geometry

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from ator_ros.actions import DEFAULT_SET
-from ator_ros.bases.base import Driving
 from ator_ros.bases.description import Robot
+from ator_ros.bases.interface import Driving
 from ator_ros.files import FileError, is_name, load, save
 from ator_ros.performance.error_process import ErrorProcess
 from ator_ros.performance.features import ROUTE_FEATURES, Feature, base_features, names_of

@@ -13,10 +13,10 @@ import numpy as np
 import pandas as pd
 
 from ator_ros.actions.goal_variables import direct_name
-from ator_ros.bases.base import Driving
 from ator_ros.bases.description import Robot
 from ator_ros.bases.direct import DIRECT_VARIABLES, NEAR_GOAL
 from ator_ros.bases.drive_parts import part_times
+from ator_ros.bases.interface import Driving
 from ator_ros.experience.table import ExperienceError, goal_variables_of_columns
 from ator_ros.geometry import BoolArray, FloatArray, IntArray, wrap_angles
 from ator_ros.performance.derived import ANGLE_BETWEEN, RESTS, Geometry

@@ -15,7 +15,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from ator_ros.bases.differential.description import DifferentialRobot
+from ator_ros.bases.differential.robot import DifferentialRobot
 from ator_ros.geometry import quaternion_from_yaw
 from ator_ros.simulation.urdf import WHEEL_NAMES, robot_urdf
 from ator_ros.world.grid_map import GridMap

@@ -12,7 +12,7 @@ from ator_ros.actions import TIME_LIMIT
 from ator_ros.actions.base import Action, Goal, Point, Status, Step
 from ator_ros.bases.description import Robot
 from ator_ros.geometry import Pose, wrap_angle
-from ator_ros.simulation.simulation import CONTROL_RATE
+from ator_ros.simulation.scene_simulation import CONTROL_RATE
 from ator_ros.tops.chain import Top
 from ator_ros.world.state import STOP, Command, ObjectState, World
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
-from ator_ros.bases.differential.description import DifferentialRobot
 from ator_ros.bases.differential.response import ramped
+from ator_ros.bases.differential.robot import DifferentialRobot
 from ator_ros.geometry import Pose, clip, quaternion_from_yaw, yaw_from_quaternion
 from ator_ros.simulation.bodies import BulletClient, load_base
 from ator_ros.world.state import STOP, Command, RobotState

@@ -5,7 +5,7 @@ from __future__ import annotations
 from string import Template
 
 from ator_ros.bases.description import Holder, Robot
-from ator_ros.bases.differential.description import DifferentialRobot, differential
+from ator_ros.bases.differential.robot import DifferentialRobot, differential
 from ator_ros.resources import resource_path
 
 WHEEL_MASS = 0.4

@@ -23,17 +23,17 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from ator_ros.bases.description import KIND, load_robot, robot_of
-from ator_ros.bases.differential.description import DifferentialRobot, differential, least_torque
 from ator_ros.bases.differential.identification import BaseEstimate, check_plausible, identify
 from ator_ros.bases.differential.limits import GREATEST, Limits
 from ator_ros.bases.differential.probe_drive import DriveError, ProbeDrive
+from ator_ros.bases.differential.robot import DifferentialRobot, differential, least_torque
 from ator_ros.files import header, portable_command, write_text
 from ator_ros.nodes.commands import CommandPublisher
 from ator_ros.nodes.diagnostics import Diagnosis
-from ator_ros.nodes.inputs import Subscriptions
+from ator_ros.nodes.main_loop import uninterrupted
 from ator_ros.nodes.network import stay_on_this_machine
 from ator_ros.nodes.parameters import FRAME, ROBOT_FRAME, STATE
-from ator_ros.nodes.running import uninterrupted
+from ator_ros.nodes.subscriptions import Subscriptions
 from ator_ros.tools.command_line import destination, guarded, number, without_ros_arguments
 from ator_ros.world.readers import plain_frame
 from ator_ros.world.state import STOP, RobotState

@@ -20,6 +20,7 @@ from ator_ros.bases.description import Robot
 from ator_ros.domains.declared import DeclaredServer
 from ator_ros.domains.domain import Domain, domain_for
 from ator_ros.evaluation.toolset import ToolsetSource
+from ator_ros.nodes.main_loop import uninterrupted
 from ator_ros.nodes.network import (
     RANGE,
     THIS_MACHINE,
@@ -27,7 +28,6 @@ from ator_ros.nodes.network import (
     free_domain,
     stay_on_this_machine,
 )
-from ator_ros.nodes.running import uninterrupted
 from ator_ros.view.backend import Backend
 
 _ODOM_TIMEOUT = 2.0  # real s; longer than on a robot, for busy machines

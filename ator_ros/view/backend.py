@@ -28,12 +28,12 @@ from ator_ros.bases.description import Robot
 from ator_ros.domains.domain import Domain
 from ator_ros.geometry import Pose
 from ator_ros.nodes.chain_client import ChainClient
-from ator_ros.nodes.inputs import Subscriptions
+from ator_ros.nodes.main_loop import uninterrupted
 from ator_ros.nodes.messages import action_set_from, chain_from, chain_of, pose_of, situation_of
 from ator_ros.nodes.network import NodesError, UnavailableError
 from ator_ros.nodes.parameters import STATE, SetupError
 from ator_ros.nodes.qos import LATCHED, LATCHED_BY_MANY, RESULTS, SERVICES
-from ator_ros.nodes.running import uninterrupted
+from ator_ros.nodes.subscriptions import Subscriptions
 from ator_ros.printable import printable
 from ator_ros.refinement.refiner import SubgoalCurve
 from ator_ros.view.draft import Draft

@@ -15,10 +15,10 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from ator_ros.files import is_name
-from ator_ros.geometry import Pose, clip, yaw_from_quaternion
+from ator_ros.geometry import Pose, yaw_from_quaternion
 from ator_ros.printable import ReadableError, quoted
 from ator_ros.schema import require
-from ator_ros.world.robot_velocity import RobotVelocity, TwistCheck
+from ator_ros.world.robot_velocity import BEYOND_LIMITS, RobotVelocity, TwistCheck
 from ator_ros.world.senders import PoseSenderCheck, SenderCheck
 from ator_ros.world.sightings import VelocityEstimate
 from ator_ros.world.state import Command, ObjectState, RobotState, World
@@ -77,6 +77,9 @@ Beyond 1e8 m the 15 nm that a float64 resolves begin to matter to motions of one
 """
 FASTEST = 100.0
 """Greatest velocity in m/s or rad/s, far above wheeled robots and what they push."""
+_FASTEST_V = 20.0  # m/s; limit of a robot that is not described
+_FASTEST_W = 50.0  # rad/s
+_FASTEST_IN_OTHER_UNIT = 1e5  # `FASTEST` in mm/s, until the poses have shown the unit of a twist
 MOST_OBJECTS = 16
 """Greatest number of objects in a situation."""
 _ROUNDING = 1e-3  # m/s or rad/s that count as 0: filters and float32 leave such values
@@ -329,7 +332,8 @@ class OdometryReader:
     Poses must be in the frame `frame`; empty: in that of the first message. The attribute `frame`
     is the frame of the poses, once it is known. Velocities that contradict the poses are replaced,
     unless `corrects` is false: a recording is corrected as a whole. `is_shared`: see `SenderCheck`.
-    Lateral velocities are read if the base moves `sideways`, else they are 0.
+    Lateral velocities are read if the base moves `sideways`, else they are 0. `limits` (m/s, rad/s)
+    are those of the robot, by which a twist in another unit is recognized.
     """
 
     def __init__(
@@ -339,6 +343,7 @@ class OdometryReader:
         corrects: bool = True,
         is_shared: Callable[[], bool] | None = None,
         sideways: bool = False,
+        limits: tuple[float, float] | None = None,
     ) -> None:
         self.frame = plain_frame(frame)
         self._sideways = sideways
@@ -346,7 +351,8 @@ class OdometryReader:
         """That pose and twist contradict each other, after the message that showed it; else empty.
 
         Then the poses decide."""
-        self._check = TwistCheck() if corrects else None
+        v, w = limits or (_FASTEST_V, _FASTEST_W)
+        self._check = TwistCheck((BEYOND_LIMITS * v, BEYOND_LIMITS * w)) if corrects else None
         self._senders = PoseSenderCheck(is_shared)
 
     def read(self, odometry: Any) -> tuple[float, RobotState]:
@@ -359,7 +365,8 @@ class OdometryReader:
         expect_frame(given, "odom.header.frame_id", expected=self.frame)
         pose = pose_from(odometry.pose.pose, "odom.pose.pose")
         twist = odometry.twist.twist
-        vx = velocity(self._bounded(twist.linear.x, 0), "odom.twist.twist.linear.x")
+        most = FASTEST if self._check is None else _FASTEST_IN_OTHER_UNIT
+        vx = number(twist.linear.x, "odom.twist.twist.linear.x", low=-most, high=most, unit="m/s")
         vy = 0.0
         in_pose_frame = _is_pose_frame(odometry.child_frame_id, given, self.frame)
         if in_pose_frame or self._sideways:
@@ -368,7 +375,8 @@ class OdometryReader:
             cos = math.cos(pose.yaw)
             sin = math.sin(pose.yaw)
             vx, vy = vx * cos + vy * sin, vy * cos - vx * sin
-        w = velocity(self._bounded(twist.angular.z, 1), "odom.twist.twist.angular.z", "rad/s")
+        where = "odom.twist.twist.angular.z"
+        w = number(twist.angular.z, where, low=-most, high=most, unit="rad/s")
         time = seconds_from(odometry.header.stamp, "odom.header.stamp")
         robot = RobotState(pose, vx, w, vy=vy if self._sideways else 0.0)
         self.frame = self.frame or plain_frame(given)
@@ -378,18 +386,9 @@ class OdometryReader:
             return time, robot
         checked, found = self._check.check(time, robot)
         child = quoted(odometry.child_frame_id)
-        self.remark = (
-            f"odom: {found}; is the twist in the frame child_frame_id {child}?" if found else ""
-        )
+        asked = "" if self._check.unit else f"; is the twist in the frame child_frame_id {child}?"
+        self.remark = f"odom: {found}{asked}" if found else ""
         return time, checked
-
-    def _bounded(self, reported: float, axis: int) -> float:
-        """Return a reported velocity, at most `FASTEST` if the poses decide about it.
-
-        In degrees a base that turns may seem faster.
-        """
-        is_replaced = self._check is not None and self._check.replaces(axis)
-        return clip(reported, FASTEST) if is_replaced and math.isfinite(reported) else reported
 
 
 class ObjectReader:
@@ -445,7 +444,7 @@ class ObjectReader:
 
 
 def _forward(situation: Any) -> Any:
-    """Return the forward velocity of a Situation, which recordings of version 0.1 call v."""
+    """Return the forward velocity of a Situation, which recordings of version 0.2 call v."""
     return situation.vx if hasattr(situation, "vx") else situation.v
 
 

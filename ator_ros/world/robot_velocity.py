@@ -16,7 +16,9 @@ _KEPT_POSES = 64
 # s; least time between poses from which a velocity is derived, one tick at 20 Hz
 _ROBOT_SPAN = 0.04
 _ROUNDING = 1e-6
-_BEYOND_LIMITS = 1.5  # times a robot's limits, above which its pose has jumped
+# times a robot's limits, above which its pose has jumped, or its twist has another unit
+BEYOND_LIMITS = 1.5
+"""Ratio of the fastest plausible motion of a robot to its described limits."""
 
 
 class RobotVelocity:
@@ -28,8 +30,8 @@ class RobotVelocity:
     """
 
     def __init__(self, most_v: float, most_w: float, *, sideways: bool = False) -> None:
-        self._most_v = _BEYOND_LIMITS * most_v
-        self._most_w = _BEYOND_LIMITS * most_w
+        self._most_v = BEYOND_LIMITS * most_v
+        self._most_w = BEYOND_LIMITS * most_w
         self._poses: deque[tuple[float, Pose]] = deque(maxlen=_KEPT_POSES)
         self._sideways = sideways
         self._velocity = Command()
@@ -101,6 +103,12 @@ TWIST_TOLERANCE = 0.3
 # motion that no ground robot makes: its pose was corrected, or a simulation placed it
 _FASTEST_V = 20.0  # m/s
 _FASTEST_W = 50.0  # rad/s
+# ratios of a twist in another unit to that in m/s or rad/s, for driving and turning
+_UNITS = (
+    {"mm/s": 1000.0, "cm/s": 100.0, "km/h": 3.6},
+    {"degrees/s": math.degrees(1.0), "mrad/s": 1000.0},
+)
+_SAME_UNIT = 0.2  # share by which these ratios may differ
 # excess of contradicting over agreeing windows before a report: one may be a corrected pose
 _CONFIRMED = 3
 _SIGN_SPAN = 0.1  # s over which the signs of both motions are compared
@@ -114,10 +122,14 @@ class TwistCheck:
     A velocity with the wrong sign is corrected at once. Other ones are derived from the poses once
     three steps in a row of at least 0.04 s contradict them. If the poses hardly move in these
     steps, wheels may slip: then the poses decide after 1.5 s. The twist is used again once both
-    agree for half a second.
+    agree for half a second. Velocities above `fastest` (m/s, rad/s) are never used.
+
+    `unit` is the unit that the twist seems to have, if that is the reason; else empty.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, fastest: tuple[float, float] = (_FASTEST_V, _FASTEST_W)) -> None:
+        self._fastest = fastest
+        self.unit = ""
         self._last: tuple[float, RobotState] | None = None
         self._reported = False
         self._windows = [0, 0]  # of driving and of turning
@@ -141,19 +153,19 @@ class TwistCheck:
         last = self._last
         self._last = (time, robot)
         if last is None:
-            return robot, ""
+            return self._plausible(robot), ""
         elapsed = time - last[0]
         before = last[1]
         if not 0.0 <= elapsed <= _LONGEST_STEP:
             self._restart()
-            return robot, ""
+            return self._plausible(robot), ""
         if elapsed == 0.0:
-            return robot, ""
+            return self._plausible(robot), ""
         moved = before.pose.relative(robot.pose)
         least = max(math.hypot(moved.x, moved.y) / _FASTEST_V, abs(moved.yaw) / _FASTEST_W)
         if elapsed < least:  # it was placed there
             self._restart()
-            return robot, ""
+            return self._plausible(robot), ""
         reported = 0.5 * elapsed * np.array([before.vx + robot.vx, before.w + robot.w])
         motion = np.array([(_arc(moved)[0], moved.yaw), reported])
         self._add_step(elapsed, motion)
@@ -162,6 +174,14 @@ class TwistCheck:
         remark = self._judge() if self._elapsed >= _WINDOW - _ROUNDING else ""
         vx, w = (self._velocity(axis, value) for axis, value in enumerate((robot.vx, robot.w)))
         return dataclasses.replace(robot, vx=vx, w=w), remark
+
+    def _plausible(self, robot: RobotState) -> RobotState:
+        """Return a state whose velocities are not impossible."""
+        vx, w = (
+            0.0 if abs(value) > most else value
+            for value, most in zip((robot.vx, robot.w), self._fastest, strict=True)
+        )
+        return dataclasses.replace(robot, vx=vx, w=w)
 
     def _add_step(self, elapsed: float, motion: FloatArray) -> None:
         """Add the motion between two messages; the noise of shorter steps would be too large."""
@@ -197,21 +217,30 @@ class TwistCheck:
         self._reported = True
         by_pose, by_twist = motion[:, axis] / elapsed
         name, unit = (("twist.linear", "m/s"), ("twist.angular", "rad/s"))[axis]
+        ratio = abs(by_twist / by_pose) if by_pose else math.inf
+        for other, factor in _UNITS[axis].items():
+            if abs(ratio / factor - 1.0) <= _SAME_UNIT:
+                self.unit = other
+        advice = f"; it looks like {self.unit}: publish {unit}" if self.unit else ""
         return (
             f"pose and {name} contradict each other: "
             f"expected about {by_pose:.2f} {unit} from the poses, "
-            f"got {by_twist:.2f} {unit}"
+            f"got {by_twist:.2f} {unit}{advice}"
         )
 
     def replaces(self, axis: int) -> bool:
         """Return whether velocities of driving (0) or turning (1) are derived from the poses."""
+        reported = 0.0 if self._last is None else (self._last[1].vx, self._last[1].w)[axis]
+        if abs(reported) > self._fastest[axis]:
+            return True
         return self._contradictions[axis].confirmed or self._windows[axis] == _CONFIRMED
 
     def _velocity(self, axis: int, reported: float) -> float:
         """Return the velocity of driving (0) or turning (1) in m/s or rad/s."""
         if self.replaces(axis):
             speeds = [step.motion[0, axis] / step.elapsed for step in self._steps]
-            return float(np.median(speeds)) if speeds else reported
+            unknown = 0.0 if abs(reported) > self._fastest[axis] else reported
+            return float(np.median(speeds)) if speeds else unknown
         return -reported if reported and self._has_wrong_sign(axis) else reported
 
     def _has_wrong_sign(self, axis: int) -> bool:

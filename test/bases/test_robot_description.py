@@ -9,7 +9,7 @@ from robots import loaded
 
 from ator_ros.actions.base import Goal
 from ator_ros.bases.description import ConfigError, Robot, load_robot
-from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.soccer_domain import SOCCER
 from ator_ros.geometry import Pose
 from ator_ros.resources import resource_path
 from ator_ros.simulation.urdf import robot_urdf

@@ -7,8 +7,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ator_ros.actions.base import Action, Goal, Status, Step, finished
-from ator_ros.bases.base import Axis, Driving, Standstills
 from ator_ros.bases.description import Robot
+from ator_ros.bases.interface import Axis, Driving, Standstills
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.world.state import CONTROL_PERIOD, Command, RobotState, World
 

@@ -8,7 +8,7 @@ import pytest
 from robots import PIONEER, loaded
 
 from ator_ros.bases.description import Robot
-from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.soccer_domain import SOCCER
 from ator_ros.evaluation.chain_run import run_chain
 from ator_ros.execution.fence import Fence
 from ator_ros.geometry import Pose

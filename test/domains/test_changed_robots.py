@@ -12,7 +12,7 @@ from ator_ros.domains.soccer.field import BALL
 from ator_ros.domains.soccer.go_to_ball import GoToPoseOrBall as GoToPose
 from ator_ros.geometry import Pose
 from ator_ros.simulation.run import place, run_action
-from ator_ros.simulation.simulation import Simulation
+from ator_ros.simulation.scene_simulation import Simulation
 from ator_ros.world.state import ObjectState, RobotState, World
 
 PIONEER = load_robot()

@@ -16,7 +16,7 @@ from ator_ros.actions.remote import Timeouts
 from ator_ros.bases.description import load_robot
 from ator_ros.domains.declared import DeclaredServer
 from ator_ros.domains.domain import Domain, DomainError, find_domain
-from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.soccer_domain import SOCCER
 from ator_ros.geometry import Pose
 from ator_ros.tops.chain import Top
 from ator_ros.tops.conditions import Condition, Region, Term

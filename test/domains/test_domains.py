@@ -7,7 +7,7 @@ from domain_files import install
 
 from ator_ros.bases.description import ConfigError, load_robot
 from ator_ros.domains.domain import DomainError, find_domain
-from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.soccer_domain import SOCCER
 from ator_ros.domains.trials import possible_actions, possible_chain, random_trial
 from ator_ros.performance.features import GENERAL
 
@@ -21,7 +21,7 @@ def test_an_unknown_name_is_rejected_with_the_known_names() -> None:
 
 
 def test_a_domain_of_another_package_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    install(monkeypatch, "other", "ator_ros.domains.soccer.domain:SOCCER")
+    install(monkeypatch, "other", "ator_ros.domains.soccer.soccer_domain:SOCCER")
     assert find_domain("other") is SOCCER
     with pytest.raises(DomainError, match="other"):
         find_domain("soccer")
@@ -32,7 +32,7 @@ def test_a_domain_of_another_package_is_found(monkeypatch: pytest.MonkeyPatch) -
     [
         ("ator_ros.domains.soccer.tops:TOPS", "expected a Domain, got tuple"),
         ("no_such_package.domain:DOMAIN", "ModuleNotFoundError"),
-        ("ator_ros.domains.soccer.domain:CHESS", "AttributeError"),
+        ("ator_ros.domains.soccer.soccer_domain:CHESS", "AttributeError"),
     ],
 )
 def test_an_invalid_domain_is_reported(
@@ -47,12 +47,12 @@ def test_a_package_adds_an_action_set_to_an_installed_domain(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     value = "ator_ros_examples.bezier:ACTIONS"
-    install(monkeypatch, "other", "ator_ros.domains.soccer.domain:SOCCER")
+    install(monkeypatch, "other", "ator_ros.domains.soccer.soccer_domain:SOCCER")
     assert list(find_domain("other").action_sets) == ["default"]
     install(
         monkeypatch,
         "other",
-        "ator_ros.domains.soccer.domain:SOCCER",
+        "ator_ros.domains.soccer.soccer_domain:SOCCER",
         action_sets={"other.curves": value, "another.curves": "missing:SET"},
     )
     other = find_domain("other")
@@ -72,7 +72,7 @@ def test_a_package_adds_an_action_set_to_an_installed_domain(
 def test_an_action_set_that_cannot_be_added_is_reported(
     monkeypatch: pytest.MonkeyPatch, name: str, value: str, expected: str
 ) -> None:
-    soccer = "ator_ros.domains.soccer.domain:SOCCER"
+    soccer = "ator_ros.domains.soccer.soccer_domain:SOCCER"
     install(monkeypatch, "other", soccer, action_sets={f"other.{name}": value})
     with pytest.raises(DomainError, match=f"^action set.*{expected}"):
         find_domain("other")

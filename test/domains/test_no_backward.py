@@ -10,15 +10,15 @@ from action_runs import KINDS, Task, execute
 
 from ator_ros.actions.base import Action, ActionError, Goal, Point, Status, Step
 from ator_ros.bases.description import ConfigError, Robot, load_robot, robot_of
-from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import BALL
 from ator_ros.domains.soccer.go_to_ball import GoToPoseOrBall as GoToPose
+from ator_ros.domains.soccer.soccer_domain import SOCCER
 from ator_ros.geometry import Pose
 from ator_ros.performance.derived import Geometry
 from ator_ros.resources import resource_path
 from ator_ros.schema import SchemaError
 from ator_ros.simulation.run import place, run_action
-from ator_ros.simulation.simulation import Simulation
+from ator_ros.simulation.scene_simulation import Simulation
 from ator_ros.world.state import Command, ObjectState, RobotState, World
 
 

@@ -7,13 +7,13 @@ import pytest
 from robots import FIFTH, HEAVY, PIONEER, PLAIN, QUICK, SHIPPED
 
 from ator_ros.bases.description import Robot, load_robot
-from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.soccer_domain import SOCCER
 from ator_ros.domains.trials import random_trial, with_headings
 from ator_ros.evaluation.chain_run import run_chain
 from ator_ros.geometry import Pose
 from ator_ros.nodes.parameters import domain_and_robot
 from ator_ros.simulation.run import place
-from ator_ros.simulation.simulation import CONTROL_RATE, Simulation
+from ator_ros.simulation.scene_simulation import CONTROL_RATE, Simulation
 from ator_ros.world.state import Command, RobotState, World
 
 

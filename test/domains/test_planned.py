@@ -10,13 +10,13 @@ from action_runs import KINDS, Task, execute, execute_situation
 from ator_ros.actions.base import Action, ActionError, Goal, Point, Status, Step
 from ator_ros.actions.situation import Situation
 from ator_ros.bases.description import load_robot
-from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import BALL, ball_of
 from ator_ros.domains.soccer.go_to_ball import GoToPoseOrBall as GoToPose
+from ator_ros.domains.soccer.soccer_domain import SOCCER
 from ator_ros.execution.chain_executor import ChainExecutor
 from ator_ros.geometry import Pose
 from ator_ros.simulation.run import run_action
-from ator_ros.simulation.simulation import TICK, Simulation
+from ator_ros.simulation.scene_simulation import TICK, Simulation
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.world.state import STOP, ObjectState, RobotState, World
 

@@ -9,9 +9,9 @@ from ator_ros.actions.base import Goal, Point
 from ator_ros.bases.description import load_robot
 from ator_ros.bases.differential.manoeuvre import Manoeuvre
 from ator_ros.bases.differential.trajectory import Trajectory
-from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import BALL, field_of
 from ator_ros.domains.soccer.shoot import Shoot
+from ator_ros.domains.soccer.soccer_domain import SOCCER
 from ator_ros.geometry import Pose
 from ator_ros.world.state import ObjectState, RobotState, World
 

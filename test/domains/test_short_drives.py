@@ -17,7 +17,7 @@ from ator_ros.domains.soccer.field import BALL, objects_of
 from ator_ros.experience.simulated import run_episode
 from ator_ros.geometry import Pose, wrap_angle
 from ator_ros.simulation.run import place, run_action
-from ator_ros.simulation.simulation import Simulation
+from ator_ros.simulation.scene_simulation import Simulation
 from ator_ros.world.state import CONTROL_PERIOD, ObjectState, RobotState, World
 
 SOCCER = find_domain("soccer")

@@ -8,8 +8,8 @@ from selection import few
 from ator_ros.actions.base import Action, ActionError
 from ator_ros.actions.situation import Situation
 from ator_ros.bases.description import Robot, load_robot
-from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import ball_of, field_of
+from ator_ros.domains.soccer.soccer_domain import SOCCER
 from ator_ros.world.state import World
 
 PIONEER = load_robot()

@@ -5,12 +5,12 @@ import pytest
 from ator_ros.actions.base import Goal
 from ator_ros.bases.description import load_robot
 from ator_ros.domains.domain import find_domain
-from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import BALL
+from ator_ros.domains.soccer.soccer_domain import SOCCER
 from ator_ros.geometry import Pose
 from ator_ros.performance.model_file import load_models
 from ator_ros.refinement.refiner import Refiner
-from ator_ros.simulation.simulation import Simulation
+from ator_ros.simulation.scene_simulation import Simulation
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.objects import held_first, objects_in

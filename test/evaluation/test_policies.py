@@ -7,7 +7,7 @@ import pytest
 from refinement_fakes import LIBRARY, ROBOT, models
 
 from ator_ros.actions import TIME_LIMIT
-from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.soccer_domain import SOCCER
 from ator_ros.domains.trials import Trial, open_places, random_trial, with_headings
 from ator_ros.evaluation.chain_run import run_chain
 from ator_ros.evaluation.policies import POLICIES

@@ -9,7 +9,7 @@ from documentation import ROOT
 from experience_rows import uncertain
 from refinement_fakes import LIBRARY, ROBOT, FakeModel, models, turning_time
 
-from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.soccer_domain import SOCCER
 from ator_ros.domains.trials import Trial, random_trial
 from ator_ros.evaluation.study_report import open_variables, study_page
 from ator_ros.evaluation.toolset import Toolset, ToolsetSource, tools_of

@@ -16,7 +16,7 @@ from ator_ros.experience.simulated import episode_generator
 from ator_ros.experience.table import read_experience
 from ator_ros.geometry import Pose
 from ator_ros.simulation.run import place, run_action
-from ator_ros.simulation.simulation import Simulation
+from ator_ros.simulation.scene_simulation import Simulation
 from ator_ros.tools import collect
 from ator_ros.world.state import Command, RobotState, World
 from ator_ros_examples.navfn import NavFn

@@ -9,7 +9,7 @@ from ator_ros.actions.base import Goal, Status
 from ator_ros.domains.domain import find_domain
 from ator_ros.geometry import Pose
 from ator_ros.simulation.run import place, run_action
-from ator_ros.simulation.simulation import Simulation
+from ator_ros.simulation.scene_simulation import Simulation
 from ator_ros.tools import train
 from ator_ros.world.state import Command, RobotState, World
 from ator_ros_examples.rotate_drive_rotate import ENDED, Phase, RotateDriveRotate, State

@@ -15,8 +15,8 @@ from selection import few
 from ator_ros.actions.base import Goal as ActionGoal
 from ator_ros.bases.description import Robot, load_robot
 from ator_ros.bases.differential.limits import Limits
-from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import BALL
+from ator_ros.domains.soccer.soccer_domain import SOCCER
 from ator_ros.execution.chain_executor import Ending
 from ator_ros.geometry import Pose, wrap_angle
 from ator_ros.resources import resource_path

@@ -12,7 +12,7 @@ from ator_ros.execution.chain_executor import Ending
 from ator_ros.execution.refining import Answer
 from ator_ros.execution.supervisor import Phase, Supervisor
 from ator_ros.geometry import Pose
-from ator_ros.simulation.simulation import Simulation
+from ator_ros.simulation.scene_simulation import Simulation
 from ator_ros.world.state import STOP, ObjectState, World
 
 

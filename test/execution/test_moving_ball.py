@@ -10,7 +10,7 @@ from ator_ros.actions.base import Status, Step
 from ator_ros.domains.soccer.field import BALL, ball_of
 from ator_ros.execution.chain_executor import ChainExecutor, Ending
 from ator_ros.geometry import Pose
-from ator_ros.simulation.simulation import Simulation
+from ator_ros.simulation.scene_simulation import Simulation
 from ator_ros.tops.chain import TopChain
 from ator_ros.world.state import CONTROL_PERIOD
 

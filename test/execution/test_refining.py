@@ -23,7 +23,7 @@ from ator_ros.execution.refining import (
 from ator_ros.execution.supervisor import Deadlines
 from ator_ros.geometry import Pose
 from ator_ros.refinement.chain_prediction import ChainPrediction
-from ator_ros.simulation.simulation import Simulation
+from ator_ros.simulation.scene_simulation import Simulation
 from ator_ros.tops.chain import InvalidChainError, TopCall, TopChain
 from ator_ros.world.state import CONTROL_PERIOD, STOP, Command, ObjectState, RobotState, World
 

@@ -7,9 +7,9 @@ import pytest
 
 from ator_ros.actions.base import ActionError
 from ator_ros.bases.description import load_robot
-from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import BALL
 from ator_ros.domains.soccer.holding import DribbleBall
+from ator_ros.domains.soccer.soccer_domain import SOCCER
 from ator_ros.domains.trials import random_trial
 from ator_ros.evaluation.chain_run import run_chain
 from ator_ros.execution.chain_executor import ChainExecutor

@@ -178,6 +178,48 @@ def test_an_object_that_moves_with_the_robot_ends_the_goal(there: Pose) -> None:
     assert driven < 4.5
 
 
+@pytest.mark.parametrize(
+    "there",
+    [Pose(0.22, 0.15, 0.0), Pose(0.3, 0.1, 0.0), Pose(0.4, -0.14, 0.0), Pose(0.45, 0.0, 0.0),
+     Pose(0.4, 0.0, 0.0), Pose(0.5, 0.05, 0.0)],
+)  # fmt: skip
+def test_an_object_that_moves_with_the_front_ends_the_goal(there: Pose) -> None:
+    ending, reason, driven = place(there)
+    assert ending is Ending.INPUT_LOST, reason
+    assert reason.startswith(("the ball moves with the robot", "the ball cannot be at the robot"))
+    assert f"{there.x:.2f} m ahead of the middle of the axle" in reason
+    assert driven < 3.0
+
+
+def watched(commands: Sequence[tuple[int, float, float]], there: Pose) -> str | None:
+    """Return the fault of goToBall with an object that a robot carries at `there`, or None.
+
+    `commands`: numbers of messages at 20 Hz, with the speeds in m/s and rad/s meanwhile.
+    """
+    watch, top, pose, time, fault = ObjectWatch(ROBOT), LIBRARY["goToBall"], Pose(0, 0, 0), 0.0, ""
+    for count, v, w in commands:
+        for _ in range(count):
+            pose = pose.compose(Pose(0.05 * v, 0.0, 0.05 * w))
+            ball = pose.compose(there)
+            time += 0.05
+            objects = {BALL: ObjectState(ball.x, ball.y)}
+            fault = fault or watch.fault(World(time, RobotState(pose, v, w), objects), top) or ""
+    return fault or None
+
+
+def test_a_ball_in_the_holder_is_pushed_forward_and_in_turns_but_not_pulled() -> None:
+    hold = Pose(ROBOT.hold + 0.02, 0.03, 0.0)
+    turn = [(40, 0.3, 0.0), (60, 0.8, 0.6), (20, 0.2, 0.0)]
+    assert watched(turn, hold) is None
+    assert "moves with the robot" in (watched([*turn, (12, -0.2, 0.0)], hold) or "")
+
+
+def test_nothing_beside_the_holder_turns_with_the_robot() -> None:
+    beside = Pose(ROBOT.front + 0.09, 0.13, 0.0)
+    assert watched([(40, 0.3, 0.0), (40, 0.8, 0.0), (20, 0.2, 0.0)], beside) is None
+    assert "moves with the robot" in (watched([(60, 0.8, 0.6)], beside) or "")
+
+
 def test_a_ball_that_rolls_ahead_of_the_robot_does_not_move_with_it() -> None:
     """It has the robot's speed, and the place beside the robot changes by less than 5 cm."""
     watch, top = ObjectWatch(ROBOT), LIBRARY["goToBall"]

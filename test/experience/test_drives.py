@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from bags import ROBOT, Messages, Tick
 
-from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.soccer_domain import SOCCER
 from ator_ros.experience.drives import CMD_VEL, ODOM, Reader, drives
 from ator_ros.experience.table import Episode
 from ator_ros.experience.track import Rows, Segment, Track

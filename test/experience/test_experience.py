@@ -13,8 +13,8 @@ from ator_ros.actions.base import Goal, Point
 from ator_ros.actions.situation import ActionSpec, Situation
 from ator_ros.bases.description import Robot, load_robot
 from ator_ros.bases.drive_parts import DriveParts
-from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import BALL
+from ator_ros.domains.soccer.soccer_domain import SOCCER
 from ator_ros.domains.soccer.tops import GO_TO_BALL, GO_TO_POSE
 from ator_ros.experience.simulated import collect, run_episode
 from ator_ros.experience.table import (
@@ -31,7 +31,7 @@ from ator_ros.experience.table import (
     write_experience,
 )
 from ator_ros.geometry import Pose
-from ator_ros.simulation.simulation import Simulation
+from ator_ros.simulation.scene_simulation import Simulation
 from ator_ros.world.state import ObjectState, RobotState
 
 

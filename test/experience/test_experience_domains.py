@@ -9,7 +9,7 @@ from experience_rows import synthetic_experience
 from outside.delivery import DELIVERY
 
 from ator_ros.bases.description import load_robot
-from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.soccer_domain import SOCCER
 from ator_ros.experience.drives import top_between
 from ator_ros.experience.recordings import read_recording, read_sources
 from ator_ros.experience.table import (

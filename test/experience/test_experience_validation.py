@@ -11,7 +11,7 @@ from bags import action_performance, own_types, write_records
 from experience_rows import synthetic_experience
 
 from ator_ros.bases.description import load_robot
-from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.soccer_domain import SOCCER
 from ator_ros.experience.table import Experience, ExperienceError, read_experience, write_experience
 from ator_ros.files import FileError
 from ator_ros.geometry import Pose

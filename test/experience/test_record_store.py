@@ -14,7 +14,7 @@ import pytest
 from selection import few
 from stored import INFO, ROBOT, episodes, stored
 
-from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.soccer_domain import SOCCER
 from ator_ros.experience.recordings import read_sources
 from ator_ros.experience.store import NUMBER, STORE, RecordStore, read_records, read_store
 from ator_ros.experience.table import goal_variables_of_columns

@@ -29,7 +29,7 @@ from bags import (
 )
 from mcap.writer import CompressionType, Writer
 
-from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.soccer_domain import SOCCER
 from ator_ros.experience.bag_files import Bag
 from ator_ros.experience.recordings import read_recording, read_sources
 from ator_ros.experience.table import Experience, ExperienceError
@@ -259,7 +259,7 @@ def test_reading_can_be_interrupted_during_a_long_query(
 PEAK = """
 import sys
 from pathlib import Path
-from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.soccer_domain import SOCCER
 from ator_ros.experience.recordings import read_recording
 remarks = read_recording(Path(sys.argv[1]), SOCCER.robot(None), SOCCER).remarks
 status = dict(line.split(":", 1) for line in open("/proc/self/status"))

@@ -11,7 +11,7 @@ from bags import HEADINGS, ODOMETRY, TICK, TWIST, Messages, Tick, drives, record
 from domain_files import file_of, visiting
 
 from ator_ros.domains.domain import Domain, find_domain
-from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.soccer_domain import SOCCER
 from ator_ros.experience.recordings import read_recording
 from ator_ros.experience.table import Experience, ExperienceError
 from ator_ros.geometry import Pose

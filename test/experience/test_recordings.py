@@ -11,7 +11,7 @@ from bags import ROBOT, TICK, action_performance, drives, own_types, recorded, w
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
-from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.soccer_domain import SOCCER
 from ator_ros.experience.recordings import read_recording
 from ator_ros.experience.table import ExperienceError
 from ator_ros.geometry import Pose
@@ -88,8 +88,9 @@ def test_a_missing_package_is_reported_in_one_line(
         assert line.endswith("docs/install.md describes how to install it")
 
 
-def test_records_of_the_executor_are_read_unchanged(tmp_path: Path) -> None:
-    store = own_types()
+@pytest.mark.parametrize("former_velocity", [False, True])
+def test_records_of_the_executor_are_read_unchanged(tmp_path: Path, former_velocity: bool) -> None:
+    store = own_types(former_velocity=former_velocity)
     record = action_performance(store, goal=Pose(1.5, 0.5, 0.7), speed=0.3, duration=3.25, code=1)
     failed = action_performance(store, goal=Pose(2.5, 0.5, 0.7), speed=0.0, duration=9.0, code=2)
     canceled = action_performance(store, goal=Pose(2.5, 0.5, 0.7), speed=0.0, duration=1.0, code=4)
@@ -97,8 +98,8 @@ def test_records_of_the_executor_are_read_unchanged(tmp_path: Path) -> None:
     frame = read_recording(tmp_path / "bag", ROBOT, SOCCER).of("goToPose")
     assert frame["duration"].tolist() == [3.25, 9.0]
     assert frame["success"].tolist() == [True, False]
-    columns = ["x", "y", "v", "xg", "yg", "speedg", "hold"]
-    assert frame[columns].iloc[0].tolist() == [-1, 0.25, 0.1, 1.5, 0.5, 0.3, 1]
+    columns = ["x", "y", "v", "vy", "xg", "yg", "speedg", "hold"]
+    assert frame[columns].iloc[0].tolist() == [-1, 0.25, 0.1, 0, 1.5, 0.5, 0.3, 1]
     assert frame["yawg"].iloc[0] == pytest.approx(0.7)
     assert frame["position_error"].iloc[0] == 0.01
 

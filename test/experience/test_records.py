@@ -9,7 +9,7 @@ import pytest
 from bags import ROBOT, action_performance, own_types
 
 from ator_ros.bases.drive_parts import DriveParts, part_times
-from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.soccer_domain import SOCCER
 from ator_ros.experience.records import episode_of
 from ator_ros.geometry import Pose
 from ator_ros.world.readers import MessageError

@@ -12,7 +12,7 @@ from experience_rows import synthetic_model
 from selection import few
 from stored import ROBOT, episodes, losses, round_of, stored
 
-from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.soccer_domain import SOCCER
 from ator_ros.experience.store import read_records
 from ator_ros.experience.table import Episode
 from ator_ros.geometry import wrap_angle

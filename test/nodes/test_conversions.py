@@ -14,9 +14,9 @@ import ator_interfaces.msg as msg
 from ator_interfaces.msg import GoalValue, Objective, Situation, TopCall, TopChain
 from ator_ros.actions.goal_variables import GOAL_VARIABLES, GoalVariable
 from ator_ros.bases.description import load_robot
-from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import ball_of, objects_of
 from ator_ros.domains.soccer.shoot import Shoot
+from ator_ros.domains.soccer.soccer_domain import SOCCER
 from ator_ros.geometry import Pose, wrap_angle
 from ator_ros.nodes import messages
 from ator_ros.tops.library import TopLibrary
@@ -186,6 +186,11 @@ def test_arbitrary_messages_are_read_or_rejected(data: st.DataObject) -> None:
     except MessageError as error:
         reason = str(error)
     assert "expected" in reason
+
+
+def test_the_velocity_of_a_situation_is_planar() -> None:
+    robot = RobotState(Pose(1.0, 2.0, 0.5), 0.4, vy=-0.2, w=0.3)
+    assert world_from(messages.situation_of(World(3.0, robot, {}), frame="odom")).robot == robot
 
 
 def test_goals_and_situations_in_a_known_frame_are_transformed() -> None:

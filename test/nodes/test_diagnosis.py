@@ -13,8 +13,8 @@ from ros_client import Client
 
 from ator_ros.nodes.commands import CommandPublisher
 from ator_ros.nodes.diagnostics import Diagnosis, several_publishers
-from ator_ros.nodes.inputs import Input, TfListener
 from ator_ros.nodes.qos import NEWEST, SENSOR_DATA
+from ator_ros.nodes.subscriptions import Input, TfListener
 
 RELIABLE = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 CLIENT = {"silent": True}

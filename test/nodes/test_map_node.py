@@ -31,7 +31,7 @@ from ator_ros.nodes.messages import occupancy_grid_of, pose_of
 from ator_ros.nodes.qos import LATCHED
 from ator_ros.performance.model_file import save_model
 from ator_ros.performance.training import train
-from ator_ros.refinement.durations import Durations
+from ator_ros.refinement.step_durations import Durations
 from ator_ros.world.grid_map import GridMap
 from ator_ros.world.state import World
 

@@ -15,7 +15,7 @@ from process import PATIENCE, environment
 from ros_client import Client, values_of
 
 from ator_ros.bases.description import load_robot
-from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.soccer_domain import SOCCER
 from ator_ros.learning.gains import GAINS, ChainGain, add_chain, read_gains
 from ator_ros.learning.sets import Manifest, new_set_folder, publish, read_manifest, seal
 from ator_ros.nodes import models as nodes_models

@@ -4,8 +4,8 @@ from typing import Any
 
 import pytest
 
-from ator_ros.nodes.inputs import TYPES
 from ator_ros.nodes.messages import object_odometry_of, stamp_of
+from ator_ros.nodes.subscriptions import TYPES
 from ator_ros.world.readers import MessageError, ObjectReader, ObjectSource
 from ator_ros.world.state import ObjectState
 from ator_ros.world.transforms import Placement

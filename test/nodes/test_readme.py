@@ -10,7 +10,7 @@ import yaml
 from ator_interfaces.action import ExecuteChain
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.bases.description import load_robot
-from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.soccer_domain import SOCCER
 from ator_ros.nodes.messages import answer_of, chain_from, gain_of
 from ator_ros.nodes.refinement import refine_request
 from ator_ros.performance.model_file import load_models

@@ -18,7 +18,7 @@ from ros_client import Client
 
 from ator_interfaces.msg import ActionPerformance, ChainPerformance, Outcome, TopCall
 from ator_ros.bases.description import load_robot
-from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.soccer_domain import SOCCER
 from ator_ros.experience.recordings import read_recording
 from ator_ros.geometry import Pose
 from ator_ros.nodes.diagnostics import type_name

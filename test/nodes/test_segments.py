@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from view.in_process import InProcessBackend
 
-from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.soccer_domain import SOCCER
 from ator_ros.nodes.segments import (
     costs_by_heading,
     executed_chain_shapes,

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.soccer_domain import SOCCER
 from ator_ros.geometry import Pose
 from ator_ros.nodes.simulated_world import SimulatedRobot, SimulatedWorld
 from ator_ros.simulation.sensors import SensorConfig, Sensors

@@ -135,7 +135,9 @@ INVALID = [
         "pose.pose.position.x: expected a finite number",
     ),
     ("place_robot", "pose.header.frame_id", "attic", "expected the frame 'odom', got 'attic'"),
-    ("place_robot", "v", math.inf, "vx: expected a finite number"),
+    ("place_robot", "vx", math.inf, "vx: expected a finite number"),
+    ("place_robot", "vy", 0.1, "vy: expected a finite number from 0 to 0 m/s, got 0.1"),
+    ("place_robot", "w", 99.0, "w: expected a finite number"),
     ("place_ball", "position.point.y", -500.0, "position.point.y: expected a finite number"),
     ("place_ball", "velocity.y", 99.0, "velocity.y: expected a finite number"),
 ]

@@ -15,10 +15,10 @@ from tf2_msgs.msg import TFMessage
 from ator_interfaces.msg import Outcome, Situation, TopChain
 from ator_interfaces.srv import PredictDurations, RefineSubgoal
 from ator_ros.geometry import Pose
-from ator_ros.nodes.inputs import TfListener
 from ator_ros.nodes.messages import pose_of
 from ator_ros.nodes.qos import LATCHED, RESULTS
 from ator_ros.nodes.simulation import transform_of
+from ator_ros.nodes.subscriptions import TfListener
 from ator_ros.world.state import RobotState
 
 

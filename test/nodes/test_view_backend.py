@@ -18,7 +18,7 @@ from tf2_msgs.msg import TFMessage
 from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import ChainPerformance, Outcome
 from ator_interfaces.srv import PlaceObject, PlaceRobot, RefineSubgoal
-from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.soccer_domain import SOCCER
 from ator_ros.domains.trials import random_trial
 from ator_ros.geometry import Pose
 from ator_ros.nodes.messages import object_odometry_of, odometry_of

@@ -11,7 +11,7 @@ import pytest
 from ator_ros.bases.description import load_robot
 from ator_ros.bases.differential.turns import look_up
 from ator_ros.bases.direct import DIRECT_VARIABLES
-from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.soccer_domain import SOCCER
 from ator_ros.performance.features import feature_table
 
 EDGES = [0.0, 1e-300, 1e-9, 0.01, 0.5, 1.0, 3.14159265358979, 7.0, 100.0, 1e4, 1e6]

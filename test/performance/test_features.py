@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from ator_ros.bases.description import Robot, load_robot
 from ator_ros.bases.differential.driving import plain_driving
 from ator_ros.bases.direct import DIRECT_VARIABLES
-from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.soccer_domain import SOCCER
 from ator_ros.geometry import FloatArray
 from ator_ros.performance.features import PAPER_3, PAPER_11, PATHS, Feature, base_features, names_of
 from ator_ros.performance.features import feature_table as table_of_features

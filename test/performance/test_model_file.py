@@ -12,7 +12,7 @@ import pytest
 from experience_rows import synthetic_experience
 
 from ator_ros.bases.description import load_robot
-from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.soccer_domain import SOCCER
 from ator_ros.files import FileError
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.model_file import (

@@ -7,7 +7,7 @@ import pytest
 
 from ator_ros.bases.description import load_robot
 from ator_ros.domains.domain import Domain, find_domain
-from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.soccer_domain import SOCCER
 from ator_ros.performance.model_file import load_model, save_model
 from ator_ros.resources import resource_path
 from scripts.accuracy import PAPER_ERRORS, accuracy_table

@@ -27,8 +27,8 @@ from ator_ros.domains.soccer.field import BALL
 from ator_ros.geometry import Pose
 from ator_ros.performance.model import Arrival
 from ator_ros.refinement.chain_prediction import ChainModel, chain_situations, predict_chain
-from ator_ros.refinement.durations import predict_durations
 from ator_ros.refinement.objective import Objective
+from ator_ros.refinement.step_durations import predict_durations
 from ator_ros.tops.chain import Top, TopCall, TopChain, projected
 from ator_ros.tops.conditions import Condition, Term
 from ator_ros.world.state import ObjectState, RobotState, World

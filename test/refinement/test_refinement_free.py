@@ -24,7 +24,7 @@ from refinement_fakes import (
 from ator_ros.actions.base import Goal, Point
 from ator_ros.bases.routes import routes_of
 from ator_ros.domains.domain import find_domain
-from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.soccer_domain import SOCCER
 from ator_ros.geometry import Pose
 from ator_ros.performance.model_file import load_models
 from ator_ros.refinement.free_variables import analyze

@@ -5,10 +5,10 @@ from collections.abc import Iterator
 
 import pytest
 
-from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import BALL, ball_of
+from ator_ros.domains.soccer.soccer_domain import SOCCER
 from ator_ros.geometry import Pose
-from ator_ros.simulation.simulation import TICK, Simulation
+from ator_ros.simulation.scene_simulation import TICK, Simulation
 from ator_ros.world.state import Command, World
 
 ROBOT = SOCCER.robot()

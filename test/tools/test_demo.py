@@ -13,7 +13,7 @@ from view.in_process import record_of
 from ator_interfaces.msg import Outcome
 from ator_ros.bases.description import load_robot
 from ator_ros.domains.declared import DeclaredServer
-from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.soccer_domain import SOCCER
 from ator_ros.domains.trials import random_trial
 from ator_ros.nodes.network import NodesError
 from ator_ros.refinement.refiner import ITS_DEADLINE

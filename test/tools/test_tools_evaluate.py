@@ -11,7 +11,7 @@ import pytest
 from experience_rows import synthetic_model
 from refinement_fakes import ROBOT
 
-from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.soccer_domain import SOCCER
 from ator_ros.evaluation.comparison import Settings
 from ator_ros.evaluation.running import PARTIAL, earlier_oracle, run_situations
 from ator_ros.evaluation.toolset import ToolsetSource

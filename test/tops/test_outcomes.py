@@ -8,13 +8,13 @@ import pytest
 from ator_ros.actions.base import Action, Goal, Point, Status, Step
 from ator_ros.actions.situation import Situation
 from ator_ros.bases.description import load_robot
-from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import BALL
+from ator_ros.domains.soccer.soccer_domain import SOCCER
 from ator_ros.domains.soccer.tops import DRIBBLE_BALL, GO_TO_BALL, GO_TO_POSE, SHOOT
 from ator_ros.experience.simulated import run_episode
 from ator_ros.geometry import Pose
 from ator_ros.simulation.run import judge, place, run_action
-from ator_ros.simulation.simulation import Simulation
+from ator_ros.simulation.scene_simulation import Simulation
 from ator_ros.tops.bindings import bindings
 from ator_ros.tops.chain import Top
 from ator_ros.tops.conditions import Condition, Region

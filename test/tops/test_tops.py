@@ -7,8 +7,8 @@ from ator_ros.actions.base import Goal
 from ator_ros.bases.description import load_robot
 from ator_ros.domains.domain import Domain, DomainError
 from ator_ros.domains.drive import DRIVE
-from ator_ros.domains.soccer.domain import SOCCER
 from ator_ros.domains.soccer.field import BALL
+from ator_ros.domains.soccer.soccer_domain import SOCCER
 from ator_ros.geometry import Pose
 from ator_ros.tops.chain import Top, TopCall, TopChain
 from ator_ros.tops.conditions import Condition, Term

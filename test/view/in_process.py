@@ -4,7 +4,7 @@ import dataclasses
 import math
 
 from ator_interfaces.msg import ActionPerformance, ChainPerformance, Outcome, Performance
-from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.soccer_domain import SOCCER
 from ator_ros.evaluation.chain_run import run_chain
 from ator_ros.geometry import Pose
 from ator_ros.nodes.network import NodesError

@@ -4,7 +4,7 @@ import pytest
 from view.in_process import InProcessBackend, record_of
 
 from ator_interfaces.msg import Outcome
-from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.soccer_domain import SOCCER
 from ator_ros.geometry import Pose
 from ator_ros.nodes.network import NodesError, UnavailableError
 from ator_ros.view.draft import Draft, situation_draft

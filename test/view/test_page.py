@@ -14,7 +14,7 @@ from view.in_process import InProcessBackend, record_of
 from view.viser_client import ViserClient, free_port
 
 from ator_interfaces.msg import Outcome
-from ator_ros.domains.soccer.domain import SOCCER
+from ator_ros.domains.soccer.soccer_domain import SOCCER
 from ator_ros.geometry import Pose
 from ator_ros.simulation.urdf import robot_urdf
 from ator_ros.view.draft import situation_draft

@@ -8,7 +8,7 @@ from outside.delivery import DELIVERY, PARCEL
 
 from ator_ros.bases.description import Robot, load_robot
 from ator_ros.geometry import Pose
-from ator_ros.simulation.simulation import Simulation
+from ator_ros.simulation.scene_simulation import Simulation
 from ator_ros.world.scene import Area, Bay, RoundObject, Scene
 from ator_ros.world.state import Command, ObjectState, World
 

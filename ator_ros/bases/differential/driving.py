@@ -12,7 +12,6 @@ from typing import Annotated, ClassVar
 
 import numpy as np
 
-from ator_ros.bases.base import Driving
 from ator_ros.bases.differential.durations import rates_of
 from ator_ros.bases.differential.limits import Limits
 from ator_ros.bases.differential.shapes import (
@@ -23,6 +22,7 @@ from ator_ros.bases.differential.shapes import (
     needed_shapes,
     shape_set,
 )
+from ator_ros.bases.interface import Driving
 from ator_ros.geometry import FloatArray
 from ator_ros.schema import Within, require
 

@@ -44,7 +44,7 @@ from ator_ros.bases.direct import (
 from ator_ros.geometry import BoolArray, FloatArray, wrap_angles
 
 if TYPE_CHECKING:
-    from ator_ros.bases.differential.description import DifferentialRobot
+    from ator_ros.bases.differential.robot import DifferentialRobot
 
 _SPEED_QUANTILE = 0.995  # quantile of the speeds that counts as the greatest speed
 # quantile of the accelerations that counts as the greatest; lower, as their noise is larger

@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ator_ros.actions.base import ActionError
-from ator_ros.bases.differential.description import DifferentialRobot
 from ator_ros.bases.differential.durations import Rates, rates_of
 from ator_ros.bases.differential.limits import Limits
 from ator_ros.bases.differential.manoeuvre import (
@@ -24,6 +23,7 @@ from ator_ros.bases.differential.manoeuvre import (
     write_pieces,
 )
 from ator_ros.bases.differential.paths import Ends, entries_of, exits_of, find_paths
+from ator_ros.bases.differential.robot import DifferentialRobot
 from ator_ros.bases.differential.trajectory import most_states, write_states
 from ator_ros.compiled import compiled, elementwise
 from ator_ros.domains.planned.walls import (

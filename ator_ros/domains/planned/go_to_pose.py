@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from ator_ros.actions.base import ActionError
 from ator_ros.bases.description import Robot
-from ator_ros.bases.differential.description import differential
 from ator_ros.bases.differential.manoeuvre import Manoeuvre
 from ator_ros.bases.differential.paths import Ends
+from ator_ros.bases.differential.robot import differential
 from ator_ros.domains.planned.free_paths import (
     TRIES,
     Obstacles,

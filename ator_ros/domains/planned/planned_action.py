@@ -8,9 +8,9 @@ from abc import abstractmethod
 from typing import ClassVar
 
 from ator_ros.actions.base import Action, ActionError, Goal, Status, Step, finished
-from ator_ros.bases.differential.description import DifferentialRobot
 from ator_ros.bases.differential.limits import Limits
 from ator_ros.bases.differential.manoeuvre import Manoeuvre
+from ator_ros.bases.differential.robot import DifferentialRobot
 from ator_ros.bases.differential.trajectory import Trajectory, opening_of
 from ator_ros.domains.planned.tracker import DISTURBED_DISTANCE, Tracker
 from ator_ros.geometry import FloatArray, Pose

@@ -7,8 +7,8 @@ from collections import deque
 
 import numpy as np
 
-from ator_ros.bases.differential.description import DifferentialRobot
 from ator_ros.bases.differential.response import ramped
+from ator_ros.bases.differential.robot import DifferentialRobot
 from ator_ros.bases.differential.trajectory import Trajectory
 from ator_ros.geometry import Pose
 from ator_ros.world.state import CONTROL_PERIOD, STOP, Command, RobotState, World

@@ -9,11 +9,11 @@ from functools import lru_cache
 
 from ator_ros.actions.base import ActionError, Goal
 from ator_ros.bases.description import Robot
-from ator_ros.bases.differential.description import DifferentialRobot, differential
 from ator_ros.bases.differential.durations import change_distance
 from ator_ros.bases.differential.limits import Limits
 from ator_ros.bases.differential.manoeuvre import Manoeuvre, Side
 from ator_ros.bases.differential.paths import Ends, entries_of, exits_of
+from ator_ros.bases.differential.robot import DifferentialRobot, differential
 from ator_ros.domains.planned.free_paths import Obstacles, fastest
 from ator_ros.domains.planned.planned_action import PlannedAction
 from ator_ros.domains.soccer.field import BALL

@@ -10,11 +10,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ator_ros.actions.base import ActionError, Goal, Status, Step, finished
-from ator_ros.bases.differential.description import DifferentialRobot
 from ator_ros.bases.differential.durations import Rates, drive_time, rates_of, turn_time
 from ator_ros.bases.differential.limits import Limits
 from ator_ros.bases.differential.manoeuvre import SIDE, Manoeuvre, Side, pose_after_turn
 from ator_ros.bases.differential.paths import Ends, ranked
+from ator_ros.bases.differential.robot import DifferentialRobot
 from ator_ros.bases.differential.turns import WIDEST, look_up
 from ator_ros.compiled import compiled, inlined
 from ator_ros.domains.planned.free_paths import (

@@ -8,7 +8,7 @@ import pytest
 from ator_ros.bases.description import load_robot
 from ator_ros.bases.foresight import Foresight
 from ator_ros.geometry import Pose
-from ator_ros.simulation.simulation import TICK, Simulation
+from ator_ros.simulation.scene_simulation import TICK, Simulation
 from ator_ros.world.state import STOP, Command, RobotState, World
 
 ROBOT = load_robot()

@@ -12,8 +12,8 @@ from ator_ros.bases.differential.identification import BaseEstimate, check_plaus
 from ator_ros.bases.differential.limits import Limits
 from ator_ros.bases.differential.probe_drive import DriveError, DrivePart, DriveSample, ProbeDrive
 from ator_ros.geometry import Pose
+from ator_ros.simulation.scene_simulation import Simulation
 from ator_ros.simulation.sensors import SensorConfig, Sensors
-from ator_ros.simulation.simulation import Simulation
 from ator_ros.tools.calibrate import described, report
 from ator_ros.world.state import Command, RobotState
 

@@ -218,6 +218,7 @@ class Subscriptions:
                 frame,
                 is_shared=partial(self._is_shared, "odom"),
                 sideways=robot.moves_sideways,
+                limits=(robot.greatest_speed(), robot.greatest_turn_rate),
             )
             take_odometry = partial(self._take_odometry, odometry, take_robot)
             self._subscribe(

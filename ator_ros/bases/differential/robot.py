@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
 
-from ator_ros.bases.base import Axis, Driving, Place, Standstills
 from ator_ros.bases.description import (
     DEFAULT_DRIVE,
     ConfigError,
@@ -25,6 +24,7 @@ from ator_ros.bases.differential.durations import drive_time, turn_time
 from ator_ros.bases.differential.legs import fastest_drives
 from ator_ros.bases.differential.limits import Limits, StopBraking
 from ator_ros.bases.differential.response import driven, stopping_distance
+from ator_ros.bases.interface import Axis, Driving, Place, Standstills
 from ator_ros.geometry import FloatArray, clip
 from ator_ros.schema import Within
 from ator_ros.world.scene import Mass, Size

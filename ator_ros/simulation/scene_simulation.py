@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 
 from ator_ros.bases.description import Robot
-from ator_ros.bases.differential.description import differential
+from ator_ros.bases.differential.robot import differential
 from ator_ros.geometry import Pose
 from ator_ros.simulation.bodies import (
     GRAVITY,
