@@ -23,6 +23,7 @@ PAPER_TABLE_1 = (
     ("After filtering, paper: improvement", "12%", "23%", "0%", "-6%"),
 )
 """Rows of the paper's Table 1: title, Total, Higher, Equal and Lower."""
+_WITHOUT_INTERVALS = 6  # columns of `prediction_table` for results without intervals
 MEANING: Mapping[str, str] = {
     "naive": "heading at which the first action alone is fastest (the paper's unrefined choice)",
     "fixed": "heading 0 at each subgoal, as in a list of waypoints without headings",
@@ -158,7 +159,8 @@ def prediction_table(summary: Mapping[str, Any]) -> pd.DataFrame:
     naive chains.
     """
     found = {name: row.get("prediction", {}) for name, row in _rows(summary).items()}
-    return pd.DataFrame(
+    calibrated = any("within_90_percent" in row for row in found.values())
+    table = pd.DataFrame(
         {
             "policy": name,
             "chains": row["chains"],
@@ -173,6 +175,7 @@ def prediction_table(summary: Mapping[str, Any]) -> pd.DataFrame:
         for name, row in found.items()
         if row.get("chains")
     )
+    return table if calibrated else table.iloc[:, :_WITHOUT_INTERVALS]
 
 
 def _seconds(value: float | None) -> str:

@@ -141,16 +141,17 @@ class ErrorProcess:
             name for name, deviation in pairs if slopes.get(name, math.inf) * deviation < self.noise
         )
 
-    def of_sum(self, features: FloatArray, signs: FloatArray) -> tuple[float, float]:
-        """Return the expected error of a signed sum of durations in s, and its variance in s².
+    def of_sum(self, features: FloatArray, signs: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the expected errors of signed sums of durations in s, and their variances in s².
 
-        `features` (n, k) are the situations, `signs` (n,) those of their durations in the sum.
+        `features` (n, k) are the situations, `signs` (..., n) those of their durations in the sums.
+        The results have the shape (...).
         """
         known, inverse, weights = self._solved
         similar = signs @ self._covariances(features, known)
-        variance = signs @ self._covariances(features, features) @ signs
-        variance -= similar @ inverse @ similar
-        return float(similar @ weights), max(float(variance), 0.0)
+        variance = np.sum(signs @ self._covariances(features, features) * signs, axis=-1)
+        variance -= np.sum(similar @ inverse * similar, axis=-1)
+        return similar @ weights, np.maximum(variance, 0.0)
 
     def deviations(self, features: FloatArray) -> FloatArray:
         """Return the root mean squares of the errors in s of n durations, shape (n,).

@@ -46,8 +46,8 @@ class Prediction:
         Probability.
     accuracy, heading : ndarray or None
         Expected errors at the end in m and rad.
-    error_of_sum : tuple of float or None
-        Expected error in s of a signed sum of the durations, and its variance in s².
+    error_of_sum : tuple of ndarray or None
+        Expected errors in s of signed sums of the durations, and their variances in s².
     """
 
     duration: FloatArray | None = None
@@ -56,7 +56,7 @@ class Prediction:
     success: FloatArray | None = None
     accuracy: FloatArray | None = None
     heading: FloatArray | None = None
-    error_of_sum: tuple[float, float] | None = None
+    error_of_sum: tuple[FloatArray, FloatArray] | None = None
 
 
 @dataclass(frozen=True)
@@ -174,8 +174,8 @@ class PerformanceModel:
             Direct variables, numbers or arrays of shape (n,), see `direct_table`.
         measures : tuple of str
             Which fields of the prediction to compute; those that were not learned stay None.
-        signs : ndarray, shape (n,), optional
-            Signs of the durations in a sum, whose error is then predicted as well.
+        signs : ndarray, shape (..., n), optional
+            Signs of the durations in sums, whose errors are then predicted as well.
         """
         geometry = self._geometry(direct)
         fields: dict[str, FloatArray] = {}
@@ -188,7 +188,8 @@ class PerformanceModel:
                 fields[name] = np.clip(self._values(geometry, tree), 0.0, highest)
         error = None
         if signs is not None:
-            error = (0.0, math.inf)
+            nothing = np.zeros(signs.shape[:-1])
+            error = (nothing, nothing + math.inf)
             if self.errors is not None:
                 rows = self._rows(geometry, self.errors.features)
                 error = self.errors.of_sum(rows.T, signs)

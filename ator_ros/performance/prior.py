@@ -8,9 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ator_ros.bases.base import Driving
 from ator_ros.bases.description import Robot
 from ator_ros.bases.direct import DIRECT_VARIABLES, direct_table
+from ator_ros.bases.interface import Driving
 from ator_ros.performance.features import Feature
 
 _TURN_BEND = math.pi / 18.0  # rad

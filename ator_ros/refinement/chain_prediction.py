@@ -50,8 +50,8 @@ class PredictsPerformance(Protocol):
     ) -> Any:
         """Return a prediction whose fields named in `measures` are arrays of shape (n,).
 
-        With `signs`, shape (n,), it has `error_of_sum`: the expected error in s of the sum of the
-        durations with these signs, and its variance in s².
+        With `signs`, shape (..., n), it has `error_of_sum`: the expected errors in s of the sums of
+        the durations with these signs, and their variances in s².
         """
 
 
@@ -309,7 +309,7 @@ class ChainModel:
         """
         tables = self._tables(self.given)
         steps, error = self._predicted(tables, REPORTED, np.ones(len(tables)))
-        return _summed(steps, error)
+        return _summed(steps, float(error))
 
     def compare(
         self, before: Sequence[FloatArray], after: Sequence[FloatArray]
@@ -319,15 +319,14 @@ class ChainModel:
         It is what the models may be wrong by in the difference, less than in either chain, as their
         errors are alike in similar situations.
         """
-        first = self._tables(before)
-        second = self._tables(after)
-        signs = np.repeat((1.0, -1.0), len(first))
-        _, uncertainty = self._predicted(first + second, (), signs)
-        one, other = (
-            _summed(*self._predicted(tables, REPORTED, np.ones(len(tables))))
-            for tables in (first, second)
-        )
-        return one, other, uncertainty
+        count = len(before)
+        tables = self._tables(before) + self._tables(after)
+        first = np.repeat((1.0, 0.0), count)
+        second = 1.0 - first
+        signs = np.stack([first, second, first - second])
+        steps, errors = self._predicted(tables, REPORTED, signs)
+        of_first, of_second, uncertainty = errors.tolist()
+        return _summed(steps[:count], of_first), _summed(steps[count:], of_second), uncertainty
 
     def _tables(self, values: Sequence[FloatArray]) -> list[tuple[int, FloatArray]]:
         """Return each step's index and direct variables, for values (k,) of each subgoal."""
@@ -339,14 +338,15 @@ class ChainModel:
         tables: Sequence[tuple[int, FloatArray]],
         reported: tuple[str, ...],
         signs: FloatArray | None = None,
-    ) -> tuple[list[dict[str, FloatArray]], float]:
+    ) -> tuple[list[dict[str, FloatArray]], FloatArray]:
         """Return the cost and the reported fields for each table, in its shape.
 
-        With the signs of the tables, also the uncertainty in s of the sum of all durations.
+        With the signs (..., n) of the tables in sums of their durations, also the errors (...) in s
+        that the models may have in the sums: root mean squares.
         """
         predicted = [{"cost": np.zeros(table.shape[1:])} for _, table in tables]
         fields = tuple(dict.fromkeys(reported + self.objective.needs))
-        error = variance = 0.0
+        error = variance = np.zeros(signs.shape[:-1] if signs is not None else ())
         actions = [self._actions[index] for index, _ in tables]
         for action in dict.fromkeys(actions):
             model = self._models[action]
@@ -358,10 +358,12 @@ class ChainModel:
             parts = [tables[place][1].reshape(len(names), -1) for place in places]
             direct = DirectTable(names, np.concatenate(parts, axis=1))
             with np.errstate(all="ignore"):
-                prediction = model.predict(direct, fields, None if signs is None else signs[places])
+                prediction = model.predict(
+                    direct, fields, None if signs is None else signs[..., places]
+                )
             if signs is not None:
-                error += prediction.error_of_sum[0]
-                variance += prediction.error_of_sum[1]
+                error = error + prediction.error_of_sum[0]
+                variance = variance + prediction.error_of_sum[1]
             columns = {name: getattr(prediction, name, None) for name in reported}
             columns["cost"] = np.fmin(self.objective.cost(prediction), np.inf)  # NaN: infinite
             known = {name: values for name, values in columns.items() if values is not None}
@@ -373,7 +375,7 @@ class ChainModel:
                 predicted[place] = {
                     name: values[first:last].reshape(shape) for name, values in known.items()
                 }
-        return predicted, math.sqrt(error**2 + variance)
+        return predicted, np.sqrt(error**2 + variance)
 
 
 def _summed(steps: Sequence[Mapping[str, FloatArray]], error: float) -> ChainPrediction:
