@@ -20,6 +20,7 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 from ator_ros.actions.base import Action, ActionError, Goal, Point, Status
+from ator_ros.actions.goal_variables import ORDER
 from ator_ros.bases.description import Robot
 from ator_ros.bases.routes import Routes
 from ator_ros.domains.domain import find_domain
@@ -40,6 +41,7 @@ Rows = Iterator[tuple[str, str]]
 SOURCE = ToolsetSource()
 WARM_UP = 10  # requests
 LENGTHS = (2, 8, 32)  # steps of long chains
+STATIONS = (6, 9, 12, 30)  # of rounds in an open order
 TICKS = 40  # measured ticks of an action: the first two seconds, in which it plans
 BLOCK = 5.0  # s of a simulation
 ROOMS = 10  # along a side of the building
@@ -88,6 +90,30 @@ def refinement(requests: int) -> Rows:
             times.append(time.perf_counter() - began)
         yield f"refinement, {length} steps, all open", f"least {1000.0 * min(times):.1f} ms"
     gc.unfreeze()
+
+
+def rounds(requests: int) -> Rows:
+    """Measure the search for order and headings of stations in a hall without walls."""
+    tools, library = tools_of(ToolsetSource(domain="drive"))
+    refiner = tools.refiner(gated=True)
+    for stations in STATIONS:
+        times = []
+        for index in range(max(3, requests // stations)):
+            world, chain = random_round(library, stations, seed=index)
+            began = time.perf_counter()
+            refiner.refine(world, chain, placeholders=True)
+            times.append(time.perf_counter() - began)
+        yield f"round of {stations} stations", f"p50 {1000.0 * statistics.median(times):.0f} ms"
+
+
+def random_round(library: TopLibrary, stations: int, seed: int) -> tuple[World, TopChain]:
+    """Draw a start and stations with open order and headings."""
+    rng = np.random.default_rng(seed)
+    top = next(iter(library.usable()))
+    places = rng.uniform(-4.0, 4.0, (stations, 2)).tolist()
+    opened = frozenset({"yaw", ORDER})
+    calls = tuple(TopCall(top, library.goal(top, Pose(x, y, 0.0)), opened) for x, y in places)
+    return World(0.0, RobotState(Pose(0.0, 0.0, 0.0))), TopChain(calls)
 
 
 def long_chain(library: TopLibrary, steps: int) -> tuple[World, TopChain]:
@@ -322,6 +348,7 @@ def _percentiles(times: Sequence[float]) -> str:
 
 PARTS: dict[str, Callable[[int], Rows]] = {
     "refinement": refinement,
+    "rounds": rounds,
     "plans": plans,
     "ticks": ticks,
     "route": route,

@@ -201,6 +201,16 @@ def steps(sizes: Sizes) -> Iterator[Step]:
             f"{scripts}/few_drives.py --domains {domain} --drives {numbers} --chains {chains} "
             f"--oracle {headings} --work few_drives --out few_{domain}.md",
         )
+    # Six stations in any order, with models from few drives: docs/rounds.md.
+    policies = "listed listed_refined nearest_refined straight_refined route_refined refined"
+    for domain, _, chains, _ in servers:
+        models = f"few_drives/{domain}_{n.few[-1]}/models"
+        yield Step(
+            f"rounds:{domain}",
+            f"evaluate --domain {domain} --chain round --seed 2050 --situations {chains} "
+            f"--policies {policies} --models {models} --out rounds/{domain}",
+            (f"few_drives:{domain}",),
+        )
     job = f"{benchmarks}/on_the_job.py --domain pursuit --chains {n.on_the_job} --seed 2041"
     yield Step("few_drives:on_the_job", f"{job} --work on_the_job")
     for file in STUDIED:

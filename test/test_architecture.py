@@ -4,7 +4,7 @@ import ast
 import subprocess
 import sys
 from collections import Counter
-from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from token import NAME
 from tokenize import tokenize
@@ -30,17 +30,20 @@ FILES = sorted(PACKAGE.rglob("*.py"))
 PAPER = PACKAGE.parent / "examples" / "paper_in_one_file.py"
 
 
-def imports(file: Path) -> Iterator[str]:
-    """Yield the dotted names of the modules that a file imports."""
+@cache
+def imports(file: Path) -> tuple[str, ...]:
+    """Return the dotted names of the modules that a file imports."""
+    names: list[str] = []
     for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
+            names += [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom) and node.level:
             raise AssertionError(f"{file}:{node.lineno}: expected an absolute import")
         elif isinstance(node, ast.ImportFrom) and node.module == "ator_ros":
-            yield from (f"ator_ros.{alias.name}" for alias in node.names)
+            names += [f"ator_ros.{alias.name}" for alias in node.names]
         elif isinstance(node, ast.ImportFrom) and node.module:
-            yield node.module
+            names.append(node.module)
+    return tuple(names)
 
 
 def layer_of(file: Path) -> str:

@@ -15,6 +15,8 @@ from ator_ros.schema import require
 
 GOAL_VARIABLES = ("x", "y", "yaw", "speed")
 """The variables of every goal: destination in m and rad, arrival speed in m/s."""
+ORDER = "order"
+"""No goal variable: opens the place of a call in its chain; see `ator_ros.tops.ordering`."""
 MOST_GOAL_VARIABLES = 16
 """Further goal variables that an action may declare."""
 
@@ -49,9 +51,9 @@ class GoalVariable:
             "a name of letters, digits and _",
             self.name,
         )
-        others = f"none of {', '.join(GOAL_VARIABLES)}, which every goal has"
+        others = f"none of {', '.join((*GOAL_VARIABLES, ORDER))}, which have a meaning of their own"
         require(
-            self.name not in GOAL_VARIABLES,
+            self.name not in (*GOAL_VARIABLES, ORDER),
             "name",
             others,
             self.name,

@@ -171,7 +171,9 @@ class DeclaredStep:
 
     top: str
     goal: Places  # one of them is drawn for each step
-    open: tuple[str, ...] = ()  # goal variables that refinement may change
+    open: tuple[str, ...] = ()  # goal variables that refinement may change, and `order`
+    # numbers of the entries of `steps` (from 0) whose steps must be executed before these
+    after: tuple[int, ...] = ()
     times: tuple[int, ...] = (1,)  # the number of steps, or the least and the greatest
 
     def __post_init__(self) -> None:
@@ -204,6 +206,14 @@ class DeclaredChain:
             f"1 to {LONGEST_CHAIN} of them",
             (least, most),
         )
+        for step in self.steps:
+            others = set(range(len(self.steps)))
+            require(
+                set(step.after) <= others,
+                "after",
+                f"numbers of entries of steps, 0 to {len(self.steps) - 1}",
+                list(step.after),
+            )
 
     def sample(
         self, robot: Robot, library: TopLibrary, rng: np.random.Generator, *, time_limit: float
@@ -227,7 +237,9 @@ class DeclaredChain:
         before = start = _drawn(self.start, rng)
         was_fixed = _is_fixed(self.start)
         calls: list[TopCall] = []
+        drawn: list[range] = []  # the calls of each entry
         for step in self.steps:
+            first = len(calls)
             is_fixed = _is_fixed(step.goal)
             for _ in range(int(rng.integers(step.times[0], step.times[-1] + 1))):
                 apart = 0.0 if was_fixed and is_fixed else self.apart
@@ -235,6 +247,11 @@ class DeclaredChain:
                 was_fixed = is_fixed
                 top = library[step.top]
                 calls.append(TopCall(top, library.goal(top, before), frozenset(step.open)))
+            drawn.append(range(first, len(calls)))
+        for step, own in zip(self.steps, drawn, strict=True):
+            after = tuple(sorted(itertools.chain(*(drawn[number] for number in step.after))))
+            for index in own:
+                calls[index] = dataclasses.replace(calls[index], after=after)
         return World(0.0, RobotState(start)), TopChain(tuple(calls))
 
 

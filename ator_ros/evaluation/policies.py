@@ -16,12 +16,21 @@ import numpy as np
 from ator_ros.bases.description import Robot
 from ator_ros.bases.interface import Driving
 from ator_ros.domains.trials import Trial, open_places, open_speeds, reopened, with_headings
+from ator_ros.evaluation.orders import (
+    Lengths,
+    OrderChoice,
+    along_routes,
+    ordered,
+    shortest,
+    straight,
+)
 from ator_ros.evaluation.toolset import Toolset
 from ator_ros.geometry import Pose
 from ator_ros.performance.derived import Geometry
 from ator_ros.performance.features import PATHS, ROUTE_TIME
 from ator_ros.performance.model import Prediction
 from ator_ros.refinement.chain_prediction import ChainPrediction
+from ator_ros.refinement.order_search import nearest_next
 from ator_ros.refinement.refiner import Refinement
 from ator_ros.tops.chain import TopChain
 
@@ -163,6 +172,58 @@ def refined(
     return Choice(refinement.chain, refinement, refinement.predicted)
 
 
+def in_order(
+    tools: Toolset,
+    trial: Trial,
+    *,
+    order: Callable[[Toolset, Trial], TopChain],
+    headings: Policy,
+) -> Choice:
+    """Choose an order, then the headings in this order."""
+    return headings(tools, dataclasses.replace(trial, chain=order(tools, trial)))
+
+
+def as_listed(tools: Toolset, trial: Trial) -> TopChain:  # noqa: ARG001
+    """Return the chain in the order in which it is listed."""
+    return trial.chain.part(0)
+
+
+def as_predicted(tools: Toolset, trial: Trial) -> TopChain:
+    """Return the chain, with its own headings, in the order that is predicted to be fastest."""
+    best = refined(tools, trial).chain.order
+    return trial.chain.reordered(best).part(0)
+
+
+def _by_length(
+    tools: Toolset,
+    trial: Trial,
+    *,
+    choose: OrderChoice,
+    lengths: Lengths,
+) -> TopChain:
+    return ordered(tools.robot, trial, choose, lengths)
+
+
+_ORDERS: Mapping[str, Callable[[Toolset, Trial], TopChain]] = {
+    "listed": as_listed,
+    "nearest": partial(_by_length, choose=nearest_next, lengths=straight),
+    "straight": partial(_by_length, choose=shortest, lengths=straight),
+    "route": partial(_by_length, choose=shortest, lengths=along_routes),
+    "predicted": as_predicted,
+}
+
+
+def _order_policies() -> dict[str, Policy]:
+    """Return each choice of an order with naive and with refined headings."""
+    policies: dict[str, Policy] = {}
+    for name, order in _ORDERS.items():
+        policies[name] = partial(in_order, order=order, headings=naive)
+        policies[f"{name}_refined"] = partial(in_order, order=order, headings=refined)
+    return policies
+
+
+_ORDERED = _order_policies()
+
 POLICIES: Mapping[str, Policy] = MappingProxyType(
     {
         "naive": naive,
@@ -176,9 +237,12 @@ POLICIES: Mapping[str, Policy] = MappingProxyType(
         "refined_speed": partial(refined, opened=open_speeds),
         "gated_speed": partial(refined, opened=open_speeds, gated=True),
         "refined_place": partial(refined, opened=open_places),
+        **_ORDERED,
     }
 )
 """The policies by name. The oracle is no policy, as it executes chains."""
-_UNUSUAL = ("fixed", "arrive", "refined_place")
+ORDERS = tuple(_ORDERED)
+"""The policies that choose an order, for chains that leave it open."""
+_UNUSUAL = ("fixed", "arrive", "refined_place", *ORDERS)
 USUAL = tuple(name for name in POLICIES if name not in _UNUSUAL)
 """The default policies: a place is free in few chains, and few chains have waypoints only."""

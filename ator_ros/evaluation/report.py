@@ -37,6 +37,16 @@ MEANING: Mapping[str, str] = {
     "gated_speed": "refinement of headings and arrival speeds where the gate accepts the predicted "
     "gain",
     "refined_place": "refinement of headings, arrival speeds and places",
+    "listed": "the order as listed, naive headings",
+    "nearest": "the nearest station next, naive headings",
+    "straight": "the order with the shortest straight lines, naive headings",
+    "route": "the order with the shortest routes on the map, naive headings",
+    "predicted": "the order that is predicted to be fastest, naive headings",
+    "listed_refined": "the order as listed, refined headings",
+    "nearest_refined": "the nearest station next, refined headings",
+    "straight_refined": "the order with the shortest straight lines, refined headings",
+    "route_refined": "the order with the shortest routes on the map, refined headings",
+    "predicted_refined": "the order that is predicted to be fastest, then refined headings",
     "oracle": "the best of the executed headings",
     "oracle_speed": "the best of the executed headings and arrival speeds",
 }

@@ -7,10 +7,12 @@ import math
 from collections.abc import Iterator, Mapping
 
 from ator_ros.actions.base import ActionError
+from ator_ros.actions.goal_variables import ORDER
 from ator_ros.bases.description import Robot
 from ator_ros.execution.chain_executor import ChainExecutor
 from ator_ros.refinement import RefinementError
 from ator_ros.refinement.chain_prediction import ChainPrediction, PredictsPerformance, predict_chain
+from ator_ros.refinement.order import MOST_EXACT
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
@@ -86,10 +88,25 @@ _OPEN = frozenset({"yaw", "speed"})
 
 
 def warm_up_refinement(library: TopLibrary, refiner: Refiner) -> None:
-    """Refine chains of two steps with each TOP: compute all tables and load all compiled code."""
-    for world, chain in _chains(library):
+    """Refine chains of two steps with each TOP, and chains in open orders.
+
+    This computes all tables and loads all compiled code.
+    """
+    for world, chain in (*_chains(library), *_rounds(library)):
         with contextlib.suppress(RefinementError):  # the first request reports it
             refiner.refine(world, chain)
+
+
+def _rounds(library: TopLibrary) -> Iterator[tuple[World, TopChain]]:
+    """Yield chains in an open order, few and many steps, of a TOP that may start anywhere."""
+    for top in library.usable():
+        if top.arrives and not (top.pre.terms or top.pre.relations):
+            goal = library.goal(top, library.robot.scene.area.at(0.0, 0.0))
+            stop = TopCall(top, goal, frozenset({"yaw", ORDER}))
+            world = World(0.0, RobotState(library.robot.scene.area.at(-1.0, 0.5, 1.0)))
+            for steps in (2, MOST_EXACT + 1):
+                yield world, TopChain((stop,) * steps)
+            return
 
 
 def warm_up_actions(library: TopLibrary, predictor: Predictor) -> None:

@@ -20,6 +20,7 @@ from ator_ros.refinement.naive import naive_on_paths
 from ator_ros.tops.chain import InvalidChainError, TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.objects import at_object, at_rest, followed, has_left, is_at_front
+from ator_ros.tops.ordering import ordering_of
 from ator_ros.world.state import ObjectState, World
 
 AGAIN_AFTER = 0.15
@@ -148,7 +149,7 @@ class Refining:
         others = continuations(self._plans, self._number, chain, step, resting, self._robot)
         self._expected = resting.objects
         self._call = None
-        self.question = Question(resting, TopChain(chain.calls[step:]), step, now, others, cause)
+        self.question = Question(resting, chain.part(step), step, now, others, cause)
 
     def _deviation(self, world: World, resting: World) -> str:
         """Return which deviation from the last question exceeds `again_after`; empty if none does.
@@ -259,7 +260,7 @@ class Refining:
             return "the step was over when the answer came"
         if chosen:
             _, rest = question.others[chosen - 1]
-            chain = TopChain((*chain.calls[:step], *rest.calls))
+            chain = TopChain((*chain.part(0, step).calls, *rest.calls))
             question = dataclasses.replace(question, chain=rest)
         resting = at_rest(world, self._robot)
         chain = with_followed(chain, resting, self._robot, step=step)
@@ -349,7 +350,7 @@ def continuations(
         if other == number:
             continue
         shared = 0 < len(done) < len(plan) and all(map(_same, done, plan.calls))
-        for rest in ([TopChain(plan.calls[len(done) :])] if shared else []) + [plan]:
+        for rest in ([plan.part(len(done))] if shared else []) + [plan.part(0)]:
             moved = with_followed(rest, resting, robot)
             if not moved.violations(resting, robot):
                 found.append((other, moved))
@@ -372,17 +373,26 @@ def refined_chain(
 ) -> TopChain:
     """Return `chain`, whose goals may have moved, with the changes made by `answer`.
 
+    The order changes before the first step only.
+
     Raises
     ------
     InvalidChainError
         A change is not allowed, or the result is no valid plan from `world`.
     """
-    changes = allowed_changes(question.chain, answer, library.robot, library.ranges)
+    planned = question.chain
+    if answer.sent_as:
+        if fault := ordering_of(planned).fault(answer.sent_as):
+            raise InvalidChainError(f"order: {fault}")
+        planned = planned.reordered(answer.sent_as)
+        chain = chain.reordered(answer.sent_as)
+    changes = allowed_changes(planned, answer, library.robot, library.ranges)
     rest = [
         dataclasses.replace(call, goal=with_values(call.goal, values)) if values else call
         for call, values in zip(chain.calls[question.step :], changes, strict=True)
     ]
-    violations = TopChain(tuple(rest)).violations(world, library.robot)
+    result = dataclasses.replace(chain, calls=(*chain.calls[: question.step], *rest))
+    violations = result.part(question.step).violations(world, library.robot)
     if violations:
         raise InvalidChainError(f"no valid plan: {violations[0]}")
-    return TopChain((*chain.calls[: question.step], *rest))
+    return result

@@ -17,6 +17,7 @@ from ator_ros.actions import DEFAULT_SET
 from ator_ros.bases.description import Robot
 from ator_ros.experience.drives import CMD_VEL, ODOM, RECORDS, SHORTEST, TF, Reader
 from ator_ros.experience.records import Vocabulary
+from ator_ros.experience.repeats import without_repeats
 from ator_ros.experience.server_goals import GOAL_POSE, PLAN, STATUS_SUFFIX, status_topics
 from ator_ros.experience.store import is_store, read_store
 from ator_ros.experience.table import (
@@ -26,7 +27,6 @@ from ator_ros.experience.table import (
     count_episodes,
     join,
     read_experience,
-    without_repeats,
 )
 from ator_ros.printable import printable, quoted
 

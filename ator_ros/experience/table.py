@@ -361,23 +361,6 @@ def count_episodes(rows: pd.DataFrame) -> int:
     return len(rows[["action", "episode"]].drop_duplicates())
 
 
-def without_repeats(rows: pd.DataFrame) -> pd.DataFrame:
-    """Return the rows of a table without the episodes that equal an earlier one."""
-    if rows.empty:
-        return rows
-    codes, _ = pd.factorize(rows["action"])
-    names = np.column_stack([codes, rows["episode"]])
-    begins = np.flatnonzero(np.append(True, (names[1:] != names[:-1]).any(axis=1)))
-    hashes = pd.util.hash_pandas_object(rows.drop(columns="episode"), index=False).to_numpy()
-    known = set[bytes]()
-    kept = np.full(len(rows), True)
-    for begin, end in zip(begins, [*begins[1:], len(rows)], strict=True):
-        content = hashes[begin:end].tobytes()
-        kept[begin:end] = content not in known
-        known.add(content)
-    return rows if kept.all() else rows[kept].reset_index(drop=True)
-
-
 def library_versions() -> dict[str, str]:
     """Return the versions of Python and of libraries on which experience and models depend."""
     versions = {"python": platform.python_version()}

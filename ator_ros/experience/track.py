@@ -32,6 +32,9 @@ _BESIDE = 0.1  # s before and after a state between which its velocity is derive
 # s for which pose and twist have to contradict each other; a jump of the pose takes twice `_BESIDE`
 _LEAST_TIME = 1.0
 _JUMPS = "the pose jumps during the drive"
+_CONTRADICTS = "poses and velocities contradict each other: the pose was reset, or the robot moved"
+# m and rad by which a drive may end elsewhere than its velocities lead, besides `TWIST_TOLERANCE`
+_ELSEWHERE = (0.2, 0.4)
 WIDTH = 7  # columns of odometry
 ROUNDING = 1e-6  # s; stamps since 1970 are rounded to 0.24 us
 DIGITS = 6  # of times in s, likewise
@@ -162,9 +165,9 @@ class Track:
         return states[:, np.append(of_robot, of_objects).astype(bool)]
 
     def jump(self, robot: Robot, since: float, until: float) -> str:
-        """Return that the pose jumps between two times (s); empty if it does not.
+        """Return that the pose jumps between two times (s), or contradicts the twist.
 
-        The robot may drive faster than described: see `FASTEST`.
+        It is empty if neither holds. The robot may drive faster than described: see `FASTEST`.
         """
         times = self._times
         first = max(0, int(np.searchsorted(times, since, "right")) - 1)
@@ -176,7 +179,9 @@ class Track:
             lengths - FASTEST * robot.greatest_speed() * elapsed,
             turns - FASTEST * robot.greatest_turn_rate * elapsed,
         )
-        return _JUMPS if (beyond > _JUMP_SLACK).any() else ""
+        if (beyond > _JUMP_SLACK).any():
+            return _JUMPS
+        return _CONTRADICTS if _is_elsewhere(during) else ""
 
     def between(self, since: float, until: float) -> FloatArray:
         """Return the rows of odometry from one time (s) to another, both included."""
@@ -188,6 +193,27 @@ class Track:
         times = self._times
         during = self.odom[np.searchsorted(times, since, "right") : np.searchsorted(times, until)]
         return bool(NOT_DRIVEN.holds(np.hypot(during[:, 4], during[:, 6]), during[:, 5]).any())
+
+
+def _is_elsewhere(odom: FloatArray) -> bool:
+    """Return whether poses of a drive end elsewhere than its velocities lead."""
+    if len(odom) < 2:
+        return False
+    elapsed = np.diff(odom[:, 0])
+    speeds = (odom[1:, 4:] + odom[:-1, 4:]) / 2.0
+    along, turned, aside = (speeds * elapsed[:, None]).T
+    heading = (odom[1:, 3] + odom[:-1, 3]) / 2.0
+    x = along * np.cos(heading) - aside * np.sin(heading)
+    y = along * np.sin(heading) + aside * np.cos(heading)
+    moved = odom[-1, 1:4] - odom[0, 1:4]
+    off = math.hypot(moved[0] - x.sum(), moved[1] - y.sum())
+    off_turned = abs(moved[2] - turned.sum())
+    farthest = max(np.hypot(along, aside).sum(), math.hypot(moved[0], moved[1]))
+    most_turned = max(np.abs(turned).sum(), abs(moved[2]))
+    return bool(
+        off > _ELSEWHERE[0] + TWIST_TOLERANCE * farthest
+        or off_turned > _ELSEWHERE[1] + TWIST_TOLERANCE * most_turned
+    )
 
 
 def _correct_twists(odom: FloatArray) -> set[str]:

@@ -43,7 +43,7 @@ FROZEN = "frozen"
 # real s; a round of 20,000 episodes takes some seconds, but at the lowest priority
 _LONGEST_ROUND = 1800.0
 _MOST_WAITING = 1000  # records in memory, about 2 MB; older ones are lost
-_WRITING = 0.1  # real s of writing between which other records are taken
+_WRITING = 1.0  # real s of writing between which other records are taken
 _SHARE = 0.02  # new records, as a share of all, after which to learn again
 
 
@@ -382,10 +382,10 @@ class Learner:
 
         `fault` is why it cannot be written.
         """
-        end = time.monotonic() + within
         try:
             if not self._store.is_in_place():
                 self._open_again()
+            end = time.monotonic() + within
             while self._waiting and time.monotonic() <= end:
                 self._write_oldest()
             if not self._is_saved:

@@ -401,16 +401,16 @@ class ExecutorNode(Node):
         """
         ending = supervisor.ending
         remark = self._motion.remark
-        if ending is Ending.BASE_FAULT:
-            return self._motion.cause or self._delay_problem() or self._commands.cause()
-        if ending is Ending.OUT_OF_BOUNDS:
-            return self._diagnosis.senders_problem()  # their poses may seem to be motion
         if ending is Ending.SUCCEEDED:
             return remark
+        judged = (Ending.BASE_FAULT, Ending.OUT_OF_BOUNDS, Ending.FAILED, Ending.INPUT_LOST)
+        if ending in judged and (several := self._diagnosis.senders_problem()):
+            return several  # their states may seem to be motion, or stamps that go back
+        if ending is Ending.BASE_FAULT:
+            return self._motion.cause or self._delay_problem() or self._commands.cause()
         if ending is Ending.FAILED:
             return (
-                self._diagnosis.senders_problem()
-                or self._delay_problem()
+                self._delay_problem()
                 or self._diagnosis.rate_problem("odom", self._odom_timeout)
                 or supervisor.gap_problem
                 or remark
@@ -420,7 +420,7 @@ class ExecutorNode(Node):
         if self._world is None or time.monotonic() - self._odom_at > 0.5 * self._odom_timeout:
             return self._missing_cause("odom")
         lost = missing_in(supervisor.executor.chain.calls, self._world)
-        return self._missing_cause(lost[0]) if lost else self._diagnosis.senders_problem()
+        return self._missing_cause(lost[0]) if lost else ""
 
     def _missing_cause(self, name: str) -> str:
         timeout = self._odom_timeout if name == "odom" else self._settings[f"{name}_timeout"]

@@ -127,11 +127,13 @@ class GoalRun:
         if not self.handle.is_active or not is_due:
             return
         self._feedback = step_and_phase, now
+        chain = supervisor.executor.chain
         status = phase if supervisor.reason == phase else f"{phase}: {supervisor.reason}"
         feedback = ExecuteChain.Feedback(
             chain_id=self._id,
-            step=supervisor.executor.index,
-            steps=len(supervisor.executor.chain),
+            step=chain.order[supervisor.executor.index],
+            order=chain.order,
+            steps=len(chain),
             top=supervisor.executor.call.top.name,
             status=f"{status} ({supervisor.refining.reason})"
             if supervisor.refining.wanted
@@ -201,6 +203,7 @@ class GoalRun:
         except MessageError as error:
             supervisor.answer(Answer(None, False, str(error)))
         else:
+            chain = dataclasses.replace(chain, sent_as=messages.order_from(answer.order))
             supervisor.answer(Answer(chain, answer.refined, reason, chosen=answer.chosen))
 
     def new_records(self) -> list[ActionPerformance]:
@@ -219,7 +222,7 @@ class GoalRun:
         return ActionPerformance(
             header=end.header,
             chain_id=self._id,
-            step=record.index,
+            step=record.chain.order[record.index],
             steps=len(record.chain),
             action=call.top.action,
             action_set=self._library.action_set,
@@ -263,6 +266,7 @@ class GoalRun:
             header=situation_of(world, frame=frame).header,
             chain_id=self._id,
             chain=messages.chain_of(chain, action_set=self._library.action_set, frame=frame),
+            order=chain.order,
             start=situation_of(supervisor.start or world, frame=frame),
             refined=supervisor.refining.refined,
             refinement=one_line(supervisor.refining.reason),

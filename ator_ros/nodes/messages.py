@@ -21,7 +21,7 @@ from ator_interfaces.action import ExecuteChain
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.actions.base import Goal
-from ator_ros.actions.goal_variables import GOAL_VARIABLES, goal_values, wrong_values
+from ator_ros.actions.goal_variables import GOAL_VARIABLES, ORDER, goal_values, wrong_values
 from ator_ros.execution.fence import Fence
 from ator_ros.geometry import Pose, quaternion_from_yaw
 from ator_ros.planning.goals import MOST_STATEMENTS, GoalStatement, Unspecified
@@ -38,9 +38,10 @@ from ator_ros.refinement.refiner import (
     Selection,
     SubgoalCurve,
 )
-from ator_ros.tops.chain import EVERYTHING, TopCall, TopChain
+from ator_ros.tops.chain import EVERYTHING, InvalidChainError, TopCall, TopChain
 from ator_ros.tops.conditions import Condition, Region
 from ator_ros.tops.library import LeftOutError, TopLibrary
+from ator_ros.tops.ordering import ordering_of
 from ator_ros.world import readers as checks
 from ator_ros.world.grid_map import GridMap, map_of_grid
 from ator_ros.world.readers import FARTHEST, MessageError, goal_pose_from, pose_from
@@ -207,10 +208,20 @@ def chain_from(
     """Read a chain with goals in `frame`; raises MessageError also if it leads out of the fence."""
     checks.count(chain.calls, f"{where}.calls", least=1, most=LONGEST_CHAIN)
     read = TopChain(tuple(calls_from(chain.calls, library, frame=frame, where=f"{where}.calls")))
+    try:
+        ordering_of(read)
+    except InvalidChainError as error:
+        raise MessageError(f"{where}: {error}") from None
     violation = None if fence is None else fence.violation(read, library.robot, where)
     if violation is not None:
         raise MessageError(violation)
     return read
+
+
+def order_from(order: Iterable[int]) -> tuple[int, ...]:
+    """Read the order of a refined chain; empty if it is that of the chain as sent."""
+    read = tuple(map(int, order))
+    return () if read == tuple(range(len(read))) else read
 
 
 def alternatives_from(
@@ -251,9 +262,9 @@ def _call_from(call: msg.TopCall, library: TopLibrary, frame: str, where: str) -
     if wrong := wrong_values(goal, library.goal_variables(top)):
         raise MessageError(f"{where}.values: {wrong}")
     opened = checks.names(
-        call.open, f"{where}.open", allowed=(*GOAL_VARIABLES, *goal.values, EVERYTHING)
+        call.open, f"{where}.open", allowed=(*GOAL_VARIABLES, *goal.values, ORDER, EVERYTHING)
     )
-    read = TopCall(top, goal, opened)
+    read = TopCall(top, goal, opened, tuple(sorted({int(index) for index in call.after})))
     if unmet := read.contradictions(library.robot):
         raise MessageError(
             f"{where}.goal ({top.name}): expected a goal at which its post-condition holds: "
@@ -271,7 +282,12 @@ def chain_of(chain: TopChain, *, action_set: str, frame: str) -> msg.TopChain:
 
 def call_of(call: TopCall, *, frame: str) -> msg.TopCall:
     """Write one step of a chain."""
-    message = msg.TopCall(top=call.top.name, speed=float(call.goal.speed), open=sorted(call.open))
+    message = msg.TopCall(
+        top=call.top.name,
+        speed=float(call.goal.speed),
+        open=sorted(call.open),
+        after=call.after,
+    )
     message.goal.header.frame_id = frame
     message.goal.pose = pose_of(call.goal.pose)
     values = call.goal.values.items()
@@ -360,6 +376,9 @@ def answer_of(
         reason=one_line(reason),
         chain=chain_of(refinement.chain, action_set=action_set, frame=frame),
         original=chain_of(refinement.original, action_set=action_set, frame=frame),
+        order=refinement.chain.order,
+        original_order=refinement.original.order,
+        best_order=refinement.best.order,
         free=_free_variables(refinement),
         not_free=[
             msg.NotFree(subgoal=n.subgoal, name=n.name, reason=one_line(n.reason))
@@ -397,6 +416,7 @@ def _alternative(
         complete=judged.complete,
         reason=one_line(judged.reason),
         chain=chain_of(judged.chain, action_set=action_set, frame=frame),
+        order=judged.chain.order,
         predicted=chain_performance_of(judged.predicted),
         cost=judged.predicted.cost,
     )
@@ -443,14 +463,14 @@ def gain_of(
 
 
 def _free_variables(refinement: Refinement) -> list[msg.FreeVariable]:
-    chains = refinement.original, refinement.best
-    before, after = ([goal_values(call.goal) for call in chain.calls] for chain in chains)
+    before = refinement.original
+    after = refinement.best
     return [
         msg.FreeVariable(
             subgoal=variable.subgoal,
             name=variable.name,
-            before=before[variable.subgoal][variable.name],
-            after=after[variable.subgoal][variable.name],
+            before=goal_values(before.sent(variable.subgoal).goal)[variable.name],
+            after=goal_values(after.sent(variable.subgoal).goal)[variable.name],
             low=variable.domain.low,
             high=variable.domain.high,
             limits=_bounded(variable.limits),

@@ -88,7 +88,7 @@ PARAMETERS = (
     ),
     Parameter(
         "deadline",
-        0.05,
+        1.0,
         "s of CPU time, with `planner` of real time, after which the best chain is the answer",
         0.001,
         _LONGEST_DEADLINE,

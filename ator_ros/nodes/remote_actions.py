@@ -30,6 +30,10 @@ from ator_ros.world.state import STOP, World
 
 _REQUESTS = 6  # requests to a server within its longest silence
 _LEAST_PERIOD = 0.05  # real s between two of them
+# real s between cancellations of a goal that a server may yet accept, and the answers after which a
+# server that does not know it will not
+_CANCEL_PERIOD = 0.5
+_MOST_UNKNOWN = 4
 # s, by the stamps and in real time, after a result: a state from localization is up to 0.3 s old,
 # and the robot may still brake
 _NEWER = 0.5
@@ -213,6 +217,7 @@ class RemoteServer:
         self._node = node
         self._present_at = -math.inf  # real s
         self._released: RemoteGoal | None = None
+        self._unanswered: list[RemoteGoal] = []  # released before the server accepted them
         self._cancel_deadline = 0.0  # real s; for the end of `_released`
         self._warn = warn
         try:
@@ -269,6 +274,8 @@ class RemoteServer:
         """
         if not sent.release():
             return
+        if sent.accepted is None:
+            self._unanswered.append(sent)
         if self.present():
             self._released = sent
             self._cancel_deadline = time.monotonic() + self.timeouts.cancel
@@ -298,8 +305,11 @@ class RemoteServer:
     def check(self) -> None:
         """Cancel all goals of the servers `cancel_too` if this server has ignored a cancellation.
 
-        Its goal is not tracked any more then.
+        Its goal is not tracked any more then. A goal that it has not answered is canceled until it
+        cannot be accepted any more: a server that was frozen may do so later, and its answer may be
+        lost.
         """
+        self._unanswered = [sent for sent in self._unanswered if sent.is_canceled_again()]
         if self._is_canceling() and time.monotonic() > self._cancel_deadline:
             self.stop()
             self._warn(
@@ -334,13 +344,19 @@ class RemoteGoal:
         self.result: Any = None
         self._handle: ClientGoalHandle | None = None
         self._released = False
+        self._cancellation = cancel_request_for_unknown_goal()
+        self._canceled_at = -math.inf  # real s
+        self._unknown = 0  # answers to cancellations of servers that do not know the goal
         self._cancel = cancel
         self._period = max(silence / _REQUESTS, _LEAST_PERIOD)
         self._request: Future | None = None
         self._has_answered = False
         self._silence = 0.0
         self._checked_at = self._requested_at = math.inf
-        sent = client.send_goal_async(message, feedback_callback=lambda _: self._reset_silence())
+        goal_id = self._cancellation.goal_info.goal_id
+        sent = client.send_goal_async(
+            message, feedback_callback=lambda _: self._reset_silence(), goal_uuid=goal_id
+        )
         sent.add_done_callback(self._take_answer)
 
     @property
@@ -359,6 +375,26 @@ class RemoteGoal:
         if self._handle is not None and not self.over:
             self._handle.cancel_goal_async()
         return not self.over
+
+    def is_canceled_again(self) -> bool:
+        """Cancel the goal again if it may yet be accepted; return whether it may."""
+        if self.accepted is not None or self._unknown >= _MOST_UNKNOWN:
+            return False
+        now = time.monotonic()
+        if now - self._canceled_at >= _CANCEL_PERIOD and self._cancel.service_is_ready():
+            self._canceled_at = now
+            if self._request is not None:
+                self._cancel.remove_pending_request(self._request)
+            self._request = self._cancel.call_async(self._cancellation)
+            self._request.add_done_callback(self._take_canceled)
+        return True
+
+    def _take_canceled(self, answer: Future) -> None:
+        code = answer.result().return_code
+        if code == CancelGoal.Response.ERROR_UNKNOWN_GOAL_ID:
+            self._unknown += 1
+        elif code != CancelGoal.Response.ERROR_REJECTED:
+            self._unknown = _MOST_UNKNOWN
 
     def silence(self) -> float:
         """Return the real s without a sign of life; 0 for a server that has never answered."""

@@ -9,19 +9,24 @@ from typing import Any
 from ator_ros.printable import listed, one_line, printable
 
 _MOST_CHANGES = 4  # in the line; "and 2 more" stands for the others
+_MOST_STEPS = 12  # of an order
 _MOST_REASON = 150  # characters
 
 
 def changes_of(answer: Any) -> list[str]:
-    """Return what an answer of refinement changed, a text for each free variable."""
+    """Return what an answer of refinement changed: the order, and each free variable."""
     if not answer.refined:
         return []
-    calls = answer.chain.calls
-    return [
-        f"{_change(free)} at step {free.subgoal + 1} ({printable(calls[free.subgoal].top)})"
+    order = list(answer.order) or list(range(len(answer.chain.calls)))
+    tops = {index: call.top for index, call in zip(order, answer.chain.calls, strict=False)}
+    changes = [
+        f"{_change(free)} at step {free.subgoal + 1} ({printable(tops[free.subgoal])})"
         for free in answer.free
-        if free.subgoal < len(calls) and free.after != free.before
+        if free.subgoal in tops and free.after != free.before
     ]
+    if order != sorted(order):
+        changes.insert(0, f"order {listed([str(index + 1) for index in order], _MOST_STEPS)}")
+    return changes
 
 
 def _change(free: Any) -> str:

@@ -133,7 +133,7 @@ def ring(chain: TopChain, curve: SubgoalCurve) -> tuple[Segments, ...]:
     headings, costs = costs_by_heading(curve)
     if len(headings) < 3:
         return ()
-    pose = chain.calls[curve.subgoal].goal.pose
+    pose = chain.sent(curve.subgoal).goal.pose
     least = float(costs.min())
     most = float(costs.max())
     shares = (costs - least) / (most - least) if most > least else np.zeros(len(costs))

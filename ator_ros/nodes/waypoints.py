@@ -6,7 +6,7 @@ import importlib
 import itertools
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from functools import cache, partial
 from typing import Any
@@ -22,6 +22,7 @@ from rclpy.task import Future
 from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import Outcome
 from ator_interfaces.msg import TopChain as ChainMessage
+from ator_ros.actions.goal_variables import ORDER
 from ator_ros.bases.description import Robot
 from ator_ros.domains.domain import Domain
 from ator_ros.geometry import Pose
@@ -45,6 +46,7 @@ from ator_ros.nodes.qos import ACTION_QUEUES
 from ator_ros.nodes.remote_messages import action_type
 from ator_ros.nodes.subscriptions import Subscriptions
 from ator_ros.printable import one_line, quoted
+from ator_ros.refinement.refiner import LONGEST_CHAIN
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.world.readers import (
     FrameError,
@@ -55,15 +57,13 @@ from ator_ros.world.readers import (
 )
 from ator_ros.world.state import RobotState
 
-# Searches of 8 steps take 17 to 35 ms (docs/refinement.md): within refinement's default deadline of
-# 50 ms also on a machine that is half as fast.
-_MAX_CHAIN_STEPS = 8
 _PERIOD = 0.1  # real s between two checks of awaited conditions and of the executor
 _INPUT_TIMEOUT = 1.0  # real s until a map counts as missing, and the frame of a pose as unknown
 _SERVER_TIMEOUT = 3.0  # real s until the executor counts as missing; DDS may still be connecting it
 _MOST_WAYPOINTS = 2000  # a goal; three hours of drives of 5 s
 _BLOCK = 50  # poses that are read at once: 5 ms, after which other messages are processed
-_FREE = frozenset({"yaw"})
+GIVEN = "given"
+OPEN = "open"
 
 # Nav2's error codes; Jazzy lacks constants for some of them. 0 means no error.
 _FW_UNKNOWN, _FW_NO_VALID_WAYPOINTS, _FW_STOP_ON_MISSED_WAYPOINT = 600, 602, 603  # FollowWaypoints
@@ -93,6 +93,20 @@ PARAMETERS = (
         live=True,
     ),
     Parameter(
+        "order",
+        GIVEN,
+        "open: refinement chooses the order of the waypoints, in each round anew",
+        choices=(GIVEN, OPEN),
+        live=True,
+    ),
+    Parameter(
+        "keep_last",
+        True,
+        "whether the last waypoint of a tour keeps its place if the order is open",
+        live=True,
+    ),
+    Parameter("return_home", False, "whether a tour ends at the pose in which it began", live=True),
+    Parameter(
         "stop_on_failure", True, "whether follow_waypoints ends at the first missed one", live=True
     ),
 )
@@ -101,11 +115,12 @@ PARAMETERS = (
 class WaypointGoal:
     """A goal of FollowWaypoints (`is_follow_waypoints`) or NavigateThroughPoses, and its progress.
 
-    A *leg* is the drive to one waypoint. The legs of all loops are numbered consecutively: `leg` is
-    the current one, `end` the one after the last. `poses` are the waypoints as sent, `targets` by
-    index those that can be driven to, in the node's frame. `pace` is the time in s per m along
-    straight lines that is expected before the first prediction. A newer goal has a greater
-    `number`.
+    A *leg* is the drive to one waypoint. The legs of all loops are numbered consecutively, as sent:
+    `leg` is the current one, `first` the first one that is not done, `end` the one after the last,
+    which leads to `home` if the robot shall return to where it began. `poses` are the waypoints as
+    sent, `targets` by index those that can be driven to, in the node's frame. `pace` is the time in
+    s per m along straight lines that is expected before the first prediction. A newer goal has a
+    greater `number`.
     """
 
     def __init__(self, handle: ServerGoalHandle, kind: Any, *, pace: float, number: int) -> None:
@@ -116,7 +131,9 @@ class WaypointGoal:
         self.is_follow_waypoints = loops = hasattr(request, "number_of_loops")
         self.poses: list[PoseStamped] = list(request.poses)
         self.targets: dict[int, Pose] = {}
-        self.leg = request.goal_index if loops else 0
+        self.leg = self.first = request.goal_index if loops else 0
+        self._done: set[int] = set()  # legs after the first one
+        self.home: Pose | None = None
         self.end = len(self.poses) * (1 + request.number_of_loops if loops else 1)
         self._missed: dict[int, int] = {}  # error codes by index of the waypoint
         self._start_time = math.nan  # s, by odometry's stamps
@@ -134,12 +151,37 @@ class WaypointGoal:
         """The error code for reasons without one of their own."""
         return _FW_UNKNOWN if self.is_follow_waypoints else _POSES_UNKNOWN
 
-    def next_legs(self) -> list[int]:
-        """Return the legs of the next chain; none at the end."""
-        legs = (
-            leg for leg in range(self.leg, self.end) if self.waypoint_index(leg) in self.targets
+    def target(self, leg: int) -> Pose:
+        """Return the pose at the end of a leg."""
+        if leg == self.end and self.home is not None:
+            return self.home
+        return self.targets[self.waypoint_index(leg)]
+
+    def next_legs(self, *, one_round: bool) -> list[int]:
+        """Return the legs of the next chain; none at the end.
+
+        With `one_round` a chain ends where the next round begins.
+        """
+        count = len(self.poses)
+        end = min(self.end, count * (self.first // count + 1)) if one_round else self.end
+        left = (
+            leg
+            for leg in range(self.first, end)
+            if leg not in self._done and self.waypoint_index(leg) in self.targets
         )
-        return list(itertools.islice(legs, _MAX_CHAIN_STEPS))
+        legs = list(itertools.islice(left, LONGEST_CHAIN))
+        if end == self.end and self.home is not None and self.end not in self._done:
+            legs.append(self.end)
+        return legs[:LONGEST_CHAIN]
+
+    def finish_legs(self, legs: Iterable[int]) -> None:
+        """Record legs that are not driven again."""
+        self._done.update(legs)
+        while self.first < self.end and (
+            self.first in self._done or self.waypoint_index(self.first) not in self.targets
+        ):
+            self._done.discard(self.first)
+            self.first += 1
 
     def miss(self, index: int, reason: str, *, frame: bool = False) -> tuple[int, str]:
         """Record a missed waypoint; return error code and reason of a goal that ends there.
@@ -160,10 +202,12 @@ class WaypointGoal:
         `executed` is the feedback of the chain of `legs`, `pose` the robot's in `frame_id`, `now`
         its stamp.
         """
+        order = [legs[index] for index in executed.order if index < len(legs)] or list(legs)
         self.leg = legs[min(executed.step, len(legs) - 1)]
         if self.is_follow_waypoints:
+            last = min(self.leg, self.end - 1)  # also on the way home
             self.handle.publish_feedback(
-                self._kind.Feedback(current_waypoint=self.waypoint_index(self.leg))
+                self._kind.Feedback(current_waypoint=self.waypoint_index(last))
             )
             return
         self._start_time = now if math.isnan(self._start_time) else self._start_time
@@ -171,14 +215,16 @@ class WaypointGoal:
             places = [self.targets[leg] for leg in range(self.end)]
             steps = (start.distance(end) for start, end in itertools.pairwise(places))
             self._lengths = list(itertools.accumulate(steps, initial=0.0))
-        to_next = pose.distance(self.targets[self.leg])
-        chain = to_next + self._lengths[legs[-1]] - self._lengths[self.leg]
-        later = self._lengths[-1] - self._lengths[legs[-1]]
+        left = order[order.index(self.leg) :]
+        stops = [pose, *map(self.target, left)]
+        chain = sum(start.distance(end) for start, end in itertools.pairwise(stops))
+        last = min(max(legs), self.end - 1)
+        later = self._lengths[-1] - self._lengths[last]
         predicted = executed.predicted_remaining
         # at first it is that of the chain as sent
         if executed.elapsed == 0.0 or math.isnan(predicted):
             predicted = self._pace * chain
-        elif self.leg == legs[0] and chain > 0.0:
+        elif self.leg == order[0] and chain > 0.0:
             self._pace = predicted / chain
         feedback = self._kind.Feedback(
             navigation_time=Duration(seconds=max(0.0, now - self._start_time)).to_msg(),
@@ -186,7 +232,7 @@ class WaypointGoal:
                 seconds=max(0.0, predicted + self._pace * later)
             ).to_msg(),
             distance_remaining=chain + later,
-            number_of_poses_remaining=self.end - self.leg,
+            number_of_poses_remaining=self.end - 1 - last + sum(leg < self.end for leg in left),
         )
         feedback.current_pose.header.stamp = stamp_of(now)
         feedback.current_pose.header.frame_id = frame_id
@@ -221,8 +267,10 @@ class WaypointGoal:
 class WaypointsNode(Node):
     """Drives along waypoints as Nav2 does, with headings that refinement chooses.
 
-    The poses of a goal become chains of the domain's TOP that drives to a pose, of at most 8 steps
-    each. All headings are free except those of `keep_headings` and that of the last pose.
+    The poses of a goal become one chain of the domain's TOP that drives to a pose, or several if
+    they are very many. All headings are free except those of `keep_headings` and that of the last
+    pose. With the parameter `order` their order is free, too. Feedback and results count waypoints
+    as they were sent.
 
     Action servers
         ~/follow_waypoints (nav2_msgs/FollowWaypoints), ~/navigate_through_poses
@@ -360,7 +408,13 @@ class WaypointsNode(Node):
                 lambda: all(self._tf.base(self._frame, each) for each in frames), _INPUT_TIMEOUT
             )
         origin_in = cache(partial(self._tf.base, self._frame))
-        keep_heading = self._kept_headings(goal) | {goal.waypoint_index(goal.end - 1)}
+        if self._settings["return_home"]:
+            if not await self._wait_for(lambda: self._robot_pose is not None, _INPUT_TIMEOUT):
+                return goal.unknown_error, "return_home: expected the robot's pose, got none"
+            goal.home = None if self._robot_pose is None else self._robot_pose[1]
+        keep_heading = self._kept_headings(goal)
+        if self._is_kept(goal, goal.end - 1):
+            keep_heading = keep_heading | {goal.waypoint_index(goal.end - 1)}
         previous = Pose(0.0, 0.0, 0.0) if self._robot_pose is None else self._robot_pose[1]
         end = 0, ""
         for number, index in enumerate(sorted(used), start=1):
@@ -413,10 +467,8 @@ class WaypointsNode(Node):
             raise MessageError(violation)
         return pose
 
-    def _call(self, pose: Pose, *, free: bool = False) -> TopCall:
-        return TopCall(
-            self._top, self._library.goal(self._top, pose), _FREE if free else frozenset()
-        )
+    def _call(self, pose: Pose, opened: Iterable[str] = ()) -> TopCall:
+        return TopCall(self._top, self._library.goal(self._top, pose), frozenset(opened))
 
     def _kept_headings(self, goal: WaypointGoal) -> set[int]:
         """Return the indices of the waypoints that keep their heading in each round."""
@@ -425,14 +477,30 @@ class WaypointsNode(Node):
             index % count for index in self._settings["keep_headings"] if -count <= index < count
         }
 
+    @property
+    def _is_open(self) -> bool:
+        """Whether the order of the waypoints is open."""
+        return bool(self._settings["order"] == OPEN)
+
+    def _is_kept(self, goal: WaypointGoal, leg: int) -> bool:
+        """Return whether a leg ends the tour, and so keeps its place and its heading."""
+        if leg == goal.end:
+            return True
+        is_last = leg == goal.end - 1 and goal.home is None
+        return is_last and (self._settings["keep_last"] or not self._is_open)
+
     def _chain(self, goal: WaypointGoal, legs: Sequence[int]) -> ChainMessage:
         calls = []
         kept = self._kept_headings(goal)
         for leg in legs:
-            index = goal.waypoint_index(leg)
-            calls.append(
-                self._call(goal.targets[index], free=index not in kept and leg < goal.end - 1)
-            )
+            opened = set()
+            if not self._is_kept(goal, leg):
+                if goal.waypoint_index(leg) not in kept:
+                    opened.add("yaw")
+                keeps_place = leg == goal.end - 1 and self._settings["keep_last"]
+                if self._is_open and not keeps_place:
+                    opened.add(ORDER)
+            calls.append(self._call(goal.target(leg), opened))
         return chain_of(TopChain(tuple(calls)), action_set="", frame=self._frame)
 
     async def _execute_chains(self, goal: WaypointGoal) -> tuple[int, str]:
@@ -441,7 +509,7 @@ class WaypointsNode(Node):
         Return error code and reason, or 0 and "" after the last chain.
         """
         unknown = goal.unknown_error
-        while legs := goal.next_legs():
+        while legs := goal.next_legs(one_round=self._is_open):
             if not await self._wait_for(self._chains.is_ready, _SERVER_TIMEOUT):
                 return unknown, NO_EXECUTOR
             if reason := self._interruption(goal):
@@ -451,24 +519,27 @@ class WaypointsNode(Node):
             result = await goal.chain.result
             outcome = result.outcome
             if outcome.code == Outcome.SUCCEEDED:
-                goal.leg = legs[-1] + 1
+                goal.finish_legs(legs)
                 continue
             if reason := self._interruption(goal):
                 return unknown, reason
             if outcome.code == Outcome.REFUSED:
                 return unknown, one_line(outcome.reason)
-            reached = [
-                each.step
+            reached = {
+                legs[each.step]
                 for each in result.record.actions
                 if each.outcome.code == Outcome.SUCCEEDED
-            ]
-            goal.leg = legs[min(max(reached, default=-1) + 1, len(legs) - 1)]
+            }
+            order = [legs[index] for index in result.record.order] or legs
+            goal.leg = next((leg for leg in order if leg not in reached), order[-1])
+            if goal.leg == goal.end:
+                return unknown, one_line(f"return_home: {outcome.reason}")
             index = goal.waypoint_index(goal.leg)
             end = goal.miss(index, f"poses[{index}]: {outcome.reason}")
             continues = goal.is_follow_waypoints and not self._settings["stop_on_failure"]
             if outcome.code != Outcome.FAILED or not continues:
                 return end
-            goal.leg += 1
+            goal.finish_legs({*reached, goal.leg})
         return 0, ""
 
     def _interruption(self, goal: WaypointGoal) -> str:

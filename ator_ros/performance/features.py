@@ -196,10 +196,14 @@ def _route_time(geometry: Geometry) -> FloatArray:
 
 
 ROUTE_FEATURES = (
-    Feature("route_length", "m", variables(_PLACES), lambda g: g.once(_on_route)[0]),
+    ROUTE_LENGTH := Feature(
+        "route_length", "m", variables(_PLACES), lambda g: g.once(_on_route)[0]
+    ),
     Feature("route_turn", "rad", variables(_PLACES), lambda g: g.once(_on_route)[1]),
     Feature("route_clearance", "m", variables(_PLACES), lambda g: g.once(_on_route)[2]),
-    Feature("route_angle_to", "rad", variables(_POSES), lambda g: g.once(_on_route)[3]),
+    ROUTE_ANGLE_TO := Feature(
+        "route_angle_to", "rad", variables(_POSES), lambda g: g.once(_on_route)[3]
+    ),
     ROUTE_ANGLE_AT := Feature(
         "route_angle_at", "rad", variables(_PLACES), lambda g: g.once(_on_route)[4]
     ),

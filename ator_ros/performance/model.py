@@ -18,6 +18,7 @@ from ator_ros.geometry import FloatArray
 from ator_ros.performance.derived import ANGLE_BETWEEN, DIST, RESTS, Geometry
 from ator_ros.performance.error_process import ErrorProcess
 from ator_ros.performance.features import Feature, declared_by, derived_from
+from ator_ros.performance.held_up import NOT_HELD_UP, HeldUp
 from ator_ros.performance.tree.nodes import ModelTree, RuleWriter
 from ator_ros.schema import Within
 from ator_ros.world.state import CONTROL_PERIOD
@@ -48,6 +49,9 @@ class Prediction:
         Expected errors at the end in m and rad.
     error_of_sum : tuple of ndarray or None
         Expected errors in s of signed sums of the durations, and their variances in s².
+    bound : ndarray or None
+        What nine of ten drives take at most in s, those included that are held up. It is predicted
+        with the spread.
     """
 
     duration: FloatArray | None = None
@@ -57,6 +61,7 @@ class Prediction:
     accuracy: FloatArray | None = None
     heading: FloatArray | None = None
     error_of_sum: tuple[FloatArray, FloatArray] | None = None
+    bound: FloatArray | None = None
 
 
 @dataclass(frozen=True)
@@ -119,6 +124,8 @@ class PerformanceModel:
         Its errors on episodes that it was not learned from; None: any error is possible.
     arrival : Arrival or None
         Where it ends, if the robot stands at its start and end; None: at the goal.
+    held_up : HeldUp
+        How often, and how long, its drives were held up; trees predict the others.
     """
 
     action: str
@@ -130,6 +137,7 @@ class PerformanceModel:
     at_goal: AtGoal | None = UNOBSERVED
     errors: ErrorProcess | None = None
     arrival: Arrival | None = None
+    held_up: HeldUp = NOT_HELD_UP
 
     @cached_property
     def used_features(self) -> tuple[str, ...]:
@@ -184,8 +192,8 @@ class PerformanceModel:
                 if "duration" in measures or "spread" in measures:
                     fields |= self._durations(geometry, with_spread="spread" in measures)
             elif name in measures:
-                highest = 1.0 if name == "success" else None
-                fields[name] = np.clip(self._values(geometry, tree), 0.0, highest)
+                highest = 1.0 if name == "success" else math.inf
+                fields[name] = self._values(geometry, tree, highest)
         error = None
         if signs is not None:
             nothing = np.zeros(signs.shape[:-1])
@@ -193,7 +201,10 @@ class PerformanceModel:
             if self.errors is not None:
                 rows = self._rows(geometry, self.errors.features)
                 error = self.errors.of_sum(rows.T, signs)
-        return Prediction(**fields, error_of_sum=error)
+        bound = None
+        if "spread" in measures:
+            bound = self.held_up.bound(fields["duration"], fields["spread"])
+        return Prediction(**fields, error_of_sum=error, bound=bound)
 
     def _durations(self, geometry: Geometry, *, with_spread: bool) -> dict[str, FloatArray]:
         """Return durations, within the bounds of their leaves, and noise and spread if wanted."""
@@ -210,10 +221,11 @@ class PerformanceModel:
             _write_at_goal(geometry.rows, place, result, (duration, noise, spread))
         return {"duration": duration, "noise": noise, "spread": spread}
 
-    def _values(self, geometry: Geometry, tree: ModelTree) -> FloatArray:
+    def _values(self, geometry: Geometry, tree: ModelTree, highest: float) -> FloatArray:
+        """Return the predictions of a tree, from 0 to `highest`."""
         if tree.constant is not None:
-            return np.full(len(geometry.dist), tree.constant)
-        return tree.evaluate(self._rows(geometry, tree.names))[0]
+            return np.full(len(geometry.dist), min(max(tree.constant, 0.0), highest))
+        return tree.evaluate(self._rows(geometry, tree.names))[0].clip(0.0, highest)
 
     def rules(self, measure: str = "duration") -> str:
         """Return the rules of a measure in the paper's form, one a line, after what they share."""

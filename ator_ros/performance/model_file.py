@@ -18,6 +18,7 @@ from ator_ros.bases.interface import Driving
 from ator_ros.files import FileError, is_name, load, save
 from ator_ros.performance.error_process import ErrorProcess
 from ator_ros.performance.features import ROUTE_FEATURES, Feature, base_features, names_of
+from ator_ros.performance.held_up import NOT_HELD_UP, HeldUp
 from ator_ros.performance.model import MEASURES, Arrival, AtGoal, PerformanceModel
 from ator_ros.performance.tree.storage import StoredTree, restored, stored
 from ator_ros.printable import printable, quoted
@@ -46,6 +47,7 @@ class _ModelFile:
     errors: ErrorProcess | None
     driving: dict[str, Any] | None = None
     arrival: Arrival | None = None
+    held_up: HeldUp = NOT_HELD_UP
 
     def __post_init__(self) -> None:
         """Check what depends on several fields, and numbers that are read later."""
@@ -122,6 +124,7 @@ def save_model(path: Path | str, model: PerformanceModel) -> None:
         driving=None if model.driving is None else unstructured(model.driving),
         errors=model.errors,
         arrival=model.arrival,
+        held_up=model.held_up,
     )
     save(path, KIND, file, compact=("errors",))
 
@@ -178,8 +181,18 @@ def load_model(
     names = ("action", "action_set", "robot_digest", "training", "versions", "accuracy")
     metadata = {name: getattr(file, name) for name in names}
     trees = {measure: restored(tree) for measure, tree in file.trees.items()}
-    observed = (_driving_of(file, robot, path), file.at_goal, file.errors, file.arrival)
-    return PerformanceModel(file.action, robot, trees, named, metadata, *observed)
+    return PerformanceModel(
+        file.action,
+        robot,
+        trees,
+        named,
+        metadata,
+        driving=_driving_of(file, robot, path),
+        at_goal=file.at_goal,
+        errors=file.errors,
+        arrival=file.arrival,
+        held_up=file.held_up,
+    )
 
 
 def _driving_of(file: _ModelFile, robot: Robot, path: Path | str) -> Driving | None:

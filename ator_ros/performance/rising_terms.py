@@ -68,7 +68,7 @@ _ROUNDS = 3
 # s between the rows of drives: smaller residuals are never clipped, and lengths that differ by less
 # than a robot drives in it show no slope
 _SAMPLING = 0.1
-_ROUNDING = 1e-9  # slopes that are rounded zeros
+_ROUNDING = 1e-9  # slopes, and ranges of segments, that are rounded zeros
 # A segment is driven if so many drives reach so far into it, in rad, or half through it.
 _DRIVES = 3
 _REACH = math.radians(5.0)
@@ -169,6 +169,7 @@ def _fitted(
         least_noise += [_SAMPLING if len(bends) == 1 else TIMING] * len(bends)
     all_segments = np.hstack(by_feature)
     centered = all_segments - all_segments.mean(axis=0)
+    centered[:, np.ptp(all_segments, axis=0) < _ROUNDING] = 0.0  # else rounding errors get slopes
     target = durations - durations.mean()
     noise = _SAMPLING
     for _ in range(_ROUNDS):

@@ -26,6 +26,7 @@ from ator_ros.performance.features import (
     GENERAL,
     PATHS,
     ROUTE_ANGLE_AT,
+    ROUTE_TIME,
     Feature,
     base_features,
     declared_by,
@@ -33,6 +34,7 @@ from ator_ros.performance.features import (
     names_of,
     suited,
 )
+from ator_ros.performance.held_up import clipped, describe_held_up, find_held_up
 from ator_ros.performance.model import (
     UNOBSERVED,
     Arrival,
@@ -73,6 +75,8 @@ _FASTER_SHARE = 0.05
 _FASTER_BY = 0.25
 # Whole durations are learned if the mean error by parts is more than this multiple of theirs.
 _MOST_BY_PARTS = 4.0 / 3.0
+# Trees that are learned at most until the drives that were held up are the same twice.
+_MOST_ROUNDS = 5
 _COLUMNS = {
     "duration": "duration",
     "success": "success",
@@ -93,18 +97,23 @@ _TURNED = 0.5  # rad, least turn at the goal for which the angle that is left is
 _ALIKE = 0.15  # greatest difference in s of durations that count as the same there: three ticks
 
 
+class WorseThanMeanError(ExperienceError):
+    """A model predicts worse than the mean duration of its drives does."""
+
+
 def train(
     action: str,
     rows: pd.DataFrame,
     robot: Robot,
     *,
     features: Sequence[Feature] = CANDIDATES,
+    better_than_mean: bool = False,
 ) -> PerformanceModel:
     """Learn the performance model of an action (paper, section 3).
 
     The success is learned from all episodes: its rate if no tree is better. Durations are learned
-    from those that succeeded, and so are the errors at the goal, if enough episodes have them; see
-    `without_errors`.
+    from those that succeeded and were not held up, see `ator_ros.performance.held_up`; the errors
+    at the goal from those that succeeded, if enough episodes have them, see `without_errors`.
 
     Parameters
     ----------
@@ -116,11 +125,15 @@ def train(
         The robot of the experience.
     features : sequence of Feature
         Candidate features.
+    better_than_mean : bool
+        Whether to reject a model that predicts worse than the mean duration does.
 
     Raises
     ------
     ExperienceError
         Too few episodes succeeded, or rows lack a goal variable that a feature derives from.
+    WorseThanMeanError
+        With `better_than_mean`: the model predicts worse, or its errors are not finite.
     """
     for name in declared_by(features):
         missing = rows[name].isna().sum() if name in rows else len(rows)
@@ -139,12 +152,13 @@ def train(
             f"{action}: expected at least {LEAST_EPISODES} episodes that succeeded, "
             f"got {len(good_starts)} of {len(starts)}{remarks}"
         )
-    driving = robot.observed_driving(rows) if set(features) & set(PATHS) else None
-    of_durations = duration_features(features, good_starts, driving)
-    examples = examples_of(starts, robot, of_durations, driving)
-    good = examples["duration"]
-    duration, errors = duration_tree(good.table, good.values, good.prior, good.parts)
-    trees = {"duration": duration}
+    learned = _learned_undisturbed(rows, good_starts, robot, features)
+    undisturbed = good_starts[~learned.held_up]
+    errors = learned.errors[~learned.held_up]
+    if better_than_mean:
+        _check_errors(action, errors, undisturbed["duration"].to_numpy(dtype=float))
+    examples = examples_of(starts, robot, learned.features, learned.driving)
+    trees = {"duration": learned.tree}
     for measure in ("success", "accuracy", "heading"):
         values = examples[measure].values
         table = examples[measure].table[list(names_of(features))]
@@ -152,19 +166,110 @@ def train(
             trees[measure] = _success_tree(values, table)
         elif len(values) >= LEAST_EPISODES:
             trees[measure] = small_tree(table, values)
-    named = {feature.name: feature for feature in of_durations}
-    every = np.full(len(good.values), True)
-    counted = _far_from_goal(good.table) if _stands(good.table) else every
+    named = {feature.name: feature for feature in learned.features}
+    table = learned.table[~learned.held_up]
+    every = np.full(len(table), True)
+    counted = _far_from_goal(table) if _stands(table) else every
     return PerformanceModel(
         action,
         robot,
         trees,
         named,
-        driving=driving,
-        at_goal=_observed_at_goal(good_starts, robot),
-        arrival=observed_arrival(good_starts, robot),
-        errors=error_process(duration, good.table[counted], errors[counted], good.prior),
+        driving=learned.driving,
+        at_goal=_observed_at_goal(undisturbed, robot),
+        arrival=observed_arrival(undisturbed, robot),
+        errors=error_process(
+            learned.tree, table[counted], errors[counted], examples["duration"].prior
+        ),
+        held_up=describe_held_up(learned.errors, learned.held_up),
     )
+
+
+def _check_errors(action: str, errors: FloatArray, durations: FloatArray) -> None:
+    """Raise WorseThanMeanError unless errors (n,) in s are at most those of the mean duration."""
+    count = len(durations)
+    of_mean = np.abs(durations - durations.mean()).mean() * count / (count - 1)
+    of_model = np.abs(errors).mean()
+    if not of_model <= of_mean + CONTROL_PERIOD:  # also if it is NaN
+        raise WorseThanMeanError(
+            f"{action}: expected a model that predicts better than the mean duration of {count} "
+            f"drives, which errs by {of_mean:.3g} s, got errors of {of_model:.3g} s in "
+            "cross-validation: do their goals and poses fit?"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Learned:
+    """A tree of durations that was learned from n drives that succeeded.
+
+    Attributes
+    ----------
+    driving, features
+        How the action was observed to drive, and the candidate features.
+    table : pandas.DataFrame
+        The features of all drives.
+    tree : ModelTree
+        Learned from the drives that were not held up.
+    errors : ndarray, shape (n,)
+        Actual less predicted durations in s, by trees that were learned without the drive.
+    held_up : ndarray of bool, shape (n,)
+        Which drives were held up.
+    """
+
+    driving: Driving | None
+    features: tuple[Feature, ...]
+    table: pd.DataFrame
+    tree: ModelTree
+    errors: FloatArray
+    held_up: BoolArray
+
+
+def _learned_undisturbed(
+    rows: pd.DataFrame, starts: pd.DataFrame, robot: Robot, features: Sequence[Feature]
+) -> _Learned:
+    """Learn durations, and which drives were held up; `starts` are those that succeeded."""
+    durations = starts["duration"].to_numpy(dtype=float)
+    path = [ROUTE_TIME if ROUTE_TIME in features else PATHS[0]]
+    path_times = feature_table(direct_of(starts), robot, path)[:, 0]
+    values = clipped(durations, path_times)
+    held = np.full(len(starts), False)
+    for _ in range(_MOST_ROUNDS):
+        learned = _learned_without(held, values, rows, starts, robot, features)
+        predicted = durations - learned.errors
+        follows_path = len(learned.tree.base) > 0
+        found = find_held_up(durations, predicted, held, follows_path=follows_path)
+        if (found == held).all() and (values == durations).all():
+            break
+        held = found
+        values = durations
+    return learned
+
+
+def _learned_without(
+    held: BoolArray,
+    durations: FloatArray,
+    rows: pd.DataFrame,
+    starts: pd.DataFrame,
+    robot: Robot,
+    features: Sequence[Feature],
+) -> _Learned:
+    """Learn durations (n,) in s without the drives that were held up."""
+    counted = ~held
+    of_others = rows[~rows["episode"].isin(starts["episode"][held])] if held.any() else rows
+    driving = robot.observed_driving(of_others) if set(features) & set(PATHS) else None
+    of_durations = duration_features(features, starts[counted], driving)
+    drives = examples_of(starts, robot, of_durations, driving)["duration"]
+    parts = drives.parts
+    if parts is not None and (durations == drives.values).all():
+        parts = parts[counted]
+    else:
+        parts = None
+    table = drives.table[counted].reset_index(drop=True)
+    tree, errors = duration_tree(table, durations[counted], drives.prior, parts)
+    predicted = np.empty(len(durations))
+    predicted[counted] = durations[counted] - errors
+    predicted[held] = tree.predict(drives.table.loc[held, list(tree.names)].to_numpy())
+    return _Learned(driving, of_durations, drives.table, tree, drives.values - predicted, held)
 
 
 @dataclass(frozen=True, eq=False)

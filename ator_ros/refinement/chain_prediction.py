@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -24,7 +24,7 @@ from ator_ros.geometry import FloatArray, wrap_angles
 from ator_ros.performance.model import Arrival
 from ator_ros.refinement.objective import Objective
 from ator_ros.refinement.search import Pairs, StepCosts
-from ator_ros.tops.chain import TopChain, projected
+from ator_ros.tops.chain import TopCall, TopChain, projected
 from ator_ros.world.state import World
 
 REPORTED = ("duration", "spread", "noise", "success", "accuracy")
@@ -71,12 +71,12 @@ def columns_after(
     y = goal["y"]
     yaw = goal["yaw"]
     if point is Point.HOLD:
-        x = x - robot.hold * np.cos(yaw)
-        y = y - robot.hold * np.sin(yaw)
+        hold = robot.hold
+        x = x - hold * np.cos(yaw)
+        y = y - hold * np.sin(yaw)
     return {"x": x, "y": y, "yaw": yaw, "v": goal["speed"], "w": 0.0, "vy": 0.0}
 
 
-@dataclass(frozen=True, slots=True)
 class _Subgoal:
     """A subgoal, the names of its free variables, and how the next action starts there.
 
@@ -84,32 +84,43 @@ class _Subgoal:
     direction in rad in which it comes there.
     """
 
-    goal: Goal
-    names: Sequence[str]
-    robot: Robot
-    arrival: Arrival | None
-    bearing: float
+    def __init__(
+        self,
+        goal: Goal,
+        names: Sequence[str],
+        robot: Robot,
+        arrival: Arrival | None,
+        bearing: float,
+    ) -> None:
+        self._values = goal_values(goal)  # once, as `start` is called for each block of candidates
+        self._point = goal.point
+        self._names = names
+        self._robot = robot
+        self._arrival = arrival
+        self._bearing = bearing
 
     def start(self, candidates: FloatArray) -> dict[str, Any]:
         """Return the start variables of the next action for candidates (..., k) of this subgoal."""
-        goal = with_candidates(self.goal, self.names, candidates)
-        start = columns_after(goal, self.goal.point, self.robot)
-        if self.arrival is not None:
-            start["x"] = start["x"] - self.arrival.dist * math.cos(self.bearing)
-            start["y"] = start["y"] - self.arrival.dist * math.sin(self.bearing)
-            turned = wrap_angles(start["yaw"] - self.bearing)
-            start["yaw"] = start["yaw"] - turned.clip(-self.arrival.angle, self.arrival.angle)
+        goal = with_candidates(self._values, self._names, candidates)
+        start = columns_after(goal, self._point, self._robot)
+        if self._arrival is not None:
+            dist = self._arrival.dist
+            angle = self._arrival.angle
+            start["x"] = start["x"] - dist * math.cos(self._bearing)
+            start["y"] = start["y"] - dist * math.sin(self._bearing)
+            turned = wrap_angles(start["yaw"] - self._bearing)
+            start["yaw"] = start["yaw"] - turned.clip(-angle, angle)
         return start
 
 
 def with_candidates(
-    goal: Goal,
+    values: Mapping[str, float],
     names: Sequence[str],
     candidates: FloatArray,
 ) -> dict[str, float | FloatArray]:
-    """Return the variables of a goal; of those with these names, columns of candidates (..., k)."""
+    """Return `values` of a goal; of those with these names, columns of candidates (..., k)."""
     columns = {name: candidates[..., column] for column, name in enumerate(names)}
-    return {**goal_values(goal), **columns}
+    return {**values, **columns}
 
 
 class StepRows:
@@ -136,6 +147,7 @@ class StepRows:
         own = {direct_name(name): value for name, value in goal_values(goal).items()}
         fixed = {**start, **own, "hold": float(goal.point is Point.HOLD)}
         self._fixed = np.array([fixed[name] for name in self.names], dtype=float)
+        self._row = {name: row for row, name in enumerate(self.names)}
         self._free = [direct_name(name) for name in free]
         self._changed = changed
 
@@ -151,7 +163,7 @@ class StepRows:
         table = np.empty((len(self.names), *np.broadcast(*columns.values()).shape))
         table.T[:] = self._fixed
         for name, values in columns.items():
-            table[self.names.index(name)] = values
+            table[self._row[name]] = values
         return table
 
 
@@ -189,6 +201,37 @@ def step_rows(
             changed = None
             place = world.robot.pose[:2]
     return rows
+
+
+def leg_rows(
+    world: World,
+    chain: TopChain,
+    robot: Robot,
+    names: Sequence[Sequence[str]],
+    legs: Iterable[tuple[int, int]],
+) -> list[StepRows]:
+    """Return the direct variables of legs from one call of `chain` (-1: the start) to another.
+
+    A leg may lead to a call that does not follow in the chain. It starts exactly at the goal, as
+    the direction in which the robot came there is unknown. After a call that does not arrive at its
+    goal, the robot is where it is in the order of the chain.
+    """
+    calls = chain.calls
+    starts: list[Mapping[str, Any]] = [_present(world)]
+    changes: list[Callable[[FloatArray], Mapping[str, Any]] | None] = [None]
+    for call, free in zip(calls, names, strict=True):
+        world = projected(world, call, robot)
+        exact = _Subgoal(call.goal, free, robot, None, 0.0)
+        starts.append(
+            columns_after(goal_values(call.goal), call.goal.point, robot)
+            if call.top.arrives
+            else _present(world)
+        )
+        changes.append(exact.start if call.top.arrives and free else None)
+    return [
+        StepRows(starts[origin + 1], calls[end].goal, names[end], changes[origin + 1])
+        for origin, end in legs
+    ]
 
 
 def _present(world: World) -> dict[str, float]:
@@ -248,44 +291,42 @@ class ChainPrediction:
         return math.hypot(error, *(action.get("noise", 0.0) for action in self.actions))
 
 
-class ChainModel:
-    """The cost of the steps of one chain, from one state, for candidates of its free variables.
-
-    `given` are the chain's own values of the free variables of each subgoal, shapes (k,).
+class StepModel:
+    """The cost of steps, for candidates of the subgoals before and after each.
 
     Parameters
     ----------
-    world, chain, robot
-        The request.
+    rows : sequence of StepRows
+        The steps.
+    calls : sequence of TopCall
+        The call that each step executes.
+    names : sequence of tuple of str
+        The free variables of each call; candidates have a column for each.
+    robot : Robot
     models : mapping
         Action name to performance model; a step without one costs nothing.
-    names : sequence of tuple of str, one per subgoal
-        The free variables; candidates have a column for each.
     objective : Objective
         What a step costs.
     """
 
     def __init__(
         self,
-        world: World,
-        chain: TopChain,
+        rows: Sequence[StepRows],
+        calls: Sequence[TopCall],
+        names: Sequence[tuple[str, ...]],
         robot: Robot,
         *,
         models: Mapping[str, PredictsPerformance],
-        names: Sequence[tuple[str, ...]],
         objective: Objective,
     ) -> None:
+        self.rows = rows
+        self.calls = calls
         self.names = names
         self._robot = robot
         self._routes = routes_of(robot)
-        self.rows = step_rows(world, chain, robot, self.names, models)
-        self._actions = [call.top.action for call in chain.calls]
+        self._actions = [call.top.action for call in calls]
         self._models = {action: models.get(action) for action in self._actions}
         self.objective = objective
-        self.given = [
-            np.array([goal_values(call.goal)[name] for name in names], dtype=float)
-            for call, names in zip(chain.calls, self.names, strict=True)
-        ]
 
     def step_costs(self, steps: Sequence[Pairs]) -> list[FloatArray]:
         """Return the costs of actions, see `ator_ros.refinement.search.StepCosts`."""
@@ -297,41 +338,6 @@ class ChainModel:
                 has_room = self._routes.clearance(table[XG], table[YG]) >= self._robot.reach
                 costs[place] = np.where(has_room, costs[place], np.inf)
         return costs
-
-    def costs_of_step(self, index: int) -> StepCosts:
-        """Return a function for the costs of one action alone, whatever the number of the step."""
-        return lambda steps: self.step_costs([(index, before, after) for _, before, after in steps])
-
-    def predict(self) -> ChainPrediction:
-        """Return the prediction for the chain's own values.
-
-        Its cost is infinite if that of a step is NaN.
-        """
-        tables = self._tables(self.given)
-        steps, error = self._predicted(tables, REPORTED, np.ones(len(tables)))
-        return _summed(steps, float(error))
-
-    def compare(
-        self, before: Sequence[FloatArray], after: Sequence[FloatArray]
-    ) -> tuple[ChainPrediction, ChainPrediction, float]:
-        """Return the predictions of two chains, and the uncertainty (s) of the second's gain.
-
-        It is what the models may be wrong by in the difference, less than in either chain, as their
-        errors are alike in similar situations.
-        """
-        count = len(before)
-        tables = self._tables(before) + self._tables(after)
-        first = np.repeat((1.0, 0.0), count)
-        second = 1.0 - first
-        signs = np.stack([first, second, first - second])
-        steps, errors = self._predicted(tables, REPORTED, signs)
-        of_first, of_second, uncertainty = errors.tolist()
-        return _summed(steps[:count], of_first), _summed(steps[count:], of_second), uncertainty
-
-    def _tables(self, values: Sequence[FloatArray]) -> list[tuple[int, FloatArray]]:
-        """Return each step's index and direct variables, for values (k,) of each subgoal."""
-        pairs = itertools.pairwise((np.zeros(0), *values))
-        return [(index, self.rows[index].values(*pair)) for index, pair in enumerate(pairs)]
 
     def _predicted(
         self,
@@ -376,6 +382,84 @@ class ChainModel:
                     name: values[first:last].reshape(shape) for name, values in known.items()
                 }
         return predicted, np.sqrt(error**2 + variance)
+
+
+class ChainModel(StepModel):
+    """The cost of the steps of one chain, from one state, for candidates of its free variables.
+
+    `given` are the chain's own values of the free variables of each subgoal, shapes (k,).
+
+    Parameters
+    ----------
+    world, chain, robot
+        The request.
+    models, objective
+        As for `StepModel`.
+    names : sequence of tuple of str, one per subgoal
+        The free variables; candidates have a column for each.
+    reference : ChainModel, optional
+        The model of the calls in another order, with whose predictions `compare` compares.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        chain: TopChain,
+        robot: Robot,
+        *,
+        models: Mapping[str, PredictsPerformance],
+        names: Sequence[tuple[str, ...]],
+        objective: Objective,
+        reference: ChainModel | None = None,
+    ) -> None:
+        rows = step_rows(world, chain, robot, names, models)
+        calls = chain.calls
+        self._reference = 0  # index of its first step
+        if reference is not None:
+            self._reference = len(rows)
+            rows = [*rows, *reference.rows]
+            calls = (*calls, *reference.calls)
+        super().__init__(rows, calls, names, robot, models=models, objective=objective)
+        self.given = [
+            np.array([goal_values(call.goal)[name] for name in names], dtype=float)
+            for call, names in zip(chain.calls, self.names, strict=True)
+        ]
+
+    def costs_of_step(self, index: int) -> StepCosts:
+        """Return a function for the costs of one action alone, whatever the number of the step."""
+        return lambda steps: self.step_costs([(index, before, after) for _, before, after in steps])
+
+    def predict(self) -> ChainPrediction:
+        """Return the prediction for the chain's own values.
+
+        Its cost is infinite if that of a step is NaN.
+        """
+        tables = self._tables(self.given)
+        steps, error = self._predicted(tables, REPORTED, np.ones(len(tables)))
+        return _summed(steps, float(error))
+
+    def compare(
+        self, before: Sequence[FloatArray], after: Sequence[FloatArray]
+    ) -> tuple[ChainPrediction, ChainPrediction, float]:
+        """Return the predictions of two chains, and the uncertainty (s) of the second's gain.
+
+        `before` are values in the order of the reference, `after` in that of the chain. The
+        uncertainty is what the models may be wrong by in the difference, less than in either chain,
+        as their errors are alike in similar situations.
+        """
+        count = len(before)
+        tables = self._tables(before, self._reference) + self._tables(after)
+        first = np.repeat((1.0, 0.0), count)
+        second = 1.0 - first
+        signs = np.stack([first, second, first - second])
+        steps, errors = self._predicted(tables, REPORTED, signs)
+        of_first, of_second, uncertainty = errors.tolist()
+        return _summed(steps[:count], of_first), _summed(steps[count:], of_second), uncertainty
+
+    def _tables(self, values: Sequence[FloatArray], first: int = 0) -> list[tuple[int, FloatArray]]:
+        """Return each step's index and direct variables, for values (k,) of each subgoal."""
+        pairs = itertools.pairwise((np.zeros(0), *values))
+        return [(index, self.rows[index].values(*pair)) for index, pair in enumerate(pairs, first)]
 
 
 def _summed(steps: Sequence[Mapping[str, FloatArray]], error: float) -> ChainPrediction:

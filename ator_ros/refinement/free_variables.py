@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ator_ros.actions.base import Point
-from ator_ros.actions.goal_variables import GOAL_VARIABLES, direct_name, goal_values
+from ator_ros.actions.goal_variables import GOAL_VARIABLES, ORDER, direct_name, goal_values
 from ator_ros.bases.description import Robot
 from ator_ros.bases.direct import DirectTable
 from ator_ros.geometry import BoolArray, FloatArray, Pose, wrap_angle
@@ -121,7 +121,7 @@ def analyze(
     for index, call in enumerate(chain.calls):
         known = list(goal_values(call.goal))
         opened = known if EVERYTHING in call.open else [name for name in known if name in call.open]
-        for name in opened + sorted(call.open - {EVERYTHING, *known}):
+        for name in opened + sorted(call.open - {EVERYTHING, ORDER, *known}):
             reason = (
                 bound.get((index, name))
                 or _why_fixed(call, name, known, ranges)
@@ -164,7 +164,7 @@ def _why_unknown(
     lacking = [step for step, action in actions.items() if action not in models]
     if lacking:
         step = lacking[0]
-        affected = f"step {step + 1} ({actions[step]})"
+        affected = f"step {chain.order[step] + 1} ({actions[step]})"
         return f"of unknown effect: {affected}, which it may change, has no model"
     if any(changed[step] & models[actions[step]].used_variables for step in changed):
         return None
@@ -282,7 +282,7 @@ class Regions:
         """Yield the bounds by the step that leads to a subgoal, and by the step after it."""
         calls = self._chain.calls
         call = calls[index]
-        step = f"of step {index + 1} ({call.top.name})"
+        step = f"of {self._chain.step_name(index)}"
         for bound in _bounds_in(call.top.post):
             yield _Rule(f"post-condition {step}", bound)
         start_is_known = index == 0 or not _PLACE & set(self._names[index - 1])
@@ -292,7 +292,7 @@ class Regions:
         if index + 1 == len(calls):
             return
         following = calls[index + 1]
-        source = f"pre-condition of step {index + 2} ({following.top.name})"
+        source = f"pre-condition of {self._chain.step_name(index + 1)}"
         room = call.top.place_tolerance
         goal = goal_values(following.goal)
         goal_is_free = bool(_PLACE & set(self._names[index + 1]))
@@ -306,7 +306,7 @@ class Regions:
     def _after(self, index: int, values: FloatArray) -> tuple[dict[str, Any], dict[str, Any]]:
         """Return state and goal variables after a step whose goal has these free values (n, k)."""
         call = self._chain.calls[index]
-        goal = with_candidates(call.goal, self._names[index], values)
+        goal = with_candidates(goal_values(call.goal), self._names[index], values)
         before = self._states[index]
         if not call.top.arrives:
             state = call.top.post.apply(before, goal)
@@ -388,7 +388,7 @@ def outside_experience(
                 continue
             low, high = known[name]
             sentences.append(
-                f"step {step + 1} ({call.top.name}): {label} {values[name]:.1f} {unit} is outside "
+                f"{chain.step_name(step)}: {label} {values[name]:.1f} {unit} is outside "
                 f"the experience of {low:.1f} to {high:.1f} {unit}"
             )
         opened_before = opened
@@ -397,7 +397,7 @@ def outside_experience(
 
 def _quantities(direct: DirectTable, robot: Robot) -> dict[str, float]:
     """Return the values of `_QUANTITIES` in one situation."""
-    numbers = {name: float(values[0]) for name, values in direct.items()}
+    numbers = dict(zip(direct.names, direct.table[:, 0].tolist(), strict=True))
     ahead = robot.hold * numbers["hold"] if robot.holder is not None else 0.0
     start = Pose(numbers["x"], numbers["y"], numbers["yaw"]).ahead(ahead)
     way = math.hypot(numbers["xg"] - start.x, numbers["yg"] - start.y)

@@ -55,7 +55,7 @@ def naive_on_paths(
         changed = with_values(call.goal, values) if values else call.goal
         if changed != call.goal:
             candidate = naive.with_goal(index, changed)
-            rest_of_plan = TopChain(candidate.calls[index:])
+            rest_of_plan = candidate.part(index)
             if not (valid and rest_of_plan.violations(world, robot)):
                 naive = candidate
         world = projected(world, naive.calls[index], robot)

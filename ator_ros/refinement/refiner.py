@@ -26,6 +26,7 @@ from ator_ros.refinement.free_variables import (
 from ator_ros.refinement.gate import KEPT_AS_SENT, KEPT_NAIVE, NO_GATE, Gate
 from ator_ros.refinement.naive import naive_on_paths
 from ator_ros.refinement.objective import Objective, expected_time
+from ator_ros.refinement.order import OrderSearch
 from ator_ros.refinement.search import (
     Deadline,
     NoCandidateError,
@@ -36,17 +37,23 @@ from ator_ros.refinement.search import (
     search,
     unsearched,
 )
-from ator_ros.tops.chain import TopChain
-from ator_ros.tops.ranges import USUAL_RANGES, Ranges
+from ator_ros.tops.chain import InvalidChainError, TopChain
+from ator_ros.tops.ordering import Ordering, in_valid_order, ordering_of
+from ator_ros.tops.ranges import USUAL_RANGES, Range, Ranges
 from ator_ros.world.state import World
 
-LONGEST_CHAIN = 32
+LONGEST_CHAIN = 100
 """Most actions of a chain: longer ones would occupy a node for long."""
 MOST_ALTERNATIVES = 7
 """Most alternative chains of a request."""
 _MOST_LISTED = 6
 _LONGEST_REASONS = 180  # characters of the reasons of all chains, without their names
 _SHORTEST_REASON = 50  # characters of each
+_MOST_ORDERS = 6  # orders whose free variables are searched
+# Orders whose cost on the grid is this much above the least cost found are not searched: the search
+# between the points of the grid lowers the cost of a round by 1 % or less.
+_PROMISING = 1.01
+_MOST_NUMBERS = 12  # steps of an order that a reason lists
 _DOMINANT = 0.5  # least share of durations in the cost for which a gain is given in s
 ITS_DEADLINE = "its deadline"
 """In the reason of every answer whose search was cut short."""
@@ -54,7 +61,10 @@ ITS_DEADLINE = "its deadline"
 
 @dataclass(frozen=True, slots=True)
 class SubgoalCurve:
-    """The `SearchCurve` of a subgoal (from 0): values (m, rad, m/s) of its variables `names`."""
+    """The `SearchCurve` of a call of the request (from 0).
+
+    `values` are those (m, rad, m/s) of its variables `names`.
+    """
 
     subgoal: int
     names: tuple[str, ...]
@@ -72,14 +82,14 @@ class Refinement:
         Whether a subgoal is changed, and why.
     original, best : TopChain
         The reference, which is the chain of the request with naive values for placeholders, and the
-        best chain found.
+        best chain found. `TopChain.order` has the indices of its calls in the request.
     before, after : ChainPrediction
         Predictions for `original` and for `best`.
     free, not_free
         The variables that were free, and those that the plan opens and that were not, with the
-        reasons.
+        reasons. Their subgoals, and those of `curves`, are the calls of the request.
     without_model : tuple of int
-        The steps (from 0) whose action has no performance model.
+        The calls of the request (from 0) whose action has no performance model.
     complete : bool
         Whether the search was completed; otherwise `best` is the best found until the deadline.
     work : Work
@@ -188,38 +198,97 @@ class Refiner:
             values that the models have not predicted until then are those of `naive_on_paths`.
         """
         objective = objective if objective is not None else expected_time(self.failure_cost)
+        ordering = ordering_of(chain)
         analysis, regions = self.bounded(world, chain)
         names = names_of(chain, analysis.free)
-        axes = [
-            [v.domain for v in analysis.free if v.subgoal == index] for index in range(len(names))
-        ]
-        work = Work(expected=expected_work(axes))
+        work = Work(expected=expected_work(_axes(chain, analysis)))
         if placeholders:
             chain = self._fastest_alone(world, chain, analysis.free, regions, deadline, work)
         model = ChainModel(
             world, chain, self.robot, models=self.models, names=names, objective=objective
         )
-        if not analysis.free:
-            return self._left_alone(chain, analysis, model)
-        if deadline():
-            compared = model.compare(model.given, model.given)
-            optimum = unsearched(model.given, compared[0].cost)
+        reference = _Searched(chain, analysis, model, unsearched(model.given, math.nan))
+        if ordering.is_open and len(self._without_model(chain)) < len(chain):
+            best = self._ordered(world, reference, ordering, regions, deadline, work)
+        elif analysis.free:
+            best = self._searched(reference, regions, deadline, work)
         else:
-            optimum = search(
-                model.step_costs,
-                axes,
-                model.given,
-                allowed=regions.allowing(),
-                deadline=deadline,
-                work=work,
-            )
-            compared = model.compare(model.given, optimum.values)
-        if not math.isfinite(optimum.cost):
-            raise RefinementError(
-                "expected a finite prediction for some candidate, got none: check the distances"
-            )
+            return self._left_alone(chain, analysis, model)
         kept = KEPT_NAIVE if placeholders else KEPT_AS_SENT
-        return self._answer(world, chain, analysis, model, optimum, work, compared, kept)
+        return self._answer(world, reference, best, work, kept)
+
+    def _searched(
+        self,
+        start: _Searched,
+        regions: Regions,
+        deadline: Deadline,
+        work: Work,
+    ) -> _Searched:
+        """Return a chain with the best values of its free variables; unchanged without time."""
+        if deadline():
+            return start
+        optimum = search(
+            start.model.step_costs,
+            _axes(start.chain, start.analysis),
+            start.model.given,
+            allowed=regions.allowing(),
+            deadline=deadline,
+            work=work,
+        )
+        return dataclasses.replace(start, optimum=optimum)
+
+    def _ordered(
+        self,
+        world: World,
+        reference: _Searched,
+        ordering: Ordering,
+        regions: Regions,
+        deadline: Deadline,
+        work: Work,
+    ) -> _Searched:
+        """Return the chain in the best order, with the best values of its free variables."""
+        chain = reference.chain
+        model = reference.model
+        orders = OrderSearch(
+            world,
+            chain,
+            ordering,
+            self.robot,
+            models=self.models,
+            objective=model.objective,
+            names=model.names,
+            axes=_axes(chain, reference.analysis),
+            allowed=regions.allowing(),
+        ).chains(_MOST_ORDERS, deadline, work)
+        best = reference.predicted()
+        for number, (candidate, cost) in enumerate(orders):
+            if number and cost > _PROMISING * best.optimum.cost:
+                break
+            analysis, limits = self.bounded(world, candidate)
+            start = _Searched(
+                candidate,
+                analysis,
+                ChainModel(
+                    world,
+                    candidate,
+                    self.robot,
+                    models=self.models,
+                    names=names_of(candidate, analysis.free),
+                    objective=model.objective,
+                    reference=model,
+                ),
+                unsearched(model.given, math.nan),
+            )
+            found = self._searched(start, limits, deadline, work).predicted()
+            if found.optimum.cost < best.optimum.cost and not found.refined.violations(
+                world, self.robot
+            ):
+                best = found
+            if deadline():
+                break
+        complete = best.optimum.complete and bool(orders) and not deadline()
+        optimum = dataclasses.replace(best.optimum, complete=complete)
+        return dataclasses.replace(best, optimum=optimum)
 
     def naive(self, world: World, chain: TopChain) -> TopChain:
         """Return the paper's reference: each subgoal is optimal for the action that leads to it.
@@ -275,9 +344,8 @@ class Refiner:
             finally:  # the evaluations are few, and it takes as long as estimated to set them up
                 work.done += expected_work(domains[index])
             if not math.isfinite(optimum.cost):
-                top = chain.calls[index].top.name
                 raise RefinementError(
-                    f"step {index + 1} ({top}): expected a finite prediction, got none"
+                    f"{chain.step_name(index)}: expected a finite prediction, got none"
                 )
             chain = replaced(chain, index, dict(zip(names[index], optimum.values[0], strict=True)))
         return chain
@@ -303,33 +371,39 @@ class Refiner:
     def _answer(
         self,
         world: World,
-        chain: TopChain,
-        analysis: Analysis,
-        model: ChainModel,
-        optimum: Optimum,
+        reference: _Searched,
+        found: _Searched,
         work: Work,
-        compared: tuple[ChainPrediction, ChainPrediction, float],
         kept: str,
     ) -> Refinement:
         """Return the answer after a search: the gate decides."""
-        best = chain
-        for index, names in enumerate(model.names):
-            if names:
-                best = replaced(best, index, dict(zip(names, optimum.values[index], strict=True)))
-        before, after, error = compared
-        uncertainty = math.sqrt(len(analysis.free)) * error
-        gain = _gain(before, after, model.objective)
-        known = uncertainty if _in_seconds(before, model.objective) else None
+        chain = reference.chain
+        best = found.refined
+        analysis = found.analysis
+        optimum = found.optimum
+        objective = found.model.objective
+        before, after, error = found.model.compare(reference.model.given, optimum.values)
+        if math.isnan(optimum.cost):
+            optimum = unsearched(optimum.values, after.cost)
+        if not math.isfinite(optimum.cost):
+            raise RefinementError(
+                "expected a finite prediction for some candidate, got none: check the distances"
+            )
+        uncertainty = math.sqrt(max(len(analysis.free), 1)) * error
+        gain = _gain(before, after, objective)
+        known = uncertainty if _in_seconds(before, objective) else None
         refine, reason = self.gate.decide(gain, known, kept)
         limited = any(variable.limits for variable in analysis.free)
         invalid = best.violations(world, self.robot) if limited else []
         if invalid:
             reason = f"the best chain found is no valid plan: {'; '.join(invalid)}"
-        others = model.objective.of_unknown_uncertainty
+        others = objective.of_unknown_uncertainty
         if refine and known is not None and others:
             reason = f"{reason}; the uncertainty of {' and '.join(others)} is unknown"
+        if best.order != chain.order:
+            reason = f"{reason}; best order {_numbers(best.order)}"
         if not optimum.complete:
-            if optimum.searched:
+            if optimum.searched or best != chain:
                 reason = f"{reason}; {ITS_DEADLINE} cut the search short"
             else:
                 reason = f"{kept} without a search, as {ITS_DEADLINE} had passed"
@@ -337,20 +411,23 @@ class Refiner:
         if known is not None and self.gate.least < gain <= self.gate.factor * known:
             reason += self._not_varied(chain)
         comparison = possible and not refine and self.gate.drawn and self.gate.pays(gain, known)
+        order = best.order
         return Refinement(
             refine and possible,
-            reason + self._remarks(chain, analysis, analysis.not_free),
+            reason + self._remarks(best, analysis, analysis.not_free),
             original=chain,
             best=best,
             before=before,
             after=after,
-            free=analysis.free,
-            not_free=analysis.not_free,
+            free=tuple(
+                dataclasses.replace(each, subgoal=order[each.subgoal]) for each in analysis.free
+            ),
+            not_free=_as_sent(analysis.not_free, order),
             without_model=self._without_model(chain),
             curves=tuple(
-                SubgoalCurve(index, names, *curve)
+                SubgoalCurve(order[index], names, *curve)
                 for index, (names, curve) in enumerate(
-                    zip(model.names, optimum.curves, strict=True)
+                    zip(found.model.names, optimum.curves, strict=True)
                 )
                 if names
             ),
@@ -378,13 +455,15 @@ class Refiner:
             best=chain,
             before=prediction,
             after=prediction,
-            not_free=analysis.not_free,
+            not_free=_as_sent(analysis.not_free, chain.order),
             without_model=self._without_model(chain),
         )
 
     def _without_model(self, chain: TopChain) -> tuple[int, ...]:
         return tuple(
-            step for step, call in enumerate(chain.calls) if call.top.action not in self.models
+            index
+            for index, call in zip(chain.order, chain.calls, strict=True)
+            if call.top.action not in self.models
         )
 
     def _not_varied(self, chain: TopChain) -> str:
@@ -408,13 +487,61 @@ class Refiner:
         if named:
             text += f"; not free: {_described(chain, named)}"
         if without_model := self._without_model(chain):
-            steps = _listed(
-                [f"step {step + 1} ({chain.calls[step].top.action})" for step in without_model]
-            )
+            action = dict(zip(chain.order, (call.top.action for call in chain.calls), strict=True))
+            steps = _listed([f"step {step + 1} ({action[step]})" for step in without_model])
             text += f"; no performance model for {steps}: neither predicted nor counted"
         if analysis.outside:
             text += f"; extrapolated: {_listed(analysis.outside)}"
         return text
+
+
+@dataclass(frozen=True, slots=True)
+class _Searched:
+    """A chain in one order, what is free in it, its model, and the best values found.
+
+    The cost of values that were not searched is NaN until it is `predicted`.
+    """
+
+    chain: TopChain
+    analysis: Analysis
+    model: ChainModel
+    optimum: Optimum
+
+    def predicted(self) -> _Searched:
+        """Return it with a known cost."""
+        if not math.isnan(self.optimum.cost):
+            return self
+        cost = self.model.predict().cost
+        return dataclasses.replace(self, optimum=unsearched(self.model.given, cost))
+
+    @property
+    def refined(self) -> TopChain:
+        """The chain with the best values found."""
+        chain = self.chain
+        for index, names in enumerate(self.model.names):
+            if names:
+                values = dict(zip(names, self.optimum.values[index], strict=True))
+                chain = replaced(chain, index, values)
+        return chain
+
+
+def _axes(chain: TopChain, analysis: Analysis) -> list[list[Range]]:
+    """Return the ranges of the free variables of each subgoal."""
+    return [
+        [variable.domain for variable in analysis.free if variable.subgoal == index]
+        for index in range(len(chain))
+    ]
+
+
+def _as_sent(not_free: Sequence[NotFree], order: Sequence[int]) -> tuple[NotFree, ...]:
+    """Return the variables with the indices of their calls as they were sent."""
+    return tuple(dataclasses.replace(each, subgoal=order[each.subgoal]) for each in not_free)
+
+
+def _numbers(order: Sequence[int]) -> str:
+    """Return the numbers of the first calls of an order, from 1."""
+    more = ", …" if len(order) > _MOST_NUMBERS else ""
+    return ", ".join(str(index + 1) for index in order[:_MOST_NUMBERS]) + more
 
 
 def _gain(
@@ -451,11 +578,7 @@ def replaced(
 
 def _described(chain: TopChain, not_free: Sequence[NotFree]) -> str:
     return _listed(
-        [
-            f"{each.name} of step {each.subgoal + 1} "
-            f"({chain.calls[each.subgoal].top.name}) is {each.reason}"
-            for each in not_free
-        ]
+        [f"{each.name} of {chain.step_name(each.subgoal)} is {each.reason}" for each in not_free]
     )
 
 
@@ -518,24 +641,26 @@ def choose(
     refiner, world, objective, placeholders, deadline
         As for `Refiner.refine`.
     chains : sequence of TopChain or str
-        The chains, or why one cannot be used. A chain that is no valid plan from `world` is
-        skipped.
+        The chains, or why one cannot be used. A chain that is no valid plan from `world` in any
+        order that it leaves open is skipped. The reference of one that is no valid plan as it is
+        has the first order in which it is one.
     """
     judged: list[Judged] = []
     for chain in chains:
         if isinstance(chain, str):
             judged.append(chain)
-        elif violations := chain.violations(world, refiner.robot):
-            judged.append(f"no valid plan: {'; '.join(violations)}")
-        else:
-            try:
-                judged.append(
-                    refiner.refine(
-                        world, chain, objective, placeholders=placeholders, deadline=deadline
-                    )
+            continue
+        try:
+            valid = in_valid_order(chain, world, refiner.robot)
+            judged.append(
+                refiner.refine(
+                    world, valid, objective, placeholders=placeholders, deadline=deadline
                 )
-            except RefinementError as error:
-                judged.append(str(error))
+            )
+        except InvalidChainError as error:
+            judged.append(f"no valid plan: {error}")
+        except RefinementError as error:
+            judged.append(str(error))
     number = min(range(len(judged)), key=lambda index: rank(judged[index]))
     best = judged[number]
     if isinstance(best, str):

@@ -222,8 +222,10 @@ def search(
             best = window.best(path.rows[index], curve)
             centers = curve.values.take(best, axis=0)
             kept = not window.has_new(number)
-            costs = path.costs[index].take(rows_before, axis=0).take(best, axis=1)
-            known.append(costs if kept and kept_before else None)
+            if kept and kept_before:
+                known.append(path.costs[index].take(rows_before, axis=0).take(best, axis=1))
+            else:
+                known.append(None)
             candidates.append(centers if kept else window.around(centers, number))
             rows_before = best
             kept_before = kept
@@ -357,6 +359,7 @@ class _Windows:
         self._high = np.array([each.high for each in ranges], dtype=float)
         is_circle = np.array([each.periodic and each.high > each.low for each in ranges], bool)
         self._period = np.where(is_circle, self._high - self._low, np.inf)
+        self._bounds = np.stack((self._low, self._high, self._period))
         self._used = 0  # points of the sequence
         self.first, self._radius = self._first()
 
@@ -371,8 +374,7 @@ class _Windows:
         each = _of(_IN_WINDOW, len(self._ranges))
         points = spread_points(len(self._ranges), self._used, each * len(centers))
         self._used += len(points)
-        bounds = np.stack((self._low, self._high, self._period))
-        points = _in_windows(points, centers, each, self._radius, bounds, number)
+        points = _in_windows(points, centers, each, self._radius, self._bounds, number)
         return np.concatenate((centers, self._within(points)))
 
     def shrink(
@@ -392,20 +394,41 @@ class _Windows:
         return bool(self._ranges) and (not self._beside or (self._index + number) % 2 == 0)
 
     def _first(self) -> tuple[FloatArray, FloatArray]:
-        """Return the first candidates (n, k), fewer in a small region, and half widths (k,)."""
-        free = len(self._ranges)
-        count = _of(_FIRST_BESIDE if self._beside else _FIRST_ALONE, free)
-        if free <= _ON_GRID:
-            grid, steps = _grid(tuple(self._ranges), count)
-            if self._allowed is None or self._allowed(self._index, grid).all():
-                return grid.copy(), steps
-        width = self._high - self._low
-        tries = count if self._allowed is None else count * _TRIES
-        points = self._within(self._low + width * spread_points(free, 0, tries))[:count]
-        return points, 0.5 * width * max(len(points), 1) ** (-1.0 / free)
+        count = _of(_FIRST_BESIDE if self._beside else _FIRST_ALONE, len(self._ranges))
+        return first_candidates(self._index, self._ranges, count, self._allowed)
 
     def _within(self, points: FloatArray) -> FloatArray:
         return points if self._allowed is None else points[self._allowed(self._index, points)]
+
+
+def first_candidates(
+    index: int,
+    ranges: Sequence[Range],
+    count: int,
+    allowed: Allowed | None,
+) -> tuple[FloatArray, FloatArray]:
+    """Return about `count` candidates of a subgoal that cover its ranges.
+
+    Returns
+    -------
+    candidates : ndarray, shape (n, k)
+        Fewer in a small region, none if no tested point is allowed.
+    widths : ndarray, shape (k,)
+        How far apart they are in each variable, which is half the width of a window around one.
+    """
+    free = len(ranges)
+    if free <= _ON_GRID:
+        grid, steps = _grid(tuple(ranges), count)
+        if allowed is None or allowed(index, grid).all():
+            return grid.copy(), steps
+    low = np.array([each.low for each in ranges], dtype=float)
+    width = np.array([each.high for each in ranges], dtype=float) - low
+    tries = count if allowed is None else count * _TRIES
+    points = low + width * spread_points(free, 0, tries)
+    if allowed is not None:
+        points = points[allowed(index, points)]
+    points = points[:count]
+    return points, 0.5 * width * max(len(points), 1) ** (-1.0 / free)
 
 
 @lru_cache(maxsize=32)

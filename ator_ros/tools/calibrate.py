@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import math
 import os
 import sys
 import time
@@ -22,11 +21,9 @@ import yaml
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
-from ator_ros.bases.description import KIND, load_robot, robot_of
-from ator_ros.bases.differential.identification import BaseEstimate, check_plausible, identify
-from ator_ros.bases.differential.limits import GREATEST, Limits
+from ator_ros.bases.description import KIND, Robot, load_robot, robot_of
+from ator_ros.bases.differential.calibration import calibrated, probe_drive
 from ator_ros.bases.differential.probe_drive import DriveError, ProbeDrive
-from ator_ros.bases.differential.robot import DifferentialRobot, differential, least_torque
 from ator_ros.files import header, portable_command, write_text
 from ator_ros.nodes.commands import CommandPublisher
 from ator_ros.nodes.diagnostics import Diagnosis
@@ -38,12 +35,10 @@ from ator_ros.tools.command_line import destination, guarded, number, without_ro
 from ator_ros.world.readers import plain_frame
 from ator_ros.world.state import STOP, RobotState
 
-_FACTOR = 1.5  # of commands to the described limits, so that odometry shows the limits of the base
 _LEAST = 0.001  # m, m/s or rad/s
 _MOST = 1000.0  # the same; a sprint to 15 m/s needs some hundred m
 _ODOM_TIMEOUT = 2.0  # real s without odometry after which the drive is aborted
 _START_TIMEOUT = 5.0  # real s to wait for odometry
-_POINT_TOLERANCE = 0.03  # m; wheels that slide in turns move the axle by less
 _STOPS = 10  # stop commands at the end, because DDS may lose some
 
 
@@ -54,13 +49,8 @@ def calibrate(options: argparse.Namespace, words: Sequence[str]) -> None:
     Raises DriveError if odometry is missing, another program commands the base, the base does not
     move, or an estimate cannot be right: then nothing is written.
     """
-    template = differential(load_robot(options.robot))
-    drive = ProbeDrive(
-        v=options.v or _FACTOR * template.limits.v,
-        w=options.w or _FACTOR * template.limits.w,
-        space=options.space,
-        backward=template.limits.backward > 0.0,
-    )
+    template = load_robot(options.robot)
+    drive = probe_drive(template, v=options.v, w=options.w, space=options.space)
     stay_on_this_machine(os.environ)
     # rclpy's own handlers would invalidate the context before the robot has been stopped.
     rclpy.init(args=["calibrate", *words], signal_handler_options=SignalHandlerOptions.NO)
@@ -70,14 +60,8 @@ def calibrate(options: argparse.Namespace, words: Sequence[str]) -> None:
     finally:
         node.destroy_node()
         rclpy.try_shutdown()
-    estimate = identify(drive.samples)
-    check_plausible(estimate)
-    robot = described(dataclasses.replace(template, name=options.name or template.name), estimate)
-    lines = report(estimate)
-    if robot.wheel_torque != template.wheel_torque:
-        lines.append(
-            f"wheel_torque {robot.wheel_torque:g} N m: the least that {robot.mass:g} kg need"
-        )
+    named = dataclasses.replace(template, name=options.name or template.name)
+    robot, lines = calibrated(named, drive.samples)
     comments = ("Written by:", portable_command("calibrate", words), *lines)
     text = yaml.safe_dump(robot.sections(), sort_keys=False)
     robot_of(yaml.safe_load(text))  # raises SchemaError if an estimate is out of bounds
@@ -86,60 +70,11 @@ def calibrate(options: argparse.Namespace, words: Sequence[str]) -> None:
     print("\n".join((*lines, f"written to {options.out}")))
 
 
-def described(template: DifferentialRobot, estimate: BaseEstimate) -> DifferentialRobot:
-    """Return the template with the estimated limits and lag; `v_back` is that of the template.
-
-    The motors' torque is raised if it is too weak for the estimated accelerations.
-    """
-    rounded = {name: round(getattr(estimate.limits, name), 3) for name in GREATEST}
-    limits = Limits(**rounded, v_back=template.limits.v_back)
-    holder = template.holder
-    if holder is not None:
-        holder = dataclasses.replace(holder, limits=holder.limits.within(limits))
-    torque = max(template.wheel_torque, least_torque(template.mass, template.wheel_radius, limits))
-    return dataclasses.replace(
-        template,
-        limits=limits,
-        motor_time_constant=round(max(estimate.lag, 0.002), 3),
-        holder=holder,
-        wheel_torque=torque,
-    )
-
-
-def report(estimate: BaseEstimate) -> list[str]:
-    """Return the estimates as lines for the user."""
-    limits = estimate.limits
-    lines = [
-        f"latency {estimate.latency:.3f} s: set the parameter `latency` of the executor",
-        f"motor_time_constant {estimate.lag:.3f} s",
-        f"limits: v {limits.v:.3f} m/s, w {limits.w:.3f} rad/s, a {limits.a:.3f} m/s^2, "
-        f"brake {limits.brake:.3f} m/s^2, aw {limits.aw:.3f} rad/s^2",
-    ]
-    for name, axis, unit in (("v", estimate.driving, "m/s"), ("w", estimate.turning, "rad/s")):
-        lines.append(
-            f"dead zone of {name}: {axis.dead_zone:.2f} {unit}; fitted within "
-            f"{axis.error:.3f} {unit} (RMS)"
-        )
-        if not axis.limited:
-            lines.append(
-                f"limits.{name}: {axis.response.limit:.3f} {unit} is the fastest speed in "
-                f"odometry; the base may be faster (give more --space, or a greater --{name})"
-            )
-    ahead, left = estimate.point
-    if math.hypot(ahead, left) > _POINT_TOLERANCE:
-        lines.append(
-            f"odometry describes a point {ahead:z.2f} m ahead and {left:z.2f} m to the left of the "
-            "middle of the axle, but drives need that of the axle: correct the driver, or its "
-            "robot_frame"
-        )
-    return lines
-
-
 class _Driver:
     """Publishes a command of the drive for each odometry message."""
 
     def __init__(
-        self, node: Node, drive: ProbeDrive, robot: DifferentialRobot, options: argparse.Namespace
+        self, node: Node, drive: ProbeDrive, robot: Robot, options: argparse.Namespace
     ) -> None:
         self._node = node
         self._drive = drive

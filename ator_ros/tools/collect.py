@@ -9,7 +9,7 @@ import argparse
 import contextlib
 import sys
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,11 +17,13 @@ import numpy as np
 import pandas as pd
 
 from ator_ros.bases.description import Robot
+from ator_ros.domains.domain import Domain
 from ator_ros.domains.trials import possible_actions
 from ator_ros.evaluation.toolset import ToolsetSource
 from ator_ros.experience import simulated
 from ator_ros.experience.json_lines import PartialResults
 from ator_ros.experience.parallel import progress
+from ator_ros.experience.recordings import read_sources
 from ator_ros.experience.table import (
     Experience,
     ExperienceError,
@@ -32,6 +34,7 @@ from ator_ros.experience.table import (
 )
 from ator_ros.files import FileError
 from ator_ros.geometry import FloatArray, wrap_angles
+from ator_ros.performance.coverage import Coverage, Unlike
 from ator_ros.printable import one_line, quoted
 from ator_ros.tools.command_line import (
     RESUMES,
@@ -76,13 +79,14 @@ def collect(
     seed: int = 101,
     over_ros: float | None = None,
     attachment: Attachment | None = None,
+    beside: Sequence[Path] = (),
 ) -> None:
     """Execute `episodes` of each action and write their table.
 
     Episodes of an interrupted call are reused. Actions that the robot cannot execute are skipped
     with a message. `command` is the command line for the table. With `over_ros`, a real-time
     factor, actions are executed over ROS; with an `attachment`, by the running executor; otherwise
-    in the simulator without ROS.
+    in the simulator without ROS. Situations are unlike those of the experience in `beside`.
     """
     import pyarrow.parquet  # noqa: F401 (reports a missing package before the first episode)
 
@@ -107,6 +111,9 @@ def collect(
     if domain.grid is not None:
         settings["map"] = str(domain.grid)
     settings["versions"] = library_versions()
+    if beside:
+        domain = _unlike(domain, source, robot, beside)
+        settings["beside"] = [path.name for path in beside]
     identity = {**settings, "robot": robot.sections(), "over_ros": is_over_ros}
     if attachment is not None:
         identity["attached"] = True
@@ -160,6 +167,19 @@ def collect(
                 _report(join(kept), robot)
                 print(f"wrote {out}")
     file.unlink()
+
+
+def _unlike(
+    domain: Domain, source: ToolsetSource, robot: Robot, experience: Sequence[Path]
+) -> Domain:
+    """Return the domain with situations that are unlike those of earlier experience."""
+    rows = read_sources(experience, robot, domain, source.action_set).frame
+    starts = rows[rows["t"] == 0.0]
+    specs = tuple(
+        replace(spec, sample=Unlike(spec.sample, Coverage(starts[starts["action"] == name], robot)))
+        for name, spec in domain.actions(source.action_set).items()
+    )
+    return replace(domain, action_sets={**domain.action_sets, source.action_set: specs})
 
 
 def _finished(
@@ -242,6 +262,10 @@ def arguments() -> argparse.ArgumentParser:
         "--episodes", type=whole(1), help="per action (default: 1000; with --attach 100)"
     )
     parser.add_argument(
+        "--beside", nargs="+", type=Path, default=[], metavar="FILE",
+        help="earlier tables or recordings: drive where they varied nothing",
+    )  # fmt: skip
+    parser.add_argument(
         "--seed", type=whole(), default=101, help="the same seed gives the same table"
     )
     add_parallel_options(parser)
@@ -296,6 +320,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             options.actions, source_of(options), options.out, command=command,
             episodes=options.episodes or (100 if attachment else 1000), seed=options.seed,
             over_ros=options.real_time_factor if options.over_ros else None, attachment=attachment,
+            beside=options.beside,
         )  # fmt: skip
 
     return run_tool(

@@ -6,6 +6,7 @@ import os
 import sys
 from collections.abc import Generator, Iterable, Sequence
 from contextlib import closing, suppress
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ import pandas as pd
 
 from ator_ros.actions import TIME_LIMIT
 from ator_ros.actions.base import Goal
-from ator_ros.actions.situation import SHORT, ActionSpec, drawn_until, short_goal
+from ator_ros.actions.situation import SHORT, ActionSpec, Situation, drawn_until, short_goal
 from ator_ros.bases.description import Robot
 from ator_ros.bases.routes import routes_of
 from ator_ros.domains.declared import DeclaredPlace, Places
@@ -30,6 +31,7 @@ from ator_ros.files import FileError, read_yaml
 from ator_ros.geometry import Pose
 from ator_ros.nodes.network import stay_on_this_machine
 from ator_ros.nodes.remote_messages import RemoteError, RemoteInterface
+from ator_ros.performance.coverage import Unlike
 from ator_ros.schema import SchemaError, structured
 from ator_ros.tools.own_nodes import all_nodes, connected
 from ator_ros.tops.chain import Top, TopCall, TopChain
@@ -38,7 +40,7 @@ from ator_ros.tops.objects import objects_in
 from ator_ros.view.backend import Backend
 from ator_ros.view.draft import Draft
 from ator_ros.world.readers import MessageError
-from ator_ros.world.state import World
+from ator_ros.world.state import RobotState, World
 
 Episodes = Generator[pd.DataFrame, None, None]
 """The rows of each episode, see `ator_ros.experience.table.episode_frame`."""
@@ -248,8 +250,15 @@ class Destinations:
     def goal(self, spec: ActionSpec, top: Top, start: Pose, rng: np.random.Generator) -> Goal:
         """Draw a goal for a drive from `start`, in m and rad; raises NoPlaceError.
 
-        Places are at least `SHORT` from the start. One in seven random goals is nearer.
+        Places are at least `SHORT` from the start. One in seven random goals is nearer. If the
+        action samples what is unlike earlier drives, so is the drive from `start`.
         """
+        if isinstance(spec.sample, Unlike):
+            plain = replace(spec, sample=spec.sample.sample)
+            robot = RobotState(start)
+            return spec.sample.coverage.new(
+                lambda: Situation(spec.name, robot, {}, self.goal(plain, top, start, rng))
+            ).goal
         if not self._places and self._routes is None:
             with suppress(DomainError):  # the domain cannot draw drives of this action
                 return spec.sample(self._robot, rng).goal

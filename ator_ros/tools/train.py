@@ -23,13 +23,22 @@ from ator_ros.experience.table import Experience, ExperienceError, library_versi
 from ator_ros.files import FileError, is_name
 from ator_ros.nodes.network import stay_on_this_machine
 from ator_ros.performance.accuracy import accuracy, brier, kinds
+from ator_ros.performance.coverage import unvaried
+from ator_ros.performance.held_up import held_up_remark
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.model_file import load_model, model_path, save_model
-from ator_ros.performance.training import digest, start_ranges, without_errors, without_routes
+from ator_ros.performance.training import (
+    WorseThanMeanError,
+    digest,
+    start_ranges,
+    without_errors,
+    without_routes,
+)
 from ator_ros.performance.training import train as train_model
 from ator_ros.printable import one_line, printable
 from ator_ros.tools.command_line import add_setting, run_tool
 
+_FORCE = "--force"
 _ROLES = {ODOM: "odometry", CMD_VEL: "velocity commands"}
 
 
@@ -43,11 +52,13 @@ def train(
     robot: Robot,
     action_set: str | None = None,
     topics: Mapping[str, str] | None = None,
+    force: bool = False,
 ) -> None:
     """Learn a model of each action in `experience`, and write it to `folder`.
 
     `experience` and `fresh` are tables or recordings; accuracy is measured on `fresh`. `command` is
-    the command line for the files. The other parameters are those of `read_sources`.
+    the command line for the files. With `force`, models that predict worse than the mean duration
+    are written, too. The other parameters are those of `read_sources`.
     """
     read = read_sources(experience, robot, domain, action_set, topics)
     action_set = read.metadata["action_set"]
@@ -63,13 +74,27 @@ def train(
         # Recordings rarely contain enough episodes of every action: save each model once it is
         # learned.
         try:
-            model = train_model(action, examples, robot, features=features)
+            model = train_model(
+                action,
+                examples,
+                robot,
+                features=features,
+                better_than_mean=not force,
+            )
+        except WorseThanMeanError as error:
+            errors.append(f"{error} Not written; {_FORCE} writes it")
+            continue
         except ExperienceError as error:
             errors.append(str(error))
             continue
         learned += 1
-        left_out = [f"{action}{text}" for text in without_routes(examples, robot, features)]
-        for remark in (*without_errors(action, examples), *left_out):
+        remarks = [f"{action}{text}" for text in without_routes(examples, robot, features)]
+        remarks += held_up_remark(action, model.held_up)
+        if any(top.arrives for top in domain.tops if top.action == action):
+            remarks += unvaried(
+                action, examples[examples["success"] & (examples["t"] == 0.0)], robot
+            )
+        for remark in (*without_errors(action, examples), *remarks):
             print(f"train: {one_line(remark)}", file=sys.stderr)
         starts = tests.frame[(tests.frame["action"] == action) & (tests.frame["t"] == 0.0)]
         measured = _measured(model, starts, tests.metadata.get("seed") or 0) if len(starts) else {}
@@ -111,6 +136,7 @@ def _summary(model: PerformanceModel, examples: pd.DataFrame, measured: Mapping[
     absolute = np.abs(model.errors.errors)
     counted = f"{len(absolute)} drives"
     succeeded = int((examples["success"] & (examples["t"] == 0.0)).sum())
+    succeeded -= model.held_up.drives
     if len(absolute) < succeeded:
         counted += f" of {succeeded} (others are below {NEAR_GOAL} m or lack a route)"
     return f"{rules}, MAE {absolute.mean():.3f} s by cross-validation on {counted}"
@@ -179,6 +205,10 @@ def arguments() -> argparse.ArgumentParser:
             help=f"of {what} in recordings (default: {role} in any namespace)",
         )  # fmt: skip
     parser.add_argument(
+        _FORCE, action="store_true",
+        help="also write models that predict worse than the mean duration",
+    )  # fmt: skip
+    parser.add_argument(
         "--rules", metavar="MODEL",
         help="only print the rules of a model, named by its action or file",
     )  # fmt: skip
@@ -235,6 +265,7 @@ def _train(options: argparse.Namespace, domain: Domain, command: str) -> None:
         robot=robot,
         action_set=options.action_set,
         topics={role: name for role, name in given.items() if name is not None},
+        force=options.force,
     )
 
 

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from ator_ros.actions.base import Goal, Point
-from ator_ros.actions.goal_variables import goal_values
+from ator_ros.actions.goal_variables import ORDER, goal_values
 from ator_ros.bases.description import Robot
 from ator_ros.geometry import Pose
 from ator_ros.printable import ReadableError
@@ -119,12 +119,15 @@ class TopCall:
         The values of opened variables are preliminary.
     open : frozenset of str
         The goal variables (x, y, yaw, speed, declared ones) that refinement may change, or
-        `EVERYTHING`. The plan commits to the others.
+        `EVERYTHING`. The plan commits to the others. `ORDER` opens the call's place in the chain.
+    after : tuple of int
+        Indices of the calls of the chain (from 0) that must be executed before this one.
     """
 
     top: Top
     goal: Goal
     open: frozenset[str] = frozenset()
+    after: tuple[int, ...] = ()
 
     def contradictions(self, robot: Robot) -> list[str]:
         """Return the statements of the post-condition that cannot hold with the robot at the goal.
@@ -158,12 +161,55 @@ class TopCall:
 
 @dataclass(frozen=True, slots=True)
 class TopChain:
-    """A plan: the steps in the order of their execution."""
+    """A plan: the steps in the order of their execution.
+
+    Attributes
+    ----------
+    calls : tuple of TopCall
+        The steps.
+    sent_as : tuple of int
+        Index of each call in the chain as it was sent; empty if that is its own.
+    """
 
     calls: tuple[TopCall, ...]
+    sent_as: tuple[int, ...] = ()
 
     def __len__(self) -> int:
         return len(self.calls)
+
+    @property
+    def order(self) -> tuple[int, ...]:
+        """The indices of the calls in the chain as it was sent."""
+        return self.sent_as or tuple(range(len(self.calls)))
+
+    def part(self, first: int, last: int | None = None) -> TopChain:
+        """Return the calls from `first` to before `last` as a chain; they keep their places."""
+        calls = (
+            dataclasses.replace(call, open=call.open - {ORDER}, after=())
+            for call in self.calls[first:last]
+        )
+        return TopChain(tuple(calls))
+
+    def sent(self, index: int) -> TopCall:
+        """Return the call with an index (from 0) in the chain as it was sent."""
+        return self.calls[self.order.index(index)]
+
+    def step_name(self, index: int) -> str:
+        """Return number and TOP of a call (from 0) for messages; the number is that as sent."""
+        return f"step {self.order[index] + 1} ({self.calls[index].top.name})"
+
+    def reordered(self, order: Sequence[int]) -> TopChain:
+        """Return the chain with its calls in another order, given by their indices in this one."""
+        place = {index: number for number, index in enumerate(order)}
+        calls = []
+        for index in order:
+            call = self.calls[index]
+            if call.after:
+                after = tuple(sorted(place[other] for other in call.after))
+                call = dataclasses.replace(call, after=after)
+            calls.append(call)
+        sent_as = tuple(self.order[index] for index in order)
+        return TopChain(tuple(calls), () if sent_as == tuple(range(len(calls))) else sent_as)
 
     def with_goal(
         self,
@@ -173,7 +219,7 @@ class TopChain:
         """Return the chain with the goal of step `index` (from 0) replaced."""
         calls = list(self.calls)
         calls[index] = dataclasses.replace(calls[index], goal=goal)
-        return TopChain(tuple(calls))
+        return dataclasses.replace(self, calls=tuple(calls))
 
     def violations(
         self,
@@ -189,13 +235,18 @@ class TopChain:
         for call in self.calls:
             if reason := call.top.lacks(robot):
                 return [reason]
-        found = []
+        found = [
+            f"{self.step_name(index)} must come after {self.step_name(other)}"
+            for index, call in enumerate(self.calls)
+            for other in call.after
+            if index < other < len(self.calls)
+        ]
         when = "now"
-        for number, call in enumerate(self.calls, start=1):
-            where = f"pre-condition of step {number} ({call.top.name}) {when}"
+        for index, call in enumerate(self.calls):
+            where = f"pre-condition of {self.step_name(index)} {when}"
             reasons = call.top.pre.violations(state_of(world, robot), goal_values(call.goal))
             found += [f"{where}: {reason}" for reason in reasons]
-            when = f"after step {number} ({call.top.name})"
+            when = f"after {self.step_name(index)}"
             world = projected(world, call, robot)
         return found
 

@@ -7,6 +7,7 @@ import re
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -29,7 +30,14 @@ from ator_ros.domains.domain import Domain
 from ator_ros.geometry import Pose
 from ator_ros.nodes.chain_client import ChainClient
 from ator_ros.nodes.main_loop import uninterrupted
-from ator_ros.nodes.messages import action_set_from, chain_from, chain_of, pose_of, situation_of
+from ator_ros.nodes.messages import (
+    action_set_from,
+    chain_from,
+    chain_of,
+    order_from,
+    pose_of,
+    situation_of,
+)
 from ator_ros.nodes.network import NodesError, UnavailableError
 from ator_ros.nodes.parameters import STATE, SetupError
 from ator_ros.nodes.qos import LATCHED, LATCHED_BY_MANY, RESULTS, SERVICES
@@ -292,9 +300,11 @@ class Backend:
         if not answer.accepted:
             raise NodesError(answer.reason)
         library = self.libraries[draft.action_set]
+        naive = chain_from(answer.original, library, frame=self._frame, where="original")
+        chain = chain_from(answer.chain, library, frame=self._frame)
         return Answer(
-            naive=chain_from(answer.original, library, frame=self._frame, where="original"),
-            chain=chain_from(answer.chain, library, frame=self._frame),
+            naive=replace(naive, sent_as=order_from(answer.original_order)),
+            chain=replace(chain, sent_as=order_from(answer.order)),
             refined=answer.refined,
             reason=answer.reason,
             before=tuple(action.duration for action in answer.before_actions),

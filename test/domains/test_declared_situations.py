@@ -1,5 +1,6 @@
 """Situations and chains that a domain file declares."""
 
+import dataclasses
 import itertools
 import pickle
 from collections import Counter
@@ -12,6 +13,8 @@ from ator_ros.actions.base import Point
 from ator_ros.actions.situation import SHORT, NoPlaceError, Situation
 from ator_ros.domains.declared import DeclaredChain, DeclaredDrives, DeclaredPlace, DeclaredStep
 from ator_ros.domains.domain import find_domain
+from ator_ros.schema import SchemaError
+from ator_ros.tops.ordering import ordering_of
 
 TOUR = find_domain("tour")
 ROBOT = TOUR.robot()
@@ -83,3 +86,15 @@ def test_a_tour_has_four_to_six_stations_two_of_them_bound() -> None:
         assert min(a.distance(b) for a, b in itertools.pairwise(places)) >= 1.5
         assert not chain.violations(world, ROBOT)
     assert set(lengths) == {4, 5, 6}
+
+
+def test_a_chain_may_leave_its_order_open_under_precedences() -> None:
+    goods = DeclaredStep("visit", HALL, ("yaw", "order"), times=(2,))
+    delivery = DeclaredStep("visit", HALL, ("order",), after=(0,))
+    dock = DeclaredStep("visit", HALL)
+    chain = DeclaredChain("round", HALL, (goods, delivery, dock))
+    _, drawn = chain.sample(ROBOT, LIBRARY, np.random.default_rng(0), time_limit=100.0)
+    assert [call.after for call in drawn.calls] == [(), (), (0, 1), ()]
+    assert ordering_of(drawn).groups == ((0, 1, 2), (3,))
+    with pytest.raises(SchemaError, match="after: expected numbers of entries of steps, 0 to 0"):
+        DeclaredChain("round", HALL, (dataclasses.replace(delivery, after=(1,)),))

@@ -7,11 +7,15 @@ import pytest
 from refinement_fakes import LIBRARY, ROBOT, models
 
 from ator_ros.actions import TIME_LIMIT
+from ator_ros.actions.base import Goal
 from ator_ros.domains.soccer.soccer_domain import SOCCER
 from ator_ros.domains.trials import Trial, open_places, random_trial, with_headings
 from ator_ros.evaluation.chain_run import run_chain
-from ator_ros.evaluation.policies import POLICIES
+from ator_ros.evaluation.policies import ORDERS, POLICIES
 from ator_ros.evaluation.toolset import Toolset
+from ator_ros.geometry import Pose
+from ator_ros.tops.chain import TopCall, TopChain
+from ator_ros.world.state import RobotState, World
 
 
 def trial(index: int = 0, chain: str = "dribble") -> Trial:
@@ -93,3 +97,26 @@ def test_a_failed_chain_counts_at_the_time_limit() -> None:
     assert not run.success
     assert run.duration == TIME_LIMIT
     assert "pre-condition of goToBall" in run.reason
+
+
+def test_orders_by_length_of_stations_in_a_line(tools: Toolset) -> None:
+    """From 0, nearest next is 1, -2, 4.5: 10.5 m; the shortest order is -2, 1, 4.5: 8.5 m."""
+    opened = frozenset({"yaw", "order"})
+    top = LIBRARY["goToPose"]
+    calls = tuple(TopCall(top, Goal(Pose(x, 0.0, 0.0)), opened) for x in (4.5, 1.0, -2.0))
+    drawn = Trial(World(0.0, RobotState(Pose(0.0, 0.0, 0.0))), TopChain(calls))
+
+    def places(name: str) -> list[float]:
+        chosen = POLICIES[name](tools, drawn).chain
+        return [call.goal.pose.x for call in chosen.calls]
+
+    for headings in ("", "_refined"):
+        assert places(f"listed{headings}") == [4.5, 1.0, -2.0]
+        assert places(f"nearest{headings}") == [1.0, -2.0, 4.5]
+        assert places(f"straight{headings}") == places(f"route{headings}") == [-2.0, 1.0, 4.5]
+    refined = POLICIES["refined"](tools, drawn)
+    assert refined.predicted is not None
+    for name in ORDERS:
+        assert refined.predicted.cost <= tools.predict(
+            drawn.world, POLICIES[name](tools, drawn).chain
+        ).cost + 0.05  # fmt: skip

@@ -251,6 +251,27 @@ def test_a_latency_that_is_set_a_little_too_high_raises_no_fault(
 
 
 @pytest.mark.parametrize("rate", [20.0, 50.0])
+@pytest.mark.parametrize(("latency", "named"), [(0.1, False), (0.15, False), (0.2, True)])
+def test_a_latency_that_is_a_tenth_of_a_second_too_high_is_named(
+    rate: float, latency: float, named: bool
+) -> None:
+    base = KinematicBase(PIONEER, Pose(0.0, 0.0, 0.0), latency=0.1)
+    chain = go(PIONEER, Pose(2.0, 1.0, 1.57))
+    done = execute(SOCCER.library(PIONEER), chain, base, rate=rate, latency=latency)
+    assert done.ending is Ending.SUCCEEDED
+    assert ("the base reacts earlier" in done.watch.remark) is named
+
+
+@pytest.mark.parametrize("share", [0.4, 0.6])
+def test_a_base_that_is_slower_than_commanded_is_named_with_its_speed(share: float) -> None:
+    base = KinematicBase(PIONEER, Pose(0.0, 0.0, 0.0), share=share)
+    done = execute(SOCCER.library(PIONEER), go(PIONEER, Pose(2.0, 0.0, 0.0)), base)
+    assert done.ending in (Ending.SUCCEEDED, Ending.FAILED)
+    assert f"at about {100 * share:.0f} % of the commanded speed" in done.watch.remark
+    assert "`latency`" not in done.watch.remark  # such a base only seems to be late
+
+
+@pytest.mark.parametrize("rate", [20.0, 50.0])
 def test_a_latency_that_is_set_far_too_high_is_named(rate: float) -> None:
     base = KinematicBase(PIONEER, Pose(0.0, 0.0, 0.0))
     chain = go(PIONEER, Pose(2.0, 1.0, 1.57))

@@ -68,6 +68,7 @@ class Drive:
         again_after: float = 0.15,
         start: Pose = START,
         ball: tuple[float, float] = (2.0, 0.0),
+        answer: TopChain | None = None,
     ) -> None:
         self.simulation, self.commands = simulation, list[Command]()
         simulation.place_robot(start)
@@ -82,7 +83,7 @@ class Drive:
         )
         self.tick()
         if refine:
-            self.run.answer(Answer(plans[0], False, "the first answer"))
+            self.run.answer(Answer(answer or plans[0], answer is not None, "the first answer"))
 
     def tick(self, times: int = 1) -> None:
         for _ in range(times):
@@ -317,3 +318,44 @@ def test_a_refined_chain_must_be_valid() -> None:
     elsewhere = World(0.0, world.robot, {BALL: ObjectState(1.0, 1.0)})
     with pytest.raises(InvalidChainError, match="pre-condition of step 1"):
         refined_chain(CHAIN, question, with_yaw(CHAIN, 1.0), elsewhere, LIBRARY)
+
+
+OPEN_STOPS = TopChain(
+    (
+        call("goToPose", -0.5, -1.0, 0.0, "yaw", "order"),
+        call("goToPose", -1.0, -1.0, 0.0, "yaw", "order"),
+        call("goToPose", 0.0, -1.0, 0.0, "yaw"),
+    )
+)
+
+
+def test_the_order_of_the_first_answer_is_executed(simulation: Simulation) -> None:
+    drive = Drive(simulation, OPEN_STOPS, answer=OPEN_STOPS.reordered((1, 0, 2)))
+    assert drive.to_the_end() is Ending.SUCCEEDED, drive.run.reason
+    assert drive.run.refining.refined
+    records = drive.run.executor.records
+    assert [each.chain.order[each.index] for each in records] == [1, 0, 2]
+    driven = [each.end.robot.pose.x for each in records]
+    assert driven == pytest.approx([-1.0, -0.5, 0.0], abs=0.1)
+
+
+def test_an_order_that_the_plan_does_not_open_is_refused() -> None:
+    world = World(0.0, RobotState(START))
+    question = Question(world, OPEN_STOPS, 0, 0.0)
+    with pytest.raises(InvalidChainError, match=r"order: expected calls \[0, 1\] at places 1 to 2"):
+        refined_chain(OPEN_STOPS, question, OPEN_STOPS.reordered((0, 2, 1)), world, LIBRARY)
+    first, second, last = OPEN_STOPS.calls
+    bound = TopChain((first, dataclasses.replace(second, after=(0,)), last))
+    question = Question(world, bound, 0, 0.0)
+    with pytest.raises(InvalidChainError, match="order: expected call 1 after call 0"):
+        refined_chain(bound, question, bound.reordered((1, 0, 2)), world, LIBRARY)
+
+
+def test_the_order_is_not_asked_about_again(simulation: Simulation) -> None:
+    drive = Drive(simulation, OPEN_STOPS, answer=OPEN_STOPS.reordered((1, 0, 2)))
+    drive.tick(10)
+    drive.simulation.place_robot(Pose(-1.5, -0.5, 0.5))
+    drive.tick(2)
+    question = drive.run.question
+    assert question is not None
+    assert not any("order" in each.open or each.after for each in question.chain.calls)

@@ -15,6 +15,7 @@ from ator_ros.experience.track import Rows, Segment, Track
 from ator_ros.geometry import Pose
 
 TICK = 0.05
+CONTRADICTS = "poses and velocities contradict each other: the pose was reset, or the robot moved"
 Phase = tuple[float, float]
 """Speed (m/s) and how long it is commanded (s)."""
 
@@ -121,6 +122,18 @@ def test_a_turn_of_the_pose_may_be_a_jump() -> None:
         turned.odom.append(*row[:3], 2.5 if row[0] > 1.0 else 0.0, *row[4:])
     turned.cmd_vel = segment.cmd_vel
     assert found(turned) == ["the pose jumps during the drive"]
+
+
+@pytest.mark.parametrize(("resets", "is_one"), [(1, False), (5, True)])
+def test_small_resets_of_the_pose_add_up(resets: int, is_one: bool) -> None:
+    """One of 29 cm may be a correction of the odometry, but five in 3.6 m are not."""
+    segment = segment_of((0.0, 0.5), (0.6, 6.0), (0.0, 1.0))
+    reset = Segment(cmd_vel=segment.cmd_vel)
+    for time, x, *others in segment.odom.in_order().tolist():
+        passed = min(max(int(time - 1.0), 0), resets)
+        reset.odom.append(time, x - 0.29 * passed, *others)
+    (episode,) = found(reset)
+    assert (episode == CONTRADICTS) == is_one
 
 
 def test_without_odometry_or_commands_there_are_no_drives() -> None:

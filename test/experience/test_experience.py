@@ -16,6 +16,7 @@ from ator_ros.bases.drive_parts import DriveParts
 from ator_ros.domains.soccer.field import BALL
 from ator_ros.domains.soccer.soccer_domain import SOCCER
 from ator_ros.domains.soccer.tops import GO_TO_BALL, GO_TO_POSE
+from ator_ros.experience.repeats import without_repeats
 from ator_ros.experience.simulated import collect, run_episode
 from ator_ros.experience.table import (
     Episode,
@@ -27,7 +28,6 @@ from ator_ros.experience.table import (
     join,
     objects_of_columns,
     read_experience,
-    without_repeats,
     write_experience,
 )
 from ator_ros.geometry import Pose

@@ -2,12 +2,17 @@
 
 from typing import Any
 
+from action_msgs.msg import GoalStatusArray
+from action_msgs.srv import CancelGoal
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
+from rclpy.task import Future
 
 from ator_interfaces.action import ExecuteChain
 from ator_ros.actions.remote import Expectation, Filling, RemoteCall, Success, Timeouts
+from ator_ros.nodes.qos import LATCHED
 
 NAME = "drive"
 
@@ -65,3 +70,36 @@ class Server(ActionServer):
         result.outcome.code, result.outcome.reason = code, reason
         getattr(handle, state)()
         super().notify_execute(handle, lambda _: result)
+
+
+class SilentServer:
+    """A server whose answer to a goal is lost, as after it was frozen for longer than DDS waits.
+
+    Attributes: `goals` and `canceled` are the ids in requests; with `code` it answers the latter.
+    """
+
+    def __init__(self, node: Node, code: int = CancelGoal.Response.ERROR_NONE) -> None:
+        self.goals: list[bytes] = []
+        self.canceled: list[bytes] = []
+        self._code = code
+        parts = ExecuteChain.Impl
+        name = f"{NAME}/_action"
+        for kind, service, answer in (
+            (parts.SendGoalService, "send_goal", self._never),
+            (parts.GetResultService, "get_result", self._never),
+            (CancelGoal, "cancel_goal", self._cancel),
+        ):
+            group = ReentrantCallbackGroup()
+            node.create_service(kind, f"{name}/{service}", answer, callback_group=group)
+        node.create_publisher(parts.FeedbackMessage, f"{name}/feedback", 1)
+        node.create_publisher(GoalStatusArray, f"{name}/status", LATCHED)
+
+    async def _never(self, request: Any, response: Any) -> Any:
+        self.goals.append(bytes(request.goal_id.uuid))
+        await Future()
+        return response
+
+    def _cancel(self, request: Any, response: Any) -> Any:
+        self.canceled.append(bytes(request.goal_info.goal_id.uuid))
+        response.return_code = self._code
+        return response

@@ -218,3 +218,27 @@ def test_goals_and_situations_in_a_known_frame_are_transformed() -> None:
     ball = ball_of(read)
     assert ball is not None
     assert (ball.x, ball.y, ball.vx, ball.vy) == pytest.approx((1.0, 4.0, 0.0, 1.0))
+
+
+def ordered(*after: tuple[int, ...]) -> TopChain:
+    """Return a chain of drives whose order is open, each after some others."""
+    calls = [TopCall(top="goToPose", open=["order", "yaw"], after=each) for each in after]
+    return TopChain(calls=calls)
+
+
+def test_an_open_order_and_its_precedences_are_unchanged_by_a_message() -> None:
+    sent = ordered((2,), (), (1,))
+    read = messages.chain_from(sent, LIBRARY, frame=FRAME)
+    assert [call.after for call in read.calls] == [(2,), (), (1,)]
+    back = messages.chain_of(read, action_set="", frame=FRAME)
+    assert [(list(call.open), list(call.after)) for call in back.calls] == [
+        (["order", "yaw"], after) for after in ([2], [], [1])
+    ]
+    assert messages.order_from([0, 1, 2]) == ()
+    assert messages.order_from([2, 1, 0]) == (2, 1, 0)
+
+
+@pytest.mark.parametrize("after", [((1,), (0,)), ((3,), ()), ((0,), ())])
+def test_precedences_that_cannot_hold_are_refused(after: tuple[tuple[int, ...], ...]) -> None:
+    with pytest.raises(MessageError, match=r"^chain: .*after: expected"):
+        messages.chain_from(ordered(*after), LIBRARY, frame=FRAME)

@@ -3,6 +3,7 @@
 import json
 import math
 import shutil
+import signal
 from collections.abc import Callable
 from pathlib import Path
 
@@ -80,6 +81,27 @@ def test_impossible_records_and_aborted_actions_are_omitted(
     assert (values["records taken"], values["records left out"]) == ("1", "5")
     assert "record left out: expected finite numbers" in node.output
     assert action_sets_in(folder / RECORDS) == ["default"]
+
+
+def test_every_record_is_stored_or_counted(
+    start: Start, client: Client, publish_records: Callable[..., None], tmp_path: Path
+) -> None:
+    """The node is stopped while more records come than queues hold."""
+    folder = tmp_path / "learned"
+    node = start("learning", learned=folder, batch=10_000)
+    first, impossible = (record_of(episode) for episode in episodes(2))
+    impossible.actual.duration = math.nan
+    publish_records(first)
+    client.eventually(lambda: stored_in(folder) == 1, "the first record")
+    node.send(signal.SIGSTOP)
+    publish_records(*[impossible] * 3000)
+    node.send(signal.SIGCONT)
+    publish_records(first)
+    client.eventually(lambda: stored_in(folder) == 2, "the last record")
+    values = values_of(client.status_of("learning"))
+    counts = [int(values[f"records {name}"]) for name in ("stored", "left out", "lost")]
+    assert sum(counts) == 3002
+    assert counts[2] > 1000
 
 
 def test_learning_can_be_frozen(

@@ -14,6 +14,7 @@ from ros_client import Client
 from ator_interfaces.msg import Outcome
 from ator_ros.geometry import Pose
 from ator_ros.nodes.messages import odometry_of
+from ator_ros.nodes.qos import NEWEST
 from ator_ros.world.state import RobotState
 
 Quirk = Callable[[Odometry, float], None]
@@ -76,6 +77,10 @@ def unsigned_twist(message: Odometry, yaw: float) -> None:
     message.twist.twist.linear.x = abs(message.twist.twist.linear.x)
 
 
+def twist_in_millimeters(message: Odometry, yaw: float) -> None:
+    message.twist.twist.linear.x *= 1000.0
+
+
 def no_direction(message: Odometry, yaw: float) -> None:
     turn = message.pose.pose.orientation
     turn.z = turn.w = 0.0
@@ -114,6 +119,38 @@ def test_an_unsigned_twist_drives_the_robot_to_a_goal_behind_it(
     assert result.outcome.code == Outcome.SUCCEEDED, result.outcome.reason
     assert base.pose.distance(goals[1]) < 0.05
     assert "pose and twist.linear contradict each other" in node.output
+
+
+def test_a_twist_in_millimeters_drives_the_robot_to_its_goal_and_is_named(
+    host: Host, client: Client, base: QuirkyBase
+) -> None:
+    base.quirk = twist_in_millimeters
+    node = host("executor", **(SETTINGS | {"fence": "[-1.0, -1.0, 3.0, 2.0]"}))
+    goal = Pose(1.5, 0.5, 0.5)
+    result = ChainClient(client).send([call("goToPose", goal)]).result()
+    assert result.outcome.code == Outcome.SUCCEEDED, result.outcome.reason
+    assert base.pose.distance(goal) < 0.05
+    assert "it looks like mm/s: publish m/s" in node.output
+
+
+def test_two_senders_of_odometry_are_named_whatever_ends_the_goal(
+    host: Host, client: Client, base: QuirkyBase
+) -> None:
+    other = client.node.create_publisher(Odometry, "odom", NEWEST)
+
+    def publish_elsewhere() -> None:
+        state = base.state()
+        pose = base.pose._replace(y=base.pose.y + 0.3)
+        shifted = RobotState(pose, state.vx, state.w)
+        other.publish(odometry_of(base.time + 0.02, shifted, frame="odom", child="base_link"))
+
+    client.node.create_timer(PERIOD, publish_elsewhere)
+    host("executor", **SETTINGS)
+    outcome = ChainClient(client).send([call("goToPose", Pose(2.0, 0.0, 0.0))]).outcome()
+    assert outcome.code not in (Outcome.SUCCEEDED, Outcome.REFUSED), outcome.reason
+    assert "odom: expected one publisher, got 2" in outcome.reason or (
+        "jump to and fro by 0.3" in outcome.reason
+    )
 
 
 def test_odometry_at_5_hz_is_reported_with_the_remedy(

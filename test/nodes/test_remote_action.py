@@ -7,7 +7,8 @@ from typing import Any
 
 import pytest
 import rclpy
-from action_servers import Server, declared
+from action_msgs.srv import CancelGoal
+from action_servers import Server, SilentServer, declared
 from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -177,6 +178,23 @@ def test_a_goal_accepted_too_late_is_canceled(bench: Bench) -> None:
     assert bench.outcome()[0].message == late
     bench.resume()
     bench.until(lambda: server.canceled)
+
+
+@pytest.mark.parametrize(
+    ("code", "most"),
+    [(CancelGoal.Response.ERROR_NONE, 1), (CancelGoal.Response.ERROR_UNKNOWN_GOAL_ID, 4)],
+)
+def test_a_goal_whose_acceptance_is_lost_is_canceled_by_its_id(
+    bench: Bench, code: int, most: int
+) -> None:
+    server = SilentServer(bench.server_node, code)
+    bench.begin()
+    assert "did not answer the goal" in bench.outcome()[0].message
+    for _ in range(round(3.0 / PERIOD)):
+        bench.server.check()
+        bench.spin()
+    assert len(server.goals) == 1
+    assert server.canceled == server.goals * most
 
 
 def test_without_a_server_it_fails_after_its_timeout(bench: Bench) -> None:

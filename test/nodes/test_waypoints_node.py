@@ -117,7 +117,10 @@ def navigator(nodes: Navigator) -> Navigator:
         lambda: nodes.is_at(START) and nodes.chains.standing(), "the robot at the start"
     )
     assert all(
-        each.successful for each in nodes.client.set_parameters("waypoints", stop_on_failure=True)
+        each.successful
+        for each in nodes.client.set_parameters(
+            "waypoints", stop_on_failure=True, order="given", keep_last=True, return_home=False
+        )
     )
     nodes.client.set_parameters("executor", action_timeout=60.0)
     nodes.chains.chains.clear()
@@ -136,7 +139,7 @@ def test_waypoints_are_followed_with_headings_that_refinement_chose(navigator: N
 
 
 def test_poses_are_navigated_through_with_times_from_the_models(navigator: Navigator) -> None:
-    poses = SQUARE * 3  # two chains
+    poses = SQUARE * 3
     sent = navigator.send("navigate_through_poses", poses)
     status, result = sent.end()
     assert (status, result.error_code) == (GoalStatus.STATUS_SUCCEEDED, 0), result
@@ -307,3 +310,35 @@ def test_an_unusable_goal_is_refused_with_a_reason(navigator: Navigator) -> None
         status, result = navigator.send(name, poses, **fields).end()
         assert (status, result.error_code) == (GoalStatus.STATUS_ABORTED, code)
         assert "expected" in result.error_msg
+
+
+def test_an_open_order_is_driven_and_waypoints_are_counted_as_sent(navigator: Navigator) -> None:
+    navigator.client.set_parameters("waypoints", order="open")
+    near_last = [START.ahead(far) for far in (3.0, 1.0, 2.0, 4.0)]
+    sent = navigator.send("follow_waypoints", near_last)
+    status, result = sent.end()
+    assert status == GoalStatus.STATUS_SUCCEEDED, result
+    assert sent.waypoints()[-4:] == [1, 2, 0, 3]
+    (record,) = navigator.chains.chains
+    assert list(record.order) == [1, 2, 0, 3]
+    assert [each.step for each in record.actions] == [1, 2, 0, 3]
+    assert navigator.is_at(near_last[3])
+
+
+def test_a_tour_ends_where_it_began_with_its_last_waypoint_free(navigator: Navigator) -> None:
+    navigator.client.set_parameters("waypoints", order="open", keep_last=False, return_home=True)
+    sent = navigator.send("navigate_through_poses", [START.ahead(2.0), START.ahead(1.0)])
+    status, result = sent.end()
+    assert status == GoalStatus.STATUS_SUCCEEDED, result
+    assert navigator.is_at(START)
+    (record,) = navigator.chains.chains
+    assert [sorted(call.open) for call in record.chain.calls] == [
+        ["order", "yaw"],
+        ["order"],  # `keep_headings` has the last one
+        [],
+    ]
+    remaining = [
+        number for number, _ in groupby(f.number_of_poses_remaining for f in sent.feedback)
+    ]
+    assert remaining == [2, 1, 0]
+    assert sent.feedback[-1].distance_remaining < 0.3

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from ator_ros.bases.description import Robot, load_robot
+from ator_ros.bases.differential.calibration import described, report
 from ator_ros.bases.differential.identification import BaseEstimate, check_plausible, identify
 from ator_ros.bases.differential.limits import Limits
 from ator_ros.bases.differential.probe_drive import DriveError, DrivePart, DriveSample, ProbeDrive
 from ator_ros.geometry import Pose
 from ator_ros.simulation.scene_simulation import Simulation
 from ator_ros.simulation.sensors import SensorConfig, Sensors
-from ator_ros.tools.calibrate import described, report
 from ator_ros.world.state import Command, RobotState
 
 PIONEER = load_robot()

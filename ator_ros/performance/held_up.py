@@ -1,0 +1,146 @@
+"""Drives that were held up: somebody stood in the way, or the server waited and tried again.
+
+Such a drive takes far longer than all similar ones, so the features cannot explain it. It is no
+example of how long the action takes, and is described apart.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from statistics import NormalDist
+from typing import Annotated
+
+import numpy as np
+
+from ator_ros.geometry import BoolArray, FloatArray
+from ator_ros.schema import Within
+
+# Least ratio of the duration of a drive that was held up to that of similar drives. Errors reach
+# 1.4 if nobody disturbs, and those of short drives more: the delay is at least 2 s, or the ratio 2.
+_LEAST_RATIO = 1.5
+_LEAST_DELAY = 2.0
+_SURE_RATIO = 2.0
+# Some drives vary more. Then the least ratio is a power of that which this share of usual drives
+# keeps. Few drives do not show it, so it has a limit.
+_SHARE_OF_USUAL = 0.95
+_POWER = 4.0
+_MOST_RATIO = 2.5
+# An action that does not follow its path, such as a shot, may take several attempts.
+_RATIO_OF_ATTEMPTS = 3.0
+# A drive that was believed to be held up needs less to remain so, or beliefs would alternate.
+_TO_REMAIN = 0.5
+_MOST_SHARE = 1.0 / 3.0  # of drives that are held up; more are how the action drives
+# s added to both durations of a ratio: a turn of 0.1 s may take 0.2 s
+_SHORT = 0.5
+# A drive counts for the first model with at most this multiple of what it usually takes, which is
+# more than hard drives differ from easy ones, and less than most delays.
+_CLIPPED_AT = 2.5
+_KEPT = 0.9  # share of drives that keep a bound
+_MOST_KEPT = 0.999  # of those that are not held up; more would assume that errors are normal
+_LEAST_TIME = 0.05  # s, least time of a path in such a multiple
+
+
+@dataclass(frozen=True)
+class HeldUp:
+    """How often, and how long, drives were held up.
+
+    Attributes
+    ----------
+    share : float
+        Share of the drives that succeeded.
+    delay : float
+        Mean of their durations less those predicted, in s.
+    drives : int
+        Their number.
+    late : float
+        Nine of ten drives, held up or not, took at most so many s longer than predicted; 0 if none
+        was held up.
+    """
+
+    share: Annotated[float, Within(0.0, 0.5)] = 0.0
+    delay: Annotated[float, Within(0.0)] = 0.0
+    drives: Annotated[int, Within(0)] = 0
+    late: float = 0.0
+
+    def bound(self, durations: FloatArray, spreads: FloatArray) -> FloatArray:
+        """Return what nine of ten drives take at most, shape (n,), in s.
+
+        `durations` (n,) are predicted, `spreads` (n,) their standard deviations in s if nobody
+        holds the robot up.
+        """
+        quantile = min(_KEPT / (1.0 - self.share), _MOST_KEPT)
+        deviations = NormalDist().inv_cdf(quantile)
+        return np.asarray(durations + np.maximum(self.late, deviations * spreads))
+
+
+NOT_HELD_UP = HeldUp()
+"""If no drive was held up."""
+
+
+def clipped(durations: FloatArray, path_times: FloatArray) -> FloatArray:
+    """Return durations (n,) in s that no single drive makes much longer.
+
+    A first model is learned from them. Hard drives remain longer than easy ones, so that a model
+    can explain them.
+
+    Parameters
+    ----------
+    durations : array of float, shape (n,)
+        Durations of drives in s.
+    path_times : array of float, shape (n,)
+        Times in s of their fastest paths.
+    """
+    fastest = np.maximum(path_times, _LEAST_TIME)
+    usual = float(np.median(durations / fastest))
+    return np.minimum(durations, _CLIPPED_AT * (usual * fastest + _SHORT))
+
+
+def find_held_up(
+    durations: FloatArray, predicted: FloatArray, believed: BoolArray, *, follows_path: bool = True
+) -> BoolArray:
+    """Return which drives were held up, shape (n,).
+
+    Parameters
+    ----------
+    durations : array of float, shape (n,)
+        Durations of drives in s.
+    predicted : array of float, shape (n,)
+        What a model predicts that was learned without the drive.
+    believed : array of bool, shape (n,)
+        Which drives the model was learned without because they are believed to be held up.
+    follows_path : bool
+        Whether the action follows its path, so that its durations vary little.
+    """
+    predicted = np.maximum(predicted, 0.0)
+    longer = np.log((durations + _SHORT) / (predicted + _SHORT))
+    longer -= np.median(longer)
+    low, high = np.log((_LEAST_RATIO, _MOST_RATIO))
+    tail = float(np.quantile(longer[longer <= low], _SHARE_OF_USUAL))
+    least = np.clip(_POWER * tail, low, high) if follows_path else np.log(_RATIO_OF_ATTEMPTS)
+    found = longer > np.where(believed, _TO_REMAIN, 1.0) * least
+    found &= (durations - predicted > _LEAST_DELAY) | (longer > np.log(_SURE_RATIO))
+    return np.asarray(found & (found.mean() <= _MOST_SHARE))
+
+
+def describe_held_up(errors: FloatArray, held: BoolArray) -> HeldUp:
+    """Return how often drives were held up, and how long.
+
+    `errors` (n,) are actual less predicted durations in s, `held` (n,) those that were held up.
+    """
+    if not held.any():
+        return NOT_HELD_UP
+    delay = float(errors[held].mean())
+    late = float(np.quantile(errors, _KEPT))
+    return HeldUp(float(held.mean()), max(delay, 0.0), int(held.sum()), late)
+
+
+def held_up_remark(action: str, held_up: HeldUp) -> list[str]:
+    """Return a remark on the drives of an action that were held up, if there are any."""
+    if not held_up.drives:
+        return []
+    were = "drive was" if held_up.drives == 1 else "drives were"
+    share = f"{100.0 * held_up.share:.2g} %"
+    return [
+        f"{action}: {held_up.drives} {were} held up ({share}), by {held_up.delay:.1f} s on "
+        "average: durations are learned from the others"
+    ]

@@ -1,0 +1,231 @@
+"""The order of a chain's calls: one table of predicted costs, and the orders that promise most.
+
+The table has the cost of each leg from call to call, for a grid of candidates of their free
+variables. `ator_ros.refinement.order_search` finds the best orders on it, up to `MOST_EXACT` calls
+of a group exactly. The refiner then searches the variables of the best few without a grid.
+
+A table with a coarse grid comes first. It has an order long before the fine one is complete.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ator_ros.actions.goal_variables import goal_values, with_values
+from ator_ros.bases.description import Robot
+from ator_ros.geometry import FloatArray
+from ator_ros.refinement.chain_prediction import PredictsPerformance, StepModel, leg_rows
+from ator_ros.refinement.objective import Objective
+from ator_ros.refinement.order_search import LegOrder, LocalSearch, best_orders, nearest_next
+from ator_ros.refinement.search import Allowed, Deadline, Pairs, Work, first_candidates
+from ator_ros.tops.chain import TopChain
+from ator_ros.tops.ordering import Ordering, depends_on_order, possible_steps
+from ator_ros.tops.ranges import Range
+from ator_ros.world.state import World
+
+MOST_EXACT = 10
+"""Calls of a group up to which the best order on the table is found exactly."""
+_COARSE = (1, 4, 6, 8)  # candidates by the number of a call's free variables
+_FINE = (1, 12, 18, 24)
+_MANY = 40  # calls from which on a fine table would take too long
+_FINE_OF_MANY = (1, 8, 12, 16)
+_BLOCK = 2048  # pairs of candidates predicted between two checks of the deadline: 10 ms
+_MOST_MOVES = 50  # of a local search between two checks of the deadline: about 1 ms each
+_KICKS = 60  # of a local search; more of them hardly lower the cost of 30 calls
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Table:
+    """The costs of the legs of n calls, with at most h candidates of each.
+
+    `candidates` are those of each call, shapes (h or less, k). `costs` has the shape
+    (n + 1, h, n, h), see `best_orders`.
+    """
+
+    candidates: Sequence[FloatArray]
+    costs: FloatArray
+
+
+class OrderSearch:
+    """The search for the orders of a chain that promise the least cost.
+
+    Parameters
+    ----------
+    world, chain, ordering
+        The request: the chain is a valid plan as it is.
+    robot, models, objective
+        What a leg costs.
+    names, axes : sequences, one item per call
+        Names and ranges of the free variables.
+    allowed : callable, optional
+        Limits the candidates.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        chain: TopChain,
+        ordering: Ordering,
+        robot: Robot,
+        *,
+        models: Mapping[str, PredictsPerformance],
+        objective: Objective,
+        names: Sequence[tuple[str, ...]],
+        axes: Sequence[Sequence[Range]],
+        allowed: Allowed | None,
+    ) -> None:
+        self._world = world
+        self._chain = chain
+        self._ordering = ordering
+        self._robot = robot
+        self._names = names
+        self._axes = axes
+        self._allowed = allowed
+        self._legs = list(_legs(ordering))
+        ends = [chain.calls[end] for _, end in self._legs]
+        self._model = StepModel(
+            leg_rows(world, chain, robot, names, self._legs),
+            ends,
+            [names[end] for _, end in self._legs],
+            robot,
+            models=models,
+            objective=objective,
+        )
+
+    def chains(self, most: int, deadline: Deadline, work: Work) -> list[tuple[TopChain, float]]:
+        """Return up to `most` orders of the chain with their costs, the least first.
+
+        The values of free variables are those of the grid. Empty if the deadline passed before
+        the first order was found.
+        """
+        fine = _FINE if len(self._chain) < _MANY else _FINE_OF_MANY
+        grids = [[self._candidates(index, table) for index in range(len(self._chain))]
+                 for table in (_COARSE, fine)]  # fmt: skip
+        work.expected += sum(self._pairs(candidates) for candidates in grids)
+        possible = None
+        if depends_on_order(self._chain) and self._is_exact:
+            possible = possible_steps(self._chain, self._ordering, self._world, self._robot)
+        found: list[tuple[TopChain, float]] = []
+        order = list(range(len(self._chain)))
+        for candidates in grids:
+            table = self._table(candidates, deadline, work)
+            if table is None:
+                break
+            if self._is_exact:
+                orders = best_orders(table.costs, self._ordering, possible, most)
+            else:
+                orders = self._improved(table, order, deadline)
+            chains = [(self._written(table, each), each.cost) for each in orders]
+            found = [each for each in chains if not each[0].violations(self._world, self._robot)]
+            if found:
+                order = list(orders[0].order)
+            if deadline():
+                break
+        return found
+
+    @property
+    def _is_exact(self) -> bool:
+        return max(map(len, self._ordering.groups)) <= MOST_EXACT
+
+    def _candidates(self, index: int, counts: Sequence[int]) -> FloatArray:
+        values = goal_values(self._chain.calls[index].goal)
+        given = np.array([[values[name] for name in self._names[index]]])
+        free = len(self._axes[index])
+        if not free:
+            return given
+        count = counts[min(free, len(counts) - 1)]
+        points, _ = first_candidates(index, self._axes[index], count, self._allowed)
+        return points if len(points) else given
+
+    def _pairs(self, candidates: Sequence[FloatArray]) -> int:
+        counts = [1, *map(len, candidates)]
+        return sum(counts[origin + 1] * counts[end + 1] for origin, end in self._legs)
+
+    def _table(
+        self, candidates: Sequence[FloatArray], deadline: Deadline, work: Work
+    ) -> _Table | None:
+        """Return the table of predicted costs; None if the deadline passed before its end."""
+        width = max(map(len, candidates))
+        costs = np.full((len(candidates) + 1, width, len(candidates), width), np.inf)
+        starts = [np.zeros((1, 0)), *candidates]
+        block: list[Pairs] = []
+        size = 0
+        for number, (origin, end) in enumerate(self._legs):
+            before = starts[origin + 1]
+            block.append((number, before[:, None], candidates[end]))
+            size += len(before) * len(candidates[end])
+            if size < _BLOCK and number + 1 < len(self._legs):
+                continue
+            if deadline():
+                return None
+            for (leg, first, second), cost in zip(
+                block, self._model.step_costs(block), strict=True
+            ):
+                origin, end = self._legs[leg]
+                costs[origin + 1, : len(first), end, : len(second)] = cost
+            work.add(size)
+            block = []
+            size = 0
+        return _Table(candidates, costs)
+
+    def _improved(self, table: _Table, order: Sequence[int], deadline: Deadline) -> list[LegOrder]:
+        """Return the order of a local search from the better of `order` and `nearest_next`."""
+        starts = [order, nearest_next(table.costs, self._ordering)]
+        searches = [LocalSearch(table.costs, self._ordering, start) for start in starts]
+        search = min(searches, key=lambda each: each.cost)
+        must_check = depends_on_order(self._chain)
+        if must_check and self._violates(search):
+            search = searches[0]
+        self._climb(search, deadline, must_check=must_check)
+        for _ in range(_KICKS):
+            if deadline():
+                break
+            best = search.order, search.cost
+            search.kick()
+            if not (must_check and self._violates(search)):
+                self._climb(search, deadline, must_check=must_check)
+            if search.cost >= best[1]:
+                search.restore(*best)
+        return [search.found()]
+
+    def _climb(self, search: LocalSearch, deadline: Deadline, *, must_check: bool) -> None:
+        """Improve an order until no move does; with conditions, by moves that keep it valid."""
+        cursor = 0
+        rejected: set[int] = set()  # cursors behind moves that made the present order invalid
+        while cursor >= 0 and not deadline():
+            before = search.order, search.cost
+            cursor = search.improve(cursor, 1 if must_check else _MOST_MOVES)
+            if must_check and self._violates(search):
+                search.restore(*before)
+                if cursor in rejected:  # all moves were tried
+                    return
+                rejected.add(cursor)
+            else:
+                rejected.clear()
+
+    def _violates(self, search: LocalSearch) -> bool:
+        chain = self._chain.reordered(search.order.tolist())
+        return bool(chain.violations(self._world, self._robot))
+
+    def _written(self, table: _Table, found: LegOrder) -> TopChain:
+        """Return the chain in an order, with its candidates."""
+        chain = self._chain
+        for index, row in zip(found.order, found.rows, strict=True):
+            values = dict(zip(self._names[index], table.candidates[index][row], strict=True))
+            if values:
+                chain = chain.with_goal(index, with_values(chain.calls[index].goal, values))
+        return chain.reordered(found.order)
+
+
+def _legs(ordering: Ordering) -> Iterator[tuple[int, int]]:
+    """Yield the legs (from, to) of all orders; -1 is the start."""
+    previous: Sequence[int] = (-1,)
+    for group in ordering.groups:
+        for origin, end in (*itertools.product(previous, group), *itertools.permutations(group, 2)):
+            if origin < 0 or not ordering.before[end, origin]:
+                yield origin, end
+        previous = group

@@ -1,0 +1,591 @@
+"""The search for the best orders of a chain's calls on a table of the costs of their legs.
+
+Each call has a few candidates of its free variables (headings), so an order is a path through
+layers of candidates. Two searches work on the same table:
+
+- `best_orders` is exact: dynamic programming over sets of calls, last call, and candidate (Held and
+  Karp 1962). It also returns the next best orders.
+- `LocalSearch` improves an order of many calls by moving and reversing parts of it (Or-opt,
+  2-opt), and leaves local optima by kicks (iterated local search). A changed part is evaluated
+  exactly, with the best candidates of all its calls. Routing libraries have no such layers: with
+  them each call would have one heading, or each candidate would be a stop of a generalized problem.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ator_ros.compiled import compiled
+from ator_ros.geometry import BoolArray, FloatArray, IntArray
+from ator_ros.tops.ordering import Ordering
+
+_LONGEST_MOVED = 3  # calls of a part that is moved (Or-opt)
+_NEAR = 10  # calls tried as successors of a call: those with the cheapest legs
+_WIDEST_KICK = 24  # calls of which a kick exchanges two parts
+
+
+@dataclass(frozen=True, slots=True)
+class LegOrder:
+    """An order of the calls, the row of the candidate of each, in this order, and the cost."""
+
+    order: tuple[int, ...]
+    rows: tuple[int, ...]
+    cost: float
+
+
+# Exact
+
+
+@dataclass(slots=True, eq=False)
+class _Group:
+    """One group of m calls in the dynamic program, with h candidates of each.
+
+    Attributes
+    ----------
+    calls : ndarray, shape (m,)
+        Indices of its calls.
+    needed : ndarray, shape (m,)
+        Bits of the calls that must come before each.
+    possible : ndarray of bool, shape (2**m or 1, n + 1 or 1, m)
+        See `ator_ros.tops.ordering.possible_steps`; all are possible if it has one element.
+    entry : ndarray, shape (n + 1, h)
+        Least cost from the start of the chain until the call before the group.
+    forward, backward : ndarray, shape (2**m, m, h)
+        Least costs from the start until the last of a set of calls, and from there to the end.
+    """
+
+    calls: IntArray
+    needed: IntArray
+    possible: BoolArray
+    entry: FloatArray
+    forward: FloatArray
+    backward: FloatArray
+
+
+def best_orders(
+    costs: FloatArray,
+    ordering: Ordering,
+    possible: Sequence[BoolArray] | None,
+    most: int,
+) -> list[LegOrder]:
+    """Return up to `most` orders, the best first; fewer if there are not so many.
+
+    The first two are exactly the best ones. Each further one is the best that passes through a
+    state (calls done, and last call) of none before it.
+
+    Parameters
+    ----------
+    costs : ndarray, shape (n + 1, h, n, h)
+        Cost of the leg from candidate h of call i - 1 (0: the start) to candidate h of call j;
+        infinite where there is no such candidate.
+    ordering : Ordering
+        Groups and precedences of the n calls.
+    possible : sequence of ndarray of bool, optional
+        Possible steps, see `ator_ros.tops.ordering.possible_steps`; by default all.
+    most : int
+        Number of orders.
+    """
+    groups = _swept(costs, ordering, possible)
+    marginals = [(group.forward + group.backward).min(axis=2) for group in groups]
+    totals = np.concatenate([values.ravel() for values in marginals])
+    firsts = np.cumsum([0, *(values.size for values in marginals)])
+    passed = np.zeros(len(totals), dtype=bool)
+    found: list[LegOrder] = []
+    for state in np.argsort(totals, kind="stable"):
+        if len(found) == most or not np.isfinite(totals[state]):
+            break
+        if passed[state]:
+            continue
+        number = int(np.searchsorted(firsts, state, side="right")) - 1
+        done, last = divmod(int(state - firsts[number]), len(groups[number].calls))
+        steps = _through(costs, groups, number, done, last)
+        for group, bits, call, _ in steps:
+            passed[firsts[group] + bits * len(groups[group].calls) + call] = True
+        order = tuple(int(groups[group].calls[call]) for group, _, call, _ in steps)
+        if all(order != other.order for other in found):
+            rows = tuple(row for *_, row in steps)
+            found.append(LegOrder(order, rows, float(totals[state])))
+    return found
+
+
+def _swept(
+    costs: FloatArray, ordering: Ordering, possible: Sequence[BoolArray] | None
+) -> list[_Group]:
+    """Return the groups with their least costs from the start and to the end."""
+    groups = []
+    entry = np.full(costs.shape[:2], np.inf)
+    entry[0, 0] = 0.0
+    anything = np.ones((1, 1, 1), dtype=bool)
+    for number, calls in enumerate(ordering.groups):
+        before = ordering.before[np.ix_(calls, calls)]
+        group = _Group(
+            np.array(calls),
+            (before * (1 << np.arange(len(calls)))[:, None]).sum(axis=0),
+            anything if possible is None else possible[number],
+            entry,
+            np.empty((1 << len(calls), len(calls), costs.shape[1])),
+            np.empty((1 << len(calls), len(calls), costs.shape[1])),
+        )
+        _sweep_forward(costs, group.calls, group.needed, group.possible, entry, group.forward)
+        groups.append(group)
+        entry = np.full_like(entry, np.inf)
+        entry[group.calls + 1] = group.forward[-1]
+    leave = np.zeros(costs.shape[:2])
+    for group in reversed(groups):
+        group.backward[-1] = leave[group.calls + 1]
+        leave = np.full_like(leave, np.inf)
+        _sweep_backward(costs, group.calls, group.needed, group.possible, group.backward, leave)
+    return groups
+
+
+@compiled
+def _may_follow(
+    possible: BoolArray,
+    needed: IntArray,
+    done: int,
+    last: int,
+    number: int,
+) -> bool:
+    """Return whether a call of a group may come after `done` of them, and `last` (0: the start)."""
+    if done >> number & 1 or needed[number] & ~done:
+        return False
+    return possible.size == 1 or possible[done, last, number]
+
+
+@compiled
+def _sweep_forward(
+    costs: FloatArray,
+    calls: IntArray,
+    needed: IntArray,
+    possible: BoolArray,
+    entry: FloatArray,
+    forward: FloatArray,
+) -> None:
+    """Fill the least costs from the start of the chain until each state of a group."""
+    forward[:] = np.inf
+    size = len(calls)
+    for done in range((1 << size) - 1):
+        for number in range(size):
+            total = forward[done | 1 << number, number]
+            for place in range(size if done else len(entry)):
+                last = calls[place] + 1 if done else place
+                sums = forward[done, place] if done else entry[place]
+                if not _may_follow(possible, needed, done, last, number):
+                    continue
+                for row in range(len(sums)):
+                    if sums[row] == np.inf:
+                        continue
+                    legs = costs[last, row, calls[number]]
+                    for column in range(len(total)):
+                        total[column] = min(total[column], sums[row] + legs[column])
+
+
+@compiled
+def _sweep_backward(
+    costs: FloatArray,
+    calls: IntArray,
+    needed: IntArray,
+    possible: BoolArray,
+    backward: FloatArray,
+    leave: FloatArray,
+) -> None:
+    """Fill the least costs from each state of a group to the end, and from before the group."""
+    backward[:-1] = np.inf
+    size = len(calls)
+    for done in range((1 << size) - 2, -1, -1):
+        for place in range(size if done else len(leave)):
+            if done and not done >> place & 1:
+                continue
+            last = calls[place] + 1 if done else place
+            total = backward[done, place] if done else leave[place]
+            for number in range(size):
+                if not _may_follow(possible, needed, done, last, number):
+                    continue
+                rest = backward[done | 1 << number, number]
+                for row in range(len(total)):
+                    legs = costs[last, row, calls[number]]
+                    for column in range(len(rest)):
+                        total[row] = min(total[row], legs[column] + rest[column])
+
+
+_Step = tuple[int, int, int, int]
+"""A step of an order: its group, the bits of the calls done with it, its number there, and row."""
+
+
+def _through(
+    costs: FloatArray,
+    groups: Sequence[_Group],
+    number: int,
+    done: int,
+    last: int,
+) -> list[_Step]:
+    """Return the steps of the best order that passes through a state of a group."""
+    totals = groups[number].forward[done, last] + groups[number].backward[done, last]
+    here: _Step = (number, done, last, int(totals.argmin()))
+    steps = [here]
+    while (previous := _previous(costs, groups, steps[0])) is not None:
+        steps.insert(0, previous)
+    while (following := _following(costs, groups, steps[-1])) is not None:
+        steps.append(following)
+    return steps
+
+
+def _previous(costs: FloatArray, groups: Sequence[_Group], step: _Step) -> _Step | None:
+    """Return the best step before another one; None before the first."""
+    number, done, last, row = step
+    group = groups[number]
+    earlier = done & ~(1 << last)
+    legs = costs[:, :, group.calls[last], row]
+    if earlier:
+        sums = group.forward[earlier] + legs[group.calls + 1]
+        candidates = group.calls + 1
+    else:
+        sums = group.entry + legs
+        candidates = np.arange(len(legs))
+        if number == 0:
+            return None
+    if group.possible.size > 1:
+        sums = np.where(group.possible[earlier, candidates, last][:, None], sums, np.inf)
+    place, before = divmod(int(sums.argmin()), sums.shape[1])
+    if earlier:
+        return number, earlier, place, before
+    former = groups[number - 1]
+    own = int(np.flatnonzero(former.calls == place - 1)[0])
+    return number - 1, (1 << len(former.calls)) - 1, own, before
+
+
+def _following(costs: FloatArray, groups: Sequence[_Group], step: _Step) -> _Step | None:
+    """Return the best step after another one; None after the last."""
+    number, done, last, row = step
+    origin = groups[number].calls[last] + 1
+    if done == (1 << len(groups[number].calls)) - 1:
+        number += 1
+        done = 0
+        if number == len(groups):
+            return None
+    group = groups[number]
+    best: _Step | None = None
+    least = np.inf
+    for following in range(len(group.calls)):
+        if not _may_follow(group.possible, group.needed, done, origin, following):
+            continue
+        after = done | 1 << following
+        sums = costs[origin, row, group.calls[following]] + group.backward[after, following]
+        if sums.min() < least:
+            least = sums.min()
+            best = (number, after, following, int(sums.argmin()))
+    return best
+
+
+# Local search
+
+
+class LocalSearch:
+    """Improves the order of many calls.
+
+    Attributes
+    ----------
+    order : ndarray, shape (n,)
+        The best order found.
+    cost : float
+        Its cost, with the best candidates.
+
+    Parameters
+    ----------
+    costs : ndarray, shape (n + 1, h, n, h)
+        As for `best_orders`.
+    ordering : Ordering
+        Groups and precedences of the n calls.
+    order : sequence of int
+        The order to begin with.
+    """
+
+    def __init__(self, costs: FloatArray, ordering: Ordering, order: Sequence[int]) -> None:
+        self._costs = costs
+        self._before = ordering.before
+        self._has_precedences = bool(ordering.before.any())
+        self._bounds = np.empty((len(order), 2), dtype=np.intp)  # first and last place of each call
+        first = 0
+        for group in ordering.groups:
+            self._bounds[list(group)] = first, first + len(group) - 1
+            first += len(group)
+        legs = costs.min(axis=(1, 3))
+        np.fill_diagonal(legs[1:], np.inf)
+        self._near = np.argsort(legs, axis=1, kind="stable")[:, :_NEAR].copy()
+        self._groups = [group for group in ordering.groups if len(group) > 2]
+        self._rng = np.random.default_rng(len(order))  # the same request has the same answer
+        self.order = np.array(order, dtype=np.intp)
+        self.cost = self._cost(self.order)
+
+    def _cost(self, order: IntArray) -> float:
+        return float(_layers(self._costs, order)[1][0].min())
+
+    def improve(self, cursor: int, most: int) -> int:
+        """Try moves from a `cursor` on (0: all moves); make at most `most` of them.
+
+        Returns the cursor of the next move to try, or -1 after the last one: then no move
+        improves the order.
+        """
+        order, cost, cursor = _improved(
+            self._costs, self._near, self._bounds, self._before,
+            self.order, cursor, most, self._has_precedences,
+        )  # fmt: skip
+        self.order = order
+        self.cost = cost
+        return int(cursor)
+
+    def kick(self) -> None:
+        """Exchange two neighboring parts of the order at random."""
+        for _ in range(_NEAR):
+            group = self._groups[self._rng.integers(len(self._groups))]
+            first, last = self._bounds[group[0]]
+            width = int(min(last - first + 1, _WIDEST_KICK))
+            low = int(self._rng.integers(first, last - width + 2))
+            begin, middle, end = np.sort(self._rng.choice(width + 1, 3, replace=False)) + low
+            parts = (self.order[:begin], self.order[middle:end], self.order[begin:middle])
+            order = np.concatenate((*parts, self.order[end:]))
+            if not self._has_precedences or _keeps(order, self._before, begin, end - 1):
+                self.order = order
+                self.cost = self._cost(order)
+                return
+
+    def restore(self, order: IntArray, cost: float) -> None:
+        """Continue with another order and its cost."""
+        self.order = order
+        self.cost = cost
+
+    def found(self) -> LegOrder:
+        """Return the order with its best candidates."""
+        _, backward = _layers(self._costs, self.order)
+        rows = []
+        origin, row = 0, 0
+        for place, call in enumerate(self.order):
+            row = int((self._costs[origin, row, call] + backward[place + 1]).argmin())
+            rows.append(row)
+            origin = call + 1
+        return LegOrder(tuple(map(int, self.order)), tuple(rows), self.cost)
+
+
+def nearest_next(costs: FloatArray, ordering: Ordering) -> list[int]:
+    """Return the order in which each step has the cheapest leg from the best candidates before it.
+
+    `costs` are as for `best_orders`.
+    """
+    order: list[int] = []
+    sums = costs[0, 0]  # of each call and candidate after the present one
+    for group in ordering.groups:
+        left = list(group)
+        while left:
+            ready = [j for j in left if not ordering.before[left, j].any()]
+            call = min(ready, key=lambda j: float(sums[j].min()))
+            left.remove(call)
+            order.append(call)
+            arrived = sums[call] - sums[call].min()
+            sums = (arrived[:, None, None] + costs[call + 1]).min(axis=0)
+    return order
+
+
+@compiled
+def _layers(costs: FloatArray, order: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Return the least costs (n + 1, h) from the start until each place, and from it to the end.
+
+    Row 0 is the start, which has one candidate.
+    """
+    count = len(order)
+    width = costs.shape[1]
+    forward = np.full((count + 1, width), np.inf)
+    backward = np.zeros((count + 1, width))
+    forward[0, 0] = 0.0
+    for place in range(count):
+        origin = order[place - 1] + 1 if place else 0
+        _pass(costs, origin, order[place], forward[place], forward[place + 1])
+    for place in range(count - 1, -1, -1):
+        origin = order[place - 1] + 1 if place else 0
+        for row in range(width):
+            least = np.inf
+            for column in range(width):
+                total = costs[origin, row, order[place], column] + backward[place + 1, column]
+                least = min(least, total)
+            backward[place, row] = least
+    backward[0, 1:] = np.inf
+    return forward, backward
+
+
+@compiled
+def _pass(
+    costs: FloatArray,
+    origin: int,
+    call: int,
+    sums: FloatArray,
+    after: FloatArray,
+) -> None:
+    """Fill the least costs until each candidate of a call, after those until its origin."""
+    after[:] = np.inf
+    for row in range(len(sums)):
+        if sums[row] < np.inf:
+            for column in range(len(after)):
+                after[column] = min(after[column], sums[row] + costs[origin, row, call, column])
+
+
+@compiled
+def _keeps(order: IntArray, before: BoolArray, low: int, high: int) -> bool:
+    """Return whether the places `low` to `high` of an order keep the precedences."""
+    for place in range(low, high):
+        for later in range(place + 1, high + 1):
+            if before[order[later], order[place]]:
+                return False
+    return True
+
+
+@compiled
+def _in_bounds(order: IntArray, bounds: IntArray, low: int, high: int) -> bool:
+    """Return whether the calls at the places `low` to `high` of an order belong to its groups."""
+    for place in range(low, high + 1):
+        if not bounds[order[place], 0] <= place <= bounds[order[place], 1]:
+            return False
+    return True
+
+
+@compiled
+def _improved(
+    costs: FloatArray,
+    near: IntArray,
+    bounds: IntArray,
+    before: BoolArray,
+    order: IntArray,
+    cursor: int,
+    most: int,
+    has_precedences: bool,
+) -> tuple[IntArray, float, int]:
+    """Return an improved order, its cost, and the cursor of the next move; see `LocalSearch`.
+
+    A move makes a call, of a few near ones, follow another call or the start.
+    """
+    order = order.copy()
+    trial = order.copy()
+    sums = np.empty((2, costs.shape[1]))
+    forward, backward = _layers(costs, order)
+    cost = forward[-1].min()
+    kinds = 3 * _LONGEST_MOVED + 1
+    moves = near.size * kinds
+    since = 0  # moves tried since the last one that improved the order
+    made = 0
+    while since < moves:
+        if made == most:
+            return order, cost, cursor
+        move, kind = divmod(cursor, kinds)
+        origin, choice = divmod(move, near.shape[1])
+        cursor = (cursor + 1) % moves
+        since += 1
+        low, high = _moved(order, trial, origin - 1, near[origin, choice], kind)
+        good = (
+            low < high
+            and _in_bounds(trial, bounds, low, high)
+            and not (has_precedences and not _keeps(trial, before, low, high))
+        )
+        if good:
+            total = _total(costs, trial, low, high, forward, backward, sums)
+            if total < cost - 1e-9 * abs(cost):
+                order[low : high + 1] = trial[low : high + 1]
+                forward, backward = _layers(costs, order)
+                cost = forward[-1].min()
+                since = 0
+                made += 1
+        if low < high:
+            trial[low : high + 1] = order[low : high + 1]
+    return order, cost, -1
+
+
+@compiled
+def _moved(
+    order: IntArray,
+    trial: IntArray,
+    first: int,
+    second: int,
+    kind: int,
+) -> tuple[int, int]:
+    """Write an order in which call `second` follows call `first` (-1: the start) into `trial`.
+
+    Returns the first and the last place that differ; equal if there is no such move.
+    """
+    count = len(order)
+    at = -1
+    to = -1
+    for place in range(count):
+        if order[place] == first:
+            at = place
+        if order[place] == second:
+            to = place
+    if to == at + 1 or to == at:
+        return 0, 0
+    if kind == 3 * _LONGEST_MOVED:  # 2-opt: reverse what lies between
+        if to < at:
+            return 0, 0
+        for place in range(at + 1, to + 1):
+            trial[place] = order[to + at + 1 - place]
+        return at + 1, to
+    length = kind % _LONGEST_MOVED + 1
+    how = kind // _LONGEST_MOVED
+    # The part from `begin` to `end` comes directly after place `target`.
+    begin = to
+    end = to + length - 1
+    target = at
+    if how == 1:  # the part that ends with the second call, reversed
+        begin = to - length + 1
+        end = to
+    elif how == 2:  # the part that ends with the first call, before the second one
+        begin = at - length + 1
+        end = at
+        target = to - 1
+    if begin < 0 or end >= count or begin <= target + 1 <= end + 1:
+        return 0, 0
+    low = min(begin, target + 1)
+    high = max(end, target)
+    write = low
+    if target < begin:
+        write = _written(order, trial, begin, end, how == 1, write)
+        _written(order, trial, target + 1, begin - 1, False, write)
+    else:
+        write = _written(order, trial, end + 1, target, False, write)
+        _written(order, trial, begin, end, how == 1, write)
+    return low, high
+
+
+@compiled
+def _written(
+    order: IntArray,
+    trial: IntArray,
+    begin: int,
+    end: int,
+    backward: bool,
+    write: int,
+) -> int:
+    """Write the places `begin` to `end` of an order from place `write` on; return the next one."""
+    for place in range(end - begin + 1):
+        trial[write + place] = order[end - place if backward else begin + place]
+    return write + end - begin + 1
+
+
+@compiled
+def _total(
+    costs: FloatArray,
+    order: IntArray,
+    low: int,
+    high: int,
+    forward: FloatArray,
+    backward: FloatArray,
+    sums: FloatArray,
+) -> float:
+    """Return the cost of an order that differs from that of the layers at `low` to `high`."""
+    sums[low % 2] = forward[low]
+    for place in range(low, high + 1):
+        origin = order[place - 1] + 1 if place else 0
+        _pass(costs, origin, order[place], sums[place % 2], sums[(place + 1) % 2])
+    arrived = sums[(high + 1) % 2]
+    if high + 1 == len(order):
+        return float(arrived.min())
+    _pass(costs, order[high] + 1, order[high + 1], arrived, sums[high % 2])
+    return float((sums[high % 2] + backward[high + 2]).min())
