@@ -62,9 +62,8 @@ class _ModelFile:
         starts = self.training.get("starts", {})
         require(isinstance(starts, dict), "training.starts", "ranges by name", starts)
         for name, bounds in starts.items():
-            sound = _is_range(bounds) and not (name == "braking" and bounds[0] < 0.0)
             place = f"training.starts.{printable(name)}"
-            require(sound, place, "a least and a greatest number", bounds)
+            require(_is_range(bounds), place, "a least and a greatest number", bounds)
         for name in ("mae_s", "rmse_s") if self.accuracy else ():
             value = self.accuracy.get(name)
             require(_is_finite(value), f"accuracy.{name}", "a finite number", value)
