@@ -15,12 +15,12 @@ import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
 from ator_ros.compiled import compiled
-from ator_ros.geometry import FloatArray
+from ator_ros.geometry import FloatArray, IntArray
 from ator_ros.performance.prior import Slope
 from ator_ros.schema import Within, require
 from ator_ros.world.state import CONTROL_PERIOD
@@ -65,18 +65,23 @@ class UnknownSlope:
     ends: tuple[float, float] | None = None
     bend: _NonNegative = 0.0
 
-    def reach(self, values: FloatArray, center: float) -> FloatArray:
-        """Return by how many s each part may change durations at n values, shape (parts, n).
+    @property
+    def bounds(self) -> FloatArray:
+        """The ends of the parts along which the slope is the same, shape (2, parts)."""
+        low, high = self.ends or (-math.inf, math.inf)
+        parts = max(round((high - low) / self.bend), 1) if self.ends and self.bend else 1
+        edges = np.linspace(low, high, parts + 1) if parts > 1 else np.array([low, high])
+        return np.stack([edges[:-1], edges[1:]])
 
-        It changes none at the `center` of the feature.
-        """
-        if self.ends is None:
-            return self.deviation * (values - center)[None, :]
-        low, high = self.ends
-        parts = max(round((high - low) / self.bend), 1) if self.bend else 1
-        bounds = np.linspace(low, high, parts + 1)[:, None]
-        inside = np.clip(values, bounds[:-1], bounds[1:])
-        return np.asarray(self.deviation * (inside - np.clip(center, bounds[:-1], bounds[1:])))
+
+class _Situations(NamedTuple):
+    """The standardized features of n situations, and how the unknown slopes may change durations.
+
+    That is by how many s each part of a slope may change them, shape (n, parts).
+    """
+
+    points: FloatArray
+    reaches: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,17 +146,24 @@ class ErrorProcess:
             name for name, deviation in pairs if slopes.get(name, math.inf) * deviation < self.noise
         )
 
+    def joint(self, features: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the expected errors (n,) of n durations in s, and their covariances (n, n) in s².
+
+        `features` (n, k) are the situations.
+        """
+        known, inverse, weights = self._solved
+        situations = self._situations(features)
+        similar = self._covariances(situations, known)
+        covariances = self._covariances(situations, situations)
+        return similar @ weights, covariances - similar @ inverse @ similar.T
+
     def of_sum(self, features: FloatArray, signs: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the expected errors of signed sums of durations in s, and their variances in s².
 
         `features` (n, k) are the situations, `signs` (..., n) those of their durations in the sums.
         The results have the shape (...).
         """
-        known, inverse, weights = self._solved
-        similar = signs @ self._covariances(features, known)
-        variance = np.sum(signs @ self._covariances(features, features) * signs, axis=-1)
-        variance -= np.sum(similar @ inverse * similar, axis=-1)
-        return similar @ weights, np.maximum(variance, 0.0)
+        return errors_of_sums(*self.joint(features), signs)
 
     def deviations(self, features: FloatArray) -> FloatArray:
         """Return the root mean squares of the errors in s of n durations, shape (n,).
@@ -159,37 +171,52 @@ class ErrorProcess:
         `features` (n, k) are the situations.
         """
         known, inverse, weights = self._solved
-        similar = self._covariances(features, known)
-        variances = np.empty(len(features))
-        for row in range(len(features)):
-            itself = features[row : row + 1]
-            variances[row] = self._covariances(itself, itself)[0, 0]
-        variances -= np.einsum("nm,nm->n", similar @ inverse, similar)
+        situations = self._situations(features)
+        similar = self._covariances(situations, known)
+        variances = self.signal**2 + np.sum(np.square(situations.reaches), axis=1)
+        variances -= np.sum(similar @ inverse * similar, axis=1)
         return np.asarray(np.sqrt(np.maximum(variances, 0.0) + np.square(similar @ weights)))
 
     @cached_property
-    def _solved(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Features of the episodes (n, k), inverse of their covariances (n, n), weights (n,)."""
-        standard = np.array(self.points).reshape(-1, len(self.features))
-        known = standard * np.array(self.scale) + np.array(self.center)
-        noise = self.noise**2 * np.eye(len(known))
+    def _solved(self) -> tuple[_Situations, FloatArray, FloatArray]:
+        """Situations of the n episodes, inverse of their covariances (n, n), weights (n,)."""
+        points = np.array(self.points).reshape(-1, len(self.features))
+        known = self._situations(points * self._scale + self._center)
+        noise = self.noise**2 * np.eye(len(points))
         covariances = self._covariances(known, known) + noise
         inverse: FloatArray = np.asarray(np.linalg.inv(covariances), dtype=float)
-        return known, inverse, inverse @ _clipped(np.array(self.errors), standard)
+        return known, inverse, inverse @ _clipped(np.array(self.errors), points)
 
-    def _covariances(self, one: FloatArray, other: FloatArray) -> FloatArray:
-        """Return the covariances in s² of errors at features (n, k) and (m, k), shape (n, m)."""
-        scale = np.array(self.scale)
-        near = _kernel(one / scale, other / scale, self.signal, self.length)
-        return np.asarray(near + self._reaches(one) @ self._reaches(other).T)
+    def _covariances(self, one: _Situations, other: _Situations) -> FloatArray:
+        """Return the covariances in s² of errors in n and m situations, shape (n, m)."""
+        near = _kernel(one.points, other.points, self.signal, self.length)
+        return np.asarray(near + one.reaches @ other.reaches.T)
 
-    def _reaches(self, features: FloatArray) -> FloatArray:
-        """Return by how many s each part of an unknown slope may change durations, (n, parts)."""
-        reaches = [np.empty((0, len(features)))]
-        for slope in self.slopes:
-            column = self.features.index(slope.feature)
-            reaches.append(slope.reach(features[:, column], self.center[column]))
-        return np.concatenate(reaches).T
+    @cached_property
+    def _parts(self) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
+        """Of each part of a slope: the feature's column, both ends, deviation, reach of center."""
+        bounds = [slope.bounds for slope in self.slopes]
+        counts = [each.shape[1] for each in bounds]
+        columns = [self.features.index(slope.feature) for slope in self.slopes]
+        column = np.repeat(np.array(columns, dtype=np.intp), counts)
+        ends = np.concatenate([np.empty((2, 0)), *bounds], axis=1)
+        deviation = np.repeat([slope.deviation for slope in self.slopes], counts)
+        center = self._center[column].clip(*ends)
+        return column, ends, deviation, center
+
+    def _situations(self, features: FloatArray) -> _Situations:
+        column, ends, deviation, center = self._parts
+        points = np.ascontiguousarray((features - self._center) / self._scale)
+        reaches = deviation * (features.take(column, axis=1).clip(*ends) - center)
+        return _Situations(points, reaches)
+
+    @cached_property
+    def _center(self) -> FloatArray:
+        return np.array(self.center)
+
+    @cached_property
+    def _scale(self) -> FloatArray:
+        return np.array(self.scale)
 
 
 @compiled
@@ -210,6 +237,14 @@ def _kernel(
             falling = math.exp(-scaled)
             found[row, column] = signal * signal * (1.0 + scaled) * falling
     return found
+
+
+def errors_of_sums(
+    expected: FloatArray, covariances: FloatArray, signs: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return `ErrorProcess.of_sum` for the result of `ErrorProcess.joint`."""
+    variances = np.sum(signs @ covariances * signs, axis=-1)
+    return signs @ expected, np.maximum(variances, 0.0)
 
 
 def fit_error_process(

@@ -16,7 +16,7 @@ from ator_ros.bases.interface import Driving
 from ator_ros.compiled import compiled
 from ator_ros.geometry import FloatArray
 from ator_ros.performance.derived import ANGLE_BETWEEN, DIST, RESTS, Geometry
-from ator_ros.performance.error_process import ErrorProcess
+from ator_ros.performance.error_process import ErrorProcess, errors_of_sums
 from ator_ros.performance.features import Feature, declared_by, derived_from
 from ator_ros.performance.held_up import NOT_HELD_UP, HeldUp
 from ator_ros.performance.tree.nodes import ModelTree, RuleWriter
@@ -186,35 +186,49 @@ class PerformanceModel:
             Signs of the durations in sums, whose errors are then predicted as well.
         """
         geometry = self._geometry(direct)
+        error, deviations = self._errors(geometry, signs, with_spread="spread" in measures)
         fields: dict[str, FloatArray] = {}
         for name, tree in self.trees.items():
             if name == "duration":
                 if "duration" in measures or "spread" in measures:
-                    fields |= self._durations(geometry, with_spread="spread" in measures)
+                    fields |= self._durations(geometry, deviations)
             elif name in measures:
                 highest = 1.0 if name == "success" else math.inf
                 fields[name] = self._values(geometry, tree, highest)
-        error = None
-        if signs is not None:
-            nothing = np.zeros(signs.shape[:-1])
-            error = (nothing, nothing + math.inf)
-            if self.errors is not None:
-                rows = self._rows(geometry, self.errors.features)
-                error = self.errors.of_sum(rows.T, signs)
         bound = None
         if "spread" in measures:
             bound = self.held_up.bound(fields["duration"], fields["spread"])
         return Prediction(**fields, error_of_sum=error, bound=bound)
 
-    def _durations(self, geometry: Geometry, *, with_spread: bool) -> dict[str, FloatArray]:
-        """Return durations, within the bounds of their leaves, and noise and spread if wanted."""
+    def _errors(
+        self, geometry: Geometry, signs: FloatArray | None, *, with_spread: bool
+    ) -> tuple[tuple[FloatArray, FloatArray] | None, FloatArray | None]:
+        """Return the errors of sums with these signs, and of single durations, if wanted."""
+        if signs is None and not with_spread:
+            return None, None
+        if self.errors is None:
+            if signs is None:
+                return None, None
+            nothing = np.zeros(signs.shape[:-1])
+            return (nothing, nothing + math.inf), None
+        rows = self._rows(geometry, self.errors.features).T
+        if signs is None:
+            return None, self.errors.deviations(rows)
+        expected, covariances = self.errors.joint(rows)
+        squares = np.maximum(covariances.diagonal(), 0.0) + np.square(expected)
+        return errors_of_sums(expected, covariances, signs), np.sqrt(squares)
+
+    def _durations(
+        self, geometry: Geometry, deviations: FloatArray | None
+    ) -> dict[str, FloatArray]:
+        """Return durations, within the bounds of their leaves, noise, and spread with deviations.
+
+        `deviations` (n,) are what the model may be wrong by, in s; None: nothing.
+        """
         tree = self.trees["duration"]
         duration, leaf = tree.evaluate(self._rows(geometry, tree.names))
         noise = tree.spread.take(leaf)
-        spread = noise.copy()
-        if with_spread and self.errors is not None:
-            rows = self._rows(geometry, self.errors.features)
-            spread = np.hypot(noise, self.errors.deviations(rows.T))
+        spread = noise.copy() if deviations is None else np.hypot(noise, deviations)
         if self.at_goal is not None:
             place = (self.at_goal.dist, self.at_goal.angle)
             result = np.array((self.at_goal.duration, self.at_goal.spread, self.at_goal.spread))
