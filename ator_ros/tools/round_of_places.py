@@ -108,10 +108,11 @@ def _draw(file: Path, domain: Domain, robot: Robot, start: Pose, found: Refineme
     poses = [start, *(call.goal.pose for call in found.best.calls)]
     axes.plot([pose.x for pose in poses], [pose.y for pose in poses], lw=1.2)
     size = 2.0 * robot.reach
-    for index, pose in zip(("start", *found.best.order), poses, strict=True):
+    numbers = ["start", *(str(index + 1) for index in found.best.order)]
+    for number_text, pose in zip(numbers, poses, strict=True):
         ahead = pose.ahead(size)
         axes.annotate("", (ahead.x, ahead.y), (pose.x, pose.y), arrowprops={"arrowstyle": "->"})
-        axes.text(pose.x, pose.y, index if isinstance(index, str) else str(index + 1))
+        axes.text(pose.x, pose.y, number_text)
     axes.set_aspect("equal")
     with atomic_write(file) as temporary:
         figure.savefig(temporary, format="png", dpi=130)
