@@ -92,7 +92,7 @@ def refinement(requests: int) -> Rows:
     gc.unfreeze()
 
 
-def rounds(requests: int) -> Rows:
+def ordering(requests: int) -> Rows:
     """Measure the search for order and headings of stations in a hall without walls."""
     tools, library = tools_of(ToolsetSource(domain="drive"))
     refiner = tools.refiner(gated=True)
@@ -348,7 +348,7 @@ def _percentiles(times: Sequence[float]) -> str:
 
 PARTS: dict[str, Callable[[int], Rows]] = {
     "refinement": refinement,
-    "rounds": rounds,
+    "round": ordering,
     "plans": plans,
     "ticks": ticks,
     "route": route,

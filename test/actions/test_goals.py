@@ -139,7 +139,7 @@ def test_the_usual_value_is_the_declared_one_or_the_middle(rest: float) -> None:
     ("changes", "expected"),
     [
         ({"name": "a b"}, "name: expected a name"),
-        ({"name": "yaw"}, "name: expected none of x, y, yaw, speed"),
+        ({"name": "yaw"}, "name: expected none of x, y, yaw, speed, order"),
         ({"low": 0.5}, "low, high: expected finite numbers, low below high"),
         ({"low": 0.6}, "low, high: expected finite numbers, low below high"),
         ({"low": -math.inf}, "low, high: expected finite numbers"),

@@ -186,7 +186,7 @@ def test_a_top_without_a_declared_action_is_omitted(tmp_path: Path) -> None:
             r"actions\[0\].drives.start: expected at least one",
         ),
         ("chains", [CHAIN | {"start": [{"x": [1, 0], "y": [0]}]}], "x: expected .*least, greatest"),
-        ("chains", [CHAIN | {"steps": []}], "steps: expected 1 to 32"),
+        ("chains", [CHAIN | {"steps": []}], "steps: expected 1 to 100"),
         ("chains", [CHAIN | {"apart": -1.0}], "apart: expected a number"),
         ("chains", [CHAIN, CHAIN], "chains: expected each name once; got 'walk'"),
         (

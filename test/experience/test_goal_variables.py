@@ -54,7 +54,7 @@ def collected() -> Experience:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"name": "speed"}, "name: expected none of x, y, yaw, speed, which every goal has"),
+        ({"name": "speed"}, "name: expected none of x, y, yaw, speed, order, which have a meaning"),
         ({"low": 1.0}, "cruise: low, high: expected finite numbers, low below high"),
         ({"rest": 2.0}, "cruise: rest: expected a number from 0.2 to 1"),
     ],
