@@ -49,6 +49,7 @@ class FakeModel:
         return SimpleNamespace(
             duration=duration,
             spread=np.full(len(duration), self._spread),
+            noise=np.zeros(len(duration)),
             success=np.broadcast_to(1.0 - 0.5 * failure, duration.shape),
             accuracy=np.zeros(len(duration)),
             error_of_sum=(0.0, self._spread**2),

@@ -95,9 +95,10 @@ def evaluate_trial(task: tuple[Settings, int]) -> Record:
         "index"; "start": robot x, y, yaw, first goal x, y, second goal x, y, yaw, if there is one
         (m, rad); "policies": by name "duration" (s), "success", "reason", "error" (m), "chosen":
         heading, speed and declared goal variables of each intermediate subgoal, "actions":
-        durations of the actions (s), "predicted": duration of the chain (s), "gain" and
-        "uncertainty": the input of the gate (s); "oracle", and "oracle_speed" if it also tries
-        speeds: "chosen", "best" (s) and "success"; "executed": number of chains executed.
+        durations of the actions (s), "predicted" and "spread": duration of the chain and its
+        standard deviation (s), "gain" and "uncertainty": the input of the gate (s); "oracle",
+        and "oracle_speed" if it also tries speeds: "chosen", "best" (s) and "success"; "executed":
+        number of chains executed.
     """
     settings, index = task
     tools, library = tools_of(settings.source)
@@ -140,6 +141,7 @@ def _policy_record(choice: Choice, run: ChainRun) -> Record:
         record["error"] = round(run.error, 4)
     if choice.predicted is not None:
         record["predicted"] = round(choice.predicted.duration, 3)
+        record["spread"] = round(choice.predicted.spread, 3)
     if choice.refinement is not None and choice.refinement.free:
         record["gain"] = round(choice.refinement.gain, 5)
         record["uncertainty"] = round(choice.refinement.uncertainty, 5)

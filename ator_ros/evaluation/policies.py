@@ -11,6 +11,8 @@ from functools import partial
 from types import MappingProxyType
 from typing import Any
 
+import numpy as np
+
 from ator_ros.bases.description import Robot
 from ator_ros.bases.interface import Driving
 from ator_ros.domains.trials import Trial, open_places, open_speeds, reopened, with_headings
@@ -86,7 +88,7 @@ class PathTime:
         """
         geometry = Geometry(direct, self.robot, self.driving)
         duration = geometry.path[0] if self.robot.grid is None else ROUTE_TIME.compute(geometry)
-        return Prediction(duration, error_of_sum=(0.0, 0.0))
+        return Prediction(duration, error_of_sum=(np.zeros(()), np.zeros(())))
 
 
 def naive(tools: Toolset, trial: Trial) -> Choice:

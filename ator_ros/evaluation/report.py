@@ -23,6 +23,7 @@ PAPER_TABLE_1 = (
     ("After filtering, paper: improvement", "12%", "23%", "0%", "-6%"),
 )
 """Rows of the paper's Table 1: title, Total, Higher, Equal and Lower."""
+_WITHOUT_INTERVALS = 6  # columns of `prediction_table` for results without intervals
 MEANING: Mapping[str, str] = {
     "naive": "heading at which the first action alone is fastest (the paper's unrefined choice)",
     "fixed": "heading 0 at each subgoal, as in a list of waypoints without headings",
@@ -162,9 +163,14 @@ def _share(percent: float | None) -> str:
 
 
 def prediction_table(summary: Mapping[str, Any]) -> pd.DataFrame:
-    """Return the errors of the policies' predictions, a row for each policy with models."""
+    """Return how well predictions hold, a row for each policy with models.
+
+    Their errors, how many durations are within the predicted 90 % interval, and mean gains over the
+    naive chains.
+    """
     found = {name: row.get("prediction", {}) for name, row in _rows(summary).items()}
-    return pd.DataFrame(
+    calibrated = any("within_90_percent" in row for row in found.values())
+    table = pd.DataFrame(
         {
             "policy": name,
             "chains": row["chains"],
@@ -172,10 +178,18 @@ def prediction_table(summary: Mapping[str, Any]) -> pd.DataFrame:
             "95 %": _interval(row["mean_error_ci95"], 3),
             "MAE s": f"{row['mae_s']:.3f}",
             "RMSE s": f"{row['rmse_s']:.3f}",
+            "in 90 %": f"{row['within_90_percent']:.0f} %" if "within_90_percent" in row else "-",
+            "predicted gain s": _seconds(row.get("gain_predicted_s")),
+            "executed gain s": _seconds(row.get("gain_executed_s")),
         }
         for name, row in found.items()
         if row.get("chains")
     )
+    return table if calibrated else table.iloc[:, :_WITHOUT_INTERVALS]
+
+
+def _seconds(value: float | None) -> str:
+    return "-" if value is None else f"{value:.2f}"
 
 
 def _rows(summary: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:

@@ -12,6 +12,7 @@ from ator_ros.performance.accuracy import mean_ci95, resampled_means
 
 EQUAL = 0.02
 """Runs whose durations differ by no more than this share count as equal, as in Table 1."""
+_TO_90 = 1.645  # standard deviations of half a 90 % interval of a normal distribution
 _LEAST_SAVED = 0.0005  # share of the naive durations that an oracle must save for a captured share
 
 
@@ -103,18 +104,37 @@ def prediction_errors(records: Sequence[Mapping[str, Any]], policy: str) -> dict
     -------
     dict
         chains: their number; mean_error_s: mean of predicted minus actual; mean_error_ci95: its
-        interval; mae_s, rmse_s: mean absolute and root mean square error. Without chains only
-        `chains`.
+        interval; mae_s, rmse_s: mean absolute and root mean square error; within_90_percent: how
+        many percent of the durations are within their predicted 90 % interval; gain_predicted_s,
+        gain_executed_s: mean gain over the naive chains that succeeded, as predicted and as
+        executed. Without chains only `chains`, without naive ones no gains.
     """
-    rows = (record["policies"][policy] for record in records)
-    predicted = [row for row in rows if row["success"] and "predicted" in row]
+    rows = [record["policies"][policy] for record in records]
+    predicted = [row for row in rows if _is_predicted(row)]
     errors = np.array([row["predicted"] - row["duration"] for row in predicted])
     if not len(errors):
         return {"chains": 0}
-    return {
+    spreads = np.array([row["spread"] for row in predicted])
+    found = {
         "chains": len(errors),
         "mean_error_s": _rounded(errors.mean()),
         "mean_error_ci95": [_rounded(bound) for bound in mean_ci95(errors)],
         "mae_s": _rounded(np.abs(errors).mean()),
         "rmse_s": _rounded(np.sqrt((errors**2).mean())),
+        "within_90_percent": _rounded(100.0 * np.mean(np.abs(errors) <= _TO_90 * spreads)),
     }
+    naive = [record["policies"].get("naive", {"success": False}) for record in records]
+    pairs = [
+        (first, row)
+        for first, row in zip(naive, rows, strict=True)
+        if _is_predicted(first) and _is_predicted(row)
+    ]
+    if pairs and policy != "naive":
+        for name, key in (("gain_predicted_s", "predicted"), ("gain_executed_s", "duration")):
+            gains = [first[key] - row[key] for first, row in pairs]
+            found[name] = _rounded(np.mean(gains))
+    return found
+
+
+def _is_predicted(row: Mapping[str, Any]) -> bool:
+    return bool(row["success"]) and "predicted" in row

@@ -185,7 +185,7 @@ def _learned(
     values = examples.values[which]
     if examples.measure == "duration":
         parts = None if examples.parts is None else examples.parts[which]
-        tree, _ = duration_tree(table.reset_index(drop=True), values, parts)
+        tree, _ = duration_tree(table.reset_index(drop=True), values, examples.prior, parts)
         return tree
     leaf = int(np.clip(len(which) // 6, _LEAST_LEAF, SMALL_LEAF))
     return small_tree(table, values, leaf=leaf)

@@ -120,8 +120,9 @@ def _improved(
     errors = model.errors
     judged = verdicts["duration"]
     if judged.tree is not None and judged.errors is not None:
-        tested = examples["duration"].table.iloc[judged.tested]
-        errors = error_process(judged.tree, tested, judged.errors)
+        learned = examples["duration"]
+        tested = learned.table.iloc[judged.tested]
+        errors = error_process(judged.tree, tested, judged.errors, learned.prior)
     arrival = observed_arrival(succeeded, robot)
     return verdicts, dataclasses.replace(
         model, trees=trees, features=known, driving=driving, errors=errors, arrival=arrival

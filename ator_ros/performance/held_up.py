@@ -15,11 +15,13 @@ import numpy as np
 from ator_ros.geometry import BoolArray, FloatArray
 from ator_ros.schema import Within
 
-# Least ratio of the duration of a drive that was held up to that of similar drives. Errors reach
-# 1.4 if nobody disturbs, and those of short drives more: the delay is at least 2 s, or the ratio 2.
+# Least ratio of the duration of a drive that was held up to that of similar drives, and least delay
+# in s. Errors reach ratios of 1.4 if nobody disturbs, and 1.4 s of short drives. Twice as long
+# needs less delay.
 _LEAST_RATIO = 1.5
 _LEAST_DELAY = 2.0
 _SURE_RATIO = 2.0
+_SURE_DELAY = 1.5
 # Some drives vary more. Then the least ratio is a power of that which this share of usual drives
 # keeps. Few drives do not show it, so it has a limit.
 _SHARE_OF_USUAL = 0.95
@@ -118,7 +120,9 @@ def find_held_up(
     tail = float(np.quantile(longer[longer <= low], _SHARE_OF_USUAL))
     least = np.clip(_POWER * tail, low, high) if follows_path else np.log(_RATIO_OF_ATTEMPTS)
     found = longer > np.where(believed, _TO_REMAIN, 1.0) * least
-    found &= (durations - predicted > _LEAST_DELAY) | (longer > np.log(_SURE_RATIO))
+    delays = durations - predicted
+    is_sure = (longer > np.log(_SURE_RATIO)) & (delays > _SURE_DELAY)
+    found &= is_sure | (delays > _LEAST_DELAY)
     return np.asarray(found & (found.mean() <= _MOST_SHARE))
 
 

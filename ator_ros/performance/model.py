@@ -16,7 +16,7 @@ from ator_ros.bases.interface import Driving
 from ator_ros.compiled import compiled
 from ator_ros.geometry import FloatArray
 from ator_ros.performance.derived import ANGLE_BETWEEN, DIST, RESTS, Geometry
-from ator_ros.performance.error_process import ErrorProcess
+from ator_ros.performance.error_process import ErrorProcess, errors_of_sums
 from ator_ros.performance.features import Feature, declared_by, derived_from
 from ator_ros.performance.held_up import NOT_HELD_UP, HeldUp
 from ator_ros.performance.tree.nodes import ModelTree, RuleWriter
@@ -40,12 +40,15 @@ class Prediction:
     ----------
     duration, spread : ndarray or None
         Expected time in s, and the standard deviation in s of actual times about it.
+    noise : ndarray or None
+        The part of the spread in s by which single runs of the same situation differ; the rest is
+        what the model may be wrong by. It is predicted with the spread.
     success : ndarray or None
         Probability.
     accuracy, heading : ndarray or None
         Expected errors at the end in m and rad.
-    error_of_sum : tuple of float or None
-        Expected error in s of a signed sum of the durations, and its variance in s².
+    error_of_sum : tuple of ndarray or None
+        Expected errors in s of signed sums of the durations, and their variances in s².
     bound : ndarray or None
         What nine of ten drives take at most in s, those included that are held up. It is predicted
         with the spread.
@@ -53,10 +56,11 @@ class Prediction:
 
     duration: FloatArray | None = None
     spread: FloatArray | None = None
+    noise: FloatArray | None = None
     success: FloatArray | None = None
     accuracy: FloatArray | None = None
     heading: FloatArray | None = None
-    error_of_sum: tuple[float, float] | None = None
+    error_of_sum: tuple[FloatArray, FloatArray] | None = None
     bound: FloatArray | None = None
 
 
@@ -155,19 +159,14 @@ class PerformanceModel:
 
     @cached_property
     def experience(self) -> Mapping[str, tuple[float, float]]:
-        """Range of each quantity at the starts that it was learned from, if known.
-
-        Places are in the robot's area, while those of the file are relative to the area's center;
-        see `ator_ros.performance.training.start_ranges`.
-        """
+        """Range of each of the `ator_ros.performance.training.start_ranges`, if known."""
         ranges = self.metadata.get("training", {}).get("starts", {})
-        area = self.robot.scene.area
-        moved = dict.fromkeys(("x", "xg"), area.x) | dict.fromkeys(("y", "yg"), area.y)
-        experience = {}
-        for name, (low, high) in ranges.items():
-            by = moved.get(name, 0.0)
-            experience[name] = (float(low) + by, float(high) + by)
-        return experience
+        return {name: (float(low), float(high)) for name, (low, high) in ranges.items()}
+
+    @property
+    def not_varied(self) -> tuple[str, ...]:
+        """The features that the drives hardly varied, so that they show no slope along them."""
+        return self.errors.not_varied if self.errors is not None else ()
 
     def predict(
         self,
@@ -183,39 +182,58 @@ class PerformanceModel:
             Direct variables, numbers or arrays of shape (n,), see `direct_table`.
         measures : tuple of str
             Which fields of the prediction to compute; those that were not learned stay None.
-        signs : ndarray, shape (n,), optional
-            Signs of the durations in a sum, whose error is then predicted as well.
+        signs : ndarray, shape (..., n), optional
+            Signs of the durations in sums, whose errors are then predicted as well.
         """
         geometry = self._geometry(direct)
+        error, deviations = self._errors(geometry, signs, with_spread="spread" in measures)
         fields: dict[str, FloatArray] = {}
         for name, tree in self.trees.items():
             if name == "duration":
                 if "duration" in measures or "spread" in measures:
-                    fields |= self._durations(geometry)
+                    fields |= self._durations(geometry, deviations)
             elif name in measures:
                 highest = 1.0 if name == "success" else math.inf
                 fields[name] = self._values(geometry, tree, highest)
-        error = None
-        if signs is not None:
-            error = (0.0, math.inf)
-            if self.errors is not None:
-                rows = self._rows(geometry, self.errors.features)
-                error = self.errors.of_sum(rows.T, signs)
         bound = None
         if "spread" in measures:
             bound = self.held_up.bound(fields["duration"], fields["spread"])
         return Prediction(**fields, error_of_sum=error, bound=bound)
 
-    def _durations(self, geometry: Geometry) -> dict[str, FloatArray]:
-        """Return durations and spreads; durations are within the bounds of their leaves."""
+    def _errors(
+        self, geometry: Geometry, signs: FloatArray | None, *, with_spread: bool
+    ) -> tuple[tuple[FloatArray, FloatArray] | None, FloatArray | None]:
+        """Return the errors of sums with these signs, and of single durations, if wanted."""
+        if signs is None and not with_spread:
+            return None, None
+        if self.errors is None:
+            if signs is None:
+                return None, None
+            nothing = np.zeros(signs.shape[:-1])
+            return (nothing, nothing + math.inf), None
+        rows = self._rows(geometry, self.errors.features).T
+        if signs is None:
+            return None, self.errors.deviations(rows)
+        expected, covariances = self.errors.joint(rows)
+        squares = np.maximum(covariances.diagonal(), 0.0) + np.square(expected)
+        return errors_of_sums(expected, covariances, signs), np.sqrt(squares)
+
+    def _durations(
+        self, geometry: Geometry, deviations: FloatArray | None
+    ) -> dict[str, FloatArray]:
+        """Return durations, within the bounds of their leaves, noise, and spread with deviations.
+
+        `deviations` (n,) are what the model may be wrong by, in s; None: nothing.
+        """
         tree = self.trees["duration"]
         duration, leaf = tree.evaluate(self._rows(geometry, tree.names))
-        spread = tree.spread.take(leaf)
+        noise = tree.spread.take(leaf)
+        spread = noise.copy() if deviations is None else np.hypot(noise, deviations)
         if self.at_goal is not None:
             place = (self.at_goal.dist, self.at_goal.angle)
-            result = (self.at_goal.duration, self.at_goal.spread)
-            _write_at_goal(geometry.rows, place, result, duration, spread)
-        return {"duration": duration, "spread": spread}
+            result = np.array((self.at_goal.duration, self.at_goal.spread, self.at_goal.spread))
+            _write_at_goal(geometry.rows, place, result, (duration, noise, spread))
+        return {"duration": duration, "noise": noise, "spread": spread}
 
     def _values(self, geometry: Geometry, tree: ModelTree, highest: float) -> FloatArray:
         """Return the predictions of a tree, from 0 to `highest`."""
@@ -260,15 +278,15 @@ class PerformanceModel:
 def _write_at_goal(
     rows: FloatArray,
     place: tuple[float, float],
-    result: tuple[float, float],
-    durations: FloatArray,
-    spreads: FloatArray,
+    result: FloatArray,
+    written: tuple[FloatArray, FloatArray, FloatArray],
 ) -> None:
-    """Write duration and spread for robots at rest within a distance (m) and angle of the goal."""
+    """Write duration, noise, spread of robots at rest within a distance (m), angle of the goal."""
     for at in range(rows.shape[1]):
         if (
             rows[RESTS, at] > 0.5
             and rows[DIST, at] <= place[0]
             and rows[ANGLE_BETWEEN, at] <= place[1]
         ):
-            durations[at], spreads[at] = result
+            for number in range(3):
+                written[number][at] = result[number]

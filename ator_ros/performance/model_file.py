@@ -47,7 +47,7 @@ class _ModelFile:
     errors: ErrorProcess | None
     driving: dict[str, Any] | None = None
     arrival: Arrival | None = None
-    held_up: HeldUp = NOT_HELD_UP
+    held_up: HeldUp | None = None
 
     def __post_init__(self) -> None:
         """Check what depends on several fields, and numbers that are read later."""
@@ -62,9 +62,8 @@ class _ModelFile:
         starts = self.training.get("starts", {})
         require(isinstance(starts, dict), "training.starts", "ranges by name", starts)
         for name, bounds in starts.items():
-            sound = _is_range(bounds) and not (name == "braking" and bounds[0] < 0.0)
             place = f"training.starts.{printable(name)}"
-            require(sound, place, "a least and a greatest number", bounds)
+            require(_is_range(bounds), place, "a least and a greatest number", bounds)
         for name in ("mae_s", "rmse_s") if self.accuracy else ():
             value = self.accuracy.get(name)
             require(_is_finite(value), f"accuracy.{name}", "a finite number", value)
@@ -125,7 +124,7 @@ def save_model(path: Path | str, model: PerformanceModel) -> None:
         driving=None if model.driving is None else unstructured(model.driving),
         errors=model.errors,
         arrival=model.arrival,
-        held_up=model.held_up,
+        held_up=None if model.held_up == NOT_HELD_UP else model.held_up,
     )
     save(path, KIND, file, compact=("errors",))
 
@@ -192,7 +191,7 @@ def load_model(
         at_goal=file.at_goal,
         errors=file.errors,
         arrival=file.arrival,
-        held_up=file.held_up,
+        held_up=file.held_up or NOT_HELD_UP,
     )
 
 

@@ -2,21 +2,23 @@
 
 Each function is piecewise linear and never falls: a longer path, or a larger turn, takes no less
 time. Its bends are thresholds and dead zones. In rules, a dead zone of 40° is a term such as
-``0.0147*max(0, angle_to_dest - 40°)``.
+``0.0147*max(0, angle_to_dest - 40°)``. Slopes are those of the fastest path where drives do not
+show them.
 """
 
 from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Container
+from collections.abc import Container, Mapping, Sequence
 
 import numpy as np
 import pandas as pd
 from scipy.optimize import nnls
 
-from ator_ros.geometry import FloatArray
-from ator_ros.performance.error_process import robust_spread
+from ator_ros.geometry import BoolArray, FloatArray
+from ator_ros.performance.error_process import TIMING, robust_spread
+from ator_ros.performance.prior import Slope
 from ator_ros.performance.tree.linear_models import corrected_error
 from ator_ros.performance.tree.nodes import Hinge
 
@@ -63,8 +65,14 @@ _TERM_COST = 0.75
 # the fit is repeated.
 _CLIPPED_AT = 3.0
 _ROUNDS = 3
-_SAMPLING = 0.1  # s between the rows of drives; smaller residuals are never clipped
+# s between the rows of drives: smaller residuals are never clipped, and lengths that differ by less
+# than a robot drives in it show no slope
+_SAMPLING = 0.1
 _ROUNDING = 1e-9  # slopes, and ranges of segments, that are rounded zeros
+# A segment is driven if so many drives reach so far into it, in rad, or half through it.
+_DRIVES = 3
+_REACH = math.radians(5.0)
+_NOT_OF_PATHS = ("dist_backward", "backward")  # the fastest path does not depend on them
 
 
 def rising_in(names: Container[str]) -> dict[str, FloatArray]:
@@ -86,7 +94,9 @@ def sum_of(base: tuple[Hinge, ...], table: pd.DataFrame) -> FloatArray:
     return total
 
 
-def rising_terms(table: pd.DataFrame, parts: FloatArray) -> tuple[Hinge, ...]:
+def rising_terms(
+    table: pd.DataFrame, parts: FloatArray, prior: Mapping[str, Slope]
+) -> tuple[Hinge, ...]:
     """Return the terms that fit the durations of drives best, without the constant.
 
     The terms of each part are found alone: fifty drives then show beyond which angle an action
@@ -99,15 +109,23 @@ def rising_terms(table: pd.DataFrame, parts: FloatArray) -> tuple[Hinge, ...]:
     parts : array of float
         Times in s of the parts of each drive, shape (n, 3), see `part_times`, or its whole
         duration, shape (n, 1).
+    prior : mapping of str to Slope
+        How durations are assumed to depend on the features.
     """
     rising = rising_in(table.columns)
-    *_, first, last = rising
+    length, *_, first, last = rising
     features_of_parts: tuple[dict[str, FloatArray], ...] = (rising,)
+    of_path = [set(rising) - set(_NOT_OF_PATHS)]
     if parts.shape[1] > 1:
         features_of_parts = ({first: _TURN_ANGLES}, rising, {last: _TURN_ANGLES})
+        of_path = [{first}, {length}, {last}]
     slopes: Counter[_Bend] = Counter()
-    for features, times in zip(features_of_parts, parts.T, strict=True):
-        slopes.update(_fitted(table, features, times))  # Counter.update adds
+    for features, times, names in zip(features_of_parts, parts.T, of_path, strict=True):
+        expected = {}
+        for name in features:
+            slope = prior[name]
+            expected[name] = slope if name in names else slope._replace(time=0.0)
+        slopes.update(_fitted(table, features, times, expected))  # Counter.update adds
     terms = [Hinge(*bend, slope) for bend, slope in slopes.items() if abs(slope) > _ROUNDING]
     order = list(rising)
     terms.sort(key=lambda term: (order.index(term.feature), term.above))
@@ -118,39 +136,60 @@ _Bend = tuple[str, float]  # feature and place of a change of slope
 
 
 def _fitted(
-    table: pd.DataFrame, rising: dict[str, FloatArray], durations: FloatArray
+    table: pd.DataFrame,
+    rising: dict[str, FloatArray],
+    durations: FloatArray,
+    expected: Mapping[str, Slope],
 ) -> dict[_Bend, float]:
     """Return the changes of slope that fit durations (n,) in s best.
 
-    It is a non-negative least-squares fit on the segments between bends. Bends are removed, those
-    first that are worth least, while the corrected error of M5' does not grow.
+    It is a non-negative least-squares fit on the segments between bends, with a further row for the
+    slope `expected` of each. Bends are removed, those first that are worth
+    least, while the corrected error of M5' does not grow; none between segments that are driven and
+    others.
     """
     by_feature = []
+    begins: list[_Bend] = []
+    groups: _Groups = []
+    driven: list[bool] = []
+    slopes_expected: list[float] = []
+    deviations: list[float] = []
+    least_noise: list[float] = []
     for name, bends in rising.items():
-        values = table[name].to_numpy()
-        by_feature.append(_segments(values, bends))
-    segments = np.hstack(by_feature)
-    centered = segments - segments.mean(axis=0)
-    centered[:, np.ptp(segments, axis=0) < _ROUNDING] = 0.0  # else rounding errors get slopes
+        segments = _segments(table[name].to_numpy(), bends)
+        by_feature.append(segments)
+        reaches = 0.5 * np.minimum(np.diff(bends, append=math.inf), 2.0 * _REACH)
+        is_driven = np.count_nonzero(segments > reaches, axis=0) >= _DRIVES
+        first = len(begins)
+        begins += [(name, float(bend)) for bend in bends]
+        driven += is_driven.tolist()
+        groups.append(_runs(first, is_driven))
+        slopes_expected += [expected[name].time] * len(bends)
+        deviations += [expected[name].deviation] * len(bends)
+        least_noise += [_SAMPLING if len(bends) == 1 else TIMING] * len(bends)
+    all_segments = np.hstack(by_feature)
+    centered = all_segments - all_segments.mean(axis=0)
+    centered[:, np.ptp(all_segments, axis=0) < _ROUNDING] = 0.0  # else rounding errors get slopes
     target = durations - durations.mean()
+    noise = _SAMPLING
     for _ in range(_ROUNDS):
-        fitted = centered @ nnls(centered, target)[0]
+        weights = np.maximum(noise, least_noise) / deviations
+        rows = np.vstack([centered, np.diag(weights)])
+        wanted = np.append(target, weights * slopes_expected)
+        fitted = centered @ nnls(rows, wanted)[0]
         error = target - fitted
-        most = max(_CLIPPED_AT * robust_spread(error), _SAMPLING)
+        noise = robust_spread(error)
+        most = max(_CLIPPED_AT * noise, _SAMPLING)
         target = fitted + np.clip(error, -most, most)
         target -= target.mean()
     # Fits to the rows of the triangular factor have the same squared errors; its last column is the
     # target.
-    rows = np.column_stack([centered, target])
-    factor: FloatArray = np.asarray(np.linalg.qr(rows, mode="r"))
-    begins: list[_Bend] = []
-    groups: _Groups = []
-    for name, bends in rising.items():
-        first = len(begins)
-        begins += [(name, float(bend)) for bend in bends]
-        groups.append([[number] for number in range(first, len(begins))])
+    weights = np.maximum(noise, least_noise) / deviations
+    rows = np.vstack([centered, np.diag(weights)])
+    wanted = np.append(target, weights * slopes_expected)
+    factor: FloatArray = np.asarray(np.linalg.qr(np.column_stack([rows, wanted]), mode="r"))
     error, slopes = _fit(groups, factor, len(target))
-    while candidates := _merged(groups):
+    while candidates := _merged(groups, driven):
         fits = [_fit(merged, factor, len(target)) for merged in candidates]
         best = min(range(len(fits)), key=lambda number: fits[number][0])
         least, its_slopes = fits[best]
@@ -171,11 +210,24 @@ def _segments(values: FloatArray, bends: FloatArray) -> FloatArray:
     return np.clip(values[:, None] - bends, 0.0, lengths)
 
 
-def _merged(groups: _Groups) -> list[_Groups]:
-    """Return all groups that have one bend less than these."""
+def _runs(first: int, driven: BoolArray) -> list[list[int]]:
+    """Return the segments of a feature, numbered from `first`: those not driven share a slope."""
+    runs: list[list[int]] = []
+    for number, is_driven in enumerate(driven.tolist()):
+        if runs and not is_driven and not driven[number - 1]:
+            runs[-1].append(first + number)
+        else:
+            runs.append([first + number])
+    return runs
+
+
+def _merged(groups: _Groups, driven: Sequence[bool]) -> list[_Groups]:
+    """Return all groups that have one bend less than these, between driven segments."""
     found = []
     for number, runs in enumerate(groups):
         for at in range(len(runs) - 1):
+            if not (driven[runs[at][0]] and driven[runs[at + 1][0]]):
+                continue
             joined = runs[at] + runs[at + 1]
             merged = list(groups)
             merged[number] = [*runs[:at], joined, *runs[at + 2 :]]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -20,7 +20,7 @@ from ator_ros.bases.interface import Driving
 from ator_ros.experience.table import ExperienceError, goal_variables_of_columns
 from ator_ros.geometry import BoolArray, FloatArray, IntArray, wrap_angles
 from ator_ros.performance.derived import ANGLE_BETWEEN, RESTS, Geometry
-from ator_ros.performance.error_process import ErrorProcess, fit_error_process
+from ator_ros.performance.error_process import TIMING, ErrorProcess, fit_error_process
 from ator_ros.performance.features import (
     CANDIDATES,
     GENERAL,
@@ -41,6 +41,7 @@ from ator_ros.performance.model import (
     AtGoal,
     PerformanceModel,
 )
+from ator_ros.performance.prior import Slope, prior_slopes
 from ator_ros.performance.rising_terms import (
     OF_DIRECTION,
     RISING,
@@ -87,7 +88,6 @@ LEAST_EPISODES = 20
 """Least number of successful episodes that a model is learned from."""
 SMALL_LEAF = 50
 """Least number of episodes at a leaf of the trees of other measures than the duration."""
-_NEAREST = 0.01  # m; shorter distances count as this in a deceleration
 _AT_GOAL = ((0.02, 0.05), (0.03, 0.08))  # m and rad to the goal that may count as being there
 _LEAST_AT_GOAL = 3  # episodes that show how long an action takes there
 # A robot may still be stopping when an action starts: this share of starts is slower than that.
@@ -95,9 +95,6 @@ _MOSTLY = 0.95
 _STOPPING = 0.2  # m/s
 _TURNED = 0.5  # rad, least turn at the goal for which the angle that is left is measured
 _ALIKE = 0.15  # greatest difference in s of durations that count as the same there: three ticks
-# episodes, or at most a share, that make a deceleration known
-_BRAKING_EPISODES = 15
-_BRAKING_SHARE = 0.05
 
 
 class WorseThanMeanError(ExperienceError):
@@ -181,7 +178,9 @@ def train(
         driving=learned.driving,
         at_goal=_observed_at_goal(undisturbed, robot),
         arrival=observed_arrival(undisturbed, robot),
-        errors=error_process(learned.tree, table[counted], errors[counted]),
+        errors=error_process(
+            learned.tree, table[counted], errors[counted], examples["duration"].prior
+        ),
         held_up=describe_held_up(learned.errors, learned.held_up),
     )
 
@@ -237,7 +236,7 @@ def _learned_undisturbed(
     for _ in range(_MOST_ROUNDS):
         learned = _learned_without(held, values, rows, starts, robot, features)
         predicted = durations - learned.errors
-        follows_path = len(learned.tree.base) > 0
+        follows_path = len(learned.tree.base) > 0 or _PATH not in learned.table
         found = find_held_up(durations, predicted, held, follows_path=follows_path)
         if (found == held).all() and (values == durations).all():
             break
@@ -266,7 +265,7 @@ def _learned_without(
     else:
         parts = None
     table = drives.table[counted].reset_index(drop=True)
-    tree, errors = duration_tree(table, durations[counted], parts)
+    tree, errors = duration_tree(table, durations[counted], drives.prior, parts)
     predicted = np.empty(len(durations))
     predicted[counted] = durations[counted] - errors
     predicted[held] = tree.predict(drives.table.loc[held, list(tree.names)].to_numpy())
@@ -290,6 +289,8 @@ class Examples:
     parts : ndarray, shape (n, 3), or None
         Times of the parts of the drives, see `part_times`; None on a map, and for other measures
         than the duration.
+    prior : mapping of str to Slope
+        How durations are assumed to depend on the features, see `prior_slopes`.
     """
 
     measure: str
@@ -297,6 +298,7 @@ class Examples:
     table: pd.DataFrame
     values: FloatArray
     parts: FloatArray | None
+    prior: Mapping[str, Slope]
 
 
 def examples_of(
@@ -319,6 +321,7 @@ def examples_of(
         How the action drives, if features depend on it.
     """
     table = features_of(starts, robot, features, driving)
+    prior = prior_slopes(features, robot, driving)
     succeeded = starts["success"].to_numpy(dtype=bool)
     found = {}
     for measure, column in _COLUMNS.items():
@@ -336,6 +339,7 @@ def examples_of(
             of_measure,
             values[used],
             parts,
+            prior,
         )
     return found
 
@@ -401,7 +405,9 @@ def duration_features(
     return tuple(features)
 
 
-def error_process(tree: ModelTree, table: pd.DataFrame, errors: FloatArray) -> ErrorProcess:
+def error_process(
+    tree: ModelTree, table: pd.DataFrame, errors: FloatArray, prior: Mapping[str, Slope]
+) -> ErrorProcess:
     """Return the process of the errors of a tree of durations.
 
     Its features are those of the tree, and those that durations rise with.
@@ -414,10 +420,12 @@ def error_process(tree: ModelTree, table: pd.DataFrame, errors: FloatArray) -> E
         Features of n episodes that succeeded; those of the tree are among them.
     errors : array of float, shape (n,)
         Actual less predicted durations in s, by trees that were learned without the episode.
+    prior : mapping of str to Slope
+        How durations are assumed to depend on the features, see `prior_slopes`.
     """
     rising = filter(table.columns.__contains__, rising_in(table.columns))
     names = list(dict.fromkeys((*tree.names, *rising)))
-    return fit_error_process(names, table[names].to_numpy(), errors)
+    return fit_error_process({name: prior[name] for name in names}, table[names].to_numpy(), errors)
 
 
 def features_of(
@@ -432,7 +440,10 @@ def features_of(
 
 
 def duration_tree(
-    table: pd.DataFrame, durations: FloatArray, parts: FloatArray | None = None
+    table: pd.DataFrame,
+    durations: FloatArray,
+    prior: Mapping[str, Slope],
+    parts: FloatArray | None = None,
 ) -> tuple[ModelTree, FloatArray]:
     """Learn a tree of durations.
 
@@ -452,6 +463,8 @@ def duration_tree(
         Features of n episodes that succeeded.
     durations : array of float, shape (n,)
         Their durations in s.
+    prior : mapping of str to Slope
+        How durations are assumed to depend on the features, see `prior_slopes`.
     parts : array of float, shape (n, 3), optional
         Times of their parts in s, NaN where unknown; see `part_times`.
 
@@ -465,17 +478,21 @@ def duration_tree(
     if _PATH not in table:
         tree, errors = _best_learning(table, durations, _whole, extrapolation=1.0)
     elif _stands(table):
-        tree, errors = _on_sum(table, durations, parts)
+        tree, errors = _on_sum(table, durations, parts, prior)
     else:
         late = durations - table[_PATH].to_numpy()
         earliest = np.quantile(late, _FASTER_SHARE, method="lower")
         faster = earliest < -_FASTER_BY * np.median(durations)
         tree, errors = _best_learning(table, durations, _whole if faster else _minus_path)
-    return tree.narrowed(), errors
+    spread = np.where(tree.is_leaf, np.maximum(tree.spread, TIMING), 0.0)
+    return dataclasses.replace(tree, spread=spread).narrowed(), errors
 
 
 def _on_sum(
-    table: pd.DataFrame, durations: FloatArray, parts: FloatArray | None
+    table: pd.DataFrame,
+    durations: FloatArray,
+    parts: FloatArray | None,
+    prior: Mapping[str, Slope],
 ) -> tuple[ModelTree, FloatArray]:
     """Return a tree on top of a sum of rising terms, and its errors as `duration_tree` does."""
     rising = rising_in(table.columns)
@@ -492,12 +509,13 @@ def _on_sum(
         parts = np.full((len(table), 1), np.nan)
     known = np.isfinite(parts).all(axis=1)
     if (drives & known).sum() < LEAST_EPISODES:
-        return learn(partial(_minus_terms, parts=None))
+        return learn(partial(_minus_terms, parts=None, prior=prior))
     # By parts, the terms have the thresholds of the turns: the tree splits by distance only.
-    terms_by_parts = partial(_minus_terms, parts=pd.DataFrame(parts, table.index))
+    of_parts = pd.DataFrame(parts, table.index)
+    terms_by_parts = partial(_minus_terms, parts=of_parts, prior=prior)
     by_parts = learn(terms_by_parts, tree_features=basic.columns[:1])
     without_straights = table.drop(columns=list(OF_DIRECTION), errors="ignore")
-    by_whole = _on_sum(without_straights, durations, None)
+    by_whole = _on_sum(without_straights, durations, None, prior)
     error_by_parts = np.abs(by_parts[1][drives]).mean()
     error_by_whole = np.abs(by_whole[1][drives]).mean()
     mostly_known = 2 * (drives & known).sum() >= drives.sum()
@@ -545,13 +563,17 @@ def _minus_path(table: pd.DataFrame, durations: FloatArray) -> _Fitted:
 
 
 def _minus_terms(
-    table: pd.DataFrame, durations: FloatArray, *, parts: pd.DataFrame | None
+    table: pd.DataFrame,
+    durations: FloatArray,
+    *,
+    parts: pd.DataFrame | None,
+    prior: Mapping[str, Slope],
 ) -> _Fitted:
     times = durations[:, None]
     if parts is not None:
         times = parts.loc[table.index].to_numpy()
     used = _far_from_goal(table) & np.isfinite(times).all(axis=1)
-    base = rising_terms(table[used], times[used])
+    base = rising_terms(table[used], times[used], prior)
     return base, durations - sum_of(base, table)
 
 
@@ -689,44 +711,21 @@ def direct_of(rows: pd.DataFrame) -> dict[str, np.ndarray]:
 
 
 def start_ranges(rows: pd.DataFrame, robot: Robot) -> dict[str, list[float]]:
-    """Return the least and the greatest value of the direct variables at the starts of episodes.
+    """Return the least and the greatest value of quantities at the starts of episodes, by name.
 
-    Returns
-    -------
-    dict
-        Least and greatest value by name. Places are relative to the center of the robot's area.
-        Besides: "way", the distance in m to the goal's place from the axle or the hold, whichever
-        the goal is for; "turn", the angle in rad between both headings; "braking", decelerations
-        in m/s^2 that enough episodes needed.
+    These are "way", the distance in m to the goal's place from the axle or the hold, whichever the
+    goal is for; "turn", the angle in rad between both headings; "v" and "speedg", the speeds in m/s
+    at both ends.
     """
     starts = rows[rows["t"] == 0.0]
-    names = (name for name in DIRECT_VARIABLES if name not in ("yaw", "yawg", "hold"))
-    area = robot.scene.area
-    moved = dict.fromkeys(("x", "xg"), area.x) | dict.fromkeys(("y", "yg"), area.y)
-    relative = {name: starts[name] - moved.get(name, 0.0) for name in names}
     between = (starts["yawg"] - starts["yaw"]).to_numpy(dtype=float)
-    turns = np.abs(wrap_angles(between))
-    columns = {**relative, "way": _distances(starts, robot), "turn": turns}
-    ranges = {}
-    for name, values in columns.items():
-        least = float(values.min())
-        greatest = float(values.max())
-        ranges[name] = [least, greatest]
-    ranges["braking"] = [0.0, _braking(starts[starts["success"]], robot)]
-    return ranges
-
-
-def _braking(starts: pd.DataFrame, robot: Robot) -> float:
-    """Return the deceleration in m/s^2 that enough episodes needed for a straight drive."""
-    # If there is hardly room to brake, the robot makes a detour, and models err by seconds. Such
-    # starts are too rare to influence trees or spreads.
-    v = starts["v"].to_numpy(dtype=float)
-    arrival = starts["speedg"].to_numpy(dtype=float)
-    squares = v**2 - arrival**2
-    distances = np.maximum(_distances(starts, robot), _NEAREST)
-    needed = np.sort(np.maximum(squares, 0.0) / (2.0 * distances))
-    beyond = min(_BRAKING_EPISODES, math.ceil(_BRAKING_SHARE * len(needed)))
-    return float(needed[-beyond]) if beyond else 0.0
+    columns = {
+        "way": _distances(starts, robot),
+        "turn": np.abs(wrap_angles(between)),
+        "v": starts["v"],
+        "speedg": starts["speedg"],
+    }
+    return {name: [float(values.min()), float(values.max())] for name, values in columns.items()}
 
 
 def _distances(starts: pd.DataFrame, robot: Robot) -> FloatArray:

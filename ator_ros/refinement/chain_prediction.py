@@ -27,7 +27,7 @@ from ator_ros.refinement.search import Pairs, StepCosts
 from ator_ros.tops.chain import TopCall, TopChain, projected
 from ator_ros.world.state import World
 
-REPORTED = ("duration", "spread", "success", "accuracy")
+REPORTED = ("duration", "spread", "noise", "success", "accuracy")
 """Fields predicted for every action regardless of the objective."""
 
 
@@ -50,8 +50,8 @@ class PredictsPerformance(Protocol):
     ) -> Any:
         """Return a prediction whose fields named in `measures` are arrays of shape (n,).
 
-        With `signs`, shape (n,), it has `error_of_sum`: the expected error in s of the sum of the
-        durations with these signs, and its variance in s².
+        With `signs`, shape (..., n), it has `error_of_sum`: the expected errors in s of the sums of
+        the durations with these signs, and their variances in s².
         """
 
 
@@ -268,10 +268,13 @@ class ChainPrediction:
         has none.
     cost : float
         The objective summed over the actions that have a model.
+    error : float
+        What the models may be wrong by in the summed duration, in s: the root mean square.
     """
 
     actions: tuple[Mapping[str, float], ...]
     cost: float
+    error: float = 0.0
 
     @property
     def duration(self) -> float:
@@ -280,8 +283,12 @@ class ChainPrediction:
 
     @property
     def spread(self) -> float:
-        """Standard deviation in s of the summed duration; errors count as independent."""
-        return math.hypot(*(action.get("spread", 0.0) for action in self.actions))
+        """Standard deviation in s of the summed duration: of single runs, and of the models.
+
+        Models whose errors are unknown count as exact.
+        """
+        error = self.error if math.isfinite(self.error) else 0.0
+        return math.hypot(error, *(action.get("noise", 0.0) for action in self.actions))
 
 
 class StepModel:
@@ -337,14 +344,15 @@ class StepModel:
         tables: Sequence[tuple[int, FloatArray]],
         reported: tuple[str, ...],
         signs: FloatArray | None = None,
-    ) -> tuple[list[dict[str, FloatArray]], float]:
+    ) -> tuple[list[dict[str, FloatArray]], FloatArray]:
         """Return the cost and the reported fields for each table, in its shape.
 
-        With the signs of the tables, also the uncertainty in s of the sum of all durations.
+        With the signs (..., n) of the tables in sums of their durations, also the errors (...) in s
+        that the models may have in the sums: root mean squares.
         """
         predicted = [{"cost": np.zeros(table.shape[1:])} for _, table in tables]
         fields = tuple(dict.fromkeys(reported + self.objective.needs))
-        error = variance = 0.0
+        error = variance = np.zeros(signs.shape[:-1] if signs is not None else ())
         actions = [self._actions[index] for index, _ in tables]
         for action in dict.fromkeys(actions):
             model = self._models[action]
@@ -356,10 +364,12 @@ class StepModel:
             parts = [tables[place][1].reshape(len(names), -1) for place in places]
             direct = DirectTable(names, np.concatenate(parts, axis=1))
             with np.errstate(all="ignore"):
-                prediction = model.predict(direct, fields, None if signs is None else signs[places])
+                prediction = model.predict(
+                    direct, fields, None if signs is None else signs[..., places]
+                )
             if signs is not None:
-                error += prediction.error_of_sum[0]
-                variance += prediction.error_of_sum[1]
+                error = error + prediction.error_of_sum[0]
+                variance = variance + prediction.error_of_sum[1]
             columns = {name: getattr(prediction, name, None) for name in reported}
             columns["cost"] = np.fmin(self.objective.cost(prediction), np.inf)  # NaN: infinite
             known = {name: values for name, values in columns.items() if values is not None}
@@ -371,7 +381,7 @@ class StepModel:
                 predicted[place] = {
                     name: values[first:last].reshape(shape) for name, values in known.items()
                 }
-        return predicted, math.sqrt(error**2 + variance)
+        return predicted, np.sqrt(error**2 + variance)
 
 
 class ChainModel(StepModel):
@@ -424,8 +434,9 @@ class ChainModel(StepModel):
 
         Its cost is infinite if that of a step is NaN.
         """
-        steps, _ = self._predicted(self._tables(self.given), REPORTED)
-        return _summed(steps)
+        tables = self._tables(self.given)
+        steps, error = self._predicted(tables, REPORTED, np.ones(len(tables)))
+        return _summed(steps, float(error))
 
     def compare(
         self, before: Sequence[FloatArray], after: Sequence[FloatArray]
@@ -433,14 +444,17 @@ class ChainModel(StepModel):
         """Return the predictions of two chains, and the uncertainty (s) of the second's gain.
 
         `before` are values in the order of the reference, `after` in that of the chain. The
-        uncertainty is the error of the models, from their errors on episodes that they were not
-        learned from; the difference between single runs is `ChainPrediction.spread`.
+        uncertainty is what the models may be wrong by in the difference, less than in either chain,
+        as their errors are alike in similar situations.
         """
         count = len(before)
         tables = self._tables(before, self._reference) + self._tables(after)
-        signs = np.repeat((1.0, -1.0), count)
-        steps, uncertainty = self._predicted(tables, REPORTED, signs)
-        return _summed(steps[:count]), _summed(steps[count:]), uncertainty
+        first = np.repeat((1.0, 0.0), count)
+        second = 1.0 - first
+        signs = np.stack([first, second, first - second])
+        steps, errors = self._predicted(tables, REPORTED, signs)
+        of_first, of_second, uncertainty = errors.tolist()
+        return _summed(steps[:count], of_first), _summed(steps[count:], of_second), uncertainty
 
     def _tables(self, values: Sequence[FloatArray], first: int = 0) -> list[tuple[int, FloatArray]]:
         """Return each step's index and direct variables, for values (k,) of each subgoal."""
@@ -448,12 +462,12 @@ class ChainModel(StepModel):
         return [(index, self.rows[index].values(*pair)) for index, pair in enumerate(pairs, first)]
 
 
-def _summed(steps: Sequence[Mapping[str, FloatArray]]) -> ChainPrediction:
-    """Return the prediction of a chain from those of its steps."""
+def _summed(steps: Sequence[Mapping[str, FloatArray]], error: float) -> ChainPrediction:
+    """Return the prediction of a chain from those of its steps, and the error of the models."""
     actions = tuple(
         {name: float(value) for name, value in step.items() if name != "cost"} for step in steps
     )
-    return ChainPrediction(actions, float(np.sum([step["cost"] for step in steps])))
+    return ChainPrediction(actions, float(np.sum([step["cost"] for step in steps])), error)
 
 
 def predict_chain(

@@ -4,8 +4,8 @@ A goal variable is free if the plan opens it, it has a range, no condition binds
 whose performance it may change has a performance model, and one of these models uses a direct
 variable that it changes.
 
-Free variables are bounded by their ranges, by the regions of conditions, and by the experience of
-the models: values well outside the starts and goals that a model was trained on are not searched.
+Free variables are bounded by their ranges and by the regions of conditions. The experience of the
+models bounds nothing: where it ends, their uncertainty grows, and the gate decides.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from ator_ros.refinement.chain_prediction import (
 from ator_ros.refinement.search import Allowed, spread_points
 from ator_ros.tops.bindings import bindings
 from ator_ros.tops.chain import EVERYTHING, InvalidChainError, TopCall, TopChain, projected
-from ator_ros.tops.conditions import Condition, Distance, Region, Relation, state_of
+from ator_ros.tops.conditions import Condition, Region, Relation, state_of
 from ator_ros.tops.ranges import USUAL_RANGES, Range, Ranges
 from ator_ros.world.state import World
 
@@ -53,7 +53,7 @@ Bound = Relation | Region
 class FreeVariable:
     """One free variable: of which subgoal of the chain (counted from 0), its name, and its range.
 
-    `limits` names what narrows the range: regions, and the experience of the models.
+    `limits` names the regions that narrow the range.
     """
 
     subgoal: int
@@ -175,7 +175,7 @@ def _why_unknown(
 
 
 class _Rule(NamedTuple):
-    """A bound by a condition or model, the `source`, with a margin `room`.
+    """A bound by a condition, the `source`, with a margin `room`.
 
     It refers to a `goal` (None: the subgoal's own) and, if `before`, to the state before the step.
     """
@@ -192,16 +192,12 @@ class Regions:
 
     A condition on a distance, or on the range of a variable, binds no goal variable. It limits the
     candidates to those from which the next step may start, with a margin for the tolerance of the
-    step before. The distance to drive is limited to the experience of the action's model, unless
-    the place at which the step starts is free too: then each place is bounded separately.
+    step before.
 
     Parameters
     ----------
     names : sequence of tuple of str, one per subgoal
         The free variables.
-    models : mapping
-        Action name to performance model, which has the range of experienced distances; an action
-        may lack one.
     """
 
     def __init__(
@@ -210,10 +206,8 @@ class Regions:
         chain: TopChain,
         robot: Robot,
         names: Sequence[tuple[str, ...]],
-        models: Mapping[str, Any],
     ) -> None:
         self._world = world
-        self._models = models
         self._robot = robot
         self._names = names
         self._chain = chain
@@ -247,7 +241,7 @@ class Regions:
         The subgoals before it are fixed as in `chain`; those after it keep their free variables.
         """
         free = [*[()] * index, names, *self._names[index + 1 :]]
-        regions = Regions(self._world, chain, self._robot, free, self._models)
+        regions = Regions(self._world, chain, self._robot, free)
         return (lambda _, values: regions.allowed(index, values)) if regions.limits(index) else None
 
     def limits(self, index: int) -> tuple[str, ...]:
@@ -295,11 +289,6 @@ class Regions:
         if start_is_known:
             for bound in _bounds_in(call.top.pre):
                 yield _Rule(f"pre-condition {step}", bound, before=True)
-            distances = experience_of(self._models.get(call.top.action)).get("way")
-            if distances is not None and _PLACE & set(self._names[index]):
-                start = "hold" if call.goal.point is Point.HOLD else "robot"
-                bound = Distance(start, "goal", *distances)
-                yield _Rule(f"experience of {call.top.action}", bound, before=True)
         if index + 1 == len(calls):
             return
         following = calls[index + 1]
@@ -376,15 +365,17 @@ _QUANTITIES = (
 )
 
 
-def _outside_experience(
+def outside_experience(
     world: World,
     chain: TopChain,
     models: Mapping[str, PredictsPerformance],
     robot: Robot,
-) -> tuple[list[str], set[int]]:
-    """Return sentences about what is outside the experience, and the steps whose distance is."""
+) -> tuple[str, ...]:
+    """Return sentences about distances, turns and speeds outside the experience of the models.
+
+    Those that open variables change are left out.
+    """
     sentences = []
-    far = set()
     opened_before: frozenset[str] = frozenset()
     situations = chain_situations(world, chain, robot, models)
     for step, (call, direct) in enumerate(zip(chain.calls, situations, strict=True)):
@@ -400,10 +391,8 @@ def _outside_experience(
                 f"{chain.step_name(step)}: {label} {values[name]:.1f} {unit} is outside "
                 f"the experience of {low:.1f} to {high:.1f} {unit}"
             )
-            if name == "way":
-                far.add(step)
         opened_before = opened
-    return sentences, far
+    return tuple(sentences)
 
 
 def _quantities(direct: DirectTable, robot: Robot) -> dict[str, float]:
@@ -424,81 +413,6 @@ def _is_near(
     """Return whether a value is in the experience, or hardly outside."""
     slack = _SLACK + (_ROOM * (high - low) if math.isfinite(high - low) else 0.0)
     return low - slack <= value <= high + slack
-
-
-def within_experience(
-    analysis: Analysis,
-    world: World,
-    chain: TopChain,
-    models: Mapping[str, PredictsPerformance],
-    robot: Robot,
-) -> Analysis:
-    """Return `analysis` with the ranges narrowed to the goals that the models were trained on.
-
-    A variable whose range lies outside the experience is not free. Neither is a variable next to a
-    step whose distance lies outside, since its predictions are extrapolated. Distances, turns and
-    speeds that no open variable changes are compared with those at the starts of the episodes.
-    """
-    outside, far = _outside_experience(world, chain, models, robot)
-    free = []
-    not_free = list(analysis.not_free)
-    for variable in analysis.free:
-        steps = [step for step in (variable.subgoal, variable.subgoal + 1) if step in far]
-        if steps:
-            number = chain.order[steps[0]] + 1
-            why = f"next to step {number}, whose distance is outside the experience"
-            not_free.append(NotFree(variable.subgoal, variable.name, why))
-            continue
-        narrowed = variable
-        for low, high, description in _experience_bounds(variable, chain, models):
-            if min(high, narrowed.domain.high) <= max(low, narrowed.domain.low):
-                why = f"beyond the {description}"
-                not_free.append(NotFree(variable.subgoal, variable.name, why))
-                break
-            narrowed = _narrowed(narrowed, low, high, (description,))
-        else:
-            free.append(narrowed)
-    return Analysis(tuple(free), tuple(not_free), tuple(outside))
-
-
-def _experience_bounds(
-    variable: FreeVariable,
-    chain: TopChain,
-    models: Mapping[str, PredictsPerformance],
-) -> Iterator[tuple[float, float, str]]:
-    """Yield the bounds of a variable by experience: low, high and a description.
-
-    A heading has none.
-    """
-    if variable.domain.periodic:
-        return
-    call, *following = chain.calls[variable.subgoal : variable.subgoal + 2]
-    affected = [(call.top.action, direct_name(variable.name))]
-    for after in following:
-        # The place at which the next action starts does not count: only that relative to its goal
-        # matters.
-        starts = _start_variables(variable.name, call.goal.point) - {"x", "y", "yaw"}
-        affected += [(after.top.action, direct) for direct in sorted(starts)]
-    for action, direct in affected:
-        known = experience_of(models.get(action))
-        if direct in known:
-            low, high = known[direct]
-            yield low, high, f"experience of {action}: {direct} from {low:.2f} to {high:.2f}"
-    for after in following if variable.name == "speed" else ():
-        # From faster arrivals the next action cannot brake to its goal's speed. The distance to
-        # brake is unknown if a place is free, or if the goals are for different points of the
-        # robot.
-        braking = experience_of(models.get(after.top.action)).get("braking")
-        moved = any(step.opens(name) for step in (call, after) for name in ("x", "y"))
-        if braking is None or moved or call.goal.point != after.goal.point:
-            continue
-        left = 0.0 if after.opens("speed") else after.goal.speed
-        fastest = math.sqrt(left**2 + 2.0 * braking[1] * call.goal.pose.distance(after.goal.pose))
-        yield (
-            0.0,
-            fastest,
-            f"experience of {after.top.action}: braking at up to {braking[1]:.2f} m/s^2",
-        )
 
 
 def within_regions(

@@ -20,7 +20,7 @@ from ator_ros.refinement.free_variables import (
     Regions,
     analyze,
     names_of,
-    within_experience,
+    outside_experience,
     within_regions,
 )
 from ator_ros.refinement.gate import KEPT_AS_SENT, KEPT_NAIVE, NO_GATE, Gate
@@ -353,7 +353,7 @@ class Refiner:
         return chain
 
     def bounded(self, world: World, chain: TopChain) -> tuple[Analysis, Regions]:
-        """Return the free variables of `chain`, bounded by experience and regions, and the regions.
+        """Return the free variables of `chain`, bounded by regions, and the regions.
 
         Raises RefinementError if the chain is empty or too long.
         """
@@ -362,14 +362,13 @@ class Refiner:
                 f"chain: expected 1 to {LONGEST_CHAIN} actions, got {len(chain.calls)}"
             )
         analysis = analyze(chain, self.models, self.robot, self.ranges)
-        analysis = within_experience(analysis, world, chain, self.models, self.robot)
-        regions = Regions(world, chain, self.robot, names_of(chain, analysis.free), self.models)
+        outside = outside_experience(world, chain, self.models, self.robot)
+        analysis = dataclasses.replace(analysis, outside=outside)
+        regions = Regions(world, chain, self.robot, names_of(chain, analysis.free))
         if regions.allowing() is None:
             return analysis, regions
         analysis = within_regions(analysis, regions, chain)
-        return analysis, Regions(
-            world, chain, self.robot, names_of(chain, analysis.free), self.models
-        )
+        return analysis, Regions(world, chain, self.robot, names_of(chain, analysis.free))
 
     def _answer(
         self,
@@ -411,6 +410,8 @@ class Refiner:
             else:
                 reason = f"{kept} without a search, as {ITS_DEADLINE} had passed"
         possible = best != chain and not invalid
+        if known is not None and self.gate.least < gain <= self.gate.factor * known:
+            reason += self._not_varied(chain)
         comparison = possible and not refine and self.gate.drawn and self.gate.pays(gain, known)
         order = best.order
         return Refinement(
@@ -466,6 +467,13 @@ class Refiner:
             for index, call in zip(chain.order, chain.calls, strict=True)
             if call.top.action not in self.models
         )
+
+    def _not_varied(self, chain: TopChain) -> str:
+        """Return a remark on features that no drive varied, after a semicolon; may be empty."""
+        actions = dict.fromkeys(call.top.action for call in chain.calls)
+        by_action = {name: getattr(self.models.get(name), "not_varied", ()) for name in actions}
+        found = [f"{' and '.join(names)} of {name}" for name, names in by_action.items() if names]
+        return f"; no drive varied {_listed(found)}" if found else ""
 
     def _remarks(
         self,

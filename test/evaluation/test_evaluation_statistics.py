@@ -13,7 +13,12 @@ def record(index: int, naive: float, refined: float, oracle: float, **more: Any)
         "index": index,
         "policies": {
             "naive": {"duration": naive, "success": naive < 30.0},
-            "refined": {"duration": refined, "success": refined < 30.0, "predicted": refined - 0.1},
+            "refined": {
+                "duration": refined,
+                "success": refined < 30.0,
+                "predicted": refined - 0.1,
+                "spread": 0.1,
+            },
         },
         "oracle": {"best": oracle, "success": True},
         **more,
@@ -119,12 +124,25 @@ def test_a_policy_that_never_loses_has_no_worst_loss() -> None:
 
 def test_errors_of_predictions_count_chains_that_succeeded() -> None:
     rows = [record(0, 10.0, 8.0, 7.0), record(1, 10.0, 31.0, 7.0), record(2, 10.0, 9.0, 7.0)]
-    rows[0]["policies"]["refined"]["predicted"] = 8.3
-    rows[2]["policies"]["refined"]["predicted"] = 8.9
+    rows[0]["policies"]["refined"] |= {"predicted": 8.3, "spread": 0.1}
+    rows[2]["policies"]["refined"] |= {"predicted": 8.9, "spread": 0.1}
     found = prediction_errors(rows, "refined")
     assert found["chains"] == 2
     assert found["mean_error_s"] == pytest.approx(0.1)
     assert found["mae_s"] == pytest.approx(0.2)
     assert found["rmse_s"] == pytest.approx(0.05**0.5, abs=1e-3)
     assert found["mean_error_ci95"] == [pytest.approx(-0.1), pytest.approx(0.3)]
+    assert found["within_90_percent"] == 50.0
+    assert "gain_predicted_s" not in found
     assert prediction_errors(rows, "naive") == {"chains": 0}
+
+
+def test_predicted_gains_are_compared_with_executed_ones() -> None:
+    rows = [record(0, 10.0, 8.0, 7.0), record(1, 10.0, 9.0, 7.0)]
+    for row, gain in zip(rows, (2.5, 0.5), strict=True):
+        row["policies"]["naive"] |= {"predicted": 10.0, "spread": 0.1}
+        row["policies"]["refined"] |= {"predicted": 10.0 - gain, "spread": 0.1}
+    found = prediction_errors(rows, "refined")
+    assert found["gain_predicted_s"] == pytest.approx(1.5)
+    assert found["gain_executed_s"] == pytest.approx(1.5)
+    assert "gain_predicted_s" not in prediction_errors(rows, "naive")

@@ -85,12 +85,15 @@ def test_only_policies_with_predicted_chains_are_in_the_table_of_predictions() -
         "mean_error_ci95": [-0.0104, 0.0356],
         "mae_s": 0.0618,
         "rmse_s": 0.0907,
+        "within_90_percent": 85.0,
+        "gain_predicted_s": 0.714,
     }
     table = prediction_table(
         {**SUMMARY, "gated": row(prediction=errors), "fixed": row(prediction={"chains": 0})}
     )
     assert len(table) == 1
-    assert list(table.iloc[0]) == ["gated", 20, "+0.013", "-0.010 to 0.036", "0.062", "0.091"]
+    numbers = ["+0.013", "-0.010 to 0.036", "0.062", "0.091", "85 %", "0.71", "-"]
+    assert list(table.iloc[0]) == ["gated", 20, *numbers]
 
 
 def test_a_page_escapes_its_texts() -> None:

@@ -28,7 +28,7 @@ def record(index: int, naive: float, best: float, *, predicted: bool = True) -> 
     return {
         "index": index,
         "policies": {
-            "naive": row | ({"predicted": naive + 0.5} if predicted else {}),
+            "naive": row | ({"predicted": naive + 0.5, "spread": 0.3} if predicted else {}),
             "face_goal": {"duration": naive + 1.0, "success": True},
         },
         "oracle": {"best": best, "success": True},

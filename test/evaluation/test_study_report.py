@@ -71,19 +71,6 @@ def test_gains_are_reported_for_each_variable(tools: Toolset, trials: list[Trial
         )
 
 
-def test_a_model_without_arrivals_at_speed_is_reported(tools: Toolset, trials: list[Trial]) -> None:
-    model = tools.models["dribbleBall"]
-    training = model.metadata["training"]
-    starts = {**training["starts"], "v": [0.0, 0.0]}
-    slow = dataclasses.replace(
-        model, metadata={**model.metadata, "training": {**training, "starts": starts}}
-    )
-    models = {**tools.models, "dribbleBall": slow}
-    speed = found(dataclasses.replace(tools, models=models), trials)["speed"]
-    assert speed["free"] == 0.0
-    assert speed["explanation"] == "beyond the experience of dribbleBall: v from 0.00 to 0.00"
-
-
 def test_an_action_without_a_model_is_reported(tools: Toolset, trials: list[Trial]) -> None:
     models = {"goToPose": tools.models["goToPose"]}
     yaw = found(dataclasses.replace(tools, models=models), trials)["yaw"]

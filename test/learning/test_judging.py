@@ -8,6 +8,7 @@ import pytest
 
 from ator_ros.geometry import FloatArray
 from ator_ros.learning.judging import RoundVerdict, constant_tree, judge
+from ator_ros.performance.prior import Slope
 from ator_ros.performance.training import Examples
 from ator_ros.performance.tree.model_tree import ModelTreeRegressor
 from ator_ros.performance.tree.nodes import ModelTree
@@ -21,7 +22,8 @@ def examples(
     count = len(values)
     known = np.linspace(0.0, 3.0, count) if dist is None else dist
     table = pd.DataFrame({"dist": known})
-    return Examples(measure, np.arange(count), table, np.asarray(values, dtype=float), None)
+    found = np.asarray(values, dtype=float)
+    return Examples(measure, np.arange(count), table, found, None, {"dist": Slope(2.0, 0.6)})
 
 
 def line(intercept: float, slope: float) -> ModelTree:

@@ -7,7 +7,14 @@ import numpy as np
 import pytest
 
 from ator_ros.geometry import FloatArray
-from ator_ros.performance.error_process import ErrorProcess, fit_error_process, robust_spread
+from ator_ros.performance.error_process import (
+    TIMING,
+    ErrorProcess,
+    UnknownSlope,
+    fit_error_process,
+    robust_spread,
+)
+from ator_ros.performance.prior import Slope
 from ator_ros.schema import SchemaError
 
 PROCESS = ErrorProcess(
@@ -19,7 +26,9 @@ PROCESS = ErrorProcess(
     signal=0.3,
     noise=0.1,
     length=1.5,
+    slopes=(),
 )
+PRIOR = {"a": Slope(2.0, 0.6), "b": Slope(1.0, 2.0, 0.2)}
 AT = np.array([[2.1, 1.4], [3.0, -2.0], [2.0, 1.0]])
 FAR = np.array([[1e4, 1.0]])
 
@@ -72,6 +81,8 @@ def test_the_fields_must_fit_each_other() -> None:
         dataclasses.replace(PROCESS, scale=(1.0, 1.0, 1.0))
     with pytest.raises(SchemaError, match="2 numbers each"):
         dataclasses.replace(PROCESS, points=((1.0,), (1.0, 2.0), (1.0, 2.0)))
+    with pytest.raises(SchemaError, match="features of the process"):
+        dataclasses.replace(PROCESS, slopes=(UnknownSlope("other", 1.0),))
     with pytest.raises(SchemaError, match="one for each point"):
         dataclasses.replace(PROCESS, errors=(0.1,))
     with pytest.raises(SchemaError, match="1 to 300 episodes"):
@@ -91,7 +102,7 @@ def drawn(count: int, *, signal: float, noise: float) -> tuple[FloatArray, Float
 
 def test_a_fit_finds_errors_that_depend_on_the_features() -> None:
     features, errors = drawn(150, signal=0.5, noise=0.05)
-    process = fit_error_process(("a", "b"), features, errors)
+    process = fit_error_process(PRIOR, features, errors)
     assert process.noise < 0.15 < process.signal
     fresh = np.array([[1.3, 0.0], [3.9, 1.0]])
     expected = 0.5 * np.sin(1.2 * fresh[:, 0])
@@ -106,16 +117,55 @@ def test_a_fit_finds_errors_that_depend_on_the_features() -> None:
 
 def test_pure_noise_keeps_half_of_its_spread_as_signal() -> None:
     features, errors = drawn(60, signal=0.0, noise=0.2)
-    process = fit_error_process(("a", "b"), features, errors)
+    process = fit_error_process(PRIOR, features, errors)
     spread = robust_spread(errors)
     assert process.signal >= 0.499 * spread
     assert process.noise == pytest.approx(spread, rel=0.4)
 
 
+def test_ignorance_grows_with_the_distance_along_what_was_never_varied() -> None:
+    features, errors = drawn(50, signal=0.0, noise=0.05)
+    features[:, 0] = 2.0
+    process = fit_error_process(PRIOR, features, errors)
+    near, far, farther = process.deviations(np.array([[2.0, 1.0], [12.0, 1.0], [22.0, 1.0]]))
+    assert near < 0.1
+    slope = PRIOR["a"].deviation
+    assert (far, farther) == pytest.approx((10.0 * slope, 20.0 * slope), rel=0.01)
+
+
+def test_drives_show_the_slope_along_what_they_vary() -> None:
+    features, errors = drawn(50, signal=0.0, noise=0.05)
+    process = fit_error_process(PRIOR, features, errors)
+    known = process.deviations(np.array([[12.0, 1.0]]))[0]
+    assert known < 0.1 * 10.0 * PRIOR["a"].deviation
+
+
+def test_slopes_of_an_angle_beyond_the_drives_are_unknown_piece_by_piece() -> None:
+    features, errors = drawn(50, signal=0.0, noise=0.05)
+    features[:, 1] = 0.0
+    process = fit_error_process(PRIOR, features, errors)
+    slope = PRIOR["b"]
+    one_piece, four_pieces = process.deviations(
+        np.array([[2.0, slope.bend], [2.0, 4 * slope.bend]])
+    )
+    piece = slope.bend * slope.deviation
+    assert one_piece == pytest.approx(piece, rel=0.05)
+    assert four_pieces == pytest.approx(2.0 * piece, rel=0.05)
+
+
+def test_what_two_drives_share_is_not_unknown_of_their_difference() -> None:
+    features, errors = drawn(50, signal=0.0, noise=0.05)
+    features[:, 0] = 2.0
+    process = fit_error_process(PRIOR, features, errors)
+    same_length = np.array([[30.0, -1.0], [30.0, 1.0]])
+    _, variance = process.of_sum(same_length, np.array([1.0, -1.0]))
+    assert math.sqrt(variance) < 0.02 * process.deviations(same_length)[0]
+
+
 def test_constant_features_do_no_harm() -> None:
     features, errors = drawn(50, signal=0.0, noise=0.2)
     features[:, 1] = 3.0
-    process = fit_error_process(("a", "b"), features, errors)
+    process = fit_error_process(PRIOR, features, errors)
     assert process.errors == pytest.approx(errors, abs=1e-4)
     assert process.scale[1] == 1.0
     assert {point[1] for point in process.points} == {0.0}
@@ -123,9 +173,9 @@ def test_constant_features_do_no_harm() -> None:
 
 def test_an_accident_has_little_effect() -> None:
     features, errors = drawn(80, signal=0.0, noise=0.1)
-    usual = fit_error_process(("a", "b"), features, errors)
+    usual = fit_error_process(PRIOR, features, errors)
     errors[40] = 50.0
-    process = fit_error_process(("a", "b"), features, errors)
+    process = fit_error_process(PRIOR, features, errors)
     assert process.signal < 3.0 * usual.signal
     assert abs(process.of_sum(features[40:41], np.ones(1))[0]) < 0.3
 
@@ -135,4 +185,4 @@ def test_a_spread_is_that_of_a_normal_distribution_without_its_outliers() -> Non
     assert robust_spread(values) == pytest.approx(0.5, rel=0.05)
     values[:200] = 1e6
     assert robust_spread(values) == pytest.approx(0.5, rel=0.15)
-    assert robust_spread(np.ones(5)) == 1e-3
+    assert robust_spread(np.ones(5)) == TIMING

@@ -1,5 +1,7 @@
 """Drives that were held up: recognized, counted, and without influence on the others."""
 
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -9,6 +11,7 @@ from ator_ros.bases.description import load_robot
 from ator_ros.domains.soccer.soccer_domain import SOCCER
 from ator_ros.performance.held_up import NOT_HELD_UP, HeldUp, clipped, find_held_up, held_up_remark
 from ator_ros.performance.model import PerformanceModel
+from ator_ros.performance.model_file import load_model, save_model
 from ator_ros.performance.training import WorseThanMeanError, direct_of, train
 
 ROBOT = load_robot()
@@ -122,3 +125,11 @@ def test_a_model_that_is_worse_than_the_mean_is_rejected_if_asked() -> None:
     with pytest.raises(WorseThanMeanError, match="which errs by"):
         train("drive_to", rows, ROBOT, features=features, better_than_mean=True)
     assert train("drive_to", rows, ROBOT, features=features).errors is not None
+
+
+def test_a_model_file_has_the_drives_that_were_held_up(tmp_path: Path) -> None:
+    model = learned(held(dead_zone_drives(60, seed=11), share=0.1, seed=11)[0])
+    save_model(tmp_path / "a.json", model)
+    known = {feature.name: feature for feature in SOCCER.candidates("goToPose")}
+    assert load_model(tmp_path / "a.json", ROBOT, known).held_up == model.held_up
+    assert model.held_up.drives == 6

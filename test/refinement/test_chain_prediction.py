@@ -95,7 +95,8 @@ class Signed(FakeModel):
     ) -> Any:
         found = super().predict(direct, measures, signs)
         if signs is not None:
-            found.error_of_sum = (0.1 * np.sum(signs), 0.04 * np.sum(np.square(signs)))
+            squares = np.sum(np.square(signs), axis=-1)
+            found.error_of_sum = (0.1 * np.sum(signs, axis=-1), 0.04 * squares)
         return found
 
 
@@ -110,6 +111,7 @@ def test_two_chains_are_compared_step_by_step() -> None:
     before, after, uncertainty = model.compare(model.given, other)
     assert before == model.predict() == predict_chain(world(), chain, known, ROBOT)
     assert after.duration != before.duration
+    assert after.error == pytest.approx(math.hypot(0.1 * 3.0, 0.2 * math.sqrt(3.0)))
     assert uncertainty == pytest.approx(0.2 * math.sqrt(6.0))
     costs = model.step_costs(
         [

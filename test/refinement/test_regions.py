@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from refinement_fakes import ALL, BOTH, LIBRARY, ROBOT, FakeModel, call, models, turning_time, world
+from refinement_fakes import ALL, BOTH, LIBRARY, ROBOT, call, models, world
 
 from ator_ros.domains.soccer.tops import SHOOT
 from ator_ros.execution.fence import Fence
@@ -129,57 +129,6 @@ class TestFreePlace:
             "without an allowed value" in n.reason for n in analysis.not_free if n.subgoal == 1
         )
 
-    def test_experience_limits_the_search_with_a_note(self) -> None:
-        known = models()
-        known["dribbleBall"] = FakeModel(turning_time, known["dribbleBall"].used_variables)
-        known["dribbleBall"].experience = {"xg": (-2.0, 2.5), "speedg": (0.0, 0.795)}  # type: ignore[attr-defined]
-        refiner = Refiner(ROBOT, known, ranges=LIBRARY.ranges)
-        answer = refiner.refine(world(), shot())
-        place = {v.name: v for v in answer.free if v.subgoal == 1}
-        assert place["x"].domain.high == 2.5
-        assert "experience of dribbleBall: xg from -2.00 to 2.50" in place["x"].limits
-        assert place["speed"].domain.high == 0.8, (
-            "random starts never quite reach the end of a range"
-        )
-        assert answer.chain.calls[1].goal.pose.x <= 2.5
-
-    @pytest.mark.parametrize(("action", "direct"), [("goToPose", "speedg"), ("dribbleBall", "v")])
-    def test_a_speed_constant_in_the_experience_is_not_free(self, action: str, direct: str) -> None:
-        known = models()
-        known[action] = FakeModel(turning_time, known[action].used_variables)
-        known[action].experience = {direct: (0.0, 0.0)}  # type: ignore[attr-defined]
-        answer = Refiner(ROBOT, known, ranges=LIBRARY.ranges).refine(world(), shot())
-        assert ("speed", 0) not in {(v.name, v.subgoal) for v in answer.free}
-        [reason] = [no.reason for no in answer.not_free if (no.name, no.subgoal) == ("speed", 0)]
-        assert reason == f"beyond the experience of {action}: {direct} from 0.00 to 0.00"
-        assert answer.chain.calls[0].goal.speed == 0.0
-
-    @pytest.mark.parametrize(("speed", "opened"), [(0.0, False), (0.3, False), (0.3, True)])
-    def test_speeds_that_leave_no_room_to_brake_are_not_searched(
-        self, speed: float, opened: bool
-    ) -> None:
-        known = models()
-        known["dribbleBall"].experience = {"braking": (0.0, 0.1)}  # type: ignore[attr-defined]
-        refiner = Refiner(ROBOT, known, ranges=LIBRARY.ranges)
-        there = call("dribbleBall", 1.2, 0.0, 0.0, frozenset({"speed"} if opened else ()))
-        there = dataclasses.replace(there, goal=dataclasses.replace(there.goal, speed=speed))
-        analysis, _ = refiner.bounded(world(), TopChain((shot().calls[0], there)))
-        [narrowed] = [v for v in analysis.free if (v.name, v.subgoal) == ("speed", 0)]
-        left = 0.0 if opened else speed  # an open speed may be 0
-        assert narrowed.domain.high == pytest.approx(math.sqrt(left**2 + 2.0 * 0.1 * 1.2))
-        assert "experience of dribbleBall: braking at up to 0.10 m/s^2" in narrowed.limits
-
-    def test_distances_below_the_experience_are_not_searched(self) -> None:
-        known = models()
-        known["dribbleBall"].experience = {"way": (1.2, 6.0)}  # type: ignore[attr-defined]
-        here = world(x=1.0, ball=(2.2, 0.3))
-        chain = TopChain((call("goToBall", 2.2, 0.3, 0.0, BOTH), *shot(x=2.2, y=-0.5).calls[1:]))
-        distances = []
-        for refiner in (self.refiner, Refiner(ROBOT, known, ranges=LIBRARY.ranges)):
-            there = refiner.refine(here, chain).chain.calls[1].goal.pose
-            distances.append(math.hypot(there.x - 2.2, there.y - 0.3))
-        assert distances[0] < 1.2 <= distances[1]
-
 
 def test_naive_places_derive_from_previous_naive_places() -> None:
     chains = [
@@ -193,9 +142,6 @@ def test_naive_places_derive_from_previous_naive_places() -> None:
         )
         for x, y in ((1.0, 0.0), (2.6, 0.4), (-2.0, -1.5))
     ]
-    known = models()
-    known["dribbleBall"].experience = {"way": (0.5, 4.0)}
-    found = [Refiner(ROBOT, known, ranges=LIBRARY.ranges).naive(world(), chain) for chain in chains]
+    refiner = Refiner(ROBOT, models(), ranges=LIBRARY.ranges)
+    found = [refiner.naive(world(), chain) for chain in chains]
     assert found[0] == found[1] == found[2]
-    first, second = (found[0].calls[index].goal.pose for index in (1, 2))
-    assert 0.5 <= first.distance(second) <= 4.0
