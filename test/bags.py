@@ -211,7 +211,7 @@ def action_performance(
     )
     call = types["ator_interfaces/msg/TopCall"](
         top=top, goal=types["geometry_msgs/msg/PoseStamped"](header, pose(goal)), speed=speed,
-        open=[], after=[], values=[],
+        open=[], after=np.empty(0, np.uint32), values=[],
     )  # fmt: skip
     performance = types["ator_interfaces/msg/Performance"]
     unknown = performance(duration=np.nan, spread=np.nan, success=np.nan, accuracy=np.nan)
