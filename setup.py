@@ -73,9 +73,12 @@ setup(
     zip_safe=False,
     entry_points={
         "console_scripts": [
-            f"{name} = {module}.{name}:main"
-            for module, names in EXECUTABLES.items()
-            for name in names
+            *(
+                f"{name} = {module}.{name}:main"
+                for module, names in EXECUTABLES.items()
+                for name in names
+            ),
+            f"round = {PACKAGE}.tools.round_of_places:main",  # `learning` has a module round
         ],
         f"{PACKAGE}.domains": [f"{name} = {value}" for name, value in DOMAINS.items()],
         f"{PACKAGE}.action_sets": [f"{name} = {value}" for name, value in ACTION_SETS.items()],

@@ -149,27 +149,31 @@ class RecordStore:
         except FileNotFoundError:
             return False
 
-    def append(self, action_set: str, episode: Episode) -> None:
-        """Append an episode; it is written whole or, when OSError is raised, not at all.
+    def append(self, action_set: str, *episodes: Episode) -> None:
+        """Append episodes in one transaction: when OSError is raised, none of them is written.
 
         Raises DamagedFileError if the file is damaged. The store is closed by both errors.
         """
-        (row, *_) = episode.rows(0, episode.situation.objects).to_dict("records")
-        values = {"set": action_set, "row": json.dumps(row), "most": self._most}
+        rows = [{"set": action_set, "row": _row_of(episode)} for episode in episodes]
         try:
             with _errors_of(self._file), self._database:
-                self._database.execute(_APPEND, values)
-                self._database.execute(_DROP_OLDEST, values)
+                self._database.executemany(_APPEND, rows)
+                self._database.execute(_DROP_OLDEST, {"set": action_set, "most": self._most})
         except (FileError, OSError):
             self.close()
             raise
-        self.stored += 1
+        self.stored += len(rows)
 
     def close(self) -> None:
         """Close the file."""
         self._opened = None
         with suppress(sqlite3.Error):
             self._database.close()
+
+
+def _row_of(episode: Episode) -> str:
+    (row, *_) = episode.rows(0, episode.situation.objects).to_dict("records")
+    return json.dumps(row)
 
 
 @contextmanager

@@ -123,8 +123,8 @@ def read_gains(folder: Path, models: str) -> Gains:
     return gains if gains.models == models else Gains(models)
 
 
-def add_chain(folder: Path, gains: Gains, chain: ChainGain) -> Gains:
-    """Add a chain to the file, and return all chains."""
-    gains = Gains(gains.models, (*gains.chains, chain)[-_MOST:])
+def add_chains(folder: Path, gains: Gains, *chains: ChainGain) -> Gains:
+    """Add chains to the file, and return all chains."""
+    gains = Gains(gains.models, (*gains.chains, *chains)[-_MOST:])
     save(folder / GAINS, KIND, gains, compact=("chains",))
     return gains

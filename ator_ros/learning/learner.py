@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import itertools
 import math
 import time
 from collections import deque
@@ -23,7 +24,7 @@ from ator_ros.files import (
     save,
     set_aside,
 )
-from ator_ros.learning.gains import GAINS, ChainGain, Gains, add_chain, read_gains
+from ator_ros.learning.gains import GAINS, ChainGain, Gains, add_chains, read_gains
 from ator_ros.learning.process import RoundProcess
 from ator_ros.learning.sets import (
     RECORDS,
@@ -44,6 +45,7 @@ FROZEN = "frozen"
 _LONGEST_ROUND = 1800.0
 _MOST_WAITING = 1000  # records in memory, about 2 MB; older ones are lost
 _WRITING = 1.0  # real s of writing between which other records are taken
+_BLOCK = 100  # records of a transaction, for which a busy disk needs up to 80 ms
 _SHARE = 0.02  # new records, as a share of all, after which to learn again
 
 
@@ -119,8 +121,8 @@ class Learner:
         self._info = info
         self._start = start
         self._lock = contextlib.ExitStack()
-        # Functions that write a record each, while the folder cannot be written.
-        self._waiting: deque[Callable[[], None]] = deque(maxlen=_MOST_WAITING)
+        # Records with their action set, and chains with the digest of the models of their gain.
+        self._waiting: deque[tuple[str, Episode | ChainGain]] = deque(maxlen=_MOST_WAITING)
         self._round: RoundProcess | None = None
         self._round_began = 0.0  # real time in s
         self._round_ends = 0  # `stored` when it began
@@ -227,40 +229,28 @@ class Learner:
         return ""
 
     def take(self, action_set: str, episode: Episode) -> None:
-        """Store a record; it is kept in memory while the folder cannot be written."""
-        self.taken += 1
-        self._put(lambda: self._store.append(action_set, episode))
+        """Take a record, which `work` stores."""
+        self._put(action_set, episode)
 
     def take_chain(self, chain: ChainGain) -> None:
-        """Add a chain to the gains of the set in use.
-
-        It is kept in memory while the folder cannot be written.
-        """
-        models = self.gains.models
-
-        def write() -> None:
-            if self.gains.models == models:
-                self.gains = add_chain(self._folder, self.gains, chain)
-
-        self.taken += 1
-        self._put(write)
+        """Take a chain, which `work` adds to the gains of the set that is in use now."""
+        self._put(self.gains.models, chain)
 
     def miss(self, count: int) -> None:
         """Count records as lost that came faster than they were taken."""
         self.taken += count
         self.lost += count
 
-    def _put(self, write: Callable[[], None]) -> None:
-        """Write a record at once, or by `work` if others wait: each attempt may take long."""
+    def _put(self, key: str, taken: Episode | ChainGain) -> None:
+        self.taken += 1
         self.lost += len(self._waiting) == self._waiting.maxlen
-        self._waiting.append(write)
-        if len(self._waiting) == 1:
-            self._write_waiting()
+        self._waiting.append((key, taken))
 
     def work(self, now: float, *, may_begin: bool = True) -> str | None:
-        """Start or finish a round at the real time `now` (s); return a message when a round ends.
+        """Store what was taken, and start or finish a round at the real time `now` (s).
 
-        No round starts unless `may_begin`.
+        Call this several times a second. Returns a message when a round ends. No round starts
+        unless `may_begin`.
         """
         self._write_waiting()
         due = max(self._batch, _SHARE * min(self.stored, self._most))
@@ -401,10 +391,22 @@ class Learner:
             self.fault = ""
 
     def _write_oldest(self) -> None:
-        """Write what waits longest; set the store aside if it is damaged."""
+        """Write up to `_BLOCK` records that wait longest, as far as they belong together.
+
+        Set the store aside if it is damaged.
+        """
+        oldest = itertools.islice(self._waiting, _BLOCK)
+        (_, key), group = next(itertools.groupby(oldest, lambda each: (type(each[1]), each[0])))
+        taken = [each for _, each in group]
+        episodes = [each for each in taken if isinstance(each, Episode)]
+        chains = [each for each in taken if isinstance(each, ChainGain)]
         try:
-            self._waiting[0]()
+            if episodes:
+                self._store.append(key, *episodes)
+            elif key == self.gains.models:
+                self.gains = add_chains(self._folder, self.gains, *chains)
         except DamagedFileError as error:
             self._set_aside(self._folder / RECORDS, error)  # a new store is opened next time
             raise
-        self._waiting.popleft()
+        for _ in taken:
+            self._waiting.popleft()

@@ -33,6 +33,7 @@ from ator_ros.refinement.objective import Objective
 from ator_ros.refinement.refiner import (
     LONGEST_CHAIN,
     MOST_ALTERNATIVES,
+    MOST_CALLS,
     Judged,
     Refinement,
     Selection,
@@ -78,12 +79,17 @@ def twist_of(command: Command) -> Twist:
 
 
 def expect_sizes(request: ExecuteChain.Goal | RefineSubgoal.Request) -> None:
-    """Raise MessageError if a request has too many chains, or its chain has too many calls.
+    """Raise MessageError if a request has too many chains, or these have too many calls.
 
     Call this first: all other work grows with them.
     """
     checks.count(request.chain.calls, "chain.calls", least=1, most=LONGEST_CHAIN)
     checks.count(request.alternatives, "alternatives", least=0, most=MOST_ALTERNATIVES)
+    calls = sum(len(chain.calls) for chain in (request.chain, *request.alternatives))
+    if calls > MOST_CALLS:
+        raise MessageError(
+            f"alternatives: expected at most {MOST_CALLS} calls in all chains, got {calls}"
+        )
 
 
 def chain_to_return(chain: msg.TopChain) -> msg.TopChain:

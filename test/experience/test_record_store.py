@@ -66,6 +66,17 @@ def test_the_oldest_episodes_are_dropped(tmp_path: Path) -> None:
     assert rows["duration"].tolist() == [episode.duration for episode in made[30:]]
 
 
+def test_episodes_are_appended_together_or_not_at_all(tmp_path: Path) -> None:
+    store = stored(tmp_path, episodes(2), most=20)
+    store.append("default", *episodes(30))
+    assert (store.stored, len(durations(tmp_path))) == (32, 20)
+    good, bad = episodes(2)
+    bad = dataclasses.replace(bad, reason="\0" * (1 << 20))  # longer than a record may be
+    with pytest.raises(DamagedFileError, match="too big"):
+        store.append("default", good, bad)
+    assert (store.stored, len(durations(tmp_path))) == (32, 20)
+
+
 def test_a_damaged_store_is_refused(tmp_path: Path) -> None:
     stored(tmp_path, episodes(3)).close()
     (tmp_path / STORE).write_bytes(b"\xff" * 5000)

@@ -9,7 +9,7 @@ from scipy.stats import ttest_ind
 
 from ator_interfaces.msg import ChainPerformance, Outcome
 from ator_ros.files import FileError
-from ator_ros.learning.gains import GAINS, ChainGain, Gains, add_chain, chain_gain, read_gains
+from ator_ros.learning.gains import GAINS, ChainGain, Gains, add_chains, chain_gain, read_gains
 from ator_ros.refinement.gate import Gate
 
 
@@ -53,10 +53,10 @@ def test_the_share_of_comparison_chains_decreases() -> None:
 
 
 def test_gains_are_kept_by_set_and_a_damaged_file_is_reported(tmp_path: Path) -> None:
-    gains = add_chain(tmp_path, read_gains(tmp_path, "a"), ChainGain(True, 0.5, 0.1))
+    gains = add_chains(tmp_path, read_gains(tmp_path, "a"), ChainGain(True, 0.5, 0.1))
     assert read_gains(tmp_path, "a") == gains
     assert read_gains(tmp_path, "b") == Gains("b")
-    gains = add_chain(tmp_path, gains, ChainGain(True, 0.5, 0.1, "bezier"))
+    gains = add_chains(tmp_path, gains, ChainGain(True, 0.5, 0.1, "bezier"))
     assert [name.rpartition(" ")[2] for name in gains.diagnostics()] == ["default", "bezier"]
     (tmp_path / GAINS).write_text('{"format": "ator_ros gains of refinement"', encoding="utf-8")
     with pytest.raises(FileError, match=GAINS):
@@ -110,9 +110,9 @@ def test_chains_without_variance_have_an_exact_gain() -> None:
 
 def test_the_newest_500_chains_are_kept(tmp_path: Path) -> None:
     old = ChainGain(True, 0.1, 0.0)
-    gains = add_chain(tmp_path, Gains("a", (old,) * 499), ChainGain(True, 0.2, 0.0))
+    gains = add_chains(tmp_path, Gains("a", (old,) * 499), ChainGain(True, 0.2, 0.0))
     assert len(gains.chains) == 500
-    gains = add_chain(tmp_path, gains, ChainGain(True, 0.3, 0.0))
+    gains = add_chains(tmp_path, gains, ChainGain(True, 0.3, 0.0))
     assert len(gains.chains) == 500
     assert [chain.gain for chain in gains.chains[-3:]] == [0.1, 0.2, 0.3]
     assert read_gains(tmp_path, "a") == gains

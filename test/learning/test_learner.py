@@ -7,6 +7,7 @@ import pytest
 from stored import INFO, episodes
 
 from ator_ros.experience.store import RecordStore, read_records
+from ator_ros.experience.table import Episode
 from ator_ros.learning import gains
 from ator_ros.learning.learner import Learner
 from ator_ros.learning.sets import RECORDS
@@ -209,8 +210,31 @@ def test_a_result_that_does_not_fit_is_a_failure(learner: Learner, rounds: list[
 def test_taken_records_and_chains_are_counted(learner: Learner) -> None:
     take(learner, 3)
     learner.take_chain(gains.ChainGain(True, 0.5, 0.1))
+    learner.work(0.0)
     values = learner.diagnostics()
     assert (values["records taken"], values["records stored"]) == (4, 3)
     assert (values["records left out"], values["records lost"]) == (0, 0)
     assert values["records since the last round"] == 3
     assert (values["frozen"], learner.problem) == (False, "")
+
+
+def test_many_records_are_written_together(
+    tmp_path: Path, learner: Learner, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    appended: list[tuple[str, int]] = []
+    append = RecordStore.append
+
+    def counted(store: RecordStore, action_set: str, *taken: Episode) -> None:
+        appended.append((action_set, len(taken)))
+        append(store, action_set, *taken)
+
+    monkeypatch.setattr(RecordStore, "append", counted)
+    for action_set, count in (("default", 60), ("bezier", 30), ("default", 2)):
+        for episode in episodes(count):
+            learner.take(action_set, episode)
+        learner.take_chain(gains.ChainGain(True, 0.5, 0.1))
+    learner.close()
+    assert appended == [("default", 60), ("bezier", 30), ("default", 2)]
+    assert len(read_records(tmp_path / RECORDS, "default")) == 62
+    assert len(gains.read_gains(tmp_path, learner.gains.models).chains) == 3
+    assert (learner.stored, learner.lost) == (92, 0)

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from nav_msgs.msg import Odometry
 
 import ator_interfaces.msg as msg
+from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import GoalValue, Objective, Situation, TopCall, TopChain
 from ator_ros.actions.goal_variables import GOAL_VARIABLES, GoalVariable
 from ator_ros.bases.description import load_robot
@@ -73,7 +74,8 @@ def test_a_world_is_unchanged_by_a_message(world: World) -> None:
 @given(st.builds(RobotState, poses, speeds, speeds), balls)
 def test_odometry_is_unchanged_by_a_message(robot: RobotState, ball: ObjectState) -> None:
     message = messages.odometry_of(1.25, robot, frame=FRAME, child="base_link")
-    time, back = OdometryReader(FRAME).read(message)
+    fastest = FASTEST, FASTEST
+    time, back = OdometryReader(FRAME, limits=fastest).read(message)
     assert time == 1.25
     assert near(back.pose, robot.pose)
     assert (back.vx, back.w) == (robot.vx, robot.w)
@@ -236,6 +238,19 @@ def test_an_open_order_and_its_precedences_are_unchanged_by_a_message() -> None:
     ]
     assert messages.order_from([0, 1, 2]) == ()
     assert messages.order_from([2, 1, 0]) == (2, 1, 0)
+
+
+@pytest.mark.parametrize("most", [(100, 100), (4, *(28,) * 7), (60, 70, 70)])
+def test_the_calls_of_all_chains_are_bounded(most: tuple[int, ...]) -> None:
+    def goal(*counts: int) -> ExecuteChain.Goal:
+        chain, *others = (TopChain(calls=[TopCall()] * count) for count in counts)
+        return ExecuteChain.Goal(chain=chain, alternatives=others)
+
+    first, *others = most
+    messages.expect_sizes(goal(*most))
+    messages.expect_sizes(goal(first))
+    with pytest.raises(MessageError, match="at most 200 calls in all chains, got 201"):
+        messages.expect_sizes(goal(first, others[0] + 1, *others[1:]))
 
 
 @pytest.mark.parametrize("after", [((1,), (0,)), ((3,), ()), ((0,), ())])

@@ -16,7 +16,7 @@ from ros_client import Client, values_of
 
 from ator_ros.bases.description import load_robot
 from ator_ros.domains.soccer.soccer_domain import SOCCER
-from ator_ros.learning.gains import GAINS, ChainGain, add_chain, read_gains
+from ator_ros.learning.gains import GAINS, ChainGain, add_chains, read_gains
 from ator_ros.learning.sets import Manifest, new_set_folder, publish, read_manifest, seal
 from ator_ros.nodes import models as nodes_models
 from ator_ros.resources import resource_path
@@ -99,7 +99,7 @@ def learned(tmp_path: Path, models: Path) -> Path:
         (made / file.name).write_bytes(file.read_bytes())
     seal(made, Manifest("", "2026-01-01T00:00:00Z", {}, {}, {}))
     digest = read_manifest(publish(folder, made)).digest
-    add_chain(folder, read_gains(folder, digest), ChainGain(True, 0.5, 0.1))
+    add_chains(folder, read_gains(folder, digest), ChainGain(True, 0.5, 0.1))
     return folder
 
 
