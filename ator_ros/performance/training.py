@@ -236,7 +236,7 @@ def _learned_undisturbed(
     for _ in range(_MOST_ROUNDS):
         learned = _learned_without(held, values, rows, starts, robot, features)
         predicted = durations - learned.errors
-        follows_path = len(learned.tree.base) > 0 or _PATH not in learned.table
+        follows_path = len(learned.tree.base) > 0
         found = find_held_up(durations, predicted, held, follows_path=follows_path)
         if (found == held).all() and (values == durations).all():
             break
