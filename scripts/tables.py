@@ -118,6 +118,23 @@ def gains(docs: Path) -> str:
     return table(head, rows)
 
 
+def predictions(docs: Path) -> str:
+    """Return how right the predictions of the refined chains of README.md's tasks are."""
+    rows = []
+    for task, name, policy in GAINS:
+        summary = _summary(docs / name)
+        row = summary[policy]
+        found = row["prediction"]
+        error = 100.0 * found["mean_error_s"] / row["mean_duration_s"]
+        gained = f"{found['gain_predicted_s']:.2f} s | {found['gain_executed_s']:.2f} s"
+        rows.append(
+            f"{task} | {error:+.1f} % | {found['mae_s']:.2f} s | "
+            f"{found['within_90_percent']:.0f} % | {gained}"
+        )
+    head = ["task", "mean error", "mean absolute error", "within 90 %"]
+    return table([*head, "gain, predicted", "gain, executed"], rows)
+
+
 def table1(docs: Path) -> str:
     """Return Table 1 of the paper with the paper's actions, in short."""
     summary = _summary(docs / "evaluation_bezier")
@@ -192,7 +209,8 @@ def write_tables(root: Path, docs: Path, work: Path | None = None) -> None:
     made: dict[str, str] = {}
     for report in sorted(docs.glob("evaluation*")):
         made[report.name] = evaluation(docs, report.name)
-    made |= {"gains": gains(docs), "table1": table1(docs), "studies": studies(docs)}
+    made |= {"gains": gains(docs), "predictions": predictions(docs)}
+    made |= {"table1": table1(docs), "studies": studies(docs)}
     if work is not None and (work / "few_building.md").exists():
         made["few_drives"] = few_drives(work)
     if work is not None and list(work.glob("few_soccer_*")):
