@@ -18,6 +18,7 @@ _TURN_BEND = math.pi / 18.0  # rad
 # 0.7 to 1 of their limits, while thresholds of turns make slopes steep.
 _SHARE = 0.3
 _SHARES = {"rad": 2.0, "": 1.0}
+_LEAST_DEVIATION = 0.05  # s per unit: what costs a base no time may cost its action server some
 _LONG = 10.0  # s at the greatest speed: drives in which the robot mostly has that speed
 
 
@@ -58,7 +59,7 @@ def prior_slopes(
     slopes = {}
     for feature in features:
         time = per_unit.get(feature.unit, 1.0)
-        deviation = _SHARES.get(feature.unit, _SHARE) * time
+        deviation = max(_SHARES.get(feature.unit, _SHARE) * time, _LEAST_DEVIATION)
         bend = _TURN_BEND if feature.unit == "rad" else 0.0
         slopes[feature.name] = Slope(time, deviation, bend)
     return slopes
