@@ -95,7 +95,7 @@ PARAMETERS = (
     Parameter(
         "order",
         GIVEN,
-        "open: refinement chooses the order of the waypoints, in each round anew",
+        "open: refinement chooses the order of the waypoints, again in each round",
         choices=(GIVEN, OPEN),
         live=True,
     ),

@@ -1,4 +1,4 @@
-"""Drives that were held up: somebody stood in the way, or the server waited and tried again.
+"""Drives that were held up: the way was blocked, or the server waited and tried again.
 
 Such a drive takes far longer than all similar ones, so the features cannot explain it. It is no
 example of how long the action takes, and is described apart.
@@ -16,7 +16,7 @@ from ator_ros.geometry import BoolArray, FloatArray
 from ator_ros.schema import Within
 
 # Least ratio of the duration of a drive that was held up to that of similar drives, and least delay
-# in s. Errors reach ratios of 1.4 if nobody disturbs, and 1.4 s of short drives. Twice as long
+# in s. Errors reach ratios of 1.4 of undisturbed drives, and 1.4 s of short drives. Twice as long
 # needs less delay.
 _LEAST_RATIO = 1.5
 _LEAST_DELAY = 2.0
@@ -29,7 +29,7 @@ _POWER = 4.0
 _MOST_RATIO = 2.5
 # An action that does not follow its path, such as a shot, may take several attempts.
 _RATIO_OF_ATTEMPTS = 3.0
-# A drive that was believed to be held up needs less to remain so, or beliefs would alternate.
+# A drive that is left out already needs less to remain so, or the choice would alternate.
 _TO_REMAIN = 0.5
 _MOST_SHARE = 1.0 / 3.0  # of drives that are held up; more are how the action drives
 # s added to both durations of a ratio: a turn of 0.1 s may take 0.2 s
@@ -67,8 +67,8 @@ class HeldUp:
     def bound(self, durations: FloatArray, spreads: FloatArray) -> FloatArray:
         """Return what nine of ten drives take at most, shape (n,), in s.
 
-        `durations` (n,) are predicted, `spreads` (n,) their standard deviations in s if nobody
-        holds the robot up.
+        `durations` (n,) are predicted, `spreads` (n,) the standard deviations in s of
+        undisturbed drives.
         """
         quantile = min(_KEPT / (1.0 - self.share), _MOST_KEPT)
         deviations = NormalDist().inv_cdf(quantile)
@@ -98,7 +98,7 @@ def clipped(durations: FloatArray, path_times: FloatArray) -> FloatArray:
 
 
 def find_held_up(
-    durations: FloatArray, predicted: FloatArray, believed: BoolArray, *, follows_path: bool = True
+    durations: FloatArray, predicted: FloatArray, left_out: BoolArray, *, follows_path: bool = True
 ) -> BoolArray:
     """Return which drives were held up, shape (n,).
 
@@ -108,8 +108,8 @@ def find_held_up(
         Durations of drives in s.
     predicted : array of float, shape (n,)
         What a model predicts that was learned without the drive.
-    believed : array of bool, shape (n,)
-        Which drives the model was learned without because they are believed to be held up.
+    left_out : array of bool, shape (n,)
+        Which drives the model was learned without, as they seemed to be held up.
     follows_path : bool
         Whether the action follows its path, so that its durations vary little.
     """
@@ -119,7 +119,7 @@ def find_held_up(
     low, high = np.log((_LEAST_RATIO, _MOST_RATIO))
     tail = float(np.quantile(longer[longer <= low], _SHARE_OF_USUAL))
     least = np.clip(_POWER * tail, low, high) if follows_path else np.log(_RATIO_OF_ATTEMPTS)
-    found = longer > np.where(believed, _TO_REMAIN, 1.0) * least
+    found = longer > np.where(left_out, _TO_REMAIN, 1.0) * least
     delays = durations - predicted
     is_sure = (longer > np.log(_SURE_RATIO)) & (delays > _SURE_DELAY)
     found &= is_sure | (delays > _LEAST_DELAY)

@@ -94,11 +94,11 @@ def test_a_drive_needs_to_take_half_as_long_again_as_similar_ones() -> None:
     predicted = np.full(20, 9.5)
     durations = np.full(20, 9.5)
     durations[:3] = 14.4, 14.6, 5.0  # and half a second: 10.0 and 15.0
-    nobody = np.full(20, False)
-    assert np.flatnonzero(find_held_up(durations, predicted, nobody)).tolist() == [1]
-    believed = nobody.copy()
-    believed[0] = True
-    assert np.flatnonzero(find_held_up(durations, predicted, believed)).tolist() == [0, 1]
+    none = np.full(20, False)
+    assert np.flatnonzero(find_held_up(durations, predicted, none)).tolist() == [1]
+    left_out = none.copy()
+    left_out[0] = True
+    assert np.flatnonzero(find_held_up(durations, predicted, left_out)).tolist() == [0, 1]
 
 
 def test_what_most_drives_do_is_no_disturbance() -> None:
