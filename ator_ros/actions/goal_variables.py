@@ -17,7 +17,7 @@ GOAL_VARIABLES = ("x", "y", "yaw", "speed")
 """The variables of every goal: destination in m and rad, arrival speed in m/s."""
 ORDER = "order"
 """No goal variable: opens the place of a call in its chain; see `ator_ros.tops.ordering`."""
-MOST_GOAL_VARIABLES = 16
+MOST_GOAL_VARIABLES = 8
 """Further goal variables that an action may declare."""
 
 

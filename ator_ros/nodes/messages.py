@@ -32,7 +32,6 @@ from ator_ros.refinement.gate import MeasuredGain
 from ator_ros.refinement.objective import Objective
 from ator_ros.refinement.refiner import (
     LONGEST_CHAIN,
-    MOST_ALTERNATIVES,
     MOST_CALLS,
     Judged,
     Refinement,
@@ -50,7 +49,7 @@ from ator_ros.world.state import Command, ObjectState, RobotState, World
 
 # times the robot's limit, which may be an estimate; a speed in km/h would be 3.6 times
 _FASTEST_GOAL = 3.0
-_MOST_LIMITS = 16  # as in FreeVariable.msg
+_MOST_LIMITS = 8  # as in FreeVariable.msg
 _LONGEST_TEXT = 65_536  # characters of all texts in a refused chain that is sent back
 
 
@@ -79,12 +78,11 @@ def twist_of(command: Command) -> Twist:
 
 
 def expect_sizes(request: ExecuteChain.Goal | RefineSubgoal.Request) -> None:
-    """Raise MessageError if a request has too many chains, or these have too many calls.
+    """Raise MessageError if a request's chains have too many calls.
 
     Call this first: all other work grows with them.
     """
     checks.count(request.chain.calls, "chain.calls", least=1, most=LONGEST_CHAIN)
-    checks.count(request.alternatives, "alternatives", least=0, most=MOST_ALTERNATIVES)
     calls = sum(len(chain.calls) for chain in (request.chain, *request.alternatives))
     if calls > MOST_CALLS:
         raise MessageError(
@@ -234,7 +232,6 @@ def alternatives_from(
     chains: Sequence[msg.TopChain], library: TopLibrary, *, frame: str, fence: Fence | None
 ) -> list[TopChain | str]:
     """Read the alternatives of a chain: each as a chain, or as the reason why it cannot be used."""
-    checks.count(chains, "alternatives", least=0, most=MOST_ALTERNATIVES)
     read: list[TopChain | str] = []
     for number, chain in enumerate(chains):
         where = f"alternatives[{number}]"

@@ -47,7 +47,7 @@ def test_poses_have_the_frame_of_the_states_unless_declared() -> None:
         ),
         (
             Filling("chain.calls.speed", source="goal.speed"),
-            r"goal\[0\].field: expected nothing within sequence<ator_interfaces/TopCall, 125>, got "
+            r"goal\[0\].field: expected nothing within sequence<ator_interfaces/TopCall, 101>, got "
             r"'speed'",
         ),
         (Filling("refine.x", constant=1), r"goal\[0\].field: expected nothing within boolean"),
