@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from ator_ros.actions.goal_variables import direct_name, with_values
 from ator_ros.bases.description import Robot
 from ator_ros.geometry import FloatArray
+from ator_ros.performance.path_times import path_times_remark
 from ator_ros.printable import printable
 from ator_ros.refinement import RefinementError
 from ator_ros.refinement.chain_prediction import ChainModel, ChainPrediction, PredictsPerformance
@@ -97,10 +98,8 @@ class Refinement:
     work : Work
         How much of the search is done, to estimate the deadline that the whole needs.
     uncertainty : float
-        Of the predicted gain in duration, in s. The prediction of the best of many candidates is
-        optimistic, for one variable by about its uncertainty. For n variables the optimism adds up,
-        while the uncertainty of the sum grows with √n only. So this is √n times that of
-        `ChainModel.compare`.
+        Of the predicted gain in duration, in s: what the models may be wrong by in the difference,
+        see `ChainModel.compare`.
     comparison : bool
         Whether it would have been refined, but `original` runs, to measure the gain of refinement.
     """
@@ -384,14 +383,13 @@ class Refiner:
         analysis = found.analysis
         optimum = found.optimum
         objective = found.model.objective
-        before, after, error = found.model.compare(reference.model.given, optimum.values)
+        before, after, uncertainty = found.model.compare(reference.model.given, optimum.values)
         if math.isnan(optimum.cost):
             optimum = unsearched(optimum.values, after.cost)
         if not math.isfinite(optimum.cost):
             raise RefinementError(
                 "expected a finite prediction for some candidate, got none: check the distances"
             )
-        uncertainty = math.sqrt(max(len(analysis.free), 1)) * error
         gain = _gain(before, after, objective)
         known = uncertainty if _in_seconds(before, objective) else None
         refine, reason = self.gate.decide(gain, known, kept)
@@ -468,6 +466,13 @@ class Refiner:
             if call.top.action not in self.models
         )
 
+    def _not_learned(self, chain: TopChain) -> str:
+        """Return a remark on the actions whose models predict path times; may be empty."""
+        actions = dict.fromkeys(call.top.action for call in chain.calls)
+        return path_times_remark(
+            name for name in actions if not getattr(self.models.get(name), "is_learned", True)
+        )
+
     def _not_varied(self, chain: TopChain) -> str:
         """Return a remark on features that no drive varied, after a semicolon; may be empty."""
         actions = dict.fromkeys(call.top.action for call in chain.calls)
@@ -492,6 +497,8 @@ class Refiner:
             action = dict(zip(chain.order, (call.top.action for call in chain.calls), strict=True))
             steps = _listed([f"step {step + 1} ({action[step]})" for step in without_model])
             text += f"; no performance model for {steps}: neither predicted nor counted"
+        if not_learned := self._not_learned(chain):
+            text += f"; {not_learned}"
         if analysis.outside:
             text += f"; extrapolated: {_listed(analysis.outside)}"
         return text
