@@ -23,8 +23,8 @@ import numpy as np
 
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.actions.situation import Situation
+from ator_ros.domains.available_models import models_for, with_path_times
 from ator_ros.domains.domain import Domain, find_domain
-from ator_ros.domains.models import models_for, with_path_times
 from ator_ros.domains.trials import Trial, random_trial
 from ator_ros.evaluation.chain_run import run_chain
 from ator_ros.evaluation.policies import arrive

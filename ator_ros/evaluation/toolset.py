@@ -11,8 +11,8 @@ from pathlib import Path
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.bases.description import Robot
 from ator_ros.domains import DEFAULT
+from ator_ros.domains.available_models import models_for
 from ator_ros.domains.domain import Domain, DomainError, find_domain
-from ator_ros.domains.models import models_for
 from ator_ros.domains.trials import random_trial
 from ator_ros.performance.model_file import load_model, models_folder
 from ator_ros.refinement.chain_prediction import ChainPrediction, PredictsPerformance, predict_chain

@@ -16,8 +16,8 @@ from typing import Any
 from rclpy.node import Node
 
 from ator_ros.actions import DEFAULT_SET
+from ator_ros.domains.available_models import with_path_times
 from ator_ros.domains.domain import Domain
-from ator_ros.domains.models import with_path_times
 from ator_ros.files import DamagedFileError, FileError
 from ator_ros.learning.gains import GAINS, Gains, read_gains
 from ator_ros.learning.sets import Manifest, current_set, digest_of_start, read_manifest

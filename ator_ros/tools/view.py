@@ -11,8 +11,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ator_ros.bases.description import Robot
+from ator_ros.domains.available_models import models_for
 from ator_ros.domains.domain import Domain, DomainError, domain_for
-from ator_ros.domains.models import models_for
 from ator_ros.files import FileError, is_name
 from ator_ros.nodes.network import stay_on_this_machine
 from ator_ros.performance.model import PerformanceModel

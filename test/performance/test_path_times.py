@@ -9,8 +9,8 @@ import pytest
 from experience_rows import dead_zone_drives, dead_zone_time
 
 from ator_ros.actions.goal_variables import ORDER
+from ator_ros.domains.available_models import models_for
 from ator_ros.domains.domain import Domain, find_domain
-from ator_ros.domains.models import models_for
 from ator_ros.files import FileError
 from ator_ros.geometry import Pose
 from ator_ros.performance.features import PATHS, feature_table
