@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -33,6 +33,7 @@ NOT_CONNECTED = "tf does not connect odometry's frame with the goal's"
 _MOST_GOALS = 10_000  # of a recording: a week of drives of one minute
 _LONGEST_FRAME = 256  # characters of a frame's name
 _MOST_PLACES = 100_000  # of a path: 2.5 km in steps of 2.5 cm
+_MOST_ESTIMATES = 1000  # of the server for a goal: 8 min at 2 Hz
 _RECENT = 1.0  # s by which a goal_pose may precede its goal, and a goal the first status message
 _ENDED = ("succeeded", "canceled", "aborted")
 
@@ -76,8 +77,8 @@ class ServerGoal:
         The first and the newest path to the goal, in m in `frame`; None: none was recorded.
     recoveries : int
         How often the server has recovered, as its feedback says; 0 without feedback.
-    server_estimate : float
-        What the server first estimated that the drive takes in all, in s; NaN without an estimate.
+    server_estimates : list of float
+        What the server estimated on the way that the drive takes in all, in s.
     """
 
     action: str
@@ -96,7 +97,7 @@ class ServerGoal:
     first_path: FloatArray | None = None
     path: FloatArray | None = None
     recoveries: int = 0
-    server_estimate: float = math.nan
+    server_estimates: list[float] = field(default_factory=list)
 
     @property
     def is_active(self) -> bool:
@@ -206,10 +207,10 @@ class ServerGoals:
             goal.recoveries, int(getattr(message.feedback, "number_of_recoveries", 0))
         )
         remaining = getattr(message.feedback, "estimated_time_remaining", None)
-        if remaining is not None and math.isnan(goal.server_estimate):
+        if remaining is not None and len(goal.server_estimates) < _MOST_ESTIMATES:
             seconds = seconds_from(remaining, "feedback.estimated_time_remaining")
             if seconds > 0.0:  # Nav2's is 0 while the robot stands
-                goal.server_estimate = now - goal.begin + seconds
+                goal.server_estimates.append(now - goal.begin + seconds)
 
     def add_pose(self, message: Any, now: float) -> None:
         """Add the path to the active goal, or the pose of the goal that is sent next."""
