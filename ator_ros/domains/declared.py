@@ -342,11 +342,13 @@ class DeclaredVariable:
             return usual
         low = self.low
         high = self.high
+        if self.name == "yaw":
+            return usual.within([(low, high)]) or usual
         if self.name == "speed":
             low = min(low, usual.high)
             high = min(high, usual.high)
         rest = None if usual.rest is None else min(max(usual.rest, low), high)
-        return dataclasses.replace(usual, low=low, high=high, periodic=False, rest=rest)
+        return dataclasses.replace(usual, low=low, high=high, rest=rest)
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,6 +6,7 @@ message.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from functools import cache, partial
@@ -38,7 +39,7 @@ from ator_ros.refinement.refiner import (
     Selection,
     SubgoalCurve,
 )
-from ator_ros.tops.chain import EVERYTHING, InvalidChainError, TopCall, TopChain
+from ator_ros.tops.chain import EVERYTHING, AllowedRange, InvalidChainError, TopCall, TopChain
 from ator_ros.tops.conditions import Condition, Region
 from ator_ros.tops.library import LeftOutError, TopLibrary
 from ator_ros.tops.ordering import ordering_of
@@ -268,12 +269,42 @@ def _call_from(call: msg.TopCall, library: TopLibrary, frame: str, where: str) -
         call.open, f"{where}.open", allowed=(*GOAL_VARIABLES, *goal.values, ORDER, EVERYTHING)
     )
     read = TopCall(top, goal, opened, tuple(sorted({int(index) for index in call.after})))
+    allowed = _allowed_from(call.allowed, read, library, where)
+    read = dataclasses.replace(read, allowed=allowed).within_allowed(library.robot, library.ranges)
     if unmet := read.contradictions(library.robot):
         raise MessageError(
             f"{where}.goal ({top.name}): expected a goal at which its post-condition holds: "
             f"{'; '.join(unmet)}"
         )
     return read
+
+
+def _allowed_from(
+    allowed: Sequence[msg.AllowedRange], call: TopCall, library: TopLibrary, where: str
+) -> tuple[AllowedRange, ...]:
+    """Read the allowed ranges of a call's opened variables."""
+    known = goal_values(call.goal)
+    read = []
+    for number, item in enumerate(allowed):
+        place = f"{where}.allowed[{number}]"
+        name = checks.name(item.name, f"{place}.name", allowed=known)
+        if not call.opens(name):
+            raise MessageError(f"{place}: expected an opened variable, got {name}; add it to open")
+        most = 2.0 * math.tau if name == "yaw" else math.inf
+        low = checks.number(item.low, f"{place}.low", low=-most, high=most)
+        highest = low + math.tau if name == "yaw" else math.inf
+        high = checks.number(item.high, f"{place}.high", low=low, high=highest)
+        one = AllowedRange(name, low, high)
+        usual = call.range_of(name, library.robot, library.ranges)
+        alone = dataclasses.replace(call, allowed=(one,))
+        if usual is None:
+            raise MessageError(f"{place}: expected a variable with a range, got {name}")
+        if alone.range_of(name, library.robot, library.ranges) is None:
+            raise MessageError(
+                f"{place}: expected a part of {usual}, which {name} can be, got {low:g} to {high:g}"
+            )
+        read.append(one)
+    return tuple(read)
 
 
 def chain_of(chain: TopChain, *, action_set: str, frame: str) -> msg.TopChain:
@@ -290,6 +321,7 @@ def call_of(call: TopCall, *, frame: str) -> msg.TopCall:
         speed=float(call.goal.speed),
         open=sorted(call.open),
         after=call.after,
+        allowed=[msg.AllowedRange(**each._asdict()) for each in call.allowed],
     )
     message.goal.header.frame_id = frame
     message.goal.pose = pose_of(call.goal.pose)
@@ -474,8 +506,8 @@ def _free_variables(refinement: Refinement) -> list[msg.FreeVariable]:
             name=variable.name,
             before=goal_values(before.sent(variable.subgoal).goal)[variable.name],
             after=goal_values(after.sent(variable.subgoal).goal)[variable.name],
-            low=variable.domain.low,
-            high=variable.domain.high,
+            low=variable.domain.span[0],
+            high=variable.domain.span[1],
             limits=_bounded(variable.limits),
         )
         for variable in refinement.free

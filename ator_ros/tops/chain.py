@@ -10,13 +10,17 @@ import dataclasses
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
 
 from ator_ros.actions.base import Goal, Point
-from ator_ros.actions.goal_variables import ORDER, goal_values
+from ator_ros.actions.goal_variables import ORDER, goal_values, with_values
 from ator_ros.bases.description import Robot
 from ator_ros.geometry import Pose
 from ator_ros.printable import ReadableError
 from ator_ros.tops.conditions import Condition, Term, arrived, state_of
+from ator_ros.tops.ranges import Range, Ranges
 from ator_ros.world.state import ObjectState, RobotState, World
 
 
@@ -105,6 +109,17 @@ EVERYTHING = "*"
 """Opens all goal variables but those that the post-condition names."""
 
 
+class AllowedRange(NamedTuple):
+    """An interval within which a plan leaves a goal variable open (m, rad, m/s, or as declared).
+
+    An angle goes from `low` counter-clockwise to `high`.
+    """
+
+    name: str
+    low: float
+    high: float
+
+
 class InvalidChainError(ReadableError, ValueError):
     """A chain that is not a valid plan in the present situation."""
 
@@ -122,12 +137,15 @@ class TopCall:
         `EVERYTHING`. The plan commits to the others. `ORDER` opens the call's place in the chain.
     after : tuple of int
         Indices of the calls of the chain (from 0) that must be executed before this one.
+    allowed : tuple of AllowedRange
+        Where opened variables may lie. Several ranges of one variable: within any of them.
     """
 
     top: Top
     goal: Goal
     open: frozenset[str] = frozenset()
     after: tuple[int, ...] = ()
+    allowed: tuple[AllowedRange, ...] = ()
 
     def contradictions(self, robot: Robot) -> list[str]:
         """Return the statements of the post-condition that cannot hold with the robot at the goal.
@@ -157,6 +175,34 @@ class TopCall:
         """
         everything = EVERYTHING in self.open and name not in self.top.post.goal_names()
         return name in self.open or everything
+
+    def range_of(self, name: str, robot: Robot, ranges: Ranges) -> Range | None:
+        """Return the part of a goal variable's range that the plan allows.
+
+        None if the variable has no range, or nothing of it is allowed.
+        """
+        if name not in ranges:
+            return None
+        usual = ranges[name](robot, self.goal)
+        intervals = [(low, high) for limited, low, high in self.allowed if limited == name]
+        return usual.within(intervals) if intervals else usual
+
+    def limits_of(self, name: str) -> tuple[str, ...]:
+        """Return a description of each range that the plan allows for a goal variable."""
+        return tuple(
+            f"allowed {low:g} to {high:g}" for limited, low, high in self.allowed if limited == name
+        )
+
+    def within_allowed(self, robot: Robot, ranges: Ranges) -> TopCall:
+        """Return the call with limited variables at the nearest values that the plan allows."""
+        values = goal_values(self.goal)
+        moved: dict[str, float] = {}
+        for name in {each.name for each in self.allowed}:
+            domain = self.range_of(name, robot, ranges)
+            if domain is not None and not domain.contains(values[name]):
+                moved[name] = float(domain.nearest(np.array([values[name]]))[0])
+        goal = with_values(self.goal, moved) if moved else self.goal
+        return dataclasses.replace(self, goal=goal)
 
 
 @dataclass(frozen=True, slots=True)
