@@ -211,16 +211,19 @@ def action_performance(
     )
     call = types["ator_interfaces/msg/TopCall"](
         top=top, goal=types["geometry_msgs/msg/PoseStamped"](header, pose(goal)), speed=speed,
-        open=[], after=np.empty(0, np.uint32), values=[],
+        passing=False, open=[], allowed=[], after=np.empty(0, np.uint32), values=[],
     )  # fmt: skip
     performance = types["ator_interfaces/msg/Performance"]
-    unknown = performance(duration=np.nan, spread=np.nan, success=np.nan, accuracy=np.nan)
-    actual = performance(duration=duration, spread=0.0, success=float(code == 1), accuracy=0.01)
+    numbers = dict.fromkeys(("duration", "spread", "bound", "success", "accuracy"), np.nan)
+    unknown = performance(**numbers)
+    actual = performance(
+        duration=duration, spread=0.0, bound=duration, success=float(code == 1), accuracy=0.01
+    )
     return types["ator_interfaces/msg/ActionPerformance"](
         header=header, chain_id="0", step=0, steps=1, action=action, action_set=action_set,
         call=call,
-        start=situation, end=situation, predicted=unknown, actual=actual, first_turn=0.4,
-        last_turn=0.6, driven=1.5, heading_error=0.02,
+        start=situation, end=situation, predicted=unknown, actual=actual,
+        stopped=True, first_turn=0.4, last_turn=0.6, driven=1.5, heading_error=0.02,
         outcome=types["ator_interfaces/msg/Outcome"](code=code, reason="so it went"),
     )  # fmt: skip
 

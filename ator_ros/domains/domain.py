@@ -503,7 +503,7 @@ def _made(declared: DeclaredDomain, path: Path) -> Domain:
 
 def _remote_spec(action: DeclaredAction, point: Point, time_limit: float, where: str) -> ActionSpec:
     name = action.name
-    variables = action.goal_variables
+    variables = action.all_variables
     factory: ActionFactory = UnreachableAction
     if action.stand_in is not None:
         factory = _loaded(STAND_INS, action.stand_in, f"{where}.stand_in")

@@ -28,9 +28,10 @@ _BYTES = ("byte", "uint8")
 _LENGTH = 4  # bytes of the length of an array
 _SEPARATOR = re.compile(r"={3,}")
 _BEGIN = re.compile(r"MSG:\s+(\S+)")
-_TYPE = re.compile(r"([a-z][a-z0-9_]*)/(?:msg/)?([A-Za-z][A-Za-z0-9_]*)")
+_TYPE = re.compile(r"([a-z][a-z0-9_]*)/(?:(?:msg|action)/)?([A-Za-z][A-Za-z0-9_]*)")
 _FIELD = re.compile(
-    r"""(?:([a-z][a-z0-9_]*)/(?:msg/)?)?  ([A-Za-z][A-Za-z0-9_]*) (?:<=[0-9]{1,9})?  # type
+    r"""(?:([a-z][a-z0-9_]*)/(?:(?:msg|action)/)?)?  ([A-Za-z][A-Za-z0-9_]*)  # type
+        (?:<=[0-9]{1,9})?
         (\[ (<=)? ([0-9]{0,9}) \])?       \s+ ([A-Za-z][A-Za-z0-9_]*) \s* (=|$|\s)   # array, name
     """,
     re.VERBOSE,
@@ -86,11 +87,14 @@ def checked_definition(kind: str, text: str) -> tuple[str, str]:
 
 
 def _type_name(kind: str) -> str:
-    """Return the name of a type in the form nav_msgs/Odometry."""
+    """Return the name of a type in the form nav_msgs/Odometry.
+
+    Underscores, as in types of actions, are left out, since the decoder's parser refuses them.
+    """
     match = _TYPE.fullmatch(kind)
     if match is None:
         raise ValueError(f"expected a type such as nav_msgs/msg/Odometry, got {printable(kind)}")
-    return f"{match[1]}/{match[2]}"
+    return f"{match[1]}/{match[2].replace('_', '')}"
 
 
 def _types_in(name: str, text: str) -> dict[str, list[_Field]]:
@@ -123,7 +127,7 @@ def _field_in(line: str, context: str) -> _Field | None:
     if after == "=":
         return None
     if package or kind not in _SIZES:
-        kind = f"{package or context.partition('/')[0]}/{kind}"
+        kind = _type_name(f"{package or context.partition('/')[0]}/{kind}")
     fixed = int(count or 0) if array and not upper else 0
     if array and count == "0":
         raise ValueError(f"expected arrays with elements in {context}, got {printable(line)}")

@@ -15,10 +15,16 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.bases.description import Robot
-from ator_ros.experience.drives import CMD_VEL, ODOM, RECORDS, SHORTEST, TF, Reader
+from ator_ros.experience.drives import CMD_VEL, RECORDS, SHORTEST, Reader
 from ator_ros.experience.records import Vocabulary
 from ator_ros.experience.repeats import without_repeats
-from ator_ros.experience.server_goals import GOAL_POSE, PLAN, STATUS_SUFFIX, status_topics
+from ator_ros.experience.server_goals import (
+    FEEDBACK_SUFFIX,
+    GOAL_POSE,
+    PLAN,
+    STATUS_SUFFIX,
+    remote_calls,
+)
 from ator_ros.experience.store import is_store, read_store
 from ator_ros.experience.table import (
     Experience,
@@ -28,6 +34,7 @@ from ator_ros.experience.table import (
     join,
     read_experience,
 )
+from ator_ros.experience.watch import ODOM, TF
 from ator_ros.printable import printable, quoted
 
 if TYPE_CHECKING:
@@ -190,7 +197,10 @@ def _without_drives(
     if has_commands and reader.left_out[ODOM] and not has_states:
         return "; ".join(["expected odometry that can be used, found none", *remarks[:3]])
     usable = [topic for topic, kind in topics if kind in _TYPES[ODOM] | _TYPES[CMD_VEL]]
-    statuses = "".join(f"{name} with tf and {PLAN}, or " for name in status_topics(domain))
+    statuses = "".join(
+        f"{call.server}{STATUS_SUFFIX} with tf and {PLAN}, or "
+        for call in remote_calls(domain).values()
+    )
     expected = (
         f"expected the topic {RECORDS}, or {statuses}odom (Odometry) and cmd_vel "
         "(Twist or TwistStamped) in one namespace"
@@ -243,9 +253,12 @@ def _files_of(path: Path) -> list[Path]:
 def _wanted(domain: Vocabulary, names: Mapping[str, str]) -> list[_Wanted]:
     """Return the topics to read, those first whose namespace decides."""
     sources = [domain.source(name) for name in domain.objects]
-    servers = status_topics(domain)
+    servers = remote_calls(domain).values()
     wanted = [_Wanted(ODOM, names.get(ODOM, ODOM), _TYPES[ODOM])]
-    wanted += [_Wanted(name, name, _STATUS) for name in servers]
+    for suffix in (STATUS_SUFFIX, FEEDBACK_SUFFIX):
+        for call in servers:
+            kinds = _STATUS if suffix == STATUS_SUFFIX else {f"{call.type}_FeedbackMessage"}
+            wanted.append(_Wanted(f"{call.server}{suffix}", f"{call.server}{suffix}", kinds))
     roles = (CMD_VEL, RECORDS, *((PLAN, GOAL_POSE) if servers else ()))
     wanted += [_Wanted(role, names.get(role, role), _TYPES[role]) for role in roles]
     for item in sources:

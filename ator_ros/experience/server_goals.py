@@ -1,20 +1,23 @@
-"""The goals of action servers in recordings: when each was executed, how it ended, and its pose.
+"""The goals of action servers, by what these publish: when each was executed, how, and its pose.
 
 Status messages name goals by id. Their only stamp is that of a goal's acceptance, so they get the
 stamp of the last odometry message. The latched status topic also names goals that ended before the
-recording began.
+first message.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
-from ator_ros.actions.remote import status_name
+import numpy as np
+
+from ator_ros.actions.remote import RemoteCall, status_name
 from ator_ros.experience.records import Vocabulary
-from ator_ros.geometry import Pose
+from ator_ros.experience.track import Segment
+from ator_ros.geometry import FloatArray, Pose
 from ator_ros.printable import quoted
 from ator_ros.world.readers import MessageError, plain_frame, pose_from, seconds_from
 
@@ -24,20 +27,24 @@ GOAL_POSE = "goal_pose"
 """Role of the topic of a goal as RViz publishes it before it is sent (PoseStamped)."""
 STATUS_SUFFIX = "/_action/status"
 """Of the topic on which the server of an action publishes the status of its goals."""
+FEEDBACK_SUFFIX = "/_action/feedback"
+"""Of the topic on which the server of an action publishes feedback."""
 NOT_CONNECTED = "tf does not connect odometry's frame with the goal's"
 _MOST_GOALS = 10_000  # of a recording: a week of drives of one minute
 _LONGEST_FRAME = 256  # characters of a frame's name
+_MOST_PLACES = 100_000  # of a path: 2.5 km in steps of 2.5 cm
+_MOST_ESTIMATES = 1000  # of the server for a goal: 8 min at 2 Hz
 _RECENT = 1.0  # s by which a goal_pose may precede its goal, and a goal the first status message
 _ENDED = ("succeeded", "canceled", "aborted")
 
 
-def status_topics(domain: Vocabulary) -> dict[str, str]:
-    """Return the remote actions of a domain by the status topics of their servers."""
-    specs = [spec for specs in domain.action_sets.values() for spec in specs if spec.remote]
-    return {f"{spec.remote.server}{STATUS_SUFFIX}": spec.name for spec in specs if spec.remote}
+def remote_calls(domain: Vocabulary) -> dict[str, RemoteCall]:
+    """Return the servers of the remote actions of a domain, by the names of the actions."""
+    specs = [spec for specs in domain.action_sets.values() for spec in specs]
+    return {spec.name: spec.remote for spec in specs if spec.remote}
 
 
-@dataclass
+@dataclass(eq=False)
 class ServerGoal:
     """A goal of an action server.
 
@@ -45,8 +52,10 @@ class ServerGoal:
     ----------
     action : str
         The remote action of the domain.
-    segment : int
-        Index of the segment of odometry in which its execution began.
+    goal_id : bytes
+        The UUID of the goal.
+    segment : Segment or None
+        The odometry in which its execution began; None: it did not begin.
     begin, end : float
         When its execution began and ended, in s by odometry's stamps; NaN: not recorded.
     status : str
@@ -64,10 +73,17 @@ class ServerGoal:
         Whether the server accepted another goal before this one ended.
     from_goal_pose : bool
         Whether the pose is that of a goal_pose, which no plan replaces.
+    first_path, path : ndarray of shape (n, 2), or None
+        The first and the newest path to the goal, in m in `frame`; None: none was recorded.
+    recoveries : int
+        How often the server has recovered, as its feedback says; 0 without feedback.
+    server_estimates : list of float
+        What the server estimated on the way that the drive takes in all, in s.
     """
 
     action: str
-    segment: int = 0
+    goal_id: bytes = b""
+    segment: Segment | None = None
     begin: float = math.nan
     end: float = math.nan
     status: str = ""
@@ -78,6 +94,10 @@ class ServerGoal:
     before_recording: bool = False
     preempted: bool = False
     from_goal_pose: bool = False
+    first_path: FloatArray | None = None
+    path: FloatArray | None = None
+    recoveries: int = 0
+    server_estimates: list[float] = field(default_factory=list)
 
     @property
     def is_active(self) -> bool:
@@ -95,6 +115,17 @@ class ServerGoal:
             self.pose = pose
             self.from_goal_pose = from_goal_pose
 
+    def set_path(self, path: FloatArray) -> None:
+        """Set the newest path to the goal, shape (n, 2), in m in the frame of the pose."""
+        self.path = path
+        if self.first_path is None:
+            self.first_path = path
+
+    @property
+    def is_recovered(self) -> bool:
+        """Whether it arrived after recoveries of its server, which take time of their own."""
+        return self.status == "succeeded" and self.recoveries > 0
+
     def rejection(self) -> str:
         """Return why the goal is no episode; empty if it is one."""
         reasons = {
@@ -106,6 +137,7 @@ class ServerGoal:
             "odometry was interrupted": not self.begin <= self.end,
             f"no {PLAN} or {GOAL_POSE} was recorded with it": self.pose is None,
             NOT_CONNECTED: self.odom_pose is None,
+            "its server recovered on the way": self.is_recovered,
         }
         return next((reason for reason, holds in reasons.items() if holds), "")
 
@@ -120,14 +152,24 @@ class ServerGoals:
     def __init__(self, odom_pose_in: Callable[[str], Pose | None]) -> None:
         self._odom_pose_in = odom_pose_in
         self.goals: dict[tuple[str, bytes], ServerGoal] = {}
+        self.numbers = 0
+        """How many numbers of paths are kept in memory."""
         self._goal_pose: tuple[float, str, Pose] | None = None
         """Time of the last goal_pose, its frame and pose."""
 
-    def add_status(self, action: str, message: Any, segment: int, now: float, robot: Pose) -> None:
-        """Add an action_msgs/GoalStatusArray at `now` (s by odometry).
+    @property
+    def active(self) -> list[ServerGoal]:
+        """The goals that are executed, the oldest first."""
+        return [goal for goal in self.goals.values() if goal.is_active]
+
+    def add_status(
+        self, action: str, message: Any, segment: Segment, now: float, robot: Pose
+    ) -> list[ServerGoal]:
+        """Add an action_msgs/GoalStatusArray at `now` (s by odometry); return what ended with it.
 
         `robot` is in odometry's frame.
         """
+        ended = []
         is_first = not any(known == action for known, _ in self.goals)
         # those that ended first
         for item in sorted(message.status_list, key=lambda item: -item.status):
@@ -139,7 +181,8 @@ class ServerGoals:
                 for other in self.goals.values():
                     other.preempted |= other.is_active and other.action == action
                 is_old = status in _ENDED or now - seconds_from(item.goal_info.stamp) > _RECENT
-                self.goals[key] = ServerGoal(action, before_recording=is_first and is_old)
+                before = is_first and is_old
+                self.goals[key] = ServerGoal(action, key[1], before_recording=before)
             goal = self.goals[key]
             if status == "executing" and math.isnan(goal.begin):
                 goal.segment = segment
@@ -149,9 +192,25 @@ class ServerGoals:
                     goal.set_pose(frame, pose, self._odom_pose_in(frame), from_goal_pose=True)
             elif status in _ENDED and not goal.status:
                 goal.status = status
-                goal.end = now if segment == goal.segment else math.nan
+                goal.end = now if segment is goal.segment else math.nan
                 odom_pose = self._odom_pose_in(goal.frame)
                 goal.final_pose = odom_pose.compose(robot) if odom_pose else None
+                ended.append(goal)
+        return ended
+
+    def add_feedback(self, action: str, message: Any, now: float) -> None:
+        """Add the feedback of a goal at `now` (s by odometry), as far as it is that of Nav2."""
+        goal = self.goals.get((action, bytes(message.goal_id.uuid)))
+        if goal is None or not goal.is_active:
+            return
+        goal.recoveries = max(
+            goal.recoveries, int(getattr(message.feedback, "number_of_recoveries", 0))
+        )
+        remaining = getattr(message.feedback, "estimated_time_remaining", None)
+        if remaining is not None and len(goal.server_estimates) < _MOST_ESTIMATES:
+            seconds = seconds_from(remaining, "feedback.estimated_time_remaining")
+            if seconds > 0.0:  # Nav2's is 0 while the robot stands
+                goal.server_estimates.append(now - goal.begin + seconds)
 
     def add_pose(self, message: Any, now: float) -> None:
         """Add the path to the active goal, or the pose of the goal that is sent next."""
@@ -164,5 +223,32 @@ class ServerGoals:
             raise MessageError(f"{PLAN}.poses: expected at least one, got none")
         else:
             pose = pose_from(message.poses[-1].pose, f"{PLAN}.poses[-1]")
-            for goal in filter(lambda goal: goal.is_active, self.goals.values()):
+            path = _path_from(message)
+            for goal in self.active:
                 goal.set_pose(frame, pose, self._odom_pose_in(frame), from_goal_pose=False)
+                if frame == goal.frame:
+                    self.numbers += 0 if goal.first_path is not None else path.size
+                    goal.set_path(path)
+
+    def forget(self, kept: int) -> None:
+        """Forget the oldest goals that have ended, beyond the number `kept`."""
+        ended = [key for key, goal in self.goals.items() if not goal.is_active]
+        for key in ended[: max(0, len(ended) - kept)]:
+            del self.goals[key]
+        self.numbers = 0
+        for goal in self.goals.values():
+            if goal.status:
+                goal.path = goal.first_path = goal.segment = None
+
+
+def _path_from(message: Any) -> FloatArray:
+    """Return the places of a nav_msgs/Path in m, shape (n, 2); raise MessageError."""
+    if len(message.poses) > _MOST_PLACES:
+        raise MessageError(
+            f"{PLAN}.poses: expected at most {_MOST_PLACES}, got {len(message.poses)}"
+        )
+    places = [(item.pose.position.x, item.pose.position.y) for item in message.poses]
+    path = np.array(places, dtype=float)
+    if not np.isfinite(path).all():
+        raise MessageError(f"{PLAN}.poses: expected finite places, got others")
+    return path

@@ -6,6 +6,7 @@ message.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from functools import cache, partial
@@ -21,7 +22,13 @@ from ator_interfaces.action import ExecuteChain
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.actions.base import Goal
-from ator_ros.actions.goal_variables import GOAL_VARIABLES, ORDER, goal_values, wrong_values
+from ator_ros.actions.goal_variables import (
+    GOAL_VARIABLES,
+    ORDER,
+    STOP,
+    goal_values,
+    wrong_values,
+)
 from ator_ros.execution.fence import Fence
 from ator_ros.geometry import Pose, quaternion_from_yaw
 from ator_ros.planning.goals import MOST_STATEMENTS, GoalStatement, Unspecified
@@ -38,7 +45,7 @@ from ator_ros.refinement.refiner import (
     Selection,
     SubgoalCurve,
 )
-from ator_ros.tops.chain import EVERYTHING, InvalidChainError, TopCall, TopChain
+from ator_ros.tops.chain import EVERYTHING, AllowedRange, InvalidChainError, TopCall, TopChain
 from ator_ros.tops.conditions import Condition, Region
 from ator_ros.tops.library import LeftOutError, TopLibrary
 from ator_ros.tops.ordering import ordering_of
@@ -261,19 +268,62 @@ def _call_from(call: msg.TopCall, library: TopLibrary, frame: str, where: str) -
     fastest = _FASTEST_GOAL * library.robot.greatest_speed()
     speed = checks.number(call.speed, f"{where}.speed", low=0.0, high=fastest, unit="m/s")
     pose = goal_pose_from(call.goal.pose, f"{where}.goal.pose")
-    goal = Goal(pose, speed, top.point, {item.name: item.value for item in call.values})
-    if wrong := wrong_values(goal, library.goal_variables(top)):
+    declared = library.goal_variables(top)
+    values = {item.name: item.value for item in call.values}
+    if STOP in values:
+        raise MessageError(f"{where}.values: expected no {STOP}, which is the field `passing`")
+    if any(item.name == STOP for item in declared):
+        values[STOP] = 0.0 if call.passing else 1.0
+    elif call.passing:
+        raise MessageError(
+            f"{where}.passing: expected false, as {top.action} cannot pass its goal: its server "
+            "does not declare `early`, or it has an arrival speed instead"
+        )
+    goal = Goal(pose, speed, top.point, values)
+    if wrong := wrong_values(goal, declared):
         raise MessageError(f"{where}.values: {wrong}")
     opened = checks.names(
-        call.open, f"{where}.open", allowed=(*GOAL_VARIABLES, *goal.values, ORDER, EVERYTHING)
+        call.open,
+        f"{where}.open",
+        allowed=(*GOAL_VARIABLES, *goal.values, STOP, ORDER, EVERYTHING),
     )
     read = TopCall(top, goal, opened, tuple(sorted({int(index) for index in call.after})))
+    allowed = _allowed_from(call.allowed, read, library, where)
+    read = dataclasses.replace(read, allowed=allowed).within_allowed(library.robot, library.ranges)
     if unmet := read.contradictions(library.robot):
         raise MessageError(
             f"{where}.goal ({top.name}): expected a goal at which its post-condition holds: "
             f"{'; '.join(unmet)}"
         )
     return read
+
+
+def _allowed_from(
+    allowed: Sequence[msg.AllowedRange], call: TopCall, library: TopLibrary, where: str
+) -> tuple[AllowedRange, ...]:
+    """Read the allowed ranges of a call's opened variables."""
+    known = goal_values(call.goal)
+    read = []
+    for number, item in enumerate(allowed):
+        place = f"{where}.allowed[{number}]"
+        name = checks.name(item.name, f"{place}.name", allowed=known)
+        if not call.opens(name):
+            raise MessageError(f"{place}: expected an opened variable, got {name}; add it to open")
+        most = 2.0 * math.tau if name == "yaw" else math.inf
+        low = checks.number(item.low, f"{place}.low", low=-most, high=most)
+        highest = low + math.tau if name == "yaw" else math.inf
+        high = checks.number(item.high, f"{place}.high", low=low, high=highest)
+        one = AllowedRange(name, low, high)
+        usual = call.range_of(name, library.robot, library.ranges)
+        alone = dataclasses.replace(call, allowed=(one,))
+        if usual is None:
+            raise MessageError(f"{place}: expected a variable with a range, got {name}")
+        if alone.range_of(name, library.robot, library.ranges) is None:
+            raise MessageError(
+                f"{place}: expected a part of {usual}, which {name} can be, got {low:g} to {high:g}"
+            )
+        read.append(one)
+    return tuple(read)
 
 
 def chain_of(chain: TopChain, *, action_set: str, frame: str) -> msg.TopChain:
@@ -288,13 +338,18 @@ def call_of(call: TopCall, *, frame: str) -> msg.TopCall:
     message = msg.TopCall(
         top=call.top.name,
         speed=float(call.goal.speed),
+        passing=call.passing,
         open=sorted(call.open),
         after=call.after,
+        allowed=[msg.AllowedRange(**each._asdict()) for each in call.allowed],
     )
     message.goal.header.frame_id = frame
     message.goal.pose = pose_of(call.goal.pose)
-    values = call.goal.values.items()
-    message.values = [msg.GoalValue(name=name, value=float(value)) for name, value in values]
+    message.values = [
+        msg.GoalValue(name=name, value=float(value))
+        for name, value in call.goal.values.items()
+        if name != STOP
+    ]
     return message
 
 
@@ -474,8 +529,8 @@ def _free_variables(refinement: Refinement) -> list[msg.FreeVariable]:
             name=variable.name,
             before=goal_values(before.sent(variable.subgoal).goal)[variable.name],
             after=goal_values(after.sent(variable.subgoal).goal)[variable.name],
-            low=variable.domain.low,
-            high=variable.domain.high,
+            low=variable.domain.span[0],
+            high=variable.domain.span[1],
             limits=_bounded(variable.limits),
         )
         for variable in refinement.free

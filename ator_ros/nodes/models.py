@@ -259,14 +259,19 @@ class LearnedSets:
             self._node.get_logger().warning(self._set_problem)
 
     def startup_text(self) -> str:
-        """Return the source and names of the models of the default action set."""
-        read = self.present[DEFAULT_SET]
-        if read.absent:
-            return f"{read} ({read.absent})"
+        """Return the source and names of the models of the default action set, else of others."""
         source = f"models in {self._models}" if self._models else "shipped models"
         if self._manifest is not None:
             source = f"learned set {self._manifest.digest}"
-        return f"{source}: {read}"
+        default = self.present[DEFAULT_SET]
+        if not default.absent:  # other sets are rarely requested
+            return f"{source}: {default}"
+        others = [
+            f"{source} of action set {name}: {read}"
+            for name, read in self.present.items()
+            if not read.absent
+        ]
+        return "; ".join([f"{default} ({default.absent})", *others])
 
     @property
     def problem(self) -> str:

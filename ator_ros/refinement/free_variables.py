@@ -30,11 +30,11 @@ from ator_ros.refinement.chain_prediction import (
     columns_after,
     with_candidates,
 )
-from ator_ros.refinement.search import Allowed, spread_points
+from ator_ros.refinement.search import Allowed, spread_over
 from ator_ros.tops.bindings import bindings
 from ator_ros.tops.chain import EVERYTHING, InvalidChainError, TopCall, TopChain, projected
 from ator_ros.tops.conditions import Condition, Region, Relation, state_of
-from ator_ros.tops.ranges import USUAL_RANGES, Range, Ranges
+from ator_ros.tops.ranges import USUAL_RANGES, Interval, Range, Ranges
 from ator_ros.world.state import World
 
 NEGLIGIBLE = 0.02
@@ -43,6 +43,7 @@ _POINTS = 2048
 # m, rad or m/s by which a value may leave the experience, besides `_ROOM` of its range
 _SLACK = 0.05
 _ROOM = 0.05  # share by which the extent of the points that a region allows is widened on each side
+_ROUNDING = 1e-9  # m, rad or m/s: a value at the end of a region still fulfils the condition
 _PLACE = frozenset("xy")
 _SAME = 1e-6  # rounding error of a conversion to a message and back, in the variable's unit
 
@@ -122,15 +123,16 @@ def analyze(
         known = list(goal_values(call.goal))
         opened = known if EVERYTHING in call.open else [name for name in known if name in call.open]
         for name in opened + sorted(call.open - {EVERYTHING, ORDER, *known}):
+            domain = call.range_of(name, robot, ranges)
             reason = (
                 bound.get((index, name))
-                or _why_fixed(call, name, known, ranges)
+                or _why_fixed(call, name, known, domain)
                 or _why_unknown(chain, index, name, models)
             )
-            if reason is None:
-                free.append(FreeVariable(index, name, ranges[name](robot, call.goal)))
+            if domain is None or reason is not None:
+                not_free.append(NotFree(index, name, str(reason)))
             else:
-                not_free.append(NotFree(index, name, reason))
+                free.append(FreeVariable(index, name, domain, call.limits_of(name)))
     return Analysis(tuple(free), tuple(not_free))
 
 
@@ -138,7 +140,7 @@ def _why_fixed(
     call: TopCall,
     name: str,
     known: Sequence[str],
-    ranges: Ranges,
+    domain: Range | None,
 ) -> str | None:
     """Return why the call does not allow a variable to change."""
     if name not in known:
@@ -146,7 +148,11 @@ def _why_fixed(
     if not call.opens(name):
         by = f"the post-condition of {call.top.name}"
         return f'named by {by}: "{EVERYTHING}" leaves it, its own name opens it'
-    return None if name in ranges else "without a range"
+    if domain is None:
+        return (
+            "without an allowed value in its range" if call.limits_of(name) else "without a range"
+        )
+    return None
 
 
 def _why_unknown(
@@ -187,12 +193,21 @@ class _Rule(NamedTuple):
     before: bool = False
 
 
+class _RangeRule(NamedTuple):
+    """A region that bounds one goal variable alone, the `source`, as an interval of its range."""
+
+    source: str
+    name: str
+    interval: Interval
+
+
 class Regions:
     """The regions that bound the candidates of a chain's subgoals.
 
     A condition on a distance, or on the range of a variable, binds no goal variable. It limits the
     candidates to those from which the next step may start, with a margin for the tolerance of the
-    step before.
+    step before. A region that bounds a goal variable alone is a part of its range, as what the call
+    allows is.
 
     Parameters
     ----------
@@ -211,7 +226,14 @@ class Regions:
         self._robot = robot
         self._names = names
         self._chain = chain
-        self._bounds = [self._bounds_of(index) for index in range(len(chain.calls))]
+        self._bounds: list[list[_Rule]] = []
+        self._ranges: list[list[_RangeRule]] = []
+        for index in range(len(chain.calls)):
+            rules = self._bounds_of(index)
+            alone = [self._alone(rule, index) for rule in rules]
+            self._ranges.append([each for each in alone if each is not None])
+            pairs = zip(rules, alone, strict=True)
+            self._bounds.append([rule for rule, each in pairs if each is None])
 
     @cached_property
     def _states(self) -> list[Mapping[str, float]]:
@@ -222,6 +244,42 @@ class Regions:
             states.append(state_of(world, self._robot))
             world = projected(world, call, self._robot)
         return states
+
+    @property
+    def narrow(self) -> bool:
+        """Whether any region bounds a candidate."""
+        return any(self._bounds) or any(self._ranges)
+
+    def narrowed(self, variable: FreeVariable) -> FreeVariable | NotFree:
+        """Return a variable with the part of its range that the regions which bound it allow."""
+        for source, name, interval in self._ranges[variable.subgoal]:
+            if name != variable.name:
+                continue
+            domain = variable.domain.within([interval])
+            if domain is None:
+                return NotFree(variable.subgoal, name, f"without an allowed value: {source}")
+            if domain != variable.domain:
+                limits = (*variable.limits, source)
+                variable = dataclasses.replace(variable, domain=domain, limits=limits)
+        return variable
+
+    def _alone(self, rule: _Rule, index: int) -> _RangeRule | None:
+        """Return a rule as a part of a variable's range, if it bounds that variable alone."""
+        bound = rule.bound
+        top = self._chain.calls[index].top
+        if rule.before or not isinstance(bound, Region) or not top.arrives:
+            return None
+        names = top.arrival().get(bound.variable, ())
+        if len(names) != 1 or names[0] not in self._names[index]:
+            return None
+        target = float(bound.target)
+        low, high = bound.reach(target)
+        if names[0] == "yaw":
+            low = max(low, -math.pi)
+            high = min(high, math.pi)
+        margin = rule.room + _ROUNDING
+        interval = (target + low + margin, target + high - margin)
+        return _RangeRule(f"{rule.source}: {bound}", names[0], interval)
 
     def allowing(self) -> Allowed | None:
         """Return the predicate for candidates of the chain's subgoals.
@@ -427,15 +485,14 @@ def within_regions(
     free: list[FreeVariable] = []
     not_free = list(analysis.not_free)
     for index in range(len(chain.calls)):
-        variables = [variable for variable in analysis.free if variable.subgoal == index]
-        limits = regions.limits(index)
+        own = [regions.narrowed(each) for each in analysis.free if each.subgoal == index]
+        variables = [each for each in own if isinstance(each, FreeVariable)]
+        not_free += [each for each in own if isinstance(each, NotFree)]
+        limits = regions.limits(index) if variables else ()
         if not limits:
             free += variables
             continue
-        low, high = np.array(
-            [(variable.domain.low, variable.domain.high) for variable in variables]
-        ).T
-        points = low + (high - low) * spread_points(len(variables), 0, _POINTS)
+        points = spread_over([variable.domain for variable in variables], _POINTS)
         points = points[regions.allowed(index, points)]
         if not len(points):
             why = f"without an allowed value: {'; '.join(limits)}"
@@ -464,13 +521,10 @@ def _narrowed(
     low = max(low, domain.low)
     high = min(high, domain.high)
     cut = max(low - domain.low, domain.high - high)
-    if cut <= NEGLIGIBLE * width or low >= high:
+    narrowed = domain.within([(low, high)])
+    if cut <= NEGLIGIBLE * width or low >= high or narrowed is None:
         return variable
-    return dataclasses.replace(
-        variable,
-        domain=dataclasses.replace(domain, low=low, high=high),
-        limits=variable.limits + limits,
-    )
+    return dataclasses.replace(variable, domain=narrowed, limits=variable.limits + limits)
 
 
 # Changes
@@ -505,7 +559,7 @@ def allowed_changes(
         }
         for name, value in values.items():
             where = f"{name} of step {step + 1} ({old.top.name})"
-            allowed = ranges[name](robot, old.goal) if name in ranges else None
+            allowed = old.range_of(name, robot, ranges)
             if not old.opens(name):
                 expected = f"{planned[name]:g} as planned"
             elif (step, name) in bound:
@@ -515,7 +569,7 @@ def allowed_changes(
             elif allowed.contains(value):
                 continue
             else:
-                expected = f"a number from {allowed.low:g} to {allowed.high:g}"
+                expected = f"a number in {allowed}"
             raise InvalidChainError(f"{where}: expected {expected}, got {value:g}")
         changes.append(values)
     return changes

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from ator_ros.actions.goal_variables import with_values
 from ator_ros.bases.description import Robot
 from ator_ros.bases.routes import arrival_heading
@@ -23,6 +25,8 @@ def naive_on_paths(
     ranges: Ranges,
 ) -> TopChain:
     """Return `chain` with open headings in which the robot comes along a straight line or route.
+
+    Where such a heading is not allowed, the nearest allowed one takes its place.
 
     These are the fastest headings of a path that turns, drives and turns, for each action alone.
     Open variables with a rest value (arrival speed: 0) take it. The others keep their values, and
@@ -45,13 +49,16 @@ def naive_on_paths(
     for index in range(len(chain.calls)):
         call = naive.calls[index]
         opened = {
-            name: ranges[name](robot, call.goal).rest
+            name: domain
             for name in ranges
-            if call.opens(name) and (index, name) not in bound
+            if call.opens(name)
+            and (index, name) not in bound
+            and (domain := call.range_of(name, robot, ranges)) is not None
         }
-        values = {name: rest for name, rest in opened.items() if rest is not None}
+        values = {name: domain.rest for name, domain in opened.items() if domain.rest is not None}
         if "yaw" in opened and "yaw" not in values:
-            values["yaw"] = _arrival(world.robot.pose, call, robot)
+            arrival = np.array([_arrival(world.robot.pose, call, robot)])
+            values["yaw"] = float(opened["yaw"].nearest(arrival)[0])
         changed = with_values(call.goal, values) if values else call.goal
         if changed != call.goal:
             candidate = naive.with_goal(index, changed)

@@ -364,7 +364,7 @@ class Refiner:
         outside = outside_experience(world, chain, self.models, self.robot)
         analysis = dataclasses.replace(analysis, outside=outside)
         regions = Regions(world, chain, self.robot, names_of(chain, analysis.free))
-        if regions.allowing() is None:
+        if not regions.narrow:
             return analysis, regions
         analysis = within_regions(analysis, regions, chain)
         return analysis, Regions(world, chain, self.robot, names_of(chain, analysis.free))

@@ -398,6 +398,10 @@ class _Windows:
         return first_candidates(self._index, self._ranges, count, self._allowed)
 
     def _within(self, points: FloatArray) -> FloatArray:
+        """Return the points moved to allowed parts of their ranges, and in the allowed region."""
+        for column, domain in enumerate(self._ranges):
+            if domain.parts:
+                points[:, column] = domain.nearest(points[:, column])
         return points if self._allowed is None else points[self._allowed(self._index, points)]
 
 
@@ -421,20 +425,26 @@ def first_candidates(
         grid, steps = _grid(tuple(ranges), count)
         if allowed is None or allowed(index, grid).all():
             return grid.copy(), steps
-    low = np.array([each.low for each in ranges], dtype=float)
-    width = np.array([each.high for each in ranges], dtype=float) - low
-    tries = count if allowed is None else count * _TRIES
-    points = low + width * spread_points(free, 0, tries)
+    points = spread_over(ranges, count if allowed is None else count * _TRIES)
     if allowed is not None:
         points = points[allowed(index, points)]
     points = points[:count]
-    return points, 0.5 * width * max(len(points), 1) ** (-1.0 / free)
+    widths = np.array([each.width for each in ranges], dtype=float)
+    return points, 0.5 * widths * max(len(points), 1) ** (-1.0 / free)
+
+
+def spread_over(ranges: Sequence[Range], count: int) -> FloatArray:
+    """Return `count` points, shape (n, k), that cover ranges evenly; see `spread_points`."""
+    points = spread_points(len(ranges), 0, count)
+    columns = [each.spread(column) for each, column in zip(ranges, points.T, strict=True)]
+    return np.stack(columns, axis=1)
 
 
 @lru_cache(maxsize=32)
 def _grid(domains: tuple[Range, ...], count: int) -> tuple[FloatArray, FloatArray]:
     """Return about `count` candidates that form a grid, (n, k), and its steps, (k,)."""
     lines: dict[int, FloatArray] = {}
+    widths: dict[int, float] = {}
     numbers = range(len(domains))
     for number in sorted(numbers, key=lambda each: domains[each].steps):  # the coarsest first
         domain = domains[number]
@@ -442,13 +452,13 @@ def _grid(domains: tuple[Range, ...], count: int) -> tuple[FloatArray, FloatArra
         left = count / math.prod(len(line) for line in lines.values())
         scale = (left / math.prod(others)) ** (1.0 / len(others))
         steps = max(_LEAST_STEPS, round(domain.steps * scale))
-        lines[number] = np.linspace(domain.low, domain.high, steps, endpoint=not domain.periodic)
+        lines[number], widths[number] = domain.grid(steps)
     if not domains:
         return np.zeros((1, 0)), np.zeros(0)
     axes = np.meshgrid(*(lines[number] for number in numbers), indexing="ij")
     # The last variable, usually a speed, varies slowest: path times take longer where it changes.
     grid = np.stack([axis.ravel("F") for axis in axes], axis=1)
-    return grid, np.array([lines[number][1] - lines[number][0] for number in numbers])
+    return grid, np.array([widths[number] for number in numbers])
 
 
 def _of(table: Sequence[int], free: int) -> int:

@@ -17,9 +17,10 @@ from ator_ros.actions import DEFAULT_SET
 from ator_ros.bases.description import Robot
 from ator_ros.bases.direct import NEAR_GOAL
 from ator_ros.domains.domain import Domain
-from ator_ros.experience.drives import CMD_VEL, ODOM
+from ator_ros.experience.drives import CMD_VEL
 from ator_ros.experience.recordings import read_sources
 from ator_ros.experience.table import Experience, ExperienceError, library_versions
+from ator_ros.experience.watch import ODOM
 from ator_ros.files import FileError, is_name
 from ator_ros.nodes.network import stay_on_this_machine
 from ator_ros.performance.accuracy import accuracy, brier, kinds

@@ -10,14 +10,21 @@ import dataclasses
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
 
 from ator_ros.actions.base import Goal, Point
-from ator_ros.actions.goal_variables import ORDER, goal_values
+from ator_ros.actions.goal_variables import ORDER, STOP, goal_values, passes, with_values
 from ator_ros.bases.description import Robot
 from ator_ros.geometry import Pose
 from ator_ros.printable import ReadableError
 from ator_ros.tops.conditions import Condition, Term, arrived, state_of
+from ator_ros.tops.ranges import Range, Ranges
 from ator_ros.world.state import ObjectState, RobotState, World
+
+_NOT_PASSED = ("robot.yaw", "robot.vx", "robot.vy", "robot.w")
+"""State variables that are neither commanded nor judged where the robot passes its goal."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,8 +86,18 @@ class Top:
         goal: Goal,
         robot: Robot,
     ) -> list[str]:
-        """Return why the post-condition does not hold in `world`; empty if it holds."""
-        return self.post.violations(state_of(world, robot), goal_values(goal))
+        """Return why the post-condition does not hold in `world`; empty if it holds.
+
+        Of a goal that is passed, heading and velocities of the robot are not judged.
+        """
+        return self.effect(goal).violations(state_of(world, robot), goal_values(goal))
+
+    def effect(self, goal: Goal) -> Condition:
+        """Return the part of the post-condition that is judged at a goal."""
+        if not passes(goal):
+            return self.post
+        terms = (term for term in self.post.terms if term.variable not in _NOT_PASSED)
+        return dataclasses.replace(self.post, terms=tuple(terms))
 
     def failure(self, violations: Iterable[str]) -> str:
         """Return the reason of a failure from the violations of the post-condition."""
@@ -93,7 +110,7 @@ class Top:
         robot: Robot,
     ) -> float:
         """Return how far `world` is from the post-condition, in the unit of the worst variable."""
-        return self.post.shortfall(state_of(world, robot), goal_values(goal))
+        return self.effect(goal).shortfall(state_of(world, robot), goal_values(goal))
 
     def may_settle(self, world: World) -> bool:
         """Return whether an object of the post-condition still moves."""
@@ -103,6 +120,17 @@ class Top:
 
 EVERYTHING = "*"
 """Opens all goal variables but those that the post-condition names."""
+
+
+class AllowedRange(NamedTuple):
+    """An interval within which a plan leaves a goal variable open (m, rad, m/s, or as declared).
+
+    An angle goes from `low` counter-clockwise to `high`.
+    """
+
+    name: str
+    low: float
+    high: float
 
 
 class InvalidChainError(ReadableError, ValueError):
@@ -119,15 +147,19 @@ class TopCall:
         The values of opened variables are preliminary.
     open : frozenset of str
         The goal variables (x, y, yaw, speed, declared ones) that refinement may change, or
-        `EVERYTHING`. The plan commits to the others. `ORDER` opens the call's place in the chain.
+        `EVERYTHING`. The plan commits to the others. `ORDER` opens the call's place in the chain,
+        and `STOP` whether the robot stops.
     after : tuple of int
         Indices of the calls of the chain (from 0) that must be executed before this one.
+    allowed : tuple of AllowedRange
+        Where opened variables may lie. Several ranges of one variable: within any of them.
     """
 
     top: Top
     goal: Goal
     open: frozenset[str] = frozenset()
     after: tuple[int, ...] = ()
+    allowed: tuple[AllowedRange, ...] = ()
 
     def contradictions(self, robot: Robot) -> list[str]:
         """Return the statements of the post-condition that cannot hold with the robot at the goal.
@@ -142,7 +174,7 @@ class TopCall:
         goal = goal_values(self.goal)
         determined_by = self.top.arrival()
         found = []
-        for term in self.top.post.terms:
+        for term in self.top.effect(self.goal).terms:
             names = determined_by.get(term.variable)
             if names is None or isinstance(term.target, str) or any(map(self.opens, names)):
                 continue
@@ -155,8 +187,59 @@ class TopCall:
 
         A condition may bind it all the same.
         """
-        everything = EVERYTHING in self.open and name not in self.top.post.goal_names()
-        return name in self.open or everything
+        if name in self.open:
+            return True
+        if name == STOP:
+            return False
+        if name == "speed" and STOP in self.open and STOP not in self.goal.values:
+            return True
+        return EVERYTHING in self.open and name not in self.top.post.goal_names()
+
+    @property
+    def passing(self) -> bool:
+        """Whether the robot passes the goal without a stop."""
+        return passes(self.goal)
+
+    def stop_fault(self, following: TopCall | None) -> str | None:
+        """Return why the robot cannot pass the goal if `following` is the next call.
+
+        None if it can, or need not. A step is passed when the next one takes over from its action.
+        """
+        if not self.passing:
+            return None
+        if following is None:
+            return "the last step of a chain must stop"
+        if following.top.action != self.top.action:
+            return f"it must stop before another action, {following.top.action}"
+        return None
+
+    def range_of(self, name: str, robot: Robot, ranges: Ranges) -> Range | None:
+        """Return the part of a goal variable's range that the plan allows.
+
+        None if the variable has no range, or nothing of it is allowed.
+        """
+        if name not in ranges:
+            return None
+        usual = ranges[name](robot, self.goal)
+        intervals = [(low, high) for limited, low, high in self.allowed if limited == name]
+        return usual.within(intervals) if intervals else usual
+
+    def limits_of(self, name: str) -> tuple[str, ...]:
+        """Return a description of each range that the plan allows for a goal variable."""
+        return tuple(
+            f"allowed {low:g} to {high:g}" for limited, low, high in self.allowed if limited == name
+        )
+
+    def within_allowed(self, robot: Robot, ranges: Ranges) -> TopCall:
+        """Return the call with limited variables at the nearest values that the plan allows."""
+        values = goal_values(self.goal)
+        moved: dict[str, float] = {}
+        for name in {each.name for each in self.allowed}:
+            domain = self.range_of(name, robot, ranges)
+            if domain is not None and not domain.contains(values[name]):
+                moved[name] = float(domain.nearest(np.array([values[name]]))[0])
+        goal = with_values(self.goal, moved) if moved else self.goal
+        return dataclasses.replace(self, goal=goal)
 
 
 @dataclass(frozen=True, slots=True)
@@ -241,6 +324,10 @@ class TopChain:
             for other in call.after
             if index < other < len(self.calls)
         ]
+        for index, call in enumerate(self.calls):
+            following = self.calls[index + 1] if index + 1 < len(self.calls) else None
+            if fault := call.stop_fault(following):
+                found.append(f"{self.step_name(index)}: passing: {fault}")
         when = "now"
         for index, call in enumerate(self.calls):
             where = f"pre-condition of {self.step_name(index)} {when}"
@@ -261,6 +348,8 @@ def projected(
     Placed objects are at rest.
     """
     variables = {term.variable for term in call.top.post.terms}
+    if call.passing:
+        call = dataclasses.replace(call, goal=_passed(call.goal, world.robot.pose))
     if call.top.arrives:
         world = arrived(world, call.goal, robot)
     state = call.top.post.apply(state_of(world, robot), goal_values(call.goal))
@@ -275,3 +364,12 @@ def projected(
         if placed and x is not None and y is not None:
             world = world.with_object(name, ObjectState(x, y))
     return world
+
+
+def _passed(goal: Goal, start: Pose) -> Goal:
+    """Return a goal with the heading in which a robot passes it that comes from `start`."""
+    x, y, _ = goal.pose
+    if start.distance(goal.pose) == 0.0:
+        return goal
+    bearing = math.atan2(y - start.y, x - start.x)
+    return dataclasses.replace(goal, pose=Pose(x, y, bearing))

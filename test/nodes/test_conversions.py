@@ -15,6 +15,7 @@ from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import GoalValue, Objective, Situation, TopCall, TopChain
 from ator_ros.actions.goal_variables import GOAL_VARIABLES, GoalVariable
 from ator_ros.bases.description import load_robot
+from ator_ros.domains.domain import find_domain
 from ator_ros.domains.soccer.field import ball_of, objects_of
 from ator_ros.domains.soccer.shoot import Shoot
 from ator_ros.domains.soccer.soccer_domain import SOCCER
@@ -257,3 +258,57 @@ def test_the_calls_of_all_chains_are_bounded(most: tuple[int, ...]) -> None:
 def test_precedences_that_cannot_hold_are_refused(after: tuple[tuple[int, ...], ...]) -> None:
     with pytest.raises(MessageError, match=r"^chain: .*after: expected"):
         messages.chain_from(ordered(*after), LIBRARY, frame=FRAME)
+
+
+PATROL = find_domain("patrol").library(find_domain("patrol").robot())
+
+
+def test_a_passed_call_is_unchanged_by_a_message() -> None:
+    message = TopChain(calls=[TopCall(top="visit", passing=True), TopCall(top="visit")])
+    chain = messages.chain_from(message, PATROL, frame="")
+    assert [call.passing for call in chain.calls] == [True, False]
+    back = messages.chain_of(chain, action_set="default", frame="")
+    assert [(call.passing, call.values) for call in back.calls] == [(True, []), (False, [])]
+
+
+def test_an_action_that_cannot_pass_is_not_asked_to() -> None:
+    message = TopChain(calls=[TopCall(top="goToPose", passing=True)])
+    with pytest.raises(MessageError, match=r"calls\[0\].passing: expected false, as goToPose"):
+        messages.chain_from(message, LIBRARY, frame="")
+    message = TopChain(calls=[TopCall(top="visit", values=[GoalValue(name="stop")])])
+    with pytest.raises(MessageError, match="expected no stop, which is the field `passing`"):
+        messages.chain_from(message, PATROL, frame="")
+
+
+def limited(*allowed: tuple[str, float, float], opened: tuple[str, ...] = ("yaw",)) -> TopChain:
+    ranges = [msg.AllowedRange(name=name, low=low, high=high) for name, low, high in allowed]
+    return TopChain(calls=[TopCall(top="goToPose", open=opened, allowed=ranges)])
+
+
+def test_allowed_ranges_are_unchanged_by_a_message() -> None:
+    sent = limited(("yaw", 3.0, 3.3), ("yaw", 0.5, 0.5))
+    [read] = messages.chain_from(sent, LIBRARY, frame=FRAME).calls
+    assert read.allowed == (("yaw", 3.0, 3.3), ("yaw", 0.5, 0.5))
+    assert read.goal.pose.yaw == 0.5  # the nearest to 0, which was sent
+    back = messages.call_of(read, frame=FRAME)
+    assert list(back.allowed) == list(sent.calls[0].allowed)
+    assert messages.calls_from([back], LIBRARY, frame=FRAME) == [read]
+
+
+@pytest.mark.parametrize(
+    ("allowed", "expected"),
+    [
+        (("speed", 0.1, 0.2), r"allowed\[0\]: expected an opened variable, got speed; add it"),
+        (("height", 0.1, 0.2), r"allowed\[0\].name: expected one of"),
+        (("yaw", 0.2, 0.1), r"allowed\[0\].high: expected a finite number from 0.2 to 6.48"),
+        (("yaw", 0.0, 6.4), r"allowed\[0\].high: expected a finite number from 0 to 6.28"),
+        (("yaw", 180.0, 190.0), r"allowed\[0\].low: expected a finite number from -12.5"),
+        (("yaw", math.nan, 0.1), r"allowed\[0\].low: expected a finite number"),
+        (("x", 90.0, 91.0), r"allowed\[0\]: expected a part of -4 to 4, which x can be, got 90 to"),
+    ],
+)
+def test_ranges_that_cannot_be_are_refused(
+    allowed: tuple[str, float, float], expected: str
+) -> None:
+    with pytest.raises(MessageError, match=r"^chain.calls\[0\]." + expected):
+        messages.chain_from(limited(allowed, opened=("x", "yaw")), LIBRARY, frame=FRAME)

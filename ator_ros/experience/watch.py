@@ -1,0 +1,285 @@
+"""The drives of action servers, by what these and the robot publish: live, and in recordings."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection
+from typing import Any
+
+from ator_ros.actions.base import Goal, Point
+from ator_ros.actions.situation import Situation
+from ator_ros.bases.description import Robot
+from ator_ros.experience.records import Vocabulary, fault_in
+from ator_ros.experience.server_goals import (
+    FEEDBACK_SUFFIX,
+    GOAL_POSE,
+    NOT_CONNECTED,
+    PLAN,
+    STATUS_SUFFIX,
+    ServerGoal,
+    ServerGoals,
+    remote_calls,
+)
+from ator_ros.experience.table import Episode
+from ator_ros.experience.track import DIGITS, WIDTH, Segment, Track
+from ator_ros.geometry import Pose, wrap_angle
+from ator_ros.printable import printable, quoted
+from ator_ros.world.readers import (
+    MessageError,
+    OdometryReader,
+    pose_from_placement,
+    robot_from_placement,
+    transform_from,
+)
+from ator_ros.world.robot_velocity import RobotVelocity
+from ator_ros.world.state import RobotState
+from ator_ros.world.transforms import Transforms
+
+ODOM = "odom"
+TF = ("tf", "tf_static")
+"""Roles of topics."""
+LONGEST = 3600.0  # s, the longest drive
+TOO_LONG = f"expected at most {LONGEST:.0f} s"
+ODOMETRY_FRAME = "odom"  # REP-105
+ROBOT_FRAME = "base_link"  # REP-105
+SILENCE = 1.0  # s without odometry after which a new segment begins
+_MOST_FRAMES = 1000  # in tf: far more than a robot has
+_LONGEST_NAME = 256  # characters of a frame in tf
+_SEGMENT = 100  # numbers that need as much memory as a segment without messages
+_KEPT_GOALS = 100  # that have ended: a status message still names those of the last minutes
+_KEPT_ROWS = 1000  # of odometry without an active goal: 20 s at 50 Hz
+
+
+class Watch:
+    """Sorts what is published of a robot: its motion in segments, and the goals of its servers.
+
+    A new segment begins after a reset or a long silence. Messages are added in the order of
+    arrival; their roles are `ODOM`, `TF`, `PLAN`, `GOAL_POSE`, and the topics in `servers`.
+
+    Parameters
+    ----------
+    domain : Vocabulary
+        Its remote actions are those that are watched, and its TOPs say what their goals are for.
+    robot_in_tf : bool
+        Whether tf replaces odometry.
+    others : collection of str
+        Names of further servers; their goals are no drives of a TOP.
+
+    Attributes
+    ----------
+    segments : list of Segment
+        In the order of time; odometry is added to the last one.
+    servers : mapping of str to str
+        The actions by the topics of status and feedback of their servers; an action of `others`
+        has the name of the server.
+    transforms : Transforms
+        The frames in tf.
+    numbers : int
+        How many numbers are kept in memory.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        domain: Vocabulary,
+        *,
+        robot_in_tf: bool = False,
+        others: Collection[str] = (),
+    ) -> None:
+        self._robot = robot
+        self._domain = domain
+        self._robot_in_tf = robot_in_tf
+        self._odometry = OdometryReader(
+            ODOMETRY_FRAME if robot_in_tf else "", corrects=False, sideways=robot.moves_sideways
+        )
+        self._velocity = RobotVelocity(
+            robot.greatest_speed(), robot.greatest_turn_rate, sideways=robot.moves_sideways
+        )
+        self.segments = [Segment()]
+        actions = {call.server: name for name, call in remote_calls(domain).items()}
+        actions |= {name: name for name in others}
+        self.servers = {
+            f"{server}{suffix}": action
+            for server, action in actions.items()
+            for suffix in (STATUS_SUFFIX, FEEDBACK_SUFFIX)
+        }
+        self.transforms = Transforms()
+        self._goals = ServerGoals(self.odom_pose_in)
+        self._is_older = False
+        self._parents: dict[str, str] = {}
+        """By frame in tf, its parent."""
+        self._numbers = 0
+        self._ended: list[ServerGoal] = []
+
+    @property
+    def numbers(self) -> int:
+        """How many numbers are kept in memory."""
+        return self._numbers + self._goals.numbers
+
+    @property
+    def goals(self) -> list[ServerGoal]:
+        """All goals, in the order of arrival."""
+        return list(self._goals.goals.values())
+
+    @property
+    def active(self) -> list[ServerGoal]:
+        """The goals that are executed, the oldest first."""
+        return self._goals.active
+
+    @property
+    def frame(self) -> str:
+        """The frame of odometry; empty before its first message."""
+        return self._odometry.frame
+
+    @property
+    def now(self) -> float:
+        """The stamp of the newest odometry in s; NaN before the first."""
+        odom = self.segments[-1].odom
+        return odom.last[0] if odom else math.nan
+
+    @property
+    def has_frames(self) -> bool:
+        """Whether there are transforms."""
+        return bool(self._parents)
+
+    def robot_in(self, frame: str) -> RobotState | None:
+        """Return the newest state of the robot in a frame; None if it is unknown."""
+        odom = self.segments[-1].odom
+        odom_pose = self.odom_pose_in(frame)
+        if not odom or odom_pose is None:
+            return None
+        _, x, y, yaw, vx, w, vy = odom.last
+        return RobotState(odom_pose.compose(Pose(x, y, yaw)), vx, w, vy=vy)
+
+    def add(self, role: str, message: Any) -> None:
+        """Add a message; raise MessageError if it cannot be used."""
+        if role == ODOM:
+            self._add_state(*self._odometry.read(message))
+        elif role in TF:
+            self._add_transforms(message, fixed=role == "tf_static")
+        elif role in (PLAN, GOAL_POSE):
+            self._goals.add_pose(message, self.now)
+        elif role.endswith(FEEDBACK_SUFFIX):
+            self._goals.add_feedback(self.servers[role], message, self.now)
+        else:
+            newest = self.segments[-1]
+            pose = Pose(*newest.odom.last[1:4]) if newest.odom else Pose(*(math.nan,) * 3)
+            self._ended += self._goals.add_status(
+                self.servers[role], message, newest, self.now, pose
+            )
+
+    def take_ended(self) -> list[ServerGoal]:
+        """Return the goals that have ended since the last call."""
+        ended = self._ended
+        self._ended = []
+        return ended
+
+    def forget(self) -> None:
+        """Forget odometry and goals that no drive needs any more; call it after `take_ended`."""
+        newest = self.segments[-1]
+        active = self.active
+        used = {id(goal.segment) for goal in active}
+        if not used and len(newest.odom) > _KEPT_ROWS:
+            newest = Segment()
+            newest.odom.append(*self.segments[-1].odom.last)
+        self.segments = [each for each in self.segments[:-1] if id(each) in used] + [newest]
+        self._goals.forget(_KEPT_GOALS)
+
+    def rejection(self, goal: ServerGoal) -> str:
+        """Return why a goal is no episode; empty if it may be one."""
+        reason = goal.rejection()
+        if reason == NOT_CONNECTED:
+            frames = ", ".join(printable(name) for name in self.transforms.frames[:8])
+            odometry = printable(self.frame)
+            return (
+                f"tf: expected transforms from {printable(goal.frame)} to {odometry}, "
+                f"got the frames {frames or 'none'}"
+            )
+        return reason
+
+    def episode(self, goal: ServerGoal, *, track: Track | None = None) -> Episode | str:
+        """Return the episode of a goal that has ended, in the goal's frame, or why it is none.
+
+        `track` is that of the goal's segment, by default made of it now.
+        """
+        if reason := self.rejection(goal):
+            return reason
+        segment = goal.segment
+        robot = self._robot
+        if segment is None or (
+            segment is not self.segments[-1] and goal.end == segment.odom.last[0]
+        ):
+            return "odometry was interrupted"
+        if goal.end - goal.begin > LONGEST:
+            return TOO_LONG
+        top = next((top for top in self._domain.tops if top.action == goal.action), None)
+        if top is None or goal.pose is None or goal.odom_pose is None:
+            return "no TOP calls the action"
+        track = (track or Track(segment)).seen_from(goal.odom_pose)
+        errors = (math.nan, math.nan)
+        if goal.final_pose is not None:
+            reached = (
+                robot.hold_point(goal.final_pose) if top.point is Point.HOLD else goal.final_pose
+            )
+            errors = reached.distance(goal.pose), abs(wrap_angle(reached.yaw - goal.pose.yaw))
+        if jump := track.jump(robot, goal.begin, goal.end):
+            return jump
+        start = track.world(goal.begin)
+        situation = Situation(
+            goal.action, start.robot, start.objects, Goal(goal.pose, 0.0, top.point)
+        )
+        episode = Episode(
+            situation,
+            round(goal.end - goal.begin, DIGITS),
+            goal.status == "succeeded",
+            f"recorded: its server reported {goal.status}",
+            *errors,
+            samples=track.samples(goal.begin, goal.end, start.objects),
+        )
+        too_far = fault_in(episode, top, robot)
+        return "the goal is farther than the robot drives in its duration" if too_far else episode
+
+    def _add_state(self, time: float, robot: RobotState) -> None:
+        odom = self.segments[-1].odom
+        last = odom.last[0] if odom else time
+        if time < last and not self._is_older:
+            self._is_older = True  # one late message is ignored, two in a row are a reset
+            return
+        self._is_older = False
+        if odom and not 0.0 <= time - last <= SILENCE:
+            self.segments.append(Segment())
+            self._numbers += _SEGMENT
+        self.segments[-1].odom.append(time, *robot.pose, robot.vx, robot.w, robot.vy)
+        self._numbers += WIDTH
+
+    def _add_transforms(self, message: Any, *, fixed: bool) -> None:
+        for transform in message.transforms:
+            parent, child, time, placement = transform_from(transform)
+            self._check_frames(parent, child)
+            self.transforms.add(parent, child, time, placement, fixed=fixed)
+        if self._robot_in_tf and (found := self.transforms.latest(self.frame, self.robot_frame())):
+            self._add_state(*robot_from_placement(self._velocity, *found))
+
+    def _check_frames(self, parent: str, child: str) -> None:
+        """Note the parent of a frame in tf; raise MessageError for too many or long names."""
+        if len(parent) > _LONGEST_NAME or len(child) > _LONGEST_NAME:
+            raise MessageError(
+                f"tf: expected names of at most {_LONGEST_NAME} characters, got {quoted(child)}"
+            )
+        if child not in self._parents and len(self._parents) >= _MOST_FRAMES:
+            raise MessageError(f"tf: expected at most {_MOST_FRAMES} frames, got more")
+        self._parents[child] = parent
+
+    def robot_frame(self) -> str:
+        """Return the robot's frame in tf: base_link, else the only child of odometry's frame."""
+        if ROBOT_FRAME in self._parents:
+            return ROBOT_FRAME
+        children = [child for child, parent in self._parents.items() if parent == self.frame]
+        return children[0] if len(children) == 1 else ROBOT_FRAME
+
+    def odom_pose_in(self, frame: str) -> Pose | None:
+        """Return the pose of odometry's frame in another frame, by the newest transforms."""
+        if frame in ("", self.frame):
+            return Pose(0.0, 0.0, 0.0)
+        found = self.transforms.latest(frame, self.frame)
+        return None if found is None else pose_from_placement(found[1], f"{self.frame} in tf")
