@@ -20,6 +20,7 @@ from ator_ros.experience.track import Segment
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.printable import quoted
 from ator_ros.world.readers import MessageError, plain_frame, pose_from, seconds_from
+from ator_ros.world.state import RobotState
 
 PLAN = "plan"
 """Role of the topic of the path to a goal (nav_msgs/Path)."""
@@ -60,6 +61,8 @@ class ServerGoal:
         When its execution began and ended, in s by odometry's stamps; NaN: not recorded.
     status : str
         How it ended; empty: not recorded.
+    start : RobotState or None
+        The robot in odometry's frame when its execution began.
     frame, pose : str, Pose or None
         The goal's pose, and the frame that it is in; None: not recorded.
     odom_pose : Pose or None
@@ -87,6 +90,7 @@ class ServerGoal:
     begin: float = math.nan
     end: float = math.nan
     status: str = ""
+    start: RobotState | None = None
     frame: str = ""
     pose: Pose | None = None
     odom_pose: Pose | None = None
@@ -163,11 +167,11 @@ class ServerGoals:
         return [goal for goal in self.goals.values() if goal.is_active]
 
     def add_status(
-        self, action: str, message: Any, segment: Segment, now: float, robot: Pose
+        self, action: str, message: Any, segment: Segment, now: float, robot: RobotState | None
     ) -> list[ServerGoal]:
         """Add an action_msgs/GoalStatusArray at `now` (s by odometry); return what ended with it.
 
-        `robot` is in odometry's frame.
+        `robot` is in odometry's frame, None before its first message.
         """
         ended = []
         is_first = not any(known == action for known, _ in self.goals)
@@ -187,6 +191,7 @@ class ServerGoals:
             if status == "executing" and math.isnan(goal.begin):
                 goal.segment = segment
                 goal.begin = now
+                goal.start = robot
                 if self._goal_pose is not None and abs(now - self._goal_pose[0]) <= _RECENT:
                     _, frame, pose = self._goal_pose
                     goal.set_pose(frame, pose, self._odom_pose_in(frame), from_goal_pose=True)
@@ -194,7 +199,8 @@ class ServerGoals:
                 goal.status = status
                 goal.end = now if segment is goal.segment else math.nan
                 odom_pose = self._odom_pose_in(goal.frame)
-                goal.final_pose = odom_pose.compose(robot) if odom_pose else None
+                if odom_pose is not None and robot is not None:
+                    goal.final_pose = odom_pose.compose(robot.pose)
                 ended.append(goal)
         return ended
 
