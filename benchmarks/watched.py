@@ -15,7 +15,6 @@ import itertools
 import sys
 import tempfile
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -26,9 +25,9 @@ from ator_ros.experience.bag_files import Bag
 from ator_ros.experience.server_goals import PLAN, ServerGoal
 from ator_ros.experience.store import RecordStore, StoreInfo
 from ator_ros.experience.watch import ODOM, TF
-from ator_ros.experience.watched_paths import WatchedPaths
+from ator_ros.experience.watched_paths import PATHS, WatchedPaths
 from ator_ros.geometry import FloatArray
-from ator_ros.learning.drive_monitor import DriveMonitor, EndedDrive
+from ator_ros.learning.drive_monitor import DriveMonitor, EndedDrive, driven_on
 from ator_ros.learning.estimates import Estimate
 from ator_ros.learning.round import Source, learn
 from ator_ros.learning.sets import RECORDS, publish
@@ -37,7 +36,6 @@ from ator_ros.performance.model_file import load_models
 
 BATCH = 10  # drives after which a round of learning begins, as config/nav2/nav2.yaml says
 FIRST = 20  # drives before the first model
-PATHS = "paths.jsonl"
 _PERIOD = 0.5  # s between two estimates
 
 
@@ -73,8 +71,7 @@ class Replay:
                     self._learn()
 
     def _learn(self) -> None:
-        paths = WatchedPaths(self._folder / PATHS)
-        domain = replace(self._domain, planner=lambda *_: paths)
+        domain = driven_on(WatchedPaths(self._folder / PATHS), self._domain)
         robot = domain.robot(self._file)
         source = Source(self._folder, domain, robot, self._folder / "none")
         result = learn(source, time="2026-01-01T00:00:00Z")

@@ -15,6 +15,8 @@ import numpy as np
 from ator_ros.files import DamagedFileError, read_text, write_text
 from ator_ros.geometry import FloatArray
 
+PATHS = "paths.jsonl"
+"""The file in the folder of the node `watch`."""
 MOST = 5000
 """Paths that are kept, as many as two weeks of 400 drives."""
 _LARGEST = 64_000_000  # bytes of the file; a path of 15 m needs 2 kB

@@ -28,6 +28,7 @@ from ator_ros.world.state import RobotState
 # `ator_ros.performance.held_up`, which finds them among all drives.
 _HELD_UP_RATIO = 1.5
 _HELD_UP_DELAY = 2.0  # s
+_MOST_IN_A_ROW = 3  # drives that are held up; after these the robot itself has become slower
 
 
 @dataclass(frozen=True)
@@ -45,7 +46,7 @@ class EndedDrive:
     distance_by_speed : float
         What `first` would have been without a model, in s; NaN without a path.
     is_held_up : bool
-        Whether it took much longer than a model predicted.
+        Whether it took much longer than a model predicted, unlike those just before it.
     """
 
     goal: ServerGoal
@@ -98,16 +99,17 @@ class DriveMonitor:
         self._frame = frame
         self._paths = paths
         self._running = WatchedPaths()
-        self.domain = self.on(domain)
+        self.domain = driven_on(self._running, domain)
         self.speeds = ObservedSpeeds()
         self._models: Mapping[str, PerformanceModel] = {}
         self._source = ""
+        self._in_a_row = 0  # drives that were held up
         self._estimators: dict[bytes, DriveEstimator] = {}
         self._first: dict[bytes, tuple[Estimate, float]] = {}
 
-    def on(self, domain: Domain) -> Domain:
-        """Return a domain, as on another map, with the paths of running drives as its routes."""
-        return replace(domain, planner=lambda *_: self._running)
+    def on_map(self, domain: Domain) -> None:
+        """Watch drives on another map, that of the given domain."""
+        self.domain = driven_on(self._running, domain)
 
     def use(self, models: Mapping[str, PerformanceModel], source: str) -> None:
         """Estimate drives that start from now on with models, by action, learned from `source`."""
@@ -180,13 +182,20 @@ class DriveMonitor:
             if made.samples is not None:
                 greatest = float(np.percentile(np.abs(made.samples[:, 4]), 98.0))
             self.speeds.add(length, made.duration, greatest)
-        is_held_up = (
+        is_late = (
             first is not None
             and goal.action in self._models
             and made.duration > _HELD_UP_RATIO * first.total
             and made.duration > _HELD_UP_DELAY + first.total
         )
+        self._in_a_row = self._in_a_row + 1 if is_late else 0
+        is_held_up = is_late and self._in_a_row <= _MOST_IN_A_ROW
         return EndedDrive(goal, made, "", first, without, is_held_up)
+
+
+def driven_on(paths: WatchedPaths, domain: Domain) -> Domain:
+    """Return a domain whose routes on the map are watched paths."""
+    return replace(domain, planner=lambda *_: paths)
 
 
 def _place(pose: Pose) -> tuple[float, float]:
