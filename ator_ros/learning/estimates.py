@@ -25,6 +25,7 @@ BY_LIMIT = "path length by the greatest speed"
 """What an estimate is based on; the text of one by a model continues with what it is from."""
 _FEWEST = 3  # drives that show the robot's speed
 _REMEMBERED = 50  # newest drives that count for it
+_AHEAD = 3.0  # m of its path that a robot drives between two estimates; it may cross itself later
 _USUAL_SPREAD = 0.4  # share of a duration by which that at the usual speed errs: 3 s of 8 s
 _BOUND = 1.2816  # standard deviations that nine of ten keep
 
@@ -141,12 +142,14 @@ class DriveEstimator:
         if path is not self._path:
             self._path = path
             self._near = 0
-        offsets = np.hypot(path[self._near :, 0] - place.x, path[self._near :, 1] - place.y)
-        steps = np.hypot(*np.diff(path[self._near :], axis=0).T)
-        ahead = np.append(0.0, np.cumsum(steps)) <= 1.0  # m; a path may come near itself again
-        near = int(np.argmin(np.where(ahead, offsets, math.inf)))
+        left = path[self._near :]
+        steps = np.hypot(*np.diff(left, axis=0).T)
+        offsets = np.hypot(*(left - (place.x, place.y)).T)
+        is_ahead = np.append(0.0, np.cumsum(steps)) <= _AHEAD
+        near = int(np.argmin(np.where(is_ahead, offsets, math.inf)))
         self._near += near
-        return float(steps[near:].sum())
+        following = min(near + 1, len(left) - 1)
+        return float(offsets[following] + steps[following:].sum())
 
 
 def drive_estimator(

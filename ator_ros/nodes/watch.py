@@ -53,7 +53,7 @@ from ator_ros.nodes.parameters import (
     declare_parameters,
     domain_and_robot,
 )
-from ator_ros.nodes.qos import LATCHED, LATCHED_BY_MANY, RESULTS, SENSOR_DATA
+from ator_ros.nodes.qos import ALL_SENSOR_DATA, LATCHED, LATCHED_BY_MANY, RESULTS
 from ator_ros.nodes.remote_messages import RemoteError, action_type
 from ator_ros.printable import one_line
 from ator_ros.tops.chain import TopCall
@@ -173,7 +173,7 @@ class WatchNode(Node):
                 raise SetupError(f"parameter domain: {error}") from error
             self.create_subscription(kind, role, partial(self._take, role), RESULTS)
         for role, kind, topic, qos in (
-            (ODOM, Odometry, odometry, SENSOR_DATA),
+            (ODOM, Odometry, odometry, ALL_SENSOR_DATA),
             (TF[1], TFMessage, "/tf_static", LATCHED_BY_MANY),
             (TF[0], TFMessage, "/tf", RESULTS),
             (GOAL_POSE, PoseStamped, "goal_pose", RESULTS),
