@@ -35,6 +35,8 @@ _MOST_GOALS = 10_000  # of a recording: a week of drives of one minute
 _LONGEST_FRAME = 256  # characters of a frame's name
 _MOST_PLACES = 100_000  # of a path: 2.5 km in steps of 2.5 cm
 _MOST_ESTIMATES = 1000  # of the server for a goal: 8 min at 2 Hz
+_SAME_PLACE = 0.01  # m
+_EARLY = 0.5  # s by which a path may come before the message that its goal is executed
 _RECENT = 1.0  # s by which a goal_pose may precede its goal, and a goal the first status message
 _ENDED = ("succeeded", "canceled", "aborted")
 
@@ -113,6 +115,8 @@ class ServerGoal:
     ) -> None:
         """Set the pose of the goal: a later plan replaces an earlier one, but no goal_pose."""
         if from_goal_pose or not self.from_goal_pose:
+            if self.pose is not None and self.pose.distance(pose) > _SAME_PLACE:
+                self.first_path = None  # it led elsewhere
             if frame != self.frame or self.odom_pose is None:
                 self.odom_pose = odom_pose
             self.frame = frame
@@ -160,6 +164,8 @@ class ServerGoals:
         """How many numbers of paths are kept in memory."""
         self._goal_pose: tuple[float, str, Pose] | None = None
         """Time of the last goal_pose, its frame and pose."""
+        self._plan: tuple[float, Any] | None = None
+        """Time of the last path that came while no goal was executed, and its message."""
 
     @property
     def active(self) -> list[ServerGoal]:
@@ -195,6 +201,9 @@ class ServerGoals:
                 if self._goal_pose is not None and abs(now - self._goal_pose[0]) <= _RECENT:
                     _, frame, pose = self._goal_pose
                     goal.set_pose(frame, pose, self._odom_pose_in(frame), from_goal_pose=True)
+                if self._plan is not None and 0.0 <= now - self._plan[0] <= _EARLY:
+                    self.add_pose(self._plan[1], now)
+                self._plan = None
             elif status in _ENDED and not goal.status:
                 goal.status = status
                 goal.end = now if segment is goal.segment else math.nan
@@ -230,6 +239,8 @@ class ServerGoals:
         else:
             pose = pose_from(message.poses[-1].pose, f"{PLAN}.poses[-1]")
             path = _path_from(message)
+            if not self.active:
+                self._plan = now, message
             for goal in self.active:
                 goal.set_pose(frame, pose, self._odom_pose_in(frame), from_goal_pose=False)
                 if frame == goal.frame:

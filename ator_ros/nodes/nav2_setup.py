@@ -284,8 +284,11 @@ def _extent(grid: GridMap) -> tuple[float, float, float, float]:
 def _node_parameters(
     facts: Facts, extent: Sequence[float], folder: Path, topic: str
 ) -> dict[str, Any]:
-    fence = [float(round(edge, 3)) for edge in extent]
-    from_tf = {"robot_from": "tf", "robot_frame": facts.robot_frame, "fence": fence}
+    from_tf = {
+        "robot_from": "tf",
+        "robot_frame": facts.robot_frame,
+        "fence": _fence(extent),
+    }
     sections: dict[str, dict[str, Any]] = {
         "/**": {
             "domain": str(folder / "stations.yaml"),
@@ -298,10 +301,19 @@ def _node_parameters(
         "/**/watch": {"watched": str(folder), "odometry": facts.odometry},
         "/**/learning": {"watched": str(folder), "records": ["watch/action"], "batch": 10},
         "/**/executor": {**from_tf, "action_timeout": 200.0},
-        "/**/waypoints": from_tf,
-        "/**/refinement": {"fence": fence, "planner": "compute_path_to_pose", "deadline": 0.3},
+        "/**/waypoints": {**from_tf, "fence": _fence(extent)},
+        "/**/refinement": {
+            "fence": _fence(extent),
+            "planner": "compute_path_to_pose",
+            "deadline": 0.3,
+        },
     }
     return {name: {"ros__parameters": values} for name, values in sections.items()}
+
+
+def _fence(extent: Sequence[float]) -> list[float]:
+    """Return a new list: in YAML one that occurs twice is an alias, which ROS does not read."""
+    return [float(round(edge, 3)) for edge in extent]
 
 
 class Finder(Node):
