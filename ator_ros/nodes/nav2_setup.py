@@ -118,13 +118,13 @@ class Facts:
 def facts_of(parameters: Parameters, given: Given) -> Facts:
     """Return what parameters say of the robot; raise Nav2Error for what neither says."""
     navigator = parameters.get(NAVIGATOR, {})
-    front, rear, half_width = _size(parameters.get(COSTMAP, {}), given.radius)
     frame = given.frame or str(navigator.get("global_frame", ""))
     if not frame:
         raise Nav2Error(
             f"nav2: expected the parameter global_frame of {NAVIGATOR}, got none; start Nav2, or "
             "set frame:=map"
         )
+    front, rear, half_width = _size(parameters.get(COSTMAP, {}), given.radius)
     return Facts(
         plain_frame(frame),
         plain_frame(str(navigator.get("robot_base_frame", "base_link"))),
