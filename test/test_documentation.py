@@ -82,7 +82,7 @@ BY_TEST = {
     r"scripts/run pip install .* \./my_package": "nodes/test_outside_domain.py::test_a_domain_from",
     r".* examples/paper_in_one_file\.py": "test_paper_in_one_file.py::test_it_prints_",
     r".* examples/who_goes_to_the_ball\.py .*": "test_programs.py::test_both_decisions_are_",
-    r".* examples/plan_with_durations\.py .*": "test_programs.py::test_stations_are_divided_",
+    r".* examples/plan_with_durations\.py": "test_programs.py::test_durations_are_predicted_",
     r"python3 examples/behavior_tree\.py": "nodes/test_behavior_tree.py::test_the_example_drives_",
     r".* examples/plan_and_execute\.py .*": "nodes/test_client_example.py::test_the_exa",
     r".* examples/refine_and_execute\.py": "nodes/test_client_example.py::test_it_drives_the_",
