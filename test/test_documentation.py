@@ -76,7 +76,6 @@ BY_TEST = {
     r"ros2 run ator_ros train .*--map .*": "performance/test_route_features.py::test_a_model_learn",
     r"ros2 action send_goal -f /execute_chain .*x: 4.*": "domains/test_remote_documentation.py::te",
     r"ros2 action send_goal -f /execute_chain .*": "nodes/test_own_server.py::test_own_",
-    r"ros2 run ator_ros collect --domain building .*": "examples/test_building.py::test_drives_on_",
     r"ros2 run .* domain:=building": "nodes/test_map_node.py::test_a_tour_of_the_",
     r"ros2 run ator_ros learning": "nodes/test_learning_node.py::test_learning_can_be_frozen",
     r"scripts/run pip install .* \./my_package": "nodes/test_outside_domain.py::test_a_domain_from",

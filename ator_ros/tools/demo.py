@@ -46,7 +46,7 @@ _LEGEND = (
     "arrows show the start, dots objects, and crosses the goals of steps (green: nothing is open), "
     "numbers the stations of a round, in brackets their places in the refined order"
 )
-_COLUMNS = 3
+_COLUMNS = 3  # most panels side by side
 _MOST_SITUATIONS = 200  # that fit into one picture
 BLUE, ORANGE, GREEN, DARK = "#1f5fa8", "#d9791a", "#2e7d4f", "#333333"
 _MOVED = 0.005  # m; beyond the noise of odometry of a robot that stands
@@ -163,10 +163,11 @@ def save_picture(
     file: Path, domain: Domain, robot: Robot, situations: Sequence[DemoSituation]
 ) -> None:
     """Draw the paths of each situation in a panel, and write a PNG file."""
-    rows = math.ceil(len(situations) / _COLUMNS)
-    figure = Figure(figsize=(4.6 * _COLUMNS, 3.4 * rows), layout="constrained")
+    columns = min(len(situations), _COLUMNS)
+    rows = math.ceil(len(situations) / columns)
+    figure = Figure(figsize=(4.6 * columns, 3.4 * rows), layout="constrained")
     for number, situation in enumerate(situations, start=1):
-        axes = figure.add_subplot(rows, _COLUMNS, number)
+        axes = figure.add_subplot(rows, columns, number)
         _draw_floor(axes, domain, robot, situation)
         pose = situation.start.robot.pose
         axes.quiver(pose.x, pose.y, math.cos(pose.yaw), math.sin(pose.yaw), color=DARK, scale=18.0)

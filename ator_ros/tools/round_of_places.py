@@ -27,6 +27,7 @@ from ator_ros.actions.goal_variables import ORDER
 from ator_ros.bases.description import Robot
 from ator_ros.domains.domain import Domain
 from ator_ros.evaluation.toolset import tools_of
+from ator_ros.execution.fence import Fence
 from ator_ros.files import FileError, atomic_write, read_yaml
 from ator_ros.geometry import Pose
 from ator_ros.nodes.chain_client import ChainClient
@@ -201,6 +202,9 @@ def _run(options: argparse.Namespace, domain: Domain, _: str) -> None:  # noqa: 
     places = _places(options)
     tools, library = tools_of(source_of(options))
     chain = _round(library, places, start if options.return_home else None, options)
+    fence = Fence.around(tools.robot)
+    if fault := fence.unreachable(chain, tools.robot, "round", start=start[:2]):
+        raise RefinementError(fault)
     world = World(0.0, RobotState(start))
     found = choose(tools.refiner(), world, [chain], placeholders=True).refinement
     print(_table(found, len(places)))
