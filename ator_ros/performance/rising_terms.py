@@ -62,7 +62,7 @@ _ON_MAP: dict[str, FloatArray] = {
 _OF_PASSING: dict[str, FloatArray] = {
     "stopg": np.zeros(1),
     "rests": np.zeros(1),
-    "moving_turn": _ANGLES,
+    "moving_turn": _TURN_ANGLES,
 }
 """Those that are added for an action that passes its goals, before the turns."""
 # weight of a segment in the corrected error; more makes shorter rules, which refine less well

@@ -351,7 +351,10 @@ def examples_of(
 
 def without_errors(action: str, rows: pd.DataFrame) -> list[str]:
     """Return a remark on each error at the goal that some of the episodes that succeeded lack."""
-    errors = rows.loc[(rows["t"] == 0.0) & rows["success"], ["position_error", "heading_error"]]
+    counted = (rows["t"] == 0.0) & rows["success"]
+    if _STOPG in rows:  # the heading of a goal that is passed is no error
+        counted &= rows[_STOPG] != 0.0
+    errors = rows.loc[counted, ["position_error", "heading_error"]]
     return [
         f"{action}: {name}: {count} of {len(errors)} episodes have none and are left out"
         for name, count in errors.isna().sum().items()
