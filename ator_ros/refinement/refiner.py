@@ -6,6 +6,7 @@ import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import TypeVar
 
 from ator_ros.actions.goal_variables import STOP, direct_name, with_values
 from ator_ros.bases.description import Robot
@@ -399,13 +400,13 @@ class Refiner:
             raise RefinementError(
                 "expected a finite prediction for some candidate, got none: check the distances"
             )
-        order = best.order
-        free = [dataclasses.replace(each, subgoal=order[each.subgoal]) for each in analysis.free]
-        searched = {(each.subgoal, each.name) for each in free}
-        for each in reference.analysis.free:
-            subgoal = chain.order[each.subgoal]
-            if each.name == STOP and (subgoal, STOP) not in searched:
-                free.append(dataclasses.replace(each, subgoal=subgoal))
+        free = _as_sent(analysis.free, best.order)
+        not_free = _as_sent(analysis.not_free, best.order)
+        if analysis is not reference.analysis:  # the stops are decided in it
+            stops = [each for each in reference.analysis.free if each.name == STOP]
+            kept_stops = [each for each in reference.analysis.not_free if each.name == STOP]
+            free = (*free, *_as_sent(stops, chain.order))
+            not_free = (*not_free, *_as_sent(kept_stops, chain.order))
         uncertainty = math.sqrt(max(len(free), 1)) * error
         gain = _gain(before, after, objective)
         known = uncertainty if _in_seconds(before, objective) else None
@@ -435,11 +436,11 @@ class Refiner:
             best=best,
             before=before,
             after=after,
-            free=tuple(free),
-            not_free=_as_sent(analysis.not_free, order),
+            free=free,
+            not_free=not_free,
             without_model=self._without_model(chain),
             curves=tuple(
-                SubgoalCurve(order[index], names, *curve)
+                SubgoalCurve(best.order[index], names, *curve)
                 for index, (names, curve) in enumerate(
                     zip(found.model.names, optimum.curves, strict=True)
                 )
@@ -547,9 +548,12 @@ def _axes(chain: TopChain, analysis: Analysis) -> list[list[Range]]:
     ]
 
 
-def _as_sent(not_free: Sequence[NotFree], order: Sequence[int]) -> tuple[NotFree, ...]:
+_Variable = TypeVar("_Variable", FreeVariable, NotFree)
+
+
+def _as_sent(found: Sequence[_Variable], order: Sequence[int]) -> tuple[_Variable, ...]:
     """Return the variables with the indices of their calls as they were sent."""
-    return tuple(dataclasses.replace(each, subgoal=order[each.subgoal]) for each in not_free)
+    return tuple(dataclasses.replace(each, subgoal=order[each.subgoal]) for each in found)
 
 
 def _numbers(order: Sequence[int]) -> str:
