@@ -155,7 +155,9 @@ class Routes:
         self._cached = lru_cache(_CACHED_PAIRS)(
             lambda *pair: self._between(np.array([pair]).T)[:, 0]
         )
-        self._paths: dict[tuple[int, ...], FloatArray] = {}  # of the map's planner
+        # of the map's planner: paths between cells, and the routes along them between exact places
+        self._paths: dict[tuple[int, ...], FloatArray] = {}
+        self._along: dict[tuple[float, ...], FloatArray] = {}
         open_cells = np.argwhere(self._free[-1])
         if not len(open_cells):
             raise FileError(
@@ -187,8 +189,9 @@ class Routes:
     def _between(self, ends: FloatArray) -> FloatArray:
         """Return routes of pairs x, y, to_x, to_y in m, shape (4, n), as rows of a `RouteSet`."""
         if self.grid.planner is not None:
-            planned = [self._planned(self.grid.planner, *pair) for pair in ends.T.tolist()]
-            return np.array(planned).reshape(-1, 6).T
+            distinct, rows = np.unique(ends, axis=1, return_inverse=True)  # others differ in yaw
+            planned = [self._planned(self.grid.planner, *pair) for pair in distinct.T.tolist()]
+            return np.array(planned).reshape(-1, 6).T[:, rows.ravel()]
         found = self._routes(self._places(*ends[:2]), self._places(*ends[2:]))
         found[[0, 2]] *= self._cell
         found[3:5] = wrap_angles(found[3:5] + self.grid.origin.yaw)
@@ -203,6 +206,9 @@ class Routes:
         to_y: float,
     ) -> FloatArray:
         """Return the route along a planner's path between places in m: a column of a `RouteSet`."""
+        found = self._along.get((x, y, to_x, to_y))
+        if found is not None:
+            return found
         # stops differ by centimeters
         key = tuple(round(value / _CELL) for value in (x, y, to_x, to_y))
         path = self._paths.get(key) if key[:2] != key[2:] else np.array([(x, y), (to_x, to_y)])
@@ -214,10 +220,14 @@ class Routes:
             if len(self._paths) >= _CACHED_PAIRS:
                 self._paths.clear()
             self._paths[key] = path
+        if len(self._along) >= _CACHED_PAIRS:
+            self._along.clear()
         path = np.concatenate([[(x, y)], path[1:-1], [(to_x, to_y)]])
         length, turn, departure, arrival, straight = route_along(path, LOOK_AHEAD)
         clearance = self._cell * self._clearances(*path.T).min()
-        return np.array([length, turn, clearance, departure, arrival, straight])
+        found = np.array([length, turn, clearance, departure, arrival, straight])
+        self._along[x, y, to_x, to_y] = found
+        return found
 
     def connected(self, ends: FloatArray) -> BoolArray:
         """Return whether there are routes from x, y to to_x, to_y in m, shape (4, n)."""
