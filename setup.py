@@ -32,6 +32,7 @@ EXECUTABLES = {
 DOMAINS = {
     "building": f"{EXAMPLES}.tour:BUILDING",
     "drive": f"{PACKAGE}.domains.drive:DRIVE",
+    "patrol": f"{EXAMPLES}.tour:PATROL",
     "pursuit": f"{EXAMPLES}.tour:PURSUIT",
     "soccer": f"{PACKAGE}.domains.soccer.soccer_domain:SOCCER",
     "tour": f"{EXAMPLES}.tour:TOUR",

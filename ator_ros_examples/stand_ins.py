@@ -42,6 +42,12 @@ class DriveToStandIn(Action):
         pose = goal.robot_pose(self.robot)
         self._law = self.law((pose.x, pose.y, pose.yaw))
 
+    def take_over(self, former: Action) -> None:  # noqa: ARG002
+        """Drive on: the server takes a newer goal while it drives."""
+        self._sent = True
+        if isinstance(self._law, Pursuit):
+            self._law.interrupt()
+
     def law(self, goal: tuple[float, float, float]) -> Law:
         """Return the control law for a goal: x, y (m) and yaw (rad)."""
         return RotateDriveRotate(goal)

@@ -7,4 +7,5 @@ from ator_ros.resources import resource_path
 
 TOUR = declared_domain(resource_path("config", "tour", "tour.yaml"))
 PURSUIT = declared_domain(resource_path("config", "pursuit", "pursuit.yaml"))
+PATROL = declared_domain(resource_path("config", "patrol", "patrol.yaml"))
 BUILDING = declared_domain(resource_path("config", "building", "building.yaml"))

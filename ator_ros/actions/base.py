@@ -120,6 +120,12 @@ class Action(ABC):
             The action cannot be executed from here, or the goal is not one of this action's.
         """
 
+    def take_over(self, former: Action) -> None:  # noqa: B027
+        """Continue from an action whose goal is passed, so that the robot need not stop.
+
+        Called after `start`; `former` has the same name, and is ended after that.
+        """
+
     @abstractmethod
     def step(self, world: World) -> Step:
         """Return the command for the next tick; `Step.status` says whether the action has ended."""

@@ -7,6 +7,8 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
+import numpy as np
+
 from ator_ros.actions.base import Goal
 from ator_ros.files import is_name
 from ator_ros.geometry import Pose
@@ -17,6 +19,12 @@ GOAL_VARIABLES = ("x", "y", "yaw", "speed")
 """The variables of every goal: destination in m and rad, arrival speed in m/s."""
 ORDER = "order"
 """No goal variable: opens the place of a call in its chain; see `ator_ros.tops.ordering`."""
+STOP = "stop"
+"""The goal variable of actions that can pass: 1 if the robot stops at the goal, 0 if it passes.
+
+It need only come within the tolerance of the position then. If a call opens it, refinement decides;
+of an action that has an arrival speed instead, that is opened.
+"""
 MOST_GOAL_VARIABLES = 8
 """Further goal variables that an action may declare."""
 
@@ -87,6 +95,29 @@ class GoalVariable:
         return 0.5 * (self.low + self.high) if self.rest is None else self.rest
 
 
+STOPS = GoalVariable(STOP, "", 0.0, 1.0, steps=2, rest=1.0)
+"""The goal variable `STOP` as a declaration."""
+
+
+def passes(goal: Goal) -> bool:
+    """Return whether a goal is passed without a stop, see `STOP`."""
+    return goal.values.get(STOP) == 0.0
+
+
+def drawn_values(
+    declared: Iterable[GoalVariable],
+    rng: np.random.Generator,
+) -> dict[str, float]:
+    """Draw the values of declared goal variables from their ranges; of `STOP` one of both."""
+    values = {}
+    for item in declared:
+        if item.name == STOP:
+            values[STOP] = float(rng.integers(2))
+        else:
+            values[item.name] = float(rng.uniform(item.low, item.high))
+    return values
+
+
 def goal_values(goal: Goal) -> dict[str, float]:
     """Return all variables of a goal by name: x, y (m), yaw (rad), speed (m/s), declared ones."""
     return {**goal.pose._asdict(), "speed": goal.speed, **goal.values}
@@ -122,6 +153,8 @@ def wrong_values(goal: Goal, declared: Iterable[GoalVariable]) -> str | None:
         return f"expected values of {wanted}, got those of {given}"
     for name, value in goal.values.items():
         variable = known[name]
+        if name == STOP and value not in (0.0, 1.0):
+            return f"{name}: expected 0 or 1, got {value:g}"
         if not variable.low <= value <= variable.high:
             bounds = f"a number from {variable.low:g} to {variable.high:g} {variable.unit}".rstrip()
             return f"{name}: expected {bounds}, got {value:g}"

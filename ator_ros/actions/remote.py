@@ -121,7 +121,11 @@ class Timeouts:
 
 @dataclass(frozen=True, slots=True)
 class RemoteCall:
-    """An action server, and the meaning of its goal and result."""
+    """An action server, and the meaning of its goal and result.
+
+    `early` declares that it takes a newer goal while it drives, without a stop: then goals can be
+    passed, see `ator_ros.actions.goal_variables.STOP`.
+    """
 
     server: str  # name, relative to the node's namespace, or absolute
     type: str  # such as nav2_msgs/action/NavigateToPose, which is imported at run time
@@ -130,6 +134,7 @@ class RemoteCall:
     timeouts: Timeouts = dataclasses.field(default_factory=Timeouts)
     # other action servers, all goals of which are canceled if this server is gone or hangs
     cancel_too: tuple[str, ...] = ()
+    early: bool = False
 
     def __post_init__(self) -> None:
         require(

@@ -17,7 +17,7 @@ import numpy as np
 
 from ator_ros.actions import DEFAULT_SET, TIME_LIMIT
 from ator_ros.actions.base import Goal, Point
-from ator_ros.actions.goal_variables import GoalVariable
+from ator_ros.actions.goal_variables import STOP, STOPS, GoalVariable, drawn_values
 from ator_ros.actions.remote import Duration, RemoteCall
 from ator_ros.actions.situation import NoPlaceError, Situation, drawn_until, short_goal
 from ator_ros.bases.description import Robot
@@ -161,7 +161,7 @@ class DeclaredDrives:
         short = short_goal(start, rng)
         if short is not None and any(place.contains(short) for place in (*self.start, *self.goal)):
             goal = short
-        values = {item.name: float(rng.uniform(item.low, item.high)) for item in variables}
+        values = drawn_values(variables, rng)
         return Situation(action, RobotState(start), {}, Goal(goal, 0.0, point, values))
 
 
@@ -313,6 +313,14 @@ class DeclaredAction:
                 "none without `remote`: a local action has its own",
                 getattr(self, part),
             )
+        names = [variable.name for variable in self.goal_variables]
+        require(STOP not in names, "goal_variables", f"none with the name {STOP}", names)
+
+    @property
+    def all_variables(self) -> tuple[GoalVariable, ...]:
+        """The goal variables of a remote action, with `STOP` if it can pass its goals."""
+        can_pass = self.remote is not None and self.remote.early
+        return (*self.goal_variables, STOPS) if can_pass else self.goal_variables
 
 
 @dataclass(frozen=True, slots=True)

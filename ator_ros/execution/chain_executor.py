@@ -83,6 +83,7 @@ class ActionRecord:
     heading_error: float  # rad
     parts: DriveParts  # by odometry
     lost: str | None = None  # the object whose loss made the action fail
+    stopped: bool = True  # False: it passed its goal, and the next action took over
 
     @property
     def top(self) -> str:
@@ -190,12 +191,16 @@ class ChainExecutor:
         while step is None:
             was_waiting = not self._run.begun
             step = self._run.step(world)
-            if step.status is Status.RUNNING:
+            status = step.status
+            if status is Status.RUNNING:
                 break
-            self.records.append(self._run.close(world, _ENDINGS[step.status], step.message))
-            following = self._after(world, step.status)
+            if self._run.passed and self._take_over(world, step.message):
+                step = self._follow(world)
+                continue
+            self.records.append(self._run.close(world, _ENDINGS[status], step.message))
+            following = self._after(world, status)
             if following is None:
-                return Step(STOP, step.status, step.message)
+                return Step(STOP, status, step.message)
             self.index, standing_first = following
             if standing_first and self._rolling is not None:
                 self._library = self._rolling.library(self._described)
@@ -267,6 +272,23 @@ class ChainExecutor:
             self.records.append(self._run.close(world, Ending.PREEMPTED, "another goal took over"))
         self._run = run
 
+    def _take_over(self, world: World, message: str) -> bool:
+        """Let the next action take over from the one that passes its goal; return whether it can.
+
+        The next one starts first, so that there is always one that cancels a server's goal.
+        """
+        if self.index + 1 >= len(self.chain):
+            return False
+        former = self._run
+        run = StepRun(self._library, self.chain, self.index + 1, self._time_limit)
+        run.since = world.time
+        if run.begin(world, former.action) is not None:
+            return False
+        self.records.append(former.close(world, Ending.SUCCEEDED, message, stopped=False))
+        self.index += 1
+        self._run = run
+        return True
+
     def _after(self, world: World, status: Status) -> tuple[int, bool] | None:
         """Return the next step and whether the robot must first stand.
 
@@ -308,8 +330,9 @@ class ChainExecutor:
 class StepRun:
     """One action of a chain with one goal, from its pre-condition to its post-condition.
 
-    `action` is the action while it runs. `time_limit` (s) includes a stop before the action. It
-    counts from `since` (s), which is that of the replaced run if only the goal has changed.
+    `action` is the action while it runs, and `passed` is whether it has passed its goal.
+    `time_limit` (s) includes a stop before the action. It counts from `since` (s), which is that of
+    the replaced run if only the goal has changed.
     """
 
     def __init__(
@@ -330,6 +353,7 @@ class StepRun:
         self._index = index
         self._time_limit = time_limit
         self.action: Action | None = None
+        self.passed = False
         self._start: World | None = None
         self._speeds: list[tuple[float, float]] = []  # times (s) and speeds (m/s) since the start
         self._settling = math.inf  # time in s since which the step waits for the action's effect
@@ -339,8 +363,8 @@ class StepRun:
         """Whether its action has started."""
         return self._start is not None
 
-    def begin(self, world: World) -> str | None:
-        """Start the action; return the reason if that is impossible."""
+    def begin(self, world: World, former: Action | None = None) -> str | None:
+        """Start the action, which may take over from a `former` one; return why it cannot start."""
         call = self.call
         robot = self._library.robot
         # where a rolling object stops
@@ -353,6 +377,8 @@ class StepRun:
             action.start(world, call.goal)
         except ActionError as error:
             return str(error)
+        if former is not None:
+            action.take_over(former)
         self.action = action
         self._start = world
         self.stage = Stage.ACTING
@@ -383,6 +409,9 @@ class StepRun:
             return self._confirmed(
                 world, Step(STOP, Status.SUCCEEDED, f"{self.call.top.name} has settled")
             )
+        if self.call.passing and not self._unmet(world):
+            self.passed = True
+            return Step(None, Status.SUCCEEDED, f"{self.call.top.name} passed its goal")
         return self._confirmed(world, self.action.step(world))
 
     def _confirmed(self, world: World, step: Step) -> Step:
@@ -390,7 +419,7 @@ class StepRun:
         if step.status is not Status.SUCCEEDED:
             return step
         top = self.call.top
-        unmet = top.unmet(world, self.call.goal, self._library.robot)
+        unmet = self._unmet(world)
         if not unmet:
             return step
         if self.action is not None and self.action.is_before_result(world):
@@ -403,6 +432,9 @@ class StepRun:
             return Step(STOP, Status.RUNNING, f"{top.name} settles: {'; '.join(unmet)}")
         return Step(STOP, Status.FAILED, top.failure(unmet))
 
+    def _unmet(self, world: World) -> list[str]:
+        return self.call.top.unmet(world, self.call.goal, self._library.robot)
+
     def end(self, reason: str) -> None:
         """End the step and its action; see `Action.end`."""
         if self.action is not None:
@@ -410,7 +442,9 @@ class StepRun:
         self.action = None
         self.stage = Stage.OVER
 
-    def close(self, world: World, ending: Ending, reason: str) -> ActionRecord:
+    def close(
+        self, world: World, ending: Ending, reason: str, *, stopped: bool = True
+    ) -> ActionRecord:
         """End the step in the state `world`; return its record."""
         self.end(reason)
         robot = self._library.robot
@@ -434,4 +468,5 @@ class StepRun:
             heading_error=abs(pose.relative(goal).yaw),
             parts=parts,
             lost=held if lost else None,
+            stopped=stopped,
         )

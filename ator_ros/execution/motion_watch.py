@@ -26,6 +26,8 @@ _LATE = 0.1  # s by which it may be later than `latency`: two messages at 20 Hz
 _EARLY = 0.15  # s by which it may be earlier: 0.1 s, and one message at 20 Hz
 _WEAK = 0.5  # share of the described change of speed that it reaches: with a load
 _STRONG = 2.0  # the same of a light base; multiple of the described lag of a sluggish one
+# share of a command backward below which the base stands: a blocked one may creep, or be noisy
+_STANDS = 0.15
 _QUARTER = 0.25  # least share of the expected motion: a slow base is no fault
 _GAIN = 1.25  # greatest share of the commanded speed: with larger wheels than described
 _BEYOND = 1.5  # multiple of the tolerance by which it may be faster than all this: noise
@@ -59,6 +61,8 @@ _KEPT = 1.5  # s for which states and commands are kept: `_COMPARED` and `_LATES
 # shares of the commanded speed from which a base is said to be slow or fast
 _SLOW = 0.75
 _FAST = 1.05
+# share up to which the description is called implausible: `_WEAK`, and 10 % of noise and lag
+_IMPLAUSIBLE = 0.55
 _STEADY = 1.0  # s for which it must be so
 _ROUNDING = 1e-6
 _LEAST_TOLERANCE = {"m/s": 0.04, "rad/s": 0.1}  # noise and dead bands of small bases
@@ -70,7 +74,7 @@ class Fault(enum.Enum):
     """Kind of deviation of the base from its commands; the value is its message."""
 
     STILL = (
-        "does not {verb} as commanded: {shown}: blocked wheels, an obstacle, motors off, or "
+        "does not {verb} as commanded: {shown}: {hint}blocked wheels, an obstacle, motors off, or "
         "odometry that is frozen or shows too little"
     )
     REVERSED = "{verb}s in the wrong direction: {shown}: motors or odometry with the wrong sign"
@@ -81,7 +85,8 @@ class Fault(enum.Enum):
     )
 
 
-_NEVER_BACKWARD = "; if the base never drives backward, set limits.v_back: 0 in its description"
+# first: a cause that is added to a message takes the place of its end
+_NEVER_BACKWARD = "set limits.v_back: 0 if it never drives backward; else "
 
 
 @dataclass(frozen=True, slots=True)
@@ -261,6 +266,10 @@ class AxisWatch:
     def share(self) -> float:
         """The share of the commanded speed if it has differed for a second, else 1."""
         return self._share.value
+
+    def most_different(self, speed: float, time: float) -> float:
+        """Return the command of the last 0.3 s before `time` that differs most from a speed."""
+        return max(self.commands.between(time - _DEPARTS, time), key=lambda sent: abs(sent - speed))
 
     def start(self, time: float, speed: float) -> None:
         """Start at a speed at `time` (s)."""
@@ -479,6 +488,8 @@ class MotionWatch:
             if watch.share != 1.0
         ]
         slow = f"the base {' and '.join(parts)}" if parts else ""
+        if any(watch.share < _IMPLAUSIBLE for watch in self._axes.values()):
+            slow += ", so its description is implausible: `calibrate` measures its limits"
         delay = self._delay or (self._early_text() if self._is_early else "")
         if any(watch.share < _SLOW for watch in self._axes.values()):
             delay = ""  # such a base only seems to be late
@@ -646,16 +657,22 @@ class MotionWatch:
 
     def _message(self, axis: Axis, fault: Fault, robot: RobotState) -> str:
         """Return the fault of an axis in words."""
-        shown = (
-            f"commanded to {_speeds(self._last, self._axes)}, odometry shows "
-            f"{_speeds(robot, self._axes)}"
-        )
-        if self._delay:
-            return f"{self._delay}: {shown}"
-        text = fault.value.format(verb=axis.verb, shown=shown, limit=axis.limit, unit=axis.unit)
+        commanded = _speeds(self._last, self._axes)
+        measured = _speeds(robot, self._axes)
+        shown = f"commanded to {commanded}, odometry shows {measured}"
+        if self._delay:  # the newest command and state may then be equal by chance
+            return self._delay if commanded == measured else f"{self._delay}: {shown}"
+        if commanded == measured:
+            mean = self._measured(axis).mean
+            sent = self._axes[axis].most_different(mean, self._states[-1][0])
+            shown = f"commanded to {sent:.2f}, odometry showed {mean:.2f} {axis.unit}"
         is_backward = axis.name == "vx" and self._last.vx < 0.0
-        hint = _NEVER_BACKWARD if fault is Fault.STILL and is_backward else ""
-        return f"the base {text}{hint}"
+        stands = robot.vx > _STANDS * self._last.vx
+        hint = _NEVER_BACKWARD if is_backward and stands else ""
+        text = fault.value.format(
+            verb=axis.verb, shown=shown, hint=hint, limit=axis.limit, unit=axis.unit
+        )
+        return f"the base {text}"
 
 
 def _speeds(moving: Command | RobotState, axes: Sequence[Axis] | dict[Axis, AxisWatch]) -> str:

@@ -111,10 +111,9 @@ class CommandPublisher:
         node = self._node
         if mismatch := self.mismatch():
             return mismatch
-        subscriptions = self._subscriptions()
         own_type = type_name(self.kind)
-        receivers = [info for info in subscriptions if info.topic_type == own_type]
-        others = [info for info in subscriptions if info.topic_type != own_type]
+        receivers = [info for info in self._subscriptions() if info.topic_type == own_type]
+        others = [info for info in self._bases() if info.topic_type != own_type]
         if not receivers:
             return unconnected(node, _TOPIC, self.kind)
         publishers = {node_of(info): info for info in node.get_publishers_info_by_topic(_TOPIC)}

@@ -506,6 +506,7 @@ class ExecutorNode(Node):
             missing,
             "" if missing else self._delay_problem(),
             self._commands.mismatch(),
+            "" if self._run is None else self._motion.remark,
             self._map.problem,
             self._sets.problem,
             self._remotes.problem,

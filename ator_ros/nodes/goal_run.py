@@ -233,6 +233,7 @@ class GoalRun:
                 self._predictor.action(record.start, record.chain, record.index)
             ),
             actual=_actual(record.duration, record.ending, record.position_error),
+            stopped=record.stopped,
             **record.parts._asdict(),
             heading_error=float(record.heading_error),
             outcome=Outcome(code=record.ending.value, reason=record.reason),

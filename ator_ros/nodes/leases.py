@@ -21,6 +21,7 @@ from ator_ros.nodes.qos import LEASE
 from ator_ros.printable import printable, quoted
 from ator_ros.world.readers import MessageError
 
+_LONGEST_NAME = 255  # characters of a topic of DDS; ROS would check a longer one for 0.1 s
 _DISCOVERY_TIMEOUT = 3.0  # real s until a publisher that the graph does not list counts as gone
 
 
@@ -65,6 +66,8 @@ class LeaseWatch:
         expected = (
             f"lease: expected the name of a topic of type std_msgs/Empty, got {quoted(topic)}"
         )
+        if len(topic) > _LONGEST_NAME:
+            raise MessageError(expected)
 
         def take_liveliness(event: Any) -> None:
             if topic == self._topic:

@@ -22,7 +22,13 @@ from ator_interfaces.action import ExecuteChain
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.actions.base import Goal
-from ator_ros.actions.goal_variables import GOAL_VARIABLES, ORDER, goal_values, wrong_values
+from ator_ros.actions.goal_variables import (
+    GOAL_VARIABLES,
+    ORDER,
+    STOP,
+    goal_values,
+    wrong_values,
+)
 from ator_ros.execution.fence import Fence
 from ator_ros.geometry import Pose, quaternion_from_yaw
 from ator_ros.planning.goals import MOST_STATEMENTS, GoalStatement, Unspecified
@@ -262,11 +268,24 @@ def _call_from(call: msg.TopCall, library: TopLibrary, frame: str, where: str) -
     fastest = _FASTEST_GOAL * library.robot.greatest_speed()
     speed = checks.number(call.speed, f"{where}.speed", low=0.0, high=fastest, unit="m/s")
     pose = goal_pose_from(call.goal.pose, f"{where}.goal.pose")
-    goal = Goal(pose, speed, top.point, {item.name: item.value for item in call.values})
-    if wrong := wrong_values(goal, library.goal_variables(top)):
+    declared = library.goal_variables(top)
+    values = {item.name: item.value for item in call.values}
+    if STOP in values:
+        raise MessageError(f"{where}.values: expected no {STOP}, which is the field `passing`")
+    if any(item.name == STOP for item in declared):
+        values[STOP] = 0.0 if call.passing else 1.0
+    elif call.passing:
+        raise MessageError(
+            f"{where}.passing: expected false, as {top.action} cannot pass its goal: its server "
+            "does not declare `early`, or it has an arrival speed instead"
+        )
+    goal = Goal(pose, speed, top.point, values)
+    if wrong := wrong_values(goal, declared):
         raise MessageError(f"{where}.values: {wrong}")
     opened = checks.names(
-        call.open, f"{where}.open", allowed=(*GOAL_VARIABLES, *goal.values, ORDER, EVERYTHING)
+        call.open,
+        f"{where}.open",
+        allowed=(*GOAL_VARIABLES, *goal.values, STOP, ORDER, EVERYTHING),
     )
     read = TopCall(top, goal, opened, tuple(sorted({int(index) for index in call.after})))
     allowed = _allowed_from(call.allowed, read, library, where)
@@ -319,14 +338,18 @@ def call_of(call: TopCall, *, frame: str) -> msg.TopCall:
     message = msg.TopCall(
         top=call.top.name,
         speed=float(call.goal.speed),
+        passing=call.passing,
         open=sorted(call.open),
         after=call.after,
         allowed=[msg.AllowedRange(**each._asdict()) for each in call.allowed],
     )
     message.goal.header.frame_id = frame
     message.goal.pose = pose_of(call.goal.pose)
-    values = call.goal.values.items()
-    message.values = [msg.GoalValue(name=name, value=float(value)) for name, value in values]
+    message.values = [
+        msg.GoalValue(name=name, value=float(value))
+        for name, value in call.goal.values.items()
+        if name != STOP
+    ]
     return message
 
 

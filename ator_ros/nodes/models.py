@@ -246,14 +246,20 @@ class LearnedSets:
             self._node.get_logger().warning(self._set_problem)
 
     def startup_text(self) -> str:
-        """Return the source and names of the models of the default action set."""
-        read = self.present[DEFAULT_SET]
-        if not read.models:
-            return f"no models ({read.absent})"
+        """Return the source and names of the models of the default action set, else of others."""
         source = f"models in {self._models}" if self._models else "shipped models"
         if self._manifest is not None:
             source = f"learned set {self._manifest.digest}"
-        return f"{source}: {', '.join(read.models)}"
+        default = self.present[DEFAULT_SET]
+        if default.models:  # other sets are rarely requested
+            return f"{source}: {', '.join(default.models)}"
+        others = [
+            f"{source} of action set {name}: {', '.join(read.models)}"
+            for name, read in self.present.items()
+            if read.models
+        ]
+        of_set = f" of action set {DEFAULT_SET}" if others else ""
+        return "; ".join([f"no models{of_set} ({default.absent})", *others])
 
     @property
     def problem(self) -> str:

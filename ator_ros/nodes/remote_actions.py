@@ -108,7 +108,8 @@ class RemoteServers:
 class RemoteAction(Action):
     """Lets an action server move the robot.
 
-    The goal is sent once the robot was commanded to stop and stands. From then on no velocity is
+    The goal is sent once the robot was commanded to stop and stands, or at once if it takes over
+    from a goal of a server that takes newer goals. From then on no velocity is
     commanded until the server has ended. No method waits; the times of `Timeouts` are checked in
     each tick.
     """
@@ -120,6 +121,8 @@ class RemoteAction(Action):
         self._server = server
         self._goal: Goal | None = None
         self._sent: RemoteGoal | None = None
+        # the goal that this one takes over from, until it is over
+        self._former: RemoteGoal | None = None
         self._stopped = False
         self._since = 0.0  # real time in s at which waiting for the server started
         # real time and stamp in s of the first state that is read after the result
@@ -132,6 +135,21 @@ class RemoteAction(Action):
             raise ActionError(self._server.fault)
         self._goal = goal
         self._since = time.monotonic()
+
+    def take_over(self, former: Action) -> None:
+        """Let the server drive on until it has this goal, if it takes newer goals."""
+        if self._server.call.early and isinstance(former, RemoteAction):
+            self._former = former.hand_over(self._server)
+
+    def hand_over(self, server: RemoteServer) -> RemoteGoal | None:
+        """Return the goal that `server` executes, and do not cancel it; None if it is over."""
+        sent = self._sent if self._sent is not None else self._former
+        if self._server is not server or sent is None or sent.over:
+            return None
+        if sent is self._sent and self._former is not None and not sent.accepted:
+            self._former.release()
+        self._sent = self._former = None
+        return sent
 
     def step(self, world: World) -> Step:
         """Return the next step; its command is None from the tick on in which the goal is sent."""
@@ -146,8 +164,9 @@ class RemoteAction(Action):
 
     def end(self, reason: str) -> None:  # noqa: ARG002
         """Cancel the goal unless it is over; `RemoteServer.ending` tracks the rest."""
-        if self._sent is not None:
-            self._server.release(self._sent)
+        for goal in (self._former, self._sent):
+            if goal is not None:
+                self._server.release(goal)
 
     def _prepare(self, world: World) -> Step:
         """Stop the robot, wait for the server, then send the goal."""
@@ -155,13 +174,17 @@ class RemoteAction(Action):
         now = time.monotonic()
         was_stopped = self._stopped
         self._stopped = True
-        if not (was_stopped and world.robot.is_standing):
+        drives_on = self._former is not None and not self._former.over
+        if not drives_on and not (was_stopped and world.robot.is_standing):
             self._since = now
             return Step(STOP, Status.RUNNING, f"stopping, before {server.name} takes over")
         if unusable := server.unusable():
             late = now - self._since > server.timeouts.server
+            command = None if drives_on else STOP
             return (
-                finished(Status.REFUSED, unusable) if late else Step(STOP, Status.RUNNING, unusable)
+                finished(Status.REFUSED, unusable)
+                if late
+                else Step(command, Status.RUNNING, unusable)
             )
         assert self._goal is not None
         self._sent = server.send(self._goal)
@@ -191,6 +214,8 @@ class RemoteAction(Action):
             return finished(Status.REFUSED, f"{name} did not answer the goal: {within}")
         if self._accepted_at is None:
             self._accepted_at = world.time
+        if self._former is not None and self._former.over:
+            self._former = None
         if sent.silence() > limits.silence:
             server.cancel_others()
             within = f"expected a sign of life within {limits.silence:g} s, got none"

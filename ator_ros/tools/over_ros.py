@@ -16,6 +16,7 @@ import pandas as pd
 
 from ator_ros.actions import TIME_LIMIT
 from ator_ros.actions.base import Goal
+from ator_ros.actions.goal_variables import drawn_values
 from ator_ros.actions.situation import SHORT, ActionSpec, Situation, drawn_until, short_goal
 from ator_ros.bases.description import Robot
 from ator_ros.bases.routes import routes_of
@@ -270,10 +271,7 @@ class Destinations:
                 lambda pose: pose.distance(start) >= SHORT and self._is_free(pose, start),
                 lambda: f"expected {expected}",
             )
-        values = {
-            item.name: float(rng.uniform(item.low, item.high)) for item in spec.goal_variables
-        }
-        return Goal(pose, 0.0, top.point, values)
+        return Goal(pose, 0.0, top.point, drawn_values(spec.goal_variables, rng))
 
     def _pose(self, rng: np.random.Generator) -> Pose:
         if self._places:

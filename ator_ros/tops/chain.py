@@ -15,13 +15,16 @@ from typing import NamedTuple
 import numpy as np
 
 from ator_ros.actions.base import Goal, Point
-from ator_ros.actions.goal_variables import ORDER, goal_values, with_values
+from ator_ros.actions.goal_variables import ORDER, STOP, goal_values, passes, with_values
 from ator_ros.bases.description import Robot
 from ator_ros.geometry import Pose
 from ator_ros.printable import ReadableError
 from ator_ros.tops.conditions import Condition, Term, arrived, state_of
 from ator_ros.tops.ranges import Range, Ranges
 from ator_ros.world.state import ObjectState, RobotState, World
+
+_NOT_PASSED = ("robot.yaw", "robot.vx", "robot.vy", "robot.w")
+"""State variables that are neither commanded nor judged where the robot passes its goal."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,8 +86,18 @@ class Top:
         goal: Goal,
         robot: Robot,
     ) -> list[str]:
-        """Return why the post-condition does not hold in `world`; empty if it holds."""
-        return self.post.violations(state_of(world, robot), goal_values(goal))
+        """Return why the post-condition does not hold in `world`; empty if it holds.
+
+        Of a goal that is passed, heading and velocities of the robot are not judged.
+        """
+        return self.effect(goal).violations(state_of(world, robot), goal_values(goal))
+
+    def effect(self, goal: Goal) -> Condition:
+        """Return the part of the post-condition that is judged at a goal."""
+        if not passes(goal):
+            return self.post
+        terms = (term for term in self.post.terms if term.variable not in _NOT_PASSED)
+        return dataclasses.replace(self.post, terms=tuple(terms))
 
     def failure(self, violations: Iterable[str]) -> str:
         """Return the reason of a failure from the violations of the post-condition."""
@@ -97,7 +110,7 @@ class Top:
         robot: Robot,
     ) -> float:
         """Return how far `world` is from the post-condition, in the unit of the worst variable."""
-        return self.post.shortfall(state_of(world, robot), goal_values(goal))
+        return self.effect(goal).shortfall(state_of(world, robot), goal_values(goal))
 
     def may_settle(self, world: World) -> bool:
         """Return whether an object of the post-condition still moves."""
@@ -134,7 +147,8 @@ class TopCall:
         The values of opened variables are preliminary.
     open : frozenset of str
         The goal variables (x, y, yaw, speed, declared ones) that refinement may change, or
-        `EVERYTHING`. The plan commits to the others. `ORDER` opens the call's place in the chain.
+        `EVERYTHING`. The plan commits to the others. `ORDER` opens the call's place in the chain,
+        and `STOP` whether the robot stops.
     after : tuple of int
         Indices of the calls of the chain (from 0) that must be executed before this one.
     allowed : tuple of AllowedRange
@@ -160,7 +174,7 @@ class TopCall:
         goal = goal_values(self.goal)
         determined_by = self.top.arrival()
         found = []
-        for term in self.top.post.terms:
+        for term in self.top.effect(self.goal).terms:
             names = determined_by.get(term.variable)
             if names is None or isinstance(term.target, str) or any(map(self.opens, names)):
                 continue
@@ -173,8 +187,31 @@ class TopCall:
 
         A condition may bind it all the same.
         """
-        everything = EVERYTHING in self.open and name not in self.top.post.goal_names()
-        return name in self.open or everything
+        if name in self.open:
+            return True
+        if name == STOP:
+            return False
+        if name == "speed" and STOP in self.open and STOP not in self.goal.values:
+            return True
+        return EVERYTHING in self.open and name not in self.top.post.goal_names()
+
+    @property
+    def passing(self) -> bool:
+        """Whether the robot passes the goal without a stop."""
+        return passes(self.goal)
+
+    def stop_fault(self, following: TopCall | None) -> str | None:
+        """Return why the robot cannot pass the goal if `following` is the next call.
+
+        None if it can, or need not. A step is passed when the next one takes over from its action.
+        """
+        if not self.passing:
+            return None
+        if following is None:
+            return "the last step of a chain must stop"
+        if following.top.action != self.top.action:
+            return f"it must stop before another action, {following.top.action}"
+        return None
 
     def range_of(self, name: str, robot: Robot, ranges: Ranges) -> Range | None:
         """Return the part of a goal variable's range that the plan allows.
@@ -287,6 +324,10 @@ class TopChain:
             for other in call.after
             if index < other < len(self.calls)
         ]
+        for index, call in enumerate(self.calls):
+            following = self.calls[index + 1] if index + 1 < len(self.calls) else None
+            if fault := call.stop_fault(following):
+                found.append(f"{self.step_name(index)}: passing: {fault}")
         when = "now"
         for index, call in enumerate(self.calls):
             where = f"pre-condition of {self.step_name(index)} {when}"
@@ -307,6 +348,8 @@ def projected(
     Placed objects are at rest.
     """
     variables = {term.variable for term in call.top.post.terms}
+    if call.passing:
+        call = dataclasses.replace(call, goal=_passed(call.goal, world.robot.pose))
     if call.top.arrives:
         world = arrived(world, call.goal, robot)
     state = call.top.post.apply(state_of(world, robot), goal_values(call.goal))
@@ -321,3 +364,12 @@ def projected(
         if placed and x is not None and y is not None:
             world = world.with_object(name, ObjectState(x, y))
     return world
+
+
+def _passed(goal: Goal, start: Pose) -> Goal:
+    """Return a goal with the heading in which a robot passes it that comes from `start`."""
+    x, y, _ = goal.pose
+    if start.distance(goal.pose) == 0.0:
+        return goal
+    bearing = math.atan2(y - start.y, x - start.x)
+    return dataclasses.replace(goal, pose=Pose(x, y, bearing))

@@ -64,9 +64,11 @@ class Server(ActionServer):
         """Store a goal for `finish`."""
         self.goals.append(goal_handle)
 
-    def finish(self, state: str = "succeed", *, code: int = 1, reason: str = "") -> None:
-        """End the latest goal: succeed, abort or canceled."""
-        handle, result = self.goals[-1], ExecuteChain.Result()
+    def finish(
+        self, state: str = "succeed", *, code: int = 1, reason: str = "", number: int = -1
+    ) -> None:
+        """End the latest goal, or another one: succeed, abort or canceled."""
+        handle, result = self.goals[number], ExecuteChain.Result()
         result.outcome.code, result.outcome.reason = code, reason
         getattr(handle, state)()
         super().notify_execute(handle, lambda _: result)

@@ -15,6 +15,7 @@ from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import GoalValue, Objective, Situation, TopCall, TopChain
 from ator_ros.actions.goal_variables import GOAL_VARIABLES, GoalVariable
 from ator_ros.bases.description import load_robot
+from ator_ros.domains.domain import find_domain
 from ator_ros.domains.soccer.field import ball_of, objects_of
 from ator_ros.domains.soccer.shoot import Shoot
 from ator_ros.domains.soccer.soccer_domain import SOCCER
@@ -257,6 +258,26 @@ def test_the_calls_of_all_chains_are_bounded(most: tuple[int, ...]) -> None:
 def test_precedences_that_cannot_hold_are_refused(after: tuple[tuple[int, ...], ...]) -> None:
     with pytest.raises(MessageError, match=r"^chain: .*after: expected"):
         messages.chain_from(ordered(*after), LIBRARY, frame=FRAME)
+
+
+PATROL = find_domain("patrol").library(find_domain("patrol").robot())
+
+
+def test_a_passed_call_is_unchanged_by_a_message() -> None:
+    message = TopChain(calls=[TopCall(top="visit", passing=True), TopCall(top="visit")])
+    chain = messages.chain_from(message, PATROL, frame="")
+    assert [call.passing for call in chain.calls] == [True, False]
+    back = messages.chain_of(chain, action_set="default", frame="")
+    assert [(call.passing, call.values) for call in back.calls] == [(True, []), (False, [])]
+
+
+def test_an_action_that_cannot_pass_is_not_asked_to() -> None:
+    message = TopChain(calls=[TopCall(top="goToPose", passing=True)])
+    with pytest.raises(MessageError, match=r"calls\[0\].passing: expected false, as goToPose"):
+        messages.chain_from(message, LIBRARY, frame="")
+    message = TopChain(calls=[TopCall(top="visit", values=[GoalValue(name="stop")])])
+    with pytest.raises(MessageError, match="expected no stop, which is the field `passing`"):
+        messages.chain_from(message, PATROL, frame="")
 
 
 def limited(*allowed: tuple[str, float, float], opened: tuple[str, ...] = ("yaw",)) -> TopChain:

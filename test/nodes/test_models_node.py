@@ -52,6 +52,20 @@ def test_an_action_set_without_models_is_no_error(
 
 
 @BOTH
+def test_a_default_set_without_models_is_named_beside_sets_that_have_some(
+    host: Host, models: Path, name: str
+) -> None:
+    (models / "bezier").mkdir()
+    for file in Path(resource_path("models"), "bezier").glob("*.json"):
+        (models / "bezier" / file.name).write_bytes(file.read_bytes())
+    for file in models.glob("*.json"):
+        file.unlink()
+    output = host(name, models=models).output
+    assert "no models of action set default (" in output
+    assert f"; models in {models} of action set bezier: " in output
+
+
+@BOTH
 def test_a_damaged_model_is_an_error(host: Host, client: Client, models: Path, name: str) -> None:
     (models / "bezier").mkdir()
     text = (models / "goToPose.json").read_text(encoding="utf-8")

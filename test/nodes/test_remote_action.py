@@ -41,13 +41,15 @@ class Bench:
         for node in self._nodes:
             self._executor.add_node(node)
         self.warnings: list[str] = []
+        self.early = False
+        self.server_goals: Callable[[], Any] = list
         self.declare()
         self.steps: list[Step] = []
         self._time = 0.0
 
     def declare(self, cancel_too: tuple[str, ...] = (), **timeouts: float) -> None:
         """Set `cancel_too` and the timeouts of the server's declaration."""
-        call = declared(cancel_too=cancel_too)
+        call = declared(cancel_too=cancel_too, early=self.early)
         call = dataclasses.replace(call, timeouts=dataclasses.replace(call.timeouts, **timeouts))
         self.server = RemoteServer(self.client_node, call, "odom", self.warnings.append)
         self.action = RemoteAction(ROBOT, self.server)
@@ -331,3 +333,50 @@ def test_a_server_that_ends_its_canceled_goal_leaves_others_alone(
     bench.until(lambda: not bench.server.ending())
     assert not bench.warned("")
     assert not controller.canceled
+
+
+def take_over(bench: Bench, *, early: bool) -> None:
+    """Drive to a goal, and let another action take over."""
+    bench.early = early
+    bench.declare()
+    former = bench.action
+    bench.begin()
+    bench.drive(bench.server_goals)
+    drive_for(bench, 0.2)
+    bench.action = RemoteAction(ROBOT, bench.server)
+    bench.action.start(bench.world(0.6), GOAL)
+    bench.action.take_over(former)
+    former.end("passed")
+
+
+def test_a_newer_goal_is_sent_while_the_robot_drives(bench: Bench) -> None:
+    server = Server(bench.server_node)
+    bench.server_goals = lambda: server.goals
+    take_over(bench, early=True)
+    assert bench.tick(v=0.6).command is None
+    bench.drive(lambda: len(server.goals) == 2)
+    drive_for(bench, 0.2)
+    assert not server.canceled
+    server.finish("abort", number=0)  # as a server does that was preempted
+    drive_for(bench, 0.1)
+    server.finish()
+    assert bench.outcome()[0].status is Status.SUCCEEDED
+    assert not bench.server.ending()
+
+
+def test_both_goals_are_canceled_if_the_newer_one_ends_first(bench: Bench) -> None:
+    server = Server(bench.server_node)
+    bench.server_goals = lambda: server.goals
+    take_over(bench, early=True)
+    bench.tick(v=0.6)
+    bench.action.end("canceled by the client")
+    bench.until(lambda: len(server.canceled) == 2)
+
+
+def test_a_server_that_does_not_declare_it_is_stopped_between_goals(bench: Bench) -> None:
+    server = Server(bench.server_node)
+    bench.server_goals = lambda: server.goals
+    take_over(bench, early=False)
+    assert bench.tick(v=0.6).command == STOP
+    bench.until(lambda: len(server.canceled) == 1)
+    assert len(server.goals) == 1

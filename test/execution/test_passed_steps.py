@@ -1,0 +1,111 @@
+"""Chains whose steps pass their goals: the next action takes over while the robot drives."""
+
+from typing import Any
+
+import pytest
+
+from ator_ros.actions.base import Action, ActionError, Goal, Status, Step
+from ator_ros.actions.goal_variables import STOP, STOPS
+from ator_ros.bases.description import load_robot
+from ator_ros.execution.chain_executor import ChainExecutor, Ending
+from ator_ros.geometry import Pose
+from ator_ros.tops.chain import Top, TopCall, TopChain
+from ator_ros.tops.conditions import Condition, Term
+from ator_ros.tops.library import TopLibrary
+from ator_ros.world.state import RobotState, World
+
+ROBOT = load_robot()
+POST = Condition((Term("robot.x", "goal.x", 0.3), Term("robot.yaw", "goal.yaw", 0.3)))
+VISIT = Top("visit", "drive", Condition(), POST)
+
+
+class Driver(Action):
+    """An action that another program executes; `events` has what happened to all of them."""
+
+    name = "drive"
+
+    def __init__(self, events: list[str], unreachable: float) -> None:
+        super().__init__(ROBOT)
+        self._events = events
+        self._unreachable = unreachable
+        self._at = 0.0
+
+    def start(self, world: World, goal: Goal) -> None:
+        self._at = goal.pose.x
+        if self._at == self._unreachable:
+            raise ActionError("no way")
+        self._events.append(f"start {self._at:g}")
+
+    def take_over(self, former: Action) -> None:
+        assert isinstance(former, Driver)
+        self._events.append(f"{self._at:g} takes over from {former._at:g}")
+
+    def step(self, world: World) -> Step:
+        arrived = abs(world.robot.pose.x - self._at) < 0.1
+        return Step(None, Status.SUCCEEDED if arrived else Status.RUNNING, "driving")
+
+    def end(self, reason: str) -> None:
+        self._events.append(f"end {self._at:g}")
+
+
+def executor(*stops: tuple[float, bool], unreachable: float = 9.0) -> tuple[Any, list[str]]:
+    """Return the executor of a chain of places (m) with whether the robot stops there."""
+    events: list[str] = []
+    library = TopLibrary(
+        ROBOT,
+        "default",
+        tops=(VISIT,),
+        actions={"drive": lambda _: Driver(events, unreachable)},
+        goal_variables={"drive": (STOPS,)},
+    )
+    calls = [
+        TopCall(VISIT, Goal(Pose(x, 0.0, 0.0), values={STOP: float(stop)})) for x, stop in stops
+    ]
+    return ChainExecutor(library, TopChain(tuple(calls))), events
+
+
+def state(time: float, x: float, yaw: float = 0.0) -> World:
+    return World(time, RobotState(Pose(x, 0.0, yaw), 0.6))
+
+
+def test_a_step_is_passed_within_its_tolerance_in_any_heading() -> None:
+    run, events = executor((1.0, False), (2.0, True))
+    run.step(state(0.0, 0.0))
+    run.step(state(1.0, 0.65, 2.0))
+    assert events == ["start 1"]
+    step = run.step(state(1.1, 0.75, 2.0))
+    assert (step.command, step.status) == (None, Status.RUNNING)
+    assert events == ["start 1", "start 2", "2 takes over from 1", "end 1"]
+    (record,) = run.records
+    assert (record.ending, record.stopped) == (Ending.SUCCEEDED, False)
+    assert record.duration == pytest.approx(1.1)
+    assert record.position_error == pytest.approx(0.25)
+    assert run.index == 1
+    assert run.step(state(3.0, 1.95)).status is Status.SUCCEEDED
+    assert run.records[1].stopped
+    assert run.records[1].start.robot.vx == 0.6
+
+
+def test_a_robot_that_stops_within_the_tolerance_of_a_step_that_passes_has_stopped() -> None:
+    run, events = executor((1.0, False), (2.0, True))
+    run.step(state(0.0, 0.95))
+    assert events[-1] == "end 1"
+    assert run.records[0].stopped is False  # the position was enough, in its first tick
+
+
+def test_a_step_that_cannot_start_ends_the_chain_and_the_passed_action() -> None:
+    run, events = executor((1.0, False), (2.0, True), unreachable=2.0)
+    run.step(state(0.0, 0.0))
+    step = run.step(state(1.0, 0.8))
+    assert (step.status, step.message) == (Status.FAILED, "no way")
+    assert events == ["start 1", "end 1"]
+    assert [record.ending for record in run.records] == [Ending.SUCCEEDED, Ending.FAILED]
+
+
+def test_an_interruption_ends_the_action_that_drives() -> None:
+    run, events = executor((1.0, False), (2.0, True))
+    run.step(state(0.0, 0.0))
+    run.step(state(1.0, 0.8))
+    run.interrupt(state(1.1, 0.9), Ending.CANCELED, "canceled")
+    assert events[-1] == "end 2"
+    assert run.records[-1].ending is Ending.CANCELED
