@@ -42,7 +42,7 @@ from ator_ros.nodes.parameters import (
 )
 from ator_ros.nodes.path_planner import with_planner
 from ator_ros.nodes.qos import SERVICES
-from ator_ros.nodes.segments import refinement_shapes
+from ator_ros.nodes.segments import refinement_shapes, station_labels
 from ator_ros.nodes.subscriptions import WARNING_PERIOD, TfListener
 from ator_ros.performance.path_times import path_times_remark
 from ator_ros.planning.goals import PlanningError
@@ -252,7 +252,7 @@ class RefinementNode(Node):
 
         def markers() -> MarkerArray:
             shapes = refinement_shapes(start, found.original, found.chain, found.curves)
-            return marker_array(shapes, "refinement", frame)
+            return marker_array(shapes, "refinement", frame, station_labels(found.chain))
 
         self._markers.publish(markers)
         gain = messages.gain_of(found, gains.measured, gains.models)
