@@ -521,8 +521,8 @@ def _without_definition(kind: str) -> str:
     """Return why messages cannot be read whose type the recording does not define."""
     source = "this release of ator_ros" if kind.startswith("ator_interfaces/") else "ROS 2 Humble"
     return (
-        f"the recording has no definition of {printable(kind)}, and they are not those of {source}; "
-        "record with the definitions"
+        f"the recording has no definition of {printable(kind)}, and they are not those of "
+        f"{source}; record with the definitions"
     )
 
 
