@@ -22,7 +22,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.task import Future
 
 from ator_interfaces.action import DriveTo
-from ator_ros_examples.pursuit import Law
+from ator_ros_examples.pursuit import Law, Pursuit
 from ator_ros_examples.rotate_drive_rotate import Phase, RotateDriveRotate, State
 
 _FEEDBACK_PERIOD = 0.5
@@ -106,6 +106,8 @@ class DriveToServer(Node):
         former = self._drive
         self._drive = drive
         if former is not None:
+            if isinstance(drive.law, Pursuit):
+                drive.law.interrupt()
             former.ended.set_result((DriveTo.Result.SUPERSEDED, "a newer goal took over"))
         self._steer()
         code, text = await drive.ended

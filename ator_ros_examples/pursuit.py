@@ -42,6 +42,10 @@ class Tuning:
     movement_time_allowance: float = 10.0
     # not Nav2's: greatest angle of a path to the straight line, fitted to 104 drives
     grid_bias: float = 0.05
+    # not Nav2's: a newer goal behind a robot that drives, above this angle to the path, holds it up
+    # for that time in s, as behind Nav2 a recovery does
+    sharp_turn: float = 2.1
+    held_up: float = 2.5
 
 
 class Pursuit:
@@ -60,12 +64,18 @@ class Pursuit:
         self.distance = math.inf
         self._goal = goal
         self._w = 0.0
+        self._interrupts = False
+        self._held_until = -math.inf  # s
         self._moved_at = State(
             -math.inf,
             math.inf,
             math.inf,
             0.0,
         )
+
+    def interrupt(self) -> None:
+        """Take over from a former goal while the robot drives."""
+        self._interrupts = True
 
     def step(self, state: State) -> tuple[float, float]:
         """Return the velocities (m/s, rad/s) for a state; `phase` is in `ENDED` after the end."""
@@ -77,6 +87,11 @@ class Pursuit:
             self.phase = Phase.MISSED if points is None else self.phase
         if self._path is not None:
             self._path.follow(state.x, state.y)
+        if self._interrupts and abs(self._angle_to_path(state)) > self.tuning.sharp_turn:
+            self._held_until = state.time + self.tuning.held_up
+        self._interrupts = False
+        if state.time < self._held_until:
+            return 0.0, 0.0
         self.phase = self._next_phase(state)
         if self.phase is Phase.FOLLOWING:
             v, self._w = self._follow(self._angle_to_path(state))

@@ -45,6 +45,8 @@ class DriveToStandIn(Action):
     def take_over(self, former: Action) -> None:  # noqa: ARG002
         """Drive on: the server takes a newer goal while it drives."""
         self._sent = True
+        if isinstance(self._law, Pursuit):
+            self._law.interrupt()
 
     def law(self, goal: tuple[float, float, float]) -> Law:
         """Return the control law for a goal: x, y (m) and yaw (rad)."""

@@ -20,6 +20,7 @@ from ator_ros.actions.base import Point
 from ator_ros.actions.goal_variables import (
     GOAL_VARIABLES,
     MOST_GOAL_VARIABLES,
+    STOP,
     GoalVariable,
     direct_name,
 )
@@ -30,7 +31,14 @@ from ator_ros.bases.routes import routes_of
 from ator_ros.domains import DEFAULT, DRIVE
 from ator_ros.domains.declared import DeclaredAction, DeclaredDomain, DeclaredServer
 from ator_ros.files import FileError, content_with_optional_header, read_yaml
-from ator_ros.performance.features import CANDIDATES, GENERAL, ROUTE_FEATURES, Feature, goal_feature
+from ator_ros.performance.features import (
+    CANDIDATES,
+    GENERAL,
+    PASSING_FEATURES,
+    ROUTE_FEATURES,
+    Feature,
+    goal_feature,
+)
 from ator_ros.printable import ReadableError, listed, printable, quoted
 from ator_ros.resources import resource_path
 from ator_ros.schema import SchemaError, require, structured
@@ -215,7 +223,9 @@ class Domain:
     @cached_property
     def known_features(self) -> Mapping[str, Feature]:
         """All features that model files may name: general ones, the domain's, goal variables."""
-        own = (*self.features, *map(goal_feature, self.goal_variables.values()), *self._of_map)
+        passing = PASSING_FEATURES if STOP in self.goal_variables else ()
+        variables = map(goal_feature, self.goal_variables.values())
+        own = (*self.features, *variables, *passing, *self._of_map)
         return {**GENERAL, **{feature.name: feature for feature in own}}
 
     @cached_property
@@ -321,7 +331,10 @@ class Domain:
         if spec is None:
             return (*CANDIDATES, *self._of_map)
         named = tuple(self.known_features[name] for name in spec.features) or CANDIDATES
-        own = (self.known_features[direct_name(variable.name)] for variable in spec.goal_variables)
+        variables = [variable.name for variable in spec.goal_variables]
+        own = [self.known_features[direct_name(name)] for name in variables]
+        if STOP in variables:
+            own += [self.known_features[feature.name] for feature in PASSING_FEATURES[1:]]
         return (*named, *(feature for feature in own if feature not in named), *self._of_map)
 
     def source(self, name: str) -> ObjectSource:

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from ator_ros.actions.goal_variables import STOP, with_values
 from ator_ros.bases.description import Robot
 from ator_ros.bases.interface import Driving
 from ator_ros.domains.trials import Trial, open_places, open_speeds, reopened, with_headings
@@ -172,6 +173,25 @@ def refined(
     return Choice(refinement.chain, refinement, refinement.predicted)
 
 
+def stepwise(tools: Toolset, trial: Trial) -> Choice:
+    """Refine the chain without passing: the robot stops at each subgoal."""
+    return refined(tools, trial, opened=_with_stops)
+
+
+def _with_stops(chain: TopChain) -> TopChain:
+    return reopened(chain, (call.open - {STOP} for call in chain.calls))
+
+
+def passing(tools: Toolset, trial: Trial) -> Choice:
+    """Pass all subgoals but the last one, in the order in which `stepwise` drives to them."""
+    chain = stepwise(tools, trial).chain
+    for index in range(len(chain) - 1):
+        goal = chain.calls[index].goal
+        if STOP in goal.values:
+            chain = chain.with_goal(index, with_values(goal, {STOP: 0.0}))
+    return Choice(chain, predicted=tools.predict(trial.world, chain))
+
+
 def in_order(
     tools: Toolset,
     trial: Trial,
@@ -237,12 +257,14 @@ POLICIES: Mapping[str, Policy] = MappingProxyType(
         "refined_speed": partial(refined, opened=open_speeds),
         "gated_speed": partial(refined, opened=open_speeds, gated=True),
         "refined_place": partial(refined, opened=open_places),
+        "stepwise": stepwise,
+        "passing": passing,
         **_ORDERED,
     }
 )
 """The policies by name. The oracle is no policy, as it executes chains."""
 ORDERS = tuple(_ORDERED)
 """The policies that choose an order, for chains that leave it open."""
-_UNUSUAL = ("fixed", "arrive", "refined_place", *ORDERS)
+_UNUSUAL = ("fixed", "arrive", "refined_place", "stepwise", "passing", *ORDERS)
 USUAL = tuple(name for name in POLICIES if name not in _UNUSUAL)
 """The default policies: a place is free in few chains, and few chains have waypoints only."""

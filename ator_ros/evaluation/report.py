@@ -37,6 +37,8 @@ MEANING: Mapping[str, str] = {
     "gated_speed": "refinement of headings and arrival speeds where the gate accepts the predicted "
     "gain",
     "refined_place": "refinement of headings, arrival speeds and places",
+    "stepwise": "refinement with a stop at each subgoal",
+    "passing": "the same chain, all subgoals but the last one passed",
     "listed": "the order as listed, naive headings",
     "nearest": "the nearest station next, naive headings",
     "straight": "the order with the shortest straight lines, naive headings",

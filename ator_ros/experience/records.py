@@ -8,7 +8,7 @@ from typing import Any, Protocol
 
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.actions.base import Goal, Point
-from ator_ros.actions.goal_variables import GoalVariable
+from ator_ros.actions.goal_variables import STOP, STOPS, GoalVariable
 from ator_ros.actions.situation import ActionSpec, Situation
 from ator_ros.bases.description import Robot
 from ator_ros.bases.drive_parts import DriveParts
@@ -86,6 +86,9 @@ def episode_of(message: Any, domain: Vocabulary, robot: Robot) -> Episode:
     speed = velocity(call.speed, "call.speed")
     given = {item.name: item.value for item in call.values}
     values = {name: given[name] for name in domain.goal_variables if name in given}
+    if _can_pass(domain, action, message.action_set or DEFAULT_SET):
+        passed = getattr(call, "passing", False) and not getattr(message, "stopped", True)
+        values[STOP] = 0.0 if passed else 1.0
     point = Point.AXLE if top is None else top.point
     # Unknown parts are 0, NaN or missing in the message.
     first, last, driven = (getattr(message, name, 0.0) for name in DriveParts._fields)
@@ -99,12 +102,18 @@ def episode_of(message: Any, domain: Vocabulary, robot: Robot) -> Episode:
         success=message.outcome.code == _SUCCEEDED,
         reason=printable(message.outcome.reason, 200),
         position_error=message.actual.accuracy,
-        heading_error=message.heading_error,
+        heading_error=math.nan if values.get(STOP) == 0.0 else message.heading_error,
         parts=parts,
     )
     if fault := fault_in(episode, top, robot):
         raise MessageError(fault)
     return episode
+
+
+def _can_pass(domain: Vocabulary, action: str, action_set: str) -> bool:
+    """Return whether an action declares the goal variable `STOP`."""
+    specs = domain.action_sets.get(action_set, ())
+    return any(STOPS in spec.goal_variables for spec in specs if spec.name == action)
 
 
 def fault_in(episode: Episode, top: Top | None, robot: Robot) -> str:

@@ -4,25 +4,27 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Container, Generator, Iterable, Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 import pandas as pd
 
 from ator_ros.actions import TIME_LIMIT
-from ator_ros.actions.base import Action, ActionError, Status, Step
-from ator_ros.actions.goal_variables import wrong_values
+from ator_ros.actions.base import Action, ActionError, Goal, Status, Step
+from ator_ros.actions.goal_variables import STOPS, passes, wrong_values
 from ator_ros.actions.situation import ActionSpec, Situation
 from ator_ros.bases.description import Robot
 from ator_ros.experience.parallel import run_tasks
 from ator_ros.experience.table import Episode, ExperienceError, sample_of
-from ator_ros.simulation.run import SimulatedWorld, judge, place, run_action
-from ator_ros.simulation.scene_simulation import Simulation
+from ator_ros.simulation.run import SimulatedWorld, judge, place, run
+from ator_ros.simulation.scene_simulation import CONTROL_RATE, Simulation
 from ator_ros.tops.chain import Top
 from ator_ros.tops.library import top_of
 from ator_ros.world.state import STOP, World
 
 _TICKS_PER_SAMPLE = 2  # of 1/20 s: the paper's 10 Hz
+_LEGS = 4  # episodes that follow each other: three of four may begin in passing
 
 
 def run_episode(
@@ -42,32 +44,76 @@ def run_episode(
     top : Top
         The TOP whose post-condition decides on success.
     """
-    initial = World(0.0, situation.robot, situation.objects)
-    place(simulation, initial)
-    start = simulation.time
-    worlds: list[World] = []
+    place(simulation, World(0.0, situation.robot, situation.objects))
+    drives = Drives(simulation, time_limit)
+    episode = drives.run(action, situation, top)
+    drives.end()
+    return episode
 
-    def observed(action: Action, world: World) -> Step:
-        worlds.append(world)
-        return action.step(world)
 
-    try:
-        done = run_action(simulation, action, situation.goal, time_limit=time_limit, step=observed)
-    except ActionError as error:
-        done = Step(STOP, Status.RUNNING, f"not started: {error}")
-    duration = simulation.time - start
-    judgment = judge(simulation, top, situation.goal, done.status, done.message)
-    seen = [sample_of(world, start, situation.objects) for world in worlds[::_TICKS_PER_SAMPLE]]
-    samples = [sample for sample in seen if sample[0] < duration]
-    return Episode(
-        situation,
-        duration,
-        judgment.success,
-        judgment.reason,
-        judgment.error,
-        judgment.heading_error,
-        np.array(samples, dtype=float) if samples else None,
-    )
+class Drives:
+    """Executes actions one after another; one whose goal is passed hands over to the next one."""
+
+    def __init__(self, simulation: SimulatedWorld, time_limit: float) -> None:
+        self._simulation = simulation
+        self._ticks = round(time_limit * CONTROL_RATE)
+        self._passed: Action | None = None  # it has passed its goal, and is not ended
+
+    def run(self, action: Action, situation: Situation, top: Top) -> Episode:
+        """Execute `action` toward the goal of a situation, until it ends or passes the goal.
+
+        It takes over from an action that has passed its goal.
+        """
+        simulation = self._simulation
+        start = simulation.time
+        worlds: list[World] = []
+
+        def observed(world: World) -> Step:
+            worlds.append(world)
+            if passes(situation.goal) and not top.unmet(world, situation.goal, simulation.robot):
+                self._passed = action
+                return Step(None, Status.SUCCEEDED, "passed")
+            return action.step(world)
+
+        try:
+            self._start(action, situation.goal)
+            done = run(simulation, observed, ticks=self._ticks)
+        except ActionError as error:
+            done = Step(STOP, Status.RUNNING, f"not started: {error}")
+        else:
+            reason = f"time limit of {self._ticks / CONTROL_RATE:g} s reached"
+            done = done or Step(STOP, Status.RUNNING, reason)
+            if self._passed is None:
+                action.end(done.message)
+        duration = simulation.time - start
+        judgment = judge(simulation, top, situation.goal, done.status, done.message)
+        seen = [sample_of(world, start, situation.objects) for world in worlds[::_TICKS_PER_SAMPLE]]
+        samples = [sample for sample in seen if sample[0] < duration]
+        return Episode(
+            situation,
+            duration,
+            judgment.success,
+            judgment.reason,
+            judgment.error,
+            judgment.heading_error,
+            np.array(samples, dtype=float) if samples else None,
+        )
+
+    def _start(self, action: Action, goal: Goal) -> None:
+        action.setup()
+        former = self._passed
+        try:
+            action.start(self._simulation.world(), goal)
+            if former is not None:
+                action.take_over(former)
+        finally:
+            self.end()
+
+    def end(self) -> None:
+        """End an action that has passed its goal."""
+        if self._passed is not None:
+            self._passed.end("passed")
+        self._passed = None
 
 
 def episode_generator(action: str, seed: int, episode: int) -> np.random.Generator:
@@ -77,26 +123,45 @@ def episode_generator(action: str, seed: int, episode: int) -> np.random.Generat
 
 
 def _run(
-    task: tuple[ActionSpec, int],
+    task: tuple[ActionSpec, range],
     *,
     tops: tuple[Top, ...],
     robot: Robot,
     objects: tuple[str, ...],
     seed: int,
     time_limit: float,
-) -> pd.DataFrame:
-    """Run the episode of this number of an action in a new simulation, and return its rows."""
+) -> list[pd.DataFrame]:
+    """Run the episodes of these numbers of an action in a new simulation, and return their rows.
+
+    Each continues where the one before has ended, if that succeeded.
+    """
     # Bullet keeps contact caches when bodies are replaced: in a used simulation, episodes with
     # contacts would differ in the sixth digit. A new simulation costs 11 ms.
-    spec, number = task
-    situation = spec.situation(robot, episode_generator(spec.name, seed, number))
-    if wrong := wrong_values(situation.goal, spec.goal_variables):
-        raise ExperienceError(f"situation of {spec.name}: goal: {wrong}")
-    top = top_of(situation, tops, robot)
+    spec, numbers = task
+    frames = []
     with Simulation(robot) as simulation:
-        action = spec.factory(robot)
-        episode = run_episode(simulation, action, situation, top=top, time_limit=time_limit)
-    return episode.rows(number, objects)
+        drives = Drives(simulation, time_limit)
+        continues = False
+        for number in numbers:
+            situation = spec.situation(robot, episode_generator(spec.name, seed, number))
+            if wrong := wrong_values(situation.goal, spec.goal_variables):
+                raise ExperienceError(f"situation of {spec.name}: goal: {wrong}")
+            if continues:
+                situation = replace(situation, robot=simulation.world().robot)
+            else:
+                place(simulation, World(0.0, situation.robot, situation.objects))
+            top = top_of(situation, tops, robot)
+            episode = drives.run(spec.factory(robot), situation, top)
+            continues = episode.success
+            frames.append(episode.rows(number, objects))
+        drives.end()
+    return frames
+
+
+def _groups(spec: ActionSpec, episodes: int) -> list[range]:
+    """Return the numbers of the episodes that follow each other in one simulation."""
+    size = _LEGS if STOPS in spec.goal_variables else 1
+    return [range(first, min(first + size, episodes)) for first in range(0, episodes, size)]
 
 
 def collect(
@@ -111,6 +176,8 @@ def collect(
     finished: Container[tuple[str, int]] = (),
 ) -> Generator[pd.DataFrame, None, None]:
     """Yield the rows of each episode: `episodes` of each action, without those that are finished.
+
+    Episodes of an action that can pass follow each other, so that they begin and end in both ways.
 
     Parameters
     ----------
@@ -129,12 +196,15 @@ def collect(
         A situation belongs to no TOP, or its goal lacks a variable that its action declares.
     """
     tasks = [
-        (action, number)
+        (action, numbers)
         for action in actions
-        for number in range(episodes)
-        if (action.name, number) not in finished
+        for numbers in _groups(action, episodes)
+        if any((action.name, number) not in finished for number in numbers)
     ]
-    run = partial(
+    run_group = partial(
         _run, tops=tuple(tops), robot=robot, objects=objects, seed=seed, time_limit=time_limit
     )
-    yield from run_tasks(run, tasks)
+    for frames in run_tasks(run_group, tasks):
+        for frame in frames:
+            if (frame["action"].iloc[0], int(frame["episode"].iloc[0])) not in finished:
+                yield frame

@@ -6,7 +6,7 @@ import inspect
 import random
 import time
 import traceback
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from functools import partial
 from threading import current_thread, main_thread
 from typing import Any
@@ -43,9 +43,8 @@ from ator_ros.nodes.parameters import (
 )
 from ator_ros.nodes.path_planner import with_planner
 from ator_ros.nodes.qos import SERVICES
-from ator_ros.nodes.segments import refinement_shapes
+from ator_ros.nodes.segments import refinement_shapes, station_labels
 from ator_ros.nodes.subscriptions import WARNING_PERIOD, TfListener
-from ator_ros.performance.model import PerformanceModel
 from ator_ros.planning.goals import PlanningError
 from ator_ros.planning.planner import chains_for
 from ator_ros.printable import one_line
@@ -54,8 +53,8 @@ from ator_ros.refinement.gate import NO_GATE, Gate
 from ator_ros.refinement.objective import MOST_WEIGHT
 from ator_ros.refinement.refiner import Refiner, Selection, choose
 from ator_ros.refinement.search import Deadline, no_deadline
-from ator_ros.refinement.step_durations import Durations, predict_durations
-from ator_ros.tops.chain import TopCall, TopChain
+from ator_ros.refinement.step_durations import Durations, DurationTable
+from ator_ros.tops.chain import TopChain
 from ator_ros.tops.conditions import state_variables
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.grid_map import PATHS_OF
@@ -257,7 +256,7 @@ class RefinementNode(Node):
 
         def markers() -> MarkerArray:
             shapes = refinement_shapes(start, found.original, found.chain, found.curves)
-            return marker_array(shapes, "refinement", frame)
+            return marker_array(shapes, "refinement", frame, station_labels(found.chain))
 
         self._markers.publish(markers)
         gain = messages.gain_of(found, gains.measured, gains.models)
@@ -302,31 +301,35 @@ class RefinementNode(Node):
             world_from(situation, frame=self._frame, where=f"situations[{number}]")
             for number, situation in enumerate(request.situations)
         ]
-        calls = messages.calls_from(request.calls, self._libraries[name], frame=self._frame)
+        library = self._libraries[name]
+        calls = messages.calls_from(request.calls, library, frame=self._frame)
         reason = "" if self._robot.grid is None else one_line(f"map {self._robot.grid}")
-        found = await self._predict_in_blocks(worlds, calls, self._sets.present[name].models)
+        models = self._sets.present[name].models
+        if request.pairs:
+            table = DurationTable.of_pairs(
+                worlds, calls, models, robot=library.robot, ranges=library.ranges
+            )
+        else:
+            table = DurationTable(worlds, calls, models)
+        found = await self._predict_in_blocks(table)
         durations, spreads, success = (values.ravel().tolist() for values in found)
         return PredictDurations.Response(
             accepted=True, reason=reason, durations=durations, spreads=spreads, success=success
         )
 
-    async def _predict_in_blocks(
-        self,
-        worlds: Sequence[World],
-        calls: Sequence[TopCall],
-        models: Mapping[str, PerformanceModel],
-    ) -> Durations:
+    async def _predict_in_blocks(self, table: DurationTable) -> Durations:
         """Predict steps from situations, in blocks that take about `_BLOCK_TIME`."""
-        found = Durations(*np.full((3, len(worlds), len(calls)), np.nan))
+        rows, columns = table.shape
+        found = Durations(*np.full((3, rows, columns), np.nan))
         size = _FIRST_BLOCK
-        for column, call in enumerate(calls):
+        for column in range(columns):
             first = 0
-            while first < len(worlds):
+            while first < rows:
                 started = time.monotonic()
-                last = first + size
-                block = predict_durations(worlds[first:last], [call], models)
+                last = min(first + size, rows)
+                block = table.part(column, first, last)
                 for values, part in zip(found, block, strict=True):
-                    values[first:last, column] = part[:, 0]
+                    values[first:last, column] = part
                 pace = _BLOCK_TIME / max(time.monotonic() - started, 1e-3)
                 first = last
                 size = min(max(1, round(size * pace)), _MOST_PREDICTED)

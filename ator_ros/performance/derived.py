@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from ator_ros.actions.goal_variables import STOP, direct_name
 from ator_ros.bases.description import Robot
 from ator_ros.bases.direct import (
     HOLD,
@@ -20,6 +21,7 @@ from ator_ros.bases.direct import (
     YAWG,
     YG,
     Direct,
+    DirectTable,
     V,
     W,
     X,
@@ -28,6 +30,7 @@ from ator_ros.bases.direct import (
     wrapped,
 )
 from ator_ros.bases.interface import Driving
+from ator_ros.bases.routes import routes_of
 from ator_ros.compiled import compiled
 from ator_ros.geometry import FloatArray
 from ator_ros.world.state import AT_REST
@@ -161,7 +164,7 @@ class Geometry:
         driving: Driving | None = None,
         further: Iterable[str] = (),
     ) -> None:
-        self.direct = direct_table(direct, further)
+        self.direct = _headed(direct_table(direct, further), robot)
         self._table = self.direct.table
         self.robot = robot
         self._driving = driving
@@ -223,6 +226,27 @@ class Geometry:
         """
         self.rows[PATH_TIME:] = self.robot.fastest(self._table, self._driving)
         return self.rows[PATH_TIME:]
+
+
+_STOPG = direct_name(STOP)
+
+
+def _headed(direct: DirectTable, robot: Robot) -> DirectTable:
+    """Return direct variables in which the robot looks along its way where it passes its goal."""
+    if _STOPG not in direct.names:
+        return direct
+    passing = direct[_STOPG] == 0.0
+    if not passing.any():
+        return direct
+    table = direct.table.copy()
+    x, y, to_x, to_y = table[np.ix_((X, Y, XG, YG), passing)]
+    bearing = np.arctan2(to_y - y, to_x - x)
+    routes = routes_of(robot)
+    if routes is not None:
+        route = routes.between(x, y, to_x, to_y)
+        bearing = np.where(route.straight, bearing, route.arrival)
+    table[YAWG, passing] = bearing
+    return DirectTable(direct.names, table)
 
 
 def from_hold(geometry: Geometry) -> tuple[FloatArray, FloatArray]:

@@ -12,7 +12,7 @@ from functools import cache, partial
 
 import numpy as np
 
-from ator_ros.actions.goal_variables import GoalVariable, direct_name
+from ator_ros.actions.goal_variables import STOPS, GoalVariable, direct_name
 from ator_ros.bases.description import Robot
 from ator_ros.bases.direct import DIRECT_VARIABLES, Direct
 from ator_ros.bases.interface import Driving
@@ -212,6 +212,20 @@ ROUTE_FEATURES = (
 """The features of the routes on the robot's map."""
 
 
+DRIVES_ON = 0.1
+"""Speed in m/s above which a start counts as passing: a robot that stops may still roll slower."""
+
+
+def _rests(geometry: Geometry) -> FloatArray:
+    return np.where(np.abs(geometry.rows[SPEED]) <= DRIVES_ON, 1.0, 0.0)
+
+
+def _moving_turn(geometry: Geometry) -> FloatArray:
+    on_map = routes_of(geometry.robot) is not None
+    turn = geometry.once(_on_route)[3] if on_map else geometry.rows[ANGLE_TO]
+    return np.asarray(turn * (1.0 - geometry.once(_rests)))
+
+
 def goal_feature(variable: GoalVariable) -> Feature:
     """Return a goal variable that an action declares as a feature: NAMEg, as in experience."""
     name = direct_name(variable.name)
@@ -221,6 +235,18 @@ def goal_feature(variable: GoalVariable) -> Feature:
         frozenset({name}),
         lambda g: g.direct[name],
     )
+
+
+PASSING_FEATURES = (
+    goal_feature(STOPS),
+    Feature("rests", "", variables("v"), _rests),
+    Feature("moving_turn", "rad", variables(f"{_POSES} v"), _moving_turn),
+)
+"""The features of an action that passes its goals.
+
+They are whether it stops there, whether it starts at rest (1 or 0), and the turn to the route at a
+start that is no rest.
+"""
 
 
 def names_of(features: Iterable[Feature]) -> tuple[str, ...]:

@@ -17,7 +17,13 @@ from ator_ros.compiled import compiled
 from ator_ros.geometry import FloatArray
 from ator_ros.performance.derived import ANGLE_BETWEEN, DIST, RESTS, Geometry
 from ator_ros.performance.error_process import ErrorProcess, errors_of_sums
-from ator_ros.performance.features import Feature, declared_by, derived_from
+from ator_ros.performance.features import (
+    PASSING_FEATURES,
+    Feature,
+    declared_by,
+    derived_from,
+    names_of,
+)
 from ator_ros.performance.held_up import NOT_HELD_UP, HeldUp
 from ator_ros.performance.tree.nodes import ModelTree, RuleWriter
 from ator_ros.schema import Within
@@ -102,6 +108,20 @@ class Arrival:
     angle: Annotated[float, Within(0.0)]
 
 
+@dataclass(frozen=True)
+class Passing:
+    """How an action usually passes its goals.
+
+    Attributes
+    ----------
+    dist, speed : float
+        Distance in m from the goal, and speed in m/s, at which the next action takes over.
+    """
+
+    dist: Annotated[float, Within(0.0)]
+    speed: Annotated[float, Within(0.0)]
+
+
 @dataclass(frozen=True, eq=False)
 class PerformanceModel:
     """Model trees that predict how an action will perform.
@@ -124,6 +144,8 @@ class PerformanceModel:
         Its errors on episodes that it was not learned from; None: any error is possible.
     arrival : Arrival or None
         Where it ends, if the robot stands at its start and end; None: at the goal.
+    passing : Passing or None
+        How it passes its goals; None: not at all, or unknown.
     held_up : HeldUp
         How often, and how long, its drives were held up; trees predict the others.
     """
@@ -138,6 +160,7 @@ class PerformanceModel:
     errors: ErrorProcess | None = None
     arrival: Arrival | None = None
     held_up: HeldUp = NOT_HELD_UP
+    passing: Passing | None = None
 
     @cached_property
     def used_features(self) -> tuple[str, ...]:
@@ -152,10 +175,10 @@ class PerformanceModel:
 
     @cached_property
     def declared_variables(self) -> tuple[str, ...]:
-        """The direct variables of the trees that are goal variables declared by the action."""
-        return declared_by(
-            self.features[name] for tree in self.trees.values() for name in tree.names
-        )
+        """The goal variables declared by the action that predictions need, sorted."""
+        names = {name for tree in self.trees.values() for name in tree.names}
+        names |= self.features.keys() & names_of(PASSING_FEATURES)  # they decide on the heading
+        return declared_by(self.features[name] for name in names)
 
     @cached_property
     def experience(self) -> Mapping[str, tuple[float, float]]:

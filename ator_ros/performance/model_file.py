@@ -19,7 +19,7 @@ from ator_ros.files import FileError, is_name, load, save
 from ator_ros.performance.error_process import ErrorProcess
 from ator_ros.performance.features import ROUTE_FEATURES, Feature, base_features, names_of
 from ator_ros.performance.held_up import NOT_HELD_UP, HeldUp
-from ator_ros.performance.model import MEASURES, Arrival, AtGoal, PerformanceModel
+from ator_ros.performance.model import MEASURES, Arrival, AtGoal, Passing, PerformanceModel
 from ator_ros.performance.tree.storage import StoredTree, restored, stored
 from ator_ros.printable import printable, quoted
 from ator_ros.resources import resource_path
@@ -48,6 +48,7 @@ class _ModelFile:
     driving: dict[str, Any] | None = None
     arrival: Arrival | None = None
     held_up: HeldUp | None = None
+    passing: Passing | None = None
 
     def __post_init__(self) -> None:
         """Check what depends on several fields, and numbers that are read later."""
@@ -125,6 +126,7 @@ def save_model(path: Path | str, model: PerformanceModel) -> None:
         errors=model.errors,
         arrival=model.arrival,
         held_up=None if model.held_up == NOT_HELD_UP else model.held_up,
+        passing=model.passing,
     )
     save(path, KIND, file, compact=("errors",))
 
@@ -192,6 +194,7 @@ def load_model(
         errors=file.errors,
         arrival=file.arrival,
         held_up=file.held_up or NOT_HELD_UP,
+        passing=file.passing,
     )
 
 

@@ -19,6 +19,7 @@ _TURN_BEND = math.pi / 18.0  # rad
 _SHARE = 0.3
 _SHARES = {"rad": 2.0, "": 1.0}
 _LEAST_DEVIATION = 0.05  # s per unit: what costs a base no time may cost its action server some
+_OF_STOPS = ("stopg", "rests")  # features of an action that passes its goals
 _LONG = 10.0  # s at the greatest speed: drives in which the robot mostly has that speed
 
 
@@ -50,7 +51,8 @@ def prior_slopes(
     fastest path does, as the action was observed to drive; None: at all limits of the base. A turn
     takes no less than one on the spot, since few servers turn while they drive. Along velocities
     durations grow by the time that the base needs to reach them. A feature in s counts as the time;
-    one without a unit is a kind of drive, which may take longer by a turn to the back.
+    one without a unit is a kind of drive, which may take longer by a turn to the back. A stop, or a
+    start at rest, costs half the time in which the base loses, or gains, its greatest speed.
     """
     per_unit = {"s": 1.0, **_of_paths(robot, driving)}
     per_unit[""] = math.pi * per_unit["rad"]
@@ -59,6 +61,8 @@ def prior_slopes(
     slopes = {}
     for feature in features:
         time = per_unit.get(feature.unit, 1.0)
+        if feature.name in _OF_STOPS:
+            time = 0.5 * robot.greatest_speed() * per_unit["m/s"]
         deviation = max(_SHARES.get(feature.unit, _SHARE) * time, _LEAST_DEVIATION)
         bend = _TURN_BEND if feature.unit == "rad" else 0.0
         slopes[feature.name] = Slope(time, deviation, bend)

@@ -59,6 +59,12 @@ _ON_MAP: dict[str, FloatArray] = {
     "route_angle_at": _ANGLES,
 }
 """Those of a domain with a map."""
+_OF_PASSING: dict[str, FloatArray] = {
+    "stopg": np.zeros(1),
+    "rests": np.zeros(1),
+    "moving_turn": _TURN_ANGLES,
+}
+"""Those that are added for an action that passes its goals, before the turns."""
 # weight of a segment in the corrected error; more makes shorter rules, which refine less well
 _TERM_COST = 0.75
 # Now and then a drive takes much longer: residuals are clipped at so many standard deviations, and
@@ -72,7 +78,8 @@ _ROUNDING = 1e-9  # slopes, and ranges of segments, that are rounded zeros
 # A segment is driven if so many drives reach so far into it, in rad, or half through it.
 _DRIVES = 3
 _REACH = math.radians(5.0)
-_NOT_OF_PATHS = ("dist_backward", "backward")  # the fastest path does not depend on them
+# the fastest path does not depend on them
+_NOT_OF_PATHS = ("dist_backward", "backward", "moving_turn")
 
 
 def rising_in(names: Container[str]) -> dict[str, FloatArray]:
@@ -82,8 +89,13 @@ def rising_in(names: Container[str]) -> dict[str, FloatArray]:
     `RISING`.
     """
     if "route_length" in names:
-        return _ON_MAP
-    return _EITHER_DIRECTION if "dist_backward" in names else RISING
+        rising = _ON_MAP
+    else:
+        rising = _EITHER_DIRECTION if "dist_backward" in names else RISING
+    if "stopg" not in names:
+        return rising
+    distance, *others = rising.items()
+    return dict([distance, *_OF_PASSING.items(), *others])
 
 
 def sum_of(base: tuple[Hinge, ...], table: pd.DataFrame) -> FloatArray:

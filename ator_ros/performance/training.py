@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 import pandas as pd
 
-from ator_ros.actions.goal_variables import direct_name
+from ator_ros.actions.goal_variables import STOP, direct_name
 from ator_ros.bases.description import Robot
 from ator_ros.bases.direct import DIRECT_VARIABLES, NEAR_GOAL
 from ator_ros.bases.drive_parts import part_times
@@ -23,6 +23,7 @@ from ator_ros.performance.derived import ANGLE_BETWEEN, RESTS, Geometry
 from ator_ros.performance.error_process import TIMING, ErrorProcess, fit_error_process
 from ator_ros.performance.features import (
     CANDIDATES,
+    DRIVES_ON,
     GENERAL,
     PATHS,
     ROUTE_ANGLE_AT,
@@ -39,6 +40,7 @@ from ator_ros.performance.model import (
     UNOBSERVED,
     Arrival,
     AtGoal,
+    Passing,
     PerformanceModel,
 )
 from ator_ros.performance.prior import Slope, prior_slopes
@@ -89,6 +91,8 @@ LEAST_EPISODES = 20
 SMALL_LEAF = 50
 """Least number of episodes at a leaf of the trees of other measures than the duration."""
 _AT_GOAL = ((0.02, 0.05), (0.03, 0.08))  # m and rad to the goal that may count as being there
+_STOPG = direct_name(STOP)
+_LEAST_PASSING = 5  # episodes that show how an action passes its goals
 _LEAST_AT_GOAL = 3  # episodes that show how long an action takes there
 # A robot may still be stopping when an action starts: this share of starts is slower than that.
 _MOSTLY = 0.95
@@ -176,8 +180,9 @@ def train(
         trees,
         named,
         driving=learned.driving,
-        at_goal=_observed_at_goal(undisturbed, robot),
-        arrival=observed_arrival(undisturbed, robot),
+        at_goal=_observed_at_goal(_from_rest_to_rest(undisturbed), robot),
+        arrival=observed_arrival(_from_rest_to_rest(undisturbed), robot),
+        passing=observed_passing(undisturbed),
         errors=error_process(
             learned.tree, table[counted], errors[counted], examples["duration"].prior
         ),
@@ -346,7 +351,10 @@ def examples_of(
 
 def without_errors(action: str, rows: pd.DataFrame) -> list[str]:
     """Return a remark on each error at the goal that some of the episodes that succeeded lack."""
-    errors = rows.loc[(rows["t"] == 0.0) & rows["success"], ["position_error", "heading_error"]]
+    counted = (rows["t"] == 0.0) & rows["success"]
+    if _STOPG in rows:  # the heading of a goal that is passed is no error
+        counted &= rows[_STOPG] != 0.0
+    errors = rows.loc[counted, ["position_error", "heading_error"]]
     return [
         f"{action}: {name}: {count} of {len(errors)} episodes have none and are left out"
         for name, count in errors.isna().sum().items()
@@ -505,7 +513,7 @@ def _on_sum(
         folds=_FOLDS,
     )
     drives = _far_from_goal(table)
-    if parts is None:
+    if parts is None or _STOPG in table:  # a drive that is passed has no turn at its end
         parts = np.full((len(table), 1), np.nan)
     known = np.isfinite(parts).all(axis=1)
     if (drives & known).sum() < LEAST_EPISODES:
@@ -524,9 +532,35 @@ def _on_sum(
 
 
 def _stands(table: pd.DataFrame) -> bool:
-    """Return whether the robot stands at both ends of episodes, and their features show that."""
+    """Return whether the robot stands at both ends, or features show where it passes."""
+    if _STOPG in table:
+        return True
     needed = {*rising_in(table.columns), _PATH, "v", "speedg"}
     return needed <= set(table.columns) and _is_at_rest(table)
+
+
+def _from_rest_to_rest(starts: pd.DataFrame) -> pd.DataFrame:
+    """Return the episodes that neither start nor end in passing; all of an action without those."""
+    if _STOPG not in starts:
+        return starts
+    return starts[(starts[_STOPG] == 1.0) & (starts["v"].abs() <= DRIVES_ON)]
+
+
+def observed_passing(starts: pd.DataFrame) -> Passing | None:
+    """Return how an action passes its goals; None if hardly any episode shows that.
+
+    Parameters
+    ----------
+    starts : pandas.DataFrame
+        First rows of episodes that succeeded.
+    """
+    if _STOPG not in starts:
+        return None
+    distances = starts.loc[starts[_STOPG] == 0.0, "position_error"].dropna()
+    speeds = starts.loc[starts["v"] > DRIVES_ON, "v"]
+    if min(len(distances), len(speeds)) < _LEAST_PASSING:
+        return None
+    return Passing(float(distances.median()), float(speeds.median()))
 
 
 def _is_at_rest(rows: pd.DataFrame) -> bool:

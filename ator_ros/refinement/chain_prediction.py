@@ -16,12 +16,12 @@ from typing import Any, Protocol
 import numpy as np
 
 from ator_ros.actions.base import Goal, Point
-from ator_ros.actions.goal_variables import direct_name, goal_values
+from ator_ros.actions.goal_variables import STOP, direct_name, goal_values
 from ator_ros.bases.description import Robot
 from ator_ros.bases.direct import DIRECT_VARIABLES, XG, YG, DirectTable
 from ator_ros.bases.routes import arrival_heading, routes_of
 from ator_ros.geometry import FloatArray, wrap_angles
-from ator_ros.performance.model import Arrival
+from ator_ros.performance.model import Arrival, Passing
 from ator_ros.refinement.objective import Objective
 from ator_ros.refinement.search import Pairs, StepCosts
 from ator_ros.tops.chain import TopCall, TopChain, projected
@@ -80,8 +80,9 @@ def columns_after(
 class _Subgoal:
     """A subgoal, the names of its free variables, and how the next action starts there.
 
-    `arrival` is how far short of the subgoal the robot stops, None: not at all. `bearing` is the
-    direction in rad in which it comes there.
+    `arrival` is how far short of the subgoal the robot stops, None: not at all; `passing` is where
+    the next action takes over if the robot passes it. `bearing` is the direction in rad in which it
+    comes there; None: that of the goal's heading.
     """
 
     def __init__(
@@ -90,7 +91,8 @@ class _Subgoal:
         names: Sequence[str],
         robot: Robot,
         arrival: Arrival | None,
-        bearing: float,
+        bearing: float | None,
+        passing: Passing,
     ) -> None:
         self._values = goal_values(goal)  # once, as `start` is called for each block of candidates
         self._point = goal.point
@@ -98,19 +100,47 @@ class _Subgoal:
         self._robot = robot
         self._arrival = arrival
         self._bearing = bearing
+        self._passing = passing
 
     def start(self, candidates: FloatArray) -> dict[str, Any]:
         """Return the start variables of the next action for candidates (..., k) of this subgoal."""
         goal = with_candidates(self._values, self._names, candidates)
         start = columns_after(goal, self._point, self._robot)
-        if self._arrival is not None:
+        stop = goal.get(STOP, 1.0)
+        if np.all(stop == 0.0):
+            return self._on_its_way(start)
+        passed = self._on_its_way(start) if np.any(stop == 0.0) else None
+        if self._arrival is not None and self._bearing is not None:
             dist = self._arrival.dist
             angle = self._arrival.angle
             start["x"] = start["x"] - dist * math.cos(self._bearing)
             start["y"] = start["y"] - dist * math.sin(self._bearing)
             turned = wrap_angles(start["yaw"] - self._bearing)
             start["yaw"] = start["yaw"] - turned.clip(-angle, angle)
+        if passed is not None:
+            for name, value in passed.items():
+                start[name] = np.where(stop == 0.0, value, start[name])
         return start
+
+    def _on_its_way(self, start: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the start variables after the subgoal was passed."""
+        bearing = start["yaw"] if self._bearing is None else self._bearing
+        return {
+            **start,
+            "x": start["x"] - self._passing.dist * np.cos(bearing),
+            "y": start["y"] - self._passing.dist * np.sin(bearing),
+            "yaw": bearing + 0.0 * start["yaw"],
+            "v": self._passing.speed + 0.0 * start["yaw"],
+        }
+
+
+def _passing_of(call: TopCall, model: PredictsPerformance | None, robot: Robot) -> Passing:
+    """Return how an action passes its goals.
+
+    If no drive has shown that, it is at the tolerance of the position, at half the greatest speed.
+    """
+    observed: Passing | None = getattr(model, "passing", None)
+    return observed or Passing(call.top.place_tolerance, 0.5 * robot.greatest_speed())
 
 
 def with_candidates(
@@ -192,9 +222,11 @@ def step_rows(
             model = models.get(call.top.action)
             arrival = model.arrival if model is not None and goal.point is Point.AXLE else None
             bearing = arrival_heading(place, goal.pose, robot)
-            start = _Subgoal(goal, (), robot, arrival, bearing).start(np.zeros(0))
-            changed = _Subgoal(goal, free, robot, arrival, bearing).start if free else None
-            there = columns_after(goal_values(goal), goal.point, robot)
+            passing = _passing_of(call, model, robot)
+            start = _Subgoal(goal, (), robot, arrival, bearing, passing).start(np.zeros(0))
+            subgoal = _Subgoal(goal, free, robot, arrival, bearing, passing)
+            changed = subgoal.start if free else None
+            there = start if call.passing else columns_after(goal_values(goal), goal.point, robot)
             place = (float(there["x"]), float(there["y"]))
         else:  # the robot is where the post-condition puts it
             start = _present(world)
@@ -209,11 +241,13 @@ def leg_rows(
     robot: Robot,
     names: Sequence[Sequence[str]],
     legs: Iterable[tuple[int, int]],
+    models: Mapping[str, PredictsPerformance],
 ) -> list[StepRows]:
     """Return the direct variables of legs from one call of `chain` (-1: the start) to another.
 
     A leg may lead to a call that does not follow in the chain. It starts exactly at the goal, as
-    the direction in which the robot came there is unknown. After a call that does not arrive at its
+    the direction in which the robot came there is unknown. Where it passes the goal, that is the
+    goal's heading. After a call that does not arrive at its
     goal, the robot is where it is in the order of the chain.
     """
     calls = chain.calls
@@ -221,9 +255,10 @@ def leg_rows(
     changes: list[Callable[[FloatArray], Mapping[str, Any]] | None] = [None]
     for call, free in zip(calls, names, strict=True):
         world = projected(world, call, robot)
-        exact = _Subgoal(call.goal, free, robot, None, 0.0)
+        passing = _passing_of(call, models.get(call.top.action), robot)
+        exact = _Subgoal(call.goal, free, robot, None, None, passing)
         starts.append(
-            columns_after(goal_values(call.goal), call.goal.point, robot)
+            _Subgoal(call.goal, (), robot, None, None, passing).start(np.zeros(0))
             if call.top.arrives
             else _present(world)
         )

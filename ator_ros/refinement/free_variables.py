@@ -20,7 +20,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ator_ros.actions.base import Point
-from ator_ros.actions.goal_variables import GOAL_VARIABLES, ORDER, direct_name, goal_values
+from ator_ros.actions.goal_variables import (
+    GOAL_VARIABLES,
+    ORDER,
+    STOP,
+    direct_name,
+    goal_values,
+)
 from ator_ros.bases.description import Robot
 from ator_ros.bases.direct import DirectTable
 from ator_ros.geometry import BoolArray, FloatArray, Pose, wrap_angle
@@ -106,6 +112,8 @@ def analyze(
     models: Mapping[str, PredictsPerformance],
     robot: Robot,
     ranges: Ranges = USUAL_RANGES,
+    *,
+    stops_decided: bool = False,
 ) -> Analysis:
     """Compute the free variables of a chain.
 
@@ -115,18 +123,23 @@ def analyze(
         Action name to performance model; an action may lack one.
     ranges : mapping, optional
         Goal variable to its range; variables without one are never free.
+    stops_decided : bool
+        Whether it is decided where the robot stops: the heading of a call that it passes is not
+        free then.
     """
     free: list[FreeVariable] = []
     not_free: list[NotFree] = []
     bound = bindings(tuple(call.top for call in chain.calls))
     for index, call in enumerate(chain.calls):
         known = list(goal_values(call.goal))
-        opened = known if EVERYTHING in call.open else [name for name in known if name in call.open]
-        for name in opened + sorted(call.open - {EVERYTHING, ORDER, *known}):
+        for name in _opened(call, known):
+            if stops_decided and (name == STOP or (name == "yaw" and call.passing)):
+                continue
             domain = call.range_of(name, robot, ranges)
             reason = (
                 bound.get((index, name))
                 or _why_fixed(call, name, known, domain)
+                or _why_it_stops(chain, index, name)
                 or _why_unknown(chain, index, name, models)
             )
             if domain is None or reason is not None:
@@ -134,6 +147,32 @@ def analyze(
             else:
                 free.append(FreeVariable(index, name, domain, call.limits_of(name)))
     return Analysis(tuple(free), tuple(not_free))
+
+
+def _opened(call: TopCall, known: Sequence[str]) -> list[str]:
+    """Return the variables that a call opens: those `known` of its goal, then any other names."""
+    if EVERYTHING in call.open:
+        named = [name for name in known if name != STOP or STOP in call.open]
+    else:
+        named = [name for name in known if name in call.open]
+    if STOP in call.open and STOP not in known and "speed" not in named:
+        named.append("speed")
+    return named + sorted(call.open - {EVERYTHING, ORDER, STOP, *known})
+
+
+def _why_it_stops(chain: TopChain, index: int, name: str) -> str | None:
+    """Return why the robot must stop at a call, or its heading does not matter as it passes."""
+    call = chain.calls[index]
+    if name == "yaw" and call.passing and not call.opens(STOP):
+        return "not commanded where the robot passes"
+    if name != STOP or ORDER in call.open:
+        return None
+    if index + 1 == len(chain):
+        return "needed at the end of the chain"
+    following = chain.calls[index + 1]
+    if ORDER not in following.open and following.top.action != call.top.action:
+        return f"needed before another action, {following.top.action}"
+    return None
 
 
 def _why_fixed(

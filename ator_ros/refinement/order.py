@@ -15,13 +15,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ator_ros.actions.goal_variables import goal_values, with_values
+from ator_ros.actions.goal_variables import STOP, goal_values, with_values
 from ator_ros.bases.description import Robot
-from ator_ros.geometry import FloatArray
+from ator_ros.bases.routes import arrival_heading
+from ator_ros.geometry import BoolArray, FloatArray
 from ator_ros.refinement.chain_prediction import PredictsPerformance, StepModel, leg_rows
 from ator_ros.refinement.objective import Objective
 from ator_ros.refinement.order_search import LegOrder, LocalSearch, best_orders, nearest_next
 from ator_ros.refinement.search import Allowed, Deadline, Pairs, Work, first_candidates
+from ator_ros.refinement.stops import (
+    costs_of_end,
+    passing_rows,
+    reached,
+    table_names,
+    while_stopping,
+    with_passing,
+)
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.ordering import Ordering, depends_on_order, possible_steps
 from ator_ros.tops.ranges import Range
@@ -43,11 +52,12 @@ class _Table:
     """The costs of the legs of n calls, with at most h candidates of each.
 
     `candidates` are those of each call, shapes (h or less, k). `costs` has the shape
-    (n + 1, h, n, h), see `best_orders`.
+    (n + 1, h, n, h) and `end` the shape (n + 1, h), see `best_orders`.
     """
 
     candidates: Sequence[FloatArray]
     costs: FloatArray
+    end: FloatArray
 
 
 class OrderSearch:
@@ -82,15 +92,16 @@ class OrderSearch:
         self._chain = chain
         self._ordering = ordering
         self._robot = robot
-        self._names = names
+        self._names = [table_names(each) for each in names]
+        self._free = names
         self._axes = axes
         self._allowed = allowed
         self._legs = list(_legs(ordering))
         ends = [chain.calls[end] for _, end in self._legs]
         self._model = StepModel(
-            leg_rows(world, chain, robot, names, self._legs),
+            leg_rows(world, chain, robot, self._names, self._legs, models),
             ends,
-            [names[end] for _, end in self._legs],
+            [self._names[end] for _, end in self._legs],
             robot,
             models=models,
             objective=objective,
@@ -116,7 +127,7 @@ class OrderSearch:
             if table is None:
                 break
             if self._is_exact:
-                orders = best_orders(table.costs, self._ordering, possible, most)
+                orders = best_orders(table.costs, self._ordering, possible, most, table.end)
             else:
                 orders = self._improved(table, order, deadline)
             chains = [(self._written(table, each), each.cost) for each in orders]
@@ -133,13 +144,17 @@ class OrderSearch:
 
     def _candidates(self, index: int, counts: Sequence[int]) -> FloatArray:
         values = goal_values(self._chain.calls[index].goal)
-        given = np.array([[values[name] for name in self._names[index]]])
-        free = len(self._axes[index])
-        if not free:
-            return given
-        count = counts[min(free, len(counts) - 1)]
-        points, _ = first_candidates(index, self._axes[index], count, self._allowed)
-        return points if len(points) else given
+        names = self._names[index]
+        free = self._free[index]
+        others = [name for name in free if name != STOP]
+        axes = [axis for name, axis in zip(free, self._axes[index], strict=True) if name != STOP]
+        points = np.array([[values[name] for name in others]])
+        if others:
+            count = counts[min(len(others), len(counts) - 1)]
+            allowed = while_stopping(self._allowed, free)
+            found, _ = first_candidates(index, axes, count, allowed)
+            points = found if len(found) else points
+        return with_passing(points, names, values, counts[1]) if STOP in free else points
 
     def _pairs(self, candidates: Sequence[FloatArray]) -> int:
         counts = [1, *map(len, candidates)]
@@ -166,11 +181,32 @@ class OrderSearch:
                 block, self._model.step_costs(block), strict=True
             ):
                 origin, end = self._legs[leg]
-                costs[origin + 1, : len(first), end, : len(second)] = cost
+                possible = self._possible(origin, end, candidates)
+                costs[origin + 1, : len(first), end, : len(second)] = np.where(
+                    possible, cost, np.inf
+                )
             work.add(size)
             block = []
             size = 0
-        return _Table(candidates, costs)
+        return _Table(
+            candidates, costs, costs_of_end(candidates, self._names, self._ordering, width)
+        )
+
+    def _possible(self, origin: int, end: int, candidates: Sequence[FloatArray]) -> BoolArray:
+        """Return which pairs of candidates a leg may have, where the robot passes either call."""
+        calls = self._chain.calls
+        place = self._world.robot.pose[:2]
+        starts = np.ones(1, dtype=bool)
+        if origin >= 0:
+            place = calls[origin].goal.robot_pose(self._robot)[:2]
+            starts = np.ones(len(candidates[origin]), dtype=bool)
+            if calls[origin].top.action != calls[end].top.action:
+                starts = ~passing_rows(candidates[origin], self._names[origin])
+        ends = np.ones(len(candidates[end]), dtype=bool)
+        if STOP in self._names[end]:
+            direction = arrival_heading(place, calls[end].goal.pose, self._robot)
+            ends = reached(candidates[end], self._names[end], direction)
+        return starts[:, None] & ends
 
     def _improved(self, table: _Table, order: Sequence[int], deadline: Deadline) -> list[LegOrder]:
         """Return the order of a local search from the better of `order` and `nearest_next`."""
@@ -212,10 +248,13 @@ class OrderSearch:
         return bool(chain.violations(self._world, self._robot))
 
     def _written(self, table: _Table, found: LegOrder) -> TopChain:
-        """Return the chain in an order, with its candidates."""
+        """Return the chain in an order, with its candidates; its last call stops."""
         chain = self._chain
         for index, row in zip(found.order, found.rows, strict=True):
             values = dict(zip(self._names[index], table.candidates[index][row], strict=True))
+            values = {name: values[name] for name in self._free[index]}
+            if STOP in values and index == found.order[-1]:
+                values[STOP] = 1.0
             if values:
                 chain = chain.with_goal(index, with_values(chain.calls[index].goal, values))
         return chain.reordered(found.order)

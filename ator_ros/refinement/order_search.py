@@ -70,6 +70,7 @@ def best_orders(
     ordering: Ordering,
     possible: Sequence[BoolArray] | None,
     most: int,
+    end: FloatArray | None = None,
 ) -> list[LegOrder]:
     """Return up to `most` orders, the best first; fewer if there are not so many.
 
@@ -87,8 +88,10 @@ def best_orders(
         Possible steps, see `ator_ros.tops.ordering.possible_steps`; by default all.
     most : int
         Number of orders.
+    end : ndarray, shape (n + 1, h), optional
+        Cost of ending with candidate h of call i - 1; by default 0.
     """
-    groups = _swept(costs, ordering, possible)
+    groups = _swept(costs, ordering, possible, end)
     marginals = [(group.forward + group.backward).min(axis=2) for group in groups]
     totals = np.concatenate([values.ravel() for values in marginals])
     firsts = np.cumsum([0, *(values.size for values in marginals)])
@@ -112,7 +115,10 @@ def best_orders(
 
 
 def _swept(
-    costs: FloatArray, ordering: Ordering, possible: Sequence[BoolArray] | None
+    costs: FloatArray,
+    ordering: Ordering,
+    possible: Sequence[BoolArray] | None,
+    end: FloatArray | None,
 ) -> list[_Group]:
     """Return the groups with their least costs from the start and to the end."""
     groups = []
@@ -133,7 +139,7 @@ def _swept(
         groups.append(group)
         entry = np.full_like(entry, np.inf)
         entry[group.calls + 1] = group.forward[-1]
-    leave = np.zeros(costs.shape[:2])
+    leave = np.zeros(costs.shape[:2]) if end is None else end
     for group in reversed(groups):
         group.backward[-1] = leave[group.calls + 1]
         leave = np.full_like(leave, np.inf)

@@ -6,8 +6,9 @@ import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import TypeVar
 
-from ator_ros.actions.goal_variables import direct_name, with_values
+from ator_ros.actions.goal_variables import STOP, direct_name, with_values
 from ator_ros.bases.description import Robot
 from ator_ros.geometry import FloatArray
 from ator_ros.printable import printable
@@ -210,7 +211,9 @@ class Refiner:
             world, chain, self.robot, models=self.models, names=names, objective=objective
         )
         reference = _Searched(chain, analysis, model, unsearched(model.given, math.nan))
-        if ordering.is_open and len(self._without_model(chain)) < len(chain):
+        may_pass = any(variable.name == STOP for variable in analysis.free)
+        is_open = ordering.is_open or may_pass
+        if is_open and len(self._without_model(chain)) < len(chain):
             best = self._ordered(world, reference, ordering, regions, deadline, work)
         elif analysis.free:
             best = self._searched(reference, regions, deadline, work)
@@ -248,7 +251,10 @@ class Refiner:
         deadline: Deadline,
         work: Work,
     ) -> _Searched:
-        """Return the chain in the best order, with the best values of its free variables."""
+        """Return the chain in the best order and with the best stops, with the best values.
+
+        Only the values of other free variables than `STOP` are searched again without a grid.
+        """
         chain = reference.chain
         model = reference.model
         orders = OrderSearch(
@@ -266,7 +272,7 @@ class Refiner:
         for number, (candidate, cost) in enumerate(orders):
             if number and cost > _PROMISING * best.optimum.cost:
                 break
-            analysis, limits = self.bounded(world, candidate)
+            analysis, limits = self.bounded(world, candidate, stops_decided=True)
             start = _Searched(
                 candidate,
                 analysis,
@@ -352,16 +358,19 @@ class Refiner:
             chain = replaced(chain, index, dict(zip(names[index], optimum.values[0], strict=True)))
         return chain
 
-    def bounded(self, world: World, chain: TopChain) -> tuple[Analysis, Regions]:
+    def bounded(
+        self, world: World, chain: TopChain, *, stops_decided: bool = False
+    ) -> tuple[Analysis, Regions]:
         """Return the free variables of `chain`, bounded by regions, and the regions.
 
-        Raises RefinementError if the chain is empty or too long.
+        `stops_decided` is as for `analyze`. Raises RefinementError if the chain is empty or too
+        long.
         """
         if not 1 <= len(chain.calls) <= LONGEST_CHAIN:
             raise RefinementError(
                 f"chain: expected 1 to {LONGEST_CHAIN} actions, got {len(chain.calls)}"
             )
-        analysis = analyze(chain, self.models, self.robot, self.ranges)
+        analysis = analyze(chain, self.models, self.robot, self.ranges, stops_decided=stops_decided)
         outside = outside_experience(world, chain, self.models, self.robot)
         analysis = dataclasses.replace(analysis, outside=outside)
         regions = Regions(world, chain, self.robot, names_of(chain, analysis.free))
@@ -391,7 +400,14 @@ class Refiner:
             raise RefinementError(
                 "expected a finite prediction for some candidate, got none: check the distances"
             )
-        uncertainty = math.sqrt(max(len(analysis.free), 1)) * error
+        free = _as_sent(analysis.free, best.order)
+        not_free = _as_sent(analysis.not_free, best.order)
+        if analysis is not reference.analysis:  # the stops are decided in it
+            stops = [each for each in reference.analysis.free if each.name == STOP]
+            kept_stops = [each for each in reference.analysis.not_free if each.name == STOP]
+            free = (*free, *_as_sent(stops, chain.order))
+            not_free = (*not_free, *_as_sent(kept_stops, chain.order))
+        uncertainty = math.sqrt(max(len(free), 1)) * error
         gain = _gain(before, after, objective)
         known = uncertainty if _in_seconds(before, objective) else None
         refine, reason = self.gate.decide(gain, known, kept)
@@ -413,7 +429,6 @@ class Refiner:
         if known is not None and self.gate.least < gain <= self.gate.factor * known:
             reason += self._not_varied(chain)
         comparison = possible and not refine and self.gate.drawn and self.gate.pays(gain, known)
-        order = best.order
         return Refinement(
             refine and possible,
             reason + self._remarks(best, analysis, analysis.not_free),
@@ -421,13 +436,11 @@ class Refiner:
             best=best,
             before=before,
             after=after,
-            free=tuple(
-                dataclasses.replace(each, subgoal=order[each.subgoal]) for each in analysis.free
-            ),
-            not_free=_as_sent(analysis.not_free, order),
+            free=free,
+            not_free=not_free,
             without_model=self._without_model(chain),
             curves=tuple(
-                SubgoalCurve(order[index], names, *curve)
+                SubgoalCurve(best.order[index], names, *curve)
                 for index, (names, curve) in enumerate(
                     zip(found.model.names, optimum.curves, strict=True)
                 )
@@ -535,9 +548,12 @@ def _axes(chain: TopChain, analysis: Analysis) -> list[list[Range]]:
     ]
 
 
-def _as_sent(not_free: Sequence[NotFree], order: Sequence[int]) -> tuple[NotFree, ...]:
+_Variable = TypeVar("_Variable", FreeVariable, NotFree)
+
+
+def _as_sent(found: Sequence[_Variable], order: Sequence[int]) -> tuple[_Variable, ...]:
     """Return the variables with the indices of their calls as they were sent."""
-    return tuple(dataclasses.replace(each, subgoal=order[each.subgoal]) for each in not_free)
+    return tuple(dataclasses.replace(each, subgoal=order[each.subgoal]) for each in found)
 
 
 def _numbers(order: Sequence[int]) -> str:

@@ -10,6 +10,7 @@ from typing import Protocol
 
 from ator_ros.actions import TIME_LIMIT
 from ator_ros.actions.base import Action, Goal, Point, Status, Step
+from ator_ros.actions.goal_variables import passes
 from ator_ros.bases.description import Robot
 from ator_ros.geometry import Pose, wrap_angle
 from ator_ros.simulation.scene_simulation import CONTROL_RATE
@@ -111,7 +112,7 @@ class Judgment:
         Distance in m of the robot's point from the goal if the TOP places it there; else the
         greatest violation of the post-condition, in the unit of the variable.
     heading_error : float
-        Error of the heading in rad; NaN if the TOP does not place the robot.
+        Error of the heading in rad; NaN if the TOP does not place the robot, or it passes.
     """
 
     success: bool
@@ -151,7 +152,8 @@ def judge(
         pose = world.robot.pose
         point = robot.hold_point(pose) if goal.point is Point.HOLD else pose
         error = math.hypot(point.x - goal.pose.x, point.y - goal.pose.y)
-        heading_error = abs(wrap_angle(pose.yaw - goal.pose.yaw))
+        if not passes(goal):
+            heading_error = abs(wrap_angle(pose.yaw - goal.pose.yaw))
     return Judgment(ended_well and not lacks, reason, error, heading_error)
 
 

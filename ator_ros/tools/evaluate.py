@@ -94,7 +94,7 @@ def arguments() -> argparse.ArgumentParser:
     parser.add_argument("--chain", metavar="NAME", help="of the domain (default: its first)")
     parser.add_argument(
         "--policies", nargs="+", choices=tuple(POLICIES), default=USUAL, metavar="NAME",
-        help="default: all but fixed, arrive, refined_place and orders",
+        help="default: all but fixed, arrive, refined_place, stepwise, passing and orders",
     )  # fmt: skip
     add_models(parser)
     add_parallel_options(parser)

@@ -121,11 +121,11 @@ def test_values_within_the_range_of_a_column_are_read(
 def test_a_table_has_a_bounded_number_of_objects_and_goal_variables(tmp_path: Path) -> None:
     whole = synthetic_experience("goToPose", episodes=5)
     objects = {f"o{number}_{axis}": [0.0] * 5 for number in range(15) for axis in "xy"}
-    declared = {f"variable{number}g": [0.0] * 5 for number in range(16)}
+    declared = {f"variable{number}g": [0.0] * 5 for number in range(8)}
     read = read_experience(table(tmp_path, whole.assign(**objects, **declared)))
     assert {*objects, *declared} <= {*read.frame.columns}
     for more in ({"p_x": [0.0] * 5, "p_y": [0.0] * 5}, {"oneg": [0.0] * 5}):
-        with pytest.raises(ExperienceError, match="expected at most 16 objects and 16 goal"):
+        with pytest.raises(ExperienceError, match="expected at most 16 objects and 8 goal"):
             read_experience(table(tmp_path, whole.assign(**objects, **declared, **more)))
 
 

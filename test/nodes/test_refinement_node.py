@@ -118,8 +118,8 @@ def test_markers_of_the_last_search_are_latched(service_client: Client) -> None:
 def test_steps_are_predicted_from_several_situations(service_client: Client) -> None:
     starts = [Situation(robot=pose_of(Pose(x, 0.0, 0.0))) for x in (-2.0, 1.0)]
 
-    def answered(calls: list[TopCall]) -> PredictDurations.Response:
-        request = PredictDurations.Request(situations=starts, calls=calls)
+    def answered(calls: list[TopCall], *, pairs: bool = False) -> PredictDurations.Response:
+        request = PredictDurations.Request(situations=starts, calls=calls, pairs=pairs)
         return service_client.call(PredictDurations, "predict_durations", request)
 
     found = answered([call("goToPose", Pose(x, 0.0, 0.0)) for x in (-1.0, 0.0, 2.0)])
@@ -129,6 +129,11 @@ def test_steps_are_predicted_from_several_situations(service_client: Client) -> 
     assert second[2] == min(second)
     assert len(found.spreads) == len(found.success) == 6
     assert all(map(math.isfinite, (*found.spreads, *found.success)))
+    stops = [call("goToPose", Pose(x, 0.0, 0.0), opened=("yaw",)) for x in (-1.0, 2.0)]
+    table = answered(stops, pairs=True).durations
+    assert len(table) == (2 + 2) * 2
+    assert (table[4], table[7]) == (0.0, 0.0)
+    assert table[5] == pytest.approx(table[6], rel=0.2)  # there and back
     for calls, reason in (
         ([], "calls: expected 1 to 100 items, got 0"),
         ([call("fly", Pose(0.0, 0.0, 0.0))], "calls[0].top"),

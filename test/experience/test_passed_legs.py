@@ -1,0 +1,52 @@
+"""Experience of an action that passes its goals: legs follow each other without a stop."""
+
+import math
+
+import numpy as np
+import pytest
+from bags import action_performance, own_types
+
+from ator_ros.domains.domain import find_domain
+from ator_ros.experience.records import episode_of
+from ator_ros.experience.simulated import collect
+from ator_ros.experience.table import checked_rows, join
+from ator_ros.geometry import Pose
+
+DOMAIN = find_domain("patrol")
+ROBOT = DOMAIN.robot()
+
+
+def test_collected_legs_continue_where_the_one_before_has_passed_its_goal() -> None:
+    spec = DOMAIN.actions()["pursue"]
+    frames = list(
+        collect([spec], DOMAIN.tops_for(ROBOT), ROBOT, objects=(), episodes=6, seed=3,
+                time_limit=60.0, finished={("pursue", 4)})
+    )  # fmt: skip
+    rows = checked_rows("collected", join(frames), "default")
+    starts = rows[rows["t"] == 0.0]
+    assert starts["episode"].tolist() == [0, 1, 2, 3, 5]
+    assert starts["success"].all()
+    passed = (starts["stopg"] == 0.0).to_numpy()[:3]
+    moving = (starts["v"] > 0.2).to_numpy()[1:4]
+    assert (passed == moving).all()
+    assert passed.any()
+    assert not passed.all()
+    within = np.abs(starts[["xg", "yg"]].to_numpy()[:3] - starts[["x", "y"]].to_numpy()[1:4])
+    assert (within <= 0.3).all()
+    assert starts["heading_error"].isna().tolist() == (starts["stopg"] == 0.0).tolist()
+
+
+@pytest.mark.parametrize(
+    ("passing", "stopped", "stop"), [(True, False, 0.0), (True, True, 1.0), (False, True, 1.0)]
+)
+def test_records_say_whether_the_robot_stopped(passing: bool, stopped: bool, stop: float) -> None:
+    message = action_performance(
+        own_types(), goal=Pose(1.5, 0.5, 0.7), speed=0.0, duration=3.0, code=1
+    )
+    message.action = "pursue"
+    message.call.top = "visit"
+    message.call.passing = passing
+    message.stopped = stopped
+    episode = episode_of(message, DOMAIN, ROBOT)
+    assert episode.situation.goal.values == {"stop": stop}
+    assert math.isnan(episode.heading_error) is (stop == 0.0)

@@ -1,0 +1,87 @@
+"""Models of an action that passes its goals: what a stop costs, and what is unknown of it."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from experience_rows import synthetic_experience
+
+from ator_ros.domains.domain import find_domain
+from ator_ros.performance.model import Passing, PerformanceModel
+from ator_ros.performance.training import direct_of, train, without_errors
+
+DOMAIN = find_domain("patrol")
+ROBOT = DOMAIN.robot()
+STOP_TIME = 1.4
+"""Time in s that a stop takes at each end."""
+
+
+def legs(episodes: int, seed: int, *, passing: bool) -> pd.DataFrame:
+    """Return legs, half of which begin, and half end, in passing, if any do."""
+    rows = synthetic_experience("pursue", episodes=episodes, seed=seed)
+    rng = np.random.default_rng(seed)
+    moves, passes = (rng.random((2, episodes)) < 0.5) & passing
+    dx, dy = rows["xg"] - rows["x"], rows["yg"] - rows["y"]
+    rows["v"] = np.where(moves, 0.4, 0.0)
+    rows["stopg"] = np.where(passes, 0.0, 1.0)
+    stops = 2.0 - moves - passes
+    rows["duration"] = 0.3 + 1.7 * np.hypot(dx, dy) + STOP_TIME * stops
+    rows["time_to_go"], rows["success"] = rows["duration"], True
+    rows["position_error"] = np.where(passes, 0.3, 0.1)
+    rows["heading_error"] = np.where(passes, np.nan, 0.02)
+    return rows
+
+
+def learned(*, passing: bool, episodes: int = 100) -> PerformanceModel:
+    rows = legs(episodes, 1, passing=passing)
+    return train("pursue", rows, ROBOT, features=DOMAIN.candidates("pursue"))
+
+
+LEG = {"x": 0.0, "y": 0.0, "yaw": 0.0, "w": 0.0, "xg": 3.0, "yg": 0.5, "speedg": 0.0, "hold": 0.0}
+
+
+def leg(
+    model: PerformanceModel, *, v: float, stop: float, yawg: float = 0.0
+) -> tuple[float, float]:
+    """Return the predicted duration of a leg, and its standard deviation, in s."""
+    direct = {**LEG, "v": v, "stopg": stop, "yawg": yawg}
+    predicted = model.predict(direct, ("duration", "spread"))
+    assert predicted.duration is not None
+    assert predicted.spread is not None
+    return float(predicted.duration[0]), float(predicted.spread[0])
+
+
+def test_drives_of_both_kinds_show_what_stops_cost() -> None:
+    model = learned(passing=True)
+    assert model.passing == Passing(pytest.approx(0.3), pytest.approx(0.4))
+    assert model.arrival is not None
+    assert model.arrival.dist == pytest.approx(0.1)
+    slow, _ = leg(model, v=0.0, stop=1.0)
+    fast, spread = leg(model, v=0.4, stop=0.0)
+    assert slow - fast == pytest.approx(2.0 * STOP_TIME, abs=0.2)
+    assert spread < 0.3
+    fresh = legs(200, 2, passing=True)
+    errors = fresh["duration"] - model.predict(direct_of(fresh)).duration
+    assert np.abs(errors).mean() < 0.15
+
+
+def test_the_heading_of_a_goal_that_is_passed_does_not_count() -> None:
+    model = learned(passing=True)
+    assert leg(model, v=0.0, stop=0.0, yawg=3.0) == leg(model, v=0.0, stop=0.0, yawg=0.0)
+    assert not without_errors("pursue", legs(30, 3, passing=True))
+
+
+def test_without_drives_that_pass_it_is_predicted_to_save_something_that_is_uncertain() -> None:
+    model = learned(passing=False)
+    assert model.passing is None
+    stopping, known = leg(model, v=0.0, stop=1.0)
+    passing, spread = leg(model, v=0.0, stop=0.0)
+    assert 0.1 < stopping - passing < 1.5
+    assert spread > stopping - passing > known
+    assert "stopg" in model.not_varied
+
+
+def test_actions_that_cannot_pass_have_no_further_features() -> None:
+    pursuit = find_domain("pursuit").candidates("pursue")
+    names = [feature.name for feature in DOMAIN.candidates("pursue")]
+    assert [feature.name for feature in pursuit] == names[: len(pursuit)]
+    assert names[len(pursuit) :] == ["stopg", "rests", "moving_turn"]
