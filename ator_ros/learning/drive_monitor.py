@@ -10,9 +10,9 @@ import numpy as np
 
 from ator_ros.bases.description import Robot
 from ator_ros.domains.domain import Domain
+from ator_ros.experience.server_drives import Watch
 from ator_ros.experience.server_goals import ServerGoal
 from ator_ros.experience.table import Episode
-from ator_ros.experience.watch import Watch
 from ator_ros.experience.watched_paths import WatchedPaths
 from ator_ros.geometry import Pose
 from ator_ros.learning.estimates import (

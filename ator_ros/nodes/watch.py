@@ -23,6 +23,7 @@ from ator_ros.actions import DEFAULT_SET
 from ator_ros.bases.description import Robot
 from ator_ros.bases.drive_parts import parts_of_drive
 from ator_ros.domains.domain import Domain
+from ator_ros.experience.server_drives import ODOM, TF
 from ator_ros.experience.server_goals import (
     FEEDBACK_SUFFIX,
     GOAL_POSE,
@@ -32,7 +33,6 @@ from ator_ros.experience.server_goals import (
     remote_calls,
 )
 from ator_ros.experience.table import Episode
-from ator_ros.experience.watch import ODOM, TF
 from ator_ros.experience.watched_paths import PATHS, WatchedPaths
 from ator_ros.files import FileError
 from ator_ros.learning.drive_monitor import DriveMonitor, EndedDrive

@@ -19,8 +19,8 @@ from ator_ros.bases.direct import NEAR_GOAL
 from ator_ros.domains.domain import Domain
 from ator_ros.experience.drives import CMD_VEL
 from ator_ros.experience.recordings import read_sources
+from ator_ros.experience.server_drives import ODOM
 from ator_ros.experience.table import Experience, ExperienceError, library_versions
-from ator_ros.experience.watch import ODOM
 from ator_ros.files import FileError, is_name
 from ator_ros.nodes.network import stay_on_this_machine
 from ator_ros.performance.accuracy import accuracy, brier, kinds
