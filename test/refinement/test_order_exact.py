@@ -20,9 +20,9 @@ from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.ordering import Ordering, ordering_of
 from ator_ros.world.state import RobotState, World
 
-HEADINGS = np.linspace(-math.pi, math.pi, 24, endpoint=False)
+HEADINGS = np.linspace(-math.pi, math.pi, 12, endpoint=False)
 # A search between the headings of the grid lowers the cost of a round by less than this share.
-NEAR = 1.015
+NEAR = 1.03
 
 
 @cache
