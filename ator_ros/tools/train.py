@@ -28,6 +28,7 @@ from ator_ros.performance.coverage import unvaried
 from ator_ros.performance.held_up import held_up_remark
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.model_file import load_model, model_path, save_model
+from ator_ros.performance.path_times import few_drives_remark
 from ator_ros.performance.training import (
     WorseThanMeanError,
     digest,
@@ -91,6 +92,7 @@ def train(
         learned += 1
         remarks = [f"{action}{text}" for text in without_routes(examples, robot, features)]
         remarks += held_up_remark(action, model.held_up)
+        remarks += few_drives_remark(model)
         if any(top.arrives for top in domain.tops if top.action == action):
             remarks += unvaried(
                 action, examples[examples["success"] & (examples["t"] == 0.0)], robot
