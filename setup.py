@@ -16,6 +16,7 @@ EXECUTABLES = {
         "learning",
         "goal_pose",
         "waypoints",
+        "watch",
     ),
     f"{PACKAGE}.tools": (
         "collect",

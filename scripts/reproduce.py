@@ -188,6 +188,23 @@ def steps(sizes: Sizes) -> Iterator[Step]:
         ("tour:train",),
     )
 
+    # A building with walls: docs/maps.md.
+    yield Step(
+        "building:collect",
+        f"collect --domain building --seed 151 --episodes {n.few[-1]} --out building.parquet",
+    )
+    yield Step(
+        "building:fresh",
+        f"collect --domain building --seed 251 --episodes {n.fresh_drives} "
+        "--out building_fresh.parquet",
+    )
+    yield Step(
+        "building:train",
+        "train building.parquet --fresh building_fresh.parquet --domain building "
+        "--models models/building",
+        ("building:collect", "building:fresh"),
+    )
+
     # Few drives of other servers, learning on the job, other robots: docs/results_conditions.md.
     drives = " ".join(map(str, n.few))
     servers = (

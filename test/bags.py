@@ -228,11 +228,11 @@ def action_performance(
     )  # fmt: skip
 
 
-def write_records(folder: Path, store: Any, records: list[Any]) -> None:
+def write_records(folder: Path, store: Any, records: list[Any], storage: str = "MCAP") -> None:
     from rosbags.rosbag2 import StoragePlugin, Writer
 
     kind = "ator_interfaces/msg/ActionPerformance"
-    with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+    with Writer(folder, version=9, storage_plugin=StoragePlugin[storage]) as writer:
         link = writer.add_connection("/performance/action", kind, typestore=store)
         for number, record in enumerate(records):
             writer.write(link, 1_000_000_000 * number, store.serialize_cdr(record, kind))

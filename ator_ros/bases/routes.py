@@ -209,8 +209,7 @@ class Routes:
         found = self._along.get((x, y, to_x, to_y))
         if found is not None:
             return found
-        # stops differ by centimeters
-        key = tuple(round(value / _CELL) for value in (x, y, to_x, to_y))
+        key = _path_key(x, y, to_x, to_y)
         path = self._paths.get(key) if key[:2] != key[2:] else np.array([(x, y), (to_x, to_y)])
         if path is None:
             with _PLANNING:
@@ -228,6 +227,33 @@ class Routes:
         found = np.array([length, turn, clearance, departure, arrival, straight])
         self._along[x, y, to_x, to_y] = found
         return found
+
+    def corners(self, start: Sequence[float], goal: Sequence[float]) -> FloatArray:
+        """Return start, bends and goal of the route between two places in m, shape (n, 2).
+
+        Of a planner's route these are all places of its path. Without a route the line between both
+        places has no bends.
+        """
+        ends = np.array([*start[:2], *goal[:2]], dtype=float)
+        if np.isnan(self.between(*ends[:, None]).length[0]):
+            return ends.reshape(2, 2)
+        if self.grid.planner is not None:
+            bends = self._paths.get(_path_key(*ends), np.empty((2, 2)))[1:-1]
+            return np.concatenate([[ends[:2]], bends, [ends[2:]]])
+        starts, goals = self._places(*ends[:2, None]), self._places(*ends[2:, None])
+        self._routes(starts, goals)
+        cells = self._cells(np.concatenate([starts, goals]))
+        level = int(_levels(self._nearest, self._component, cells[:1], cells[1:])[0])
+        field = self._fields[level, complex(goals[0])]
+        cell = int(field.cells(self._nearest[level, cells[:1]], self._clearance.shape[1])[0])
+        places = [(float(ends[0]), float(ends[1]))]
+        while field.parent[cell] != field.goal:
+            cell = int(field.parent[cell])
+            row, column = divmod(cell, field.columns)
+            x = self._cell * (field.left + column + 0.5)
+            y = self._cell * (field.low + row + 0.5)
+            places.append(self.grid.origin.compose(Pose(x, y, 0.0))[:2])
+        return np.array([*places, (float(ends[2]), float(ends[3]))])
 
     def connected(self, ends: FloatArray) -> BoolArray:
         """Return whether there are routes from x, y to to_x, to_y in m, shape (4, n)."""
@@ -417,6 +443,11 @@ def arrival_heading(start: Sequence[float], goal: Pose, robot: Robot) -> float:
     if routes is not None:
         found = routes.between(*np.array([[*start, *goal[:2]]], dtype=float).T).arrival[0]
     return math.atan2(goal.y - start[1], goal.x - start[0]) if math.isnan(found) else found
+
+
+def _path_key(*ends: float) -> tuple[int, ...]:
+    """Return the key of a planner's path: stops differ by centimeters."""
+    return tuple(round(value / _CELL) for value in ends)
 
 
 def _distinct(places: Places) -> Places:

@@ -456,6 +456,8 @@ class Bag:
                 self._damaged += 1
                 if not self._first_damage:
                     why = printable(str(error) or repr(error), 100)
+                    if not raw.definition:
+                        why = _without_definition(raw.topic[1])
                     self._first_damage = f"messages on {printable(raw.topic[0])}: {why}"
                 continue
             yield raw.topic, message
@@ -513,6 +515,15 @@ def _decoder(kind: str, definition: str) -> Callable[[bytes], Any]:
         decode = DecoderFactory().decoder_for("cdr", Schema(1, text.encode(), "ros2msg", name))
     assert decode is not None  # it is None for other encodings only
     return decode
+
+
+def _without_definition(kind: str) -> str:
+    """Return why messages cannot be read whose type the recording does not define."""
+    source = "this release of ator_ros" if kind.startswith("ator_interfaces/") else "ROS 2 Humble"
+    return (
+        f"the recording has no definition of {printable(kind)}, and they are not those of "
+        f"{source}; record with the definitions"
+    )
 
 
 def _known_definition(kind: str) -> str:

@@ -18,6 +18,7 @@ from ator_ros.bases.description import Robot
 from ator_ros.experience.drives import CMD_VEL, RECORDS, SHORTEST, Reader
 from ator_ros.experience.records import Vocabulary
 from ator_ros.experience.repeats import without_repeats
+from ator_ros.experience.server_drives import ODOM, TF
 from ator_ros.experience.server_goals import (
     FEEDBACK_SUFFIX,
     GOAL_POSE,
@@ -34,7 +35,6 @@ from ator_ros.experience.table import (
     join,
     read_experience,
 )
-from ator_ros.experience.watch import ODOM, TF
 from ator_ros.printable import printable, quoted
 
 if TYPE_CHECKING:
@@ -196,6 +196,10 @@ def _without_drives(
     has_states = any(segment.odom for segment in reader.segments)
     if has_commands and reader.left_out[ODOM] and not has_states:
         return "; ".join(["expected odometry that can be used, found none", *remarks[:3]])
+    if remarks and any(kind in _TYPES[RECORDS] for _, kind in topics):
+        return "; ".join(
+            [f"{RECORDS}: expected records that can be used, found none", *remarks[:3]]
+        )
     usable = [topic for topic, kind in topics if kind in _TYPES[ODOM] | _TYPES[CMD_VEL]]
     statuses = "".join(
         f"{call.server}{STATUS_SUFFIX} with tf and {PLAN}, or "

@@ -20,6 +20,7 @@ from ator_ros.experience.track import Segment
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.printable import quoted
 from ator_ros.world.readers import MessageError, plain_frame, pose_from, seconds_from
+from ator_ros.world.state import RobotState
 
 PLAN = "plan"
 """Role of the topic of the path to a goal (nav_msgs/Path)."""
@@ -34,6 +35,8 @@ _MOST_GOALS = 10_000  # of a recording: a week of drives of one minute
 _LONGEST_FRAME = 256  # characters of a frame's name
 _MOST_PLACES = 100_000  # of a path: 2.5 km in steps of 2.5 cm
 _MOST_ESTIMATES = 1000  # of the server for a goal: 8 min at 2 Hz
+_SAME_PLACE = 0.01  # m
+_EARLY = 0.5  # s by which a path may come before the message that its goal is executed
 _RECENT = 1.0  # s by which a goal_pose may precede its goal, and a goal the first status message
 _ENDED = ("succeeded", "canceled", "aborted")
 
@@ -60,6 +63,8 @@ class ServerGoal:
         When its execution began and ended, in s by odometry's stamps; NaN: not recorded.
     status : str
         How it ended; empty: not recorded.
+    start : RobotState or None
+        The robot in odometry's frame when its execution began.
     frame, pose : str, Pose or None
         The goal's pose, and the frame that it is in; None: not recorded.
     odom_pose : Pose or None
@@ -87,6 +92,7 @@ class ServerGoal:
     begin: float = math.nan
     end: float = math.nan
     status: str = ""
+    start: RobotState | None = None
     frame: str = ""
     pose: Pose | None = None
     odom_pose: Pose | None = None
@@ -109,6 +115,8 @@ class ServerGoal:
     ) -> None:
         """Set the pose of the goal: a later plan replaces an earlier one, but no goal_pose."""
         if from_goal_pose or not self.from_goal_pose:
+            if self.pose is not None and self.pose.distance(pose) > _SAME_PLACE:
+                self.first_path = None  # it led elsewhere
             if frame != self.frame or self.odom_pose is None:
                 self.odom_pose = odom_pose
             self.frame = frame
@@ -156,6 +164,8 @@ class ServerGoals:
         """How many numbers of paths are kept in memory."""
         self._goal_pose: tuple[float, str, Pose] | None = None
         """Time of the last goal_pose, its frame and pose."""
+        self._plan: tuple[float, Any] | None = None
+        """Time of the last path that came while no goal was executed, and its message."""
 
     @property
     def active(self) -> list[ServerGoal]:
@@ -163,11 +173,11 @@ class ServerGoals:
         return [goal for goal in self.goals.values() if goal.is_active]
 
     def add_status(
-        self, action: str, message: Any, segment: Segment, now: float, robot: Pose
+        self, action: str, message: Any, segment: Segment, now: float, robot: RobotState | None
     ) -> list[ServerGoal]:
         """Add an action_msgs/GoalStatusArray at `now` (s by odometry); return what ended with it.
 
-        `robot` is in odometry's frame.
+        `robot` is in odometry's frame, None before its first message.
         """
         ended = []
         is_first = not any(known == action for known, _ in self.goals)
@@ -187,14 +197,19 @@ class ServerGoals:
             if status == "executing" and math.isnan(goal.begin):
                 goal.segment = segment
                 goal.begin = now
+                goal.start = robot
                 if self._goal_pose is not None and abs(now - self._goal_pose[0]) <= _RECENT:
                     _, frame, pose = self._goal_pose
                     goal.set_pose(frame, pose, self._odom_pose_in(frame), from_goal_pose=True)
+                if self._plan is not None and 0.0 <= now - self._plan[0] <= _EARLY:
+                    self.add_pose(self._plan[1], now)
+                self._plan = None
             elif status in _ENDED and not goal.status:
                 goal.status = status
                 goal.end = now if segment is goal.segment else math.nan
                 odom_pose = self._odom_pose_in(goal.frame)
-                goal.final_pose = odom_pose.compose(robot) if odom_pose else None
+                if odom_pose is not None and robot is not None:
+                    goal.final_pose = odom_pose.compose(robot.pose)
                 ended.append(goal)
         return ended
 
@@ -224,6 +239,8 @@ class ServerGoals:
         else:
             pose = pose_from(message.poses[-1].pose, f"{PLAN}.poses[-1]")
             path = _path_from(message)
+            if not self.active:
+                self._plan = now, message
             for goal in self.active:
                 goal.set_pose(frame, pose, self._odom_pose_in(frame), from_goal_pose=False)
                 if frame == goal.frame:

@@ -18,7 +18,7 @@ from ator_ros.performance.training import SMALL_LEAF, Examples, duration_tree, s
 from ator_ros.performance.tree.nodes import ModelTree
 
 _WINDOW = 200  # newest records of the second refit, in case the robot changed
-_FEWEST_LEARNED = 20  # records from which a tree can be learned
+_FEWEST_LEARNED = 13  # records from which a tree can be learned: two thirds of the first twenty
 _LEAST_LEAF = 8  # records in a leaf: failures are rare
 _SCALED = 30  # newest records to which a tree is scaled
 _FEWEST_SCALED = 12

@@ -23,11 +23,20 @@ from ator_ros.geometry import FloatArray, Pose
 from ator_ros.nodes.goal_run import GoalRun
 from ator_ros.nodes.messages import pose_of, stamp_of
 from ator_ros.nodes.qos import LATCHED
-from ator_ros.nodes.segments import ORANGE, Segments, executed_chain_shapes, surroundings
+from ator_ros.nodes.segments import (
+    ORANGE,
+    WHITE,
+    Label,
+    Segments,
+    executed_chain_shapes,
+    station_labels,
+    surroundings,
+)
 from ator_ros.world.state import ObjectState, World
 
 _ABOVE_FLOOR = 0.02  # m: height of the lines, above the grid that RViz draws
 _POINT = 0.05  # m: radius with which an object of unknown size is drawn
+_TEXT = 0.25  # m: height of texts, and above the floor
 _PERIOD = 0.2  # s on odometry's clock, between two updates
 _ROUNDING = 1e-6  # s; stamps are sums of floats
 _MOST_POSES = 60  # of planned_path: 0.1 m apart on a drive of 6 m
@@ -84,11 +93,13 @@ class ExecutionDrawing:
 
     def _chain_message(self, supervisor: Supervisor) -> MarkerArray:
         shapes: list[Segments] = []
+        labels: list[Label] = []
         if supervisor.phase is Phase.EXECUTING and supervisor.start is not None:
             start = supervisor.start.robot.pose
             executor = supervisor.executor
             shapes = executed_chain_shapes(start, executor.chain, executor.index)
-        return marker_array(shapes, "chain", self._frame)
+            labels = station_labels(executor.chain)
+        return marker_array(shapes, "chain", self._frame, labels)
 
     def _path_message(self, path: FloatArray | None, now: float) -> Path:
         message = Path()
@@ -123,9 +134,12 @@ class LazyPublisher:
             self._publisher.publish(factory())
 
 
-def marker_array(shapes: Iterable[Segments], namespace: str, frame: str) -> MarkerArray:
+def marker_array(
+    shapes: Iterable[Segments], namespace: str, frame: str, labels: Iterable[Label] = ()
+) -> MarkerArray:
     """Return markers in the namespace, which replace those of the previous message."""
-    return _array((_segments(shape) for shape in shapes if len(shape.points)), namespace, frame)
+    lines = (_segments(shape) for shape in shapes if len(shape.points))
+    return _array((*lines, *map(_text, labels)), namespace, frame)
 
 
 def _array(drawn: Iterable[Marker], namespace: str, frame: str) -> MarkerArray:
@@ -143,6 +157,14 @@ def _segments(shape: Segments) -> Marker:
     for ends, color in zip(shape.points.tolist(), shape.colors.tolist(), strict=True):
         marker.points += [Point(x=x, y=y, z=_ABOVE_FLOOR) for x, y in ends]
         marker.colors += [_color(*color)] * 2
+    return marker
+
+
+def _text(label: Label) -> Marker:
+    marker = Marker(type=Marker.TEXT_VIEW_FACING, text=label.text, color=_color(*WHITE))
+    marker.pose = pose_of(Pose(label.x, label.y, 0.0))
+    marker.pose.position.z = _TEXT
+    marker.scale.z = _TEXT
     return marker
 
 

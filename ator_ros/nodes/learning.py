@@ -51,6 +51,12 @@ PARAMETERS = (
     MODELS,
     PLANNER,
     Parameter("learned", "", "folder of records and learned sets; empty: ~/.ros/ator_ros/learned"),
+    Parameter(
+        "watched",
+        "",
+        "folder of the node `watch`, whose paths are the routes on the map instead of those of "
+        "`planner`; empty: none",
+    ),
     Parameter("records", ["performance/action"], "topics of the records, of one or several robots"),
     Parameter("chains", ["performance/chain"], "topics of their chain records"),
     Parameter("batch", 20, "new records after which to learn again", 5, 10_000),
@@ -84,11 +90,12 @@ class LearningNode(Node):
         self._domain, self._robot = domain_and_robot(settings)
         self._folder = folder = Path(settings["learned"] or _DEFAULT_FOLDER).expanduser()
         given = {name: settings[name] for name in ("domain", "robot", "models", "frame")}
-        planner = planner_name(self, settings, self._domain)
+        planner = "" if settings["watched"] else planner_name(self, settings, self._domain)
         self._grid = map_file(settings)
         self._awaits_map = bool(map_topic(settings))
         self._topic_map: GridMap | None = None
         self._given = given | {"learned": str(folder), "planner": planner}
+        self._given["watched"] = settings["watched"]
         self._fault = ""  # the last one that was logged
         self._numbers: dict[str, int] = {}  # of the last message of each topic
         models = self._domain.models_root(settings["models"])

@@ -12,6 +12,8 @@ import rclpy
 
 from ator_ros.domains.domain import domain_for
 from ator_ros.experience.parallel import end_with_parent
+from ator_ros.experience.watched_paths import PATHS, WatchedPaths
+from ator_ros.learning.drive_monitor import driven_on
 from ator_ros.learning.round import Source, learn
 from ator_ros.nodes.path_planner import planned_by
 
@@ -22,9 +24,9 @@ def main() -> None:
     """Execute one round at the lowest priority, and write its result as JSON to standard output.
 
     The only argument is a JSON object: `learned`, the folder of records; `domain`, `robot`,
-    `models`, `map`, `planner` and `frame` as the parameters of the node; `time`, the time stamp of
-    the new set of models; `parent`, the process of the node. It ends with the node, also if that is
-    killed.
+    `models`, `map`, `planner`, `watched` and `frame` as the parameters of the node; `time`, the
+    time stamp of the new set of models; `parent`, the process of the node. It ends with the node,
+    also if that is killed.
     """
     given: dict[str, str] = json.loads(sys.argv[1])
     end_with_parent(int(given["parent"]))
@@ -36,6 +38,8 @@ def main() -> None:
     if given["planner"]:
         rclpy.init()
         domain = planned_by(given["planner"], given["frame"], domain)
+    if given["watched"]:
+        domain = driven_on(WatchedPaths(Path(given["watched"]) / PATHS), domain)
     robot = domain.robot(given["robot"] or None)
     models = domain.models_root(given["models"])
     source = Source(Path(given["learned"]), domain, robot, models)

@@ -8,6 +8,9 @@ from rclpy.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile, Reliabilit
 SENSOR_DATA = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 """For sensor topics, and for subscribing to commands: only the newest message counts."""
 
+ALL_SENSOR_DATA = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
+"""For sensor topics of which every message counts, also those that come while a node is busy."""
+
 NEWEST = QoSProfile(depth=1)
 """For publishing sensor data and commands: fits best-effort and reliable volatile subscriptions."""
 

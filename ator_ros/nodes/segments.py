@@ -7,7 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ator_ros.actions.goal_variables import ORDER
 from ator_ros.bases.description import Robot
+from ator_ros.bases.routes import routes_of
 from ator_ros.domains.domain import Domain
 from ator_ros.geometry import FloatArray, Pose, wrap_angles
 from ator_ros.refinement.refiner import SubgoalCurve
@@ -46,6 +48,37 @@ class Segments:
     points: FloatArray
     colors: FloatArray
     width: float = 0.02
+
+
+@dataclass(frozen=True)
+class Label:
+    """A text at a place (m). Names are unique in a drawing."""
+
+    name: str
+    text: str
+    x: float
+    y: float
+
+
+def station_labels(chain: TopChain) -> list[Label]:
+    """Return the number of each station of a round as sent, and its place in the order chosen.
+
+    Empty for a chain whose order is not open.
+    """
+    if not any(ORDER in call.open for call in chain.calls):
+        return []
+    labels = []
+    for place, (index, call) in enumerate(zip(chain.order, chain.calls, strict=True)):
+        text = str(index + 1) if place == index else f"{index + 1} ({_ordinal(place + 1)})"
+        labels.append(Label(f"station{index}", text, *call.goal.pose[:2]))
+    return labels
+
+
+def _ordinal(number: int) -> str:
+    """Return 1st, 2nd, 3rd, 4th, …."""
+    is_teen = number // 10 % 10 == 1
+    ending = "th" if is_teen else {1: "st", 2: "nd", 3: "rd"}.get(number % 10, "th")
+    return f"{number}{ending}"
 
 
 def polyline(
@@ -148,6 +181,35 @@ def ring(chain: TopChain, curve: SubgoalCurve) -> tuple[Segments, ...]:
         Segments(f"ring{curve.subgoal}", segments, colors, _RING_WIDTH),
         Segments(f"chosen{curve.subgoal}", np.array([ends]), np.array([BLUE]), _CHOSEN_WIDTH),
     )
+
+
+def route_line(start: Pose, goal: Pose, robot: Robot) -> FloatArray:
+    """Return the corners of the robot's route from place to place in m, shape (n, 2).
+
+    A straight line without a map.
+    """
+    routes = routes_of(robot)
+    if routes is None:
+        return np.array([start[:2], goal[:2]])
+    return routes.corners(start, goal)
+
+
+def walls(robot: Robot) -> Segments:
+    """Return the outlines of the obstacles on the robot's map; empty without one.
+
+    On a large map this takes seconds.
+    """
+    lines = []
+    for middle, length, width in [] if robot.grid is None else robot.grid.walls:
+        x, y = 0.5 * length, 0.5 * width
+        corners = [(-x, -y), (x, -y), (x, y), (-x, y), (-x, -y)]
+        outline = [middle.compose(Pose(*corner, 0.0))[:2] for corner in corners]
+        lines.append(polyline("wall", outline, GRAY, _LINE_WIDTH))
+    if not lines:
+        return polyline("walls", [], GRAY, _LINE_WIDTH)
+    points = np.concatenate([line.points for line in lines])
+    colors = np.concatenate([line.colors for line in lines])
+    return Segments("walls", points, colors, _LINE_WIDTH)
 
 
 def surroundings(domain: Domain, robot: Robot) -> list[Segments]:

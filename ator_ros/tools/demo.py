@@ -14,7 +14,6 @@ from typing import Literal
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon
 from PIL import Image
@@ -24,7 +23,6 @@ from ator_ros.domains.domain import Domain
 from ator_ros.domains.trials import Trial, open_speeds, random_trial
 from ator_ros.files import atomic_write
 from ator_ros.geometry import Pose
-from ator_ros.nodes.segments import surroundings
 from ator_ros.refinement.refiner import ITS_DEADLINE
 from ator_ros.tools.command_line import (
     add_factor,
@@ -35,6 +33,7 @@ from ator_ros.tools.command_line import (
     source_of,
     whole,
 )
+from ator_ros.tools.floor_plan import draw_floor, draw_stations
 from ator_ros.tools.own_nodes import all_nodes, connected
 from ator_ros.tops.chain import TopChain
 from ator_ros.view.backend import Backend
@@ -44,11 +43,12 @@ from ator_ros.world.state import World
 
 _LEGEND = (
     "the robot's path in each situation, naive (orange) and refined (blue); "
-    "arrows show the start, dots objects, and crosses the goals of steps (green: nothing is open)"
+    "arrows show the start, dots objects, and crosses the goals of steps (green: nothing is open), "
+    "numbers the stations of a round, in brackets their places in the refined order"
 )
-_COLUMNS = 3
+_COLUMNS = 3  # most panels side by side
 _MOST_SITUATIONS = 200  # that fit into one picture
-BLUE, ORANGE, GRAY, GREEN, DARK = "#1f5fa8", "#d9791a", "#8a8f98", "#2e7d4f", "#333333"
+BLUE, ORANGE, GREEN, DARK = "#1f5fa8", "#d9791a", "#2e7d4f", "#333333"
 _MOVED = 0.005  # m; beyond the noise of odometry of a robot that stands
 _FRAME = 0.1  # s; a GIF of a race of 15 s with the colors below has less than 2 MB
 _FRAME_COLORS = 48
@@ -122,15 +122,18 @@ def table(situations: Sequence[DemoSituation]) -> str:
 
 def _times(situation: DemoSituation, run: Run) -> dict[str, str]:
     """Return predicted and actual time of each step and of the chain."""
-    predicted = situation.answer.after if run.record.refined else situation.answer.before
-    actual = [action.actual.duration for action in run.record.actions]
-    steps = zip(situation.chain.calls, predicted, actual, strict=False)  # fewer if it failed
-    cells = {
-        f"{number} {call.top.name}": f"{seconds(before)} / {seconds(after)}"
-        for number, (call, before, after) in enumerate(steps, 1)
-    }
-    chain = f"{seconds(sum(predicted))} / {seconds(run.duration)}"
-    return {**cells, "chain": "failed" if math.isnan(run.duration) else chain}
+    answer = situation.answer
+    refined = run.record.refined
+    predicted = answer.after if refined else answer.before
+    chain = answer.chain if refined else answer.naive
+    actual = [action.actual.duration for action in run.record.actions]  # fewer if it failed
+    steps = sorted(zip(chain.order, predicted, actual, strict=False))
+    cells = {}
+    for index, before, after in steps:
+        name = f"{index + 1} {situation.chain.calls[index].top.name}"
+        cells[name] = f"{seconds(before)} / {seconds(after)}"
+    whole = f"{seconds(sum(predicted))} / {seconds(run.duration)}"
+    return {**cells, "chain": "failed" if math.isnan(run.duration) else whole}
 
 
 def _summary(situations: Sequence[DemoSituation]) -> str:
@@ -160,10 +163,11 @@ def save_picture(
     file: Path, domain: Domain, robot: Robot, situations: Sequence[DemoSituation]
 ) -> None:
     """Draw the paths of each situation in a panel, and write a PNG file."""
-    rows = math.ceil(len(situations) / _COLUMNS)
-    figure = Figure(figsize=(4.6 * _COLUMNS, 3.4 * rows), layout="constrained")
+    columns = min(len(situations), _COLUMNS)
+    rows = math.ceil(len(situations) / columns)
+    figure = Figure(figsize=(4.6 * columns, 3.4 * rows), layout="constrained")
     for number, situation in enumerate(situations, start=1):
-        axes = figure.add_subplot(rows, _COLUMNS, number)
+        axes = figure.add_subplot(rows, columns, number)
         _draw_floor(axes, domain, robot, situation)
         pose = situation.start.robot.pose
         axes.quiver(pose.x, pose.y, math.cos(pose.yaw), math.sin(pose.yaw), color=DARK, scale=18.0)
@@ -181,12 +185,11 @@ def save_picture(
 
 
 def _draw_floor(axes: Axes, domain: Domain, robot: Robot, situation: DemoSituation) -> None:
-    """Draw the surroundings and the goals of the steps."""
-    for lines in surroundings(domain, robot):
-        axes.add_collection(LineCollection(list(lines.points), colors=GRAY, linewidths=0.8))
+    """Draw the surroundings and the goals of the steps, with numbers if their order is open."""
+    draw_floor(axes, domain, robot)
     for call in situation.chain.calls:
         axes.plot(*call.goal.pose[:2], "+", color=DARK if call.open else GREEN, ms=7)
-    axes.set_aspect("equal")
+    draw_stations(axes, situation.answer.chain)
     axes.axis("off")
 
 

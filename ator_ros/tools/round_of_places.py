@@ -7,25 +7,40 @@ file, as a list of such lists. The robot visits them in the best order, or as li
 from __future__ import annotations
 
 import argparse
+import dataclasses
+import itertools
 import math
+import os
+import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from matplotlib.collections import LineCollection
+import rclpy
 from matplotlib.figure import Figure
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
 
+from ator_interfaces.action import ExecuteChain
+from ator_interfaces.msg import Outcome
 from ator_ros.actions.goal_variables import ORDER
 from ator_ros.bases.description import Robot
 from ator_ros.domains.domain import Domain
 from ator_ros.evaluation.toolset import tools_of
+from ator_ros.execution.fence import Fence
 from ator_ros.files import FileError, atomic_write, read_yaml
 from ator_ros.geometry import Pose
+from ator_ros.nodes.chain_client import ChainClient
+from ator_ros.nodes.main_loop import uninterrupted
+from ator_ros.nodes.messages import chain_of
+from ator_ros.nodes.network import NodesError, stay_on_this_machine
 from ator_ros.nodes.parameters import driving_top
-from ator_ros.nodes.segments import surroundings
+from ator_ros.nodes.result_line import result_line
+from ator_ros.nodes.segments import route_line
 from ator_ros.refinement import RefinementError
 from ator_ros.refinement.refiner import LONGEST_CHAIN, Refinement, choose
 from ator_ros.tools.command_line import add_models, add_setting, number, run_tool, source_of
+from ator_ros.tools.floor_plan import draw_floor, draw_stations
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.readers import FARTHEST
@@ -33,6 +48,8 @@ from ator_ros.world.state import RobotState, World
 
 _coordinate = number(-FARTHEST, FARTHEST)
 _LARGEST = 100_000  # bytes of a file of places
+_DISCOVERY = 3.0  # real s in which DDS finds a running executor
+_BLUE = "#1f5fa8"
 
 
 def _places(options: argparse.Namespace) -> list[list[float]]:
@@ -100,22 +117,59 @@ def _table(found: Refinement, places: int) -> str:
 
 
 def _draw(file: Path, domain: Domain, robot: Robot, start: Pose, found: Refinement) -> None:
-    """Draw the round on the map, with straight lines from place to place, and write a PNG file."""
+    """Draw the round along its routes on the map, and write a PNG file."""
     figure = Figure(figsize=(7.0, 5.0), layout="constrained")
     axes = figure.add_subplot()
-    for lines in surroundings(domain, robot):
-        axes.add_collection(LineCollection(list(lines.points), colors="0.6", linewidths=0.8))
+    draw_floor(axes, domain, robot)
     poses = [start, *(call.goal.pose for call in found.best.calls)]
-    axes.plot([pose.x for pose in poses], [pose.y for pose in poses], lw=1.2)
+    for before, after in itertools.pairwise(poses):
+        axes.plot(*route_line(before, after, robot).T, lw=1.2, color=_BLUE)
     size = 2.0 * robot.reach
-    numbers = ["start", *(str(index + 1) for index in found.best.order)]
-    for number_text, pose in zip(numbers, poses, strict=True):
+    for pose in poses:
         ahead = pose.ahead(size)
         axes.annotate("", (ahead.x, ahead.y), (pose.x, pose.y), arrowprops={"arrowstyle": "->"})
-        axes.text(pose.x, pose.y, number_text)
-    axes.set_aspect("equal")
+    axes.plot(start.x, start.y, "s", color=_BLUE, ms=6)
+    draw_stations(axes, found.best)
     with atomic_write(file) as temporary:
         figure.savefig(temporary, format="png", dpi=130)
+
+
+def _execute(chain: TopChain, action_set: str) -> None:
+    """Send the chain, as it is, to the running executor, and print how it ended.
+
+    Raises NodesError without an executor, or if the chain failed.
+    """
+    calls = tuple(dataclasses.replace(call, open=frozenset(), after=()) for call in chain.calls)
+    message = chain_of(TopChain(calls), action_set=action_set, frame="")
+    stay_on_this_machine(os.environ)
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    node = Node("round")
+    try:
+        client = ChainClient(node)
+        end = time.monotonic() + _DISCOVERY
+        while not client.is_ready() and time.monotonic() < end:
+            _spin(node)
+        sent = client.send(ExecuteChain.Goal(chain=message))
+        try:
+            while not sent.result.done():
+                _spin(node)
+        except KeyboardInterrupt:
+            sent.cancel()
+            _spin(node)
+            raise
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown()
+    result = sent.result.result()
+    reason = result_line(result.record, wanted=False, changes=())
+    if result.outcome.code != Outcome.SUCCEEDED:
+        raise NodesError(result.outcome.reason)
+    print(reason)
+
+
+def _spin(node: Node) -> None:
+    with uninterrupted():
+        rclpy.spin_once(node, timeout_sec=0.1)
 
 
 def arguments() -> argparse.ArgumentParser:
@@ -133,6 +187,10 @@ def arguments() -> argparse.ArgumentParser:
     parser.add_argument("--as-listed", action="store_true", help="keep the order of the places")
     parser.add_argument("--keep-last", action="store_true", help="end at the last place")
     parser.add_argument("--return-home", action="store_true", help="end where the robot is")
+    parser.add_argument(
+        "--execute", action="store_true",
+        help="send the round to the running executor, with the order and headings printed",
+    )  # fmt: skip
     parser.add_argument("--picture", type=Path, metavar="FILE.png", help="draw the round")
     add_setting(parser)
     add_models(parser)
@@ -144,12 +202,17 @@ def _run(options: argparse.Namespace, domain: Domain, _: str) -> None:  # noqa: 
     places = _places(options)
     tools, library = tools_of(source_of(options))
     chain = _round(library, places, start if options.return_home else None, options)
+    fence = Fence.around(tools.robot)
+    if fault := fence.unreachable(chain, tools.robot, "round", start=start[:2]):
+        raise RefinementError(fault)
     world = World(0.0, RobotState(start))
     found = choose(tools.refiner(), world, [chain], placeholders=True).refinement
     print(_table(found, len(places)))
     if options.picture is not None:
         _draw(options.picture, tools.domain, tools.robot, start, found)
         print(f"wrote {options.picture}")
+    if options.execute:
+        _execute(found.best, library.action_set)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

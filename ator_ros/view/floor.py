@@ -18,7 +18,7 @@ from viser.extras import ViserUrdf
 from ator_ros.bases.description import Robot
 from ator_ros.domains.domain import Domain
 from ator_ros.geometry import Pose, quaternion_from_yaw
-from ator_ros.nodes.segments import Color, Segments, surroundings
+from ator_ros.nodes.segments import Color, Label, Segments, surroundings, walls
 from ator_ros.refinement.objective import LEAST_WEIGHT
 from ator_ros.world.scene import Area
 
@@ -136,7 +136,8 @@ def serve(
         position=(0.0, 0.0, -0.01),
         cast_shadow=False,
     )
-    Canvas(server, "/surroundings", area, 0.02).draw(surroundings(domain, robot))
+    shapes = [*surroundings(domain, robot), walls(robot)]
+    Canvas(server, "/surroundings", area, 0.02).draw(shapes)
     return server
 
 
@@ -158,6 +159,17 @@ class Canvas:
         self._height = height
         self._center = np.array([area.x, area.y])
         self._shown: dict[str, viser.LineSegmentsHandle] = {}
+        self._labels: list[viser.LabelHandle] = []
+
+    def label(self, labels: Iterable[Label]) -> None:
+        """Replace all texts of this group."""
+        while self._labels:
+            self._labels.pop().remove()
+        for label in labels:
+            x, y = np.array([label.x, label.y]) - self._center
+            node = f"{self._group}/{label.name}"
+            position = (float(x), float(y), self._height)
+            self._labels.append(self._scene.add_label(node, label.text, position=position))
 
     def draw(self, shapes: Iterable[Segments]) -> None:
         """Replace all shapes of this group."""

@@ -20,6 +20,7 @@ from ator_ros.nodes.segments import (
     alternative_shapes,
     polyline,
     refinement_shapes,
+    station_labels,
 )
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.refinement.chain_prediction import chain_situations
@@ -154,6 +155,7 @@ class Page:
         if answer is not None:
             shapes += refinement_shapes(start, answer.naive, answer.chain, answer.curves)
         self._chain.draw(shapes)
+        self._chain.label([] if answer is None else station_labels(answer.chain))
         self._show_draft()
 
     def _show_handles(self) -> None:

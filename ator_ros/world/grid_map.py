@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 _LARGEST_YAML = 100_000  # bytes; map_server's have 200
 _FREE = 25  # percent up to which a cell of an OccupancyGrid is free, as map_saver writes it
+_LOCALIZATION = 0.15  # m by which start and goal may be too close to an obstacle, as in routes
 _MOST_CELLS = 100_000_000  # 500 x 500 m at 5 cm
 # Decoders of images. Pillow has many others, of which some start programs.
 _FORMATS = ("PPM", "PNG", "BMP")  # PPM includes PGM and PBM
@@ -109,6 +110,41 @@ class GridMap:
         dx = np.asarray(x) - self.origin.x
         dy = np.asarray(y) - self.origin.y
         return (cos * dx + sin * dy) / self.resolution, (cos * dy - sin * dx) / self.resolution
+
+    def is_free(self, x: Any, y: Any) -> BoolArray:
+        """Return whether places in m are in free cells, elementwise; False beyond the map."""
+        along, across = (np.floor(cells).astype(int) for cells in self.cells(x, y))
+        rows, columns = self.free.shape
+        inside = (across >= 0) & (across < rows) & (along >= 0) & (along < columns)
+        found: BoolArray = inside & self.free[across * inside, along * inside]
+        return found
+
+    def obstacle_on(self, poses: FloatArray, half_width: float) -> tuple[float, float] | None:
+        """Return the first place in m at which a robot's axle would be in an obstacle, or None.
+
+        Parameters
+        ----------
+        poses : FloatArray
+            The poses of the axle's middle, shape (n, 3), in m and continuous rad.
+        half_width : float
+            Half of the robot's width in m. A cell less is checked, so that doors as wide as the
+            robot are open, and nothing 0.15 m around both ends: localization errs.
+        """
+        longest = np.hypot(*np.diff(poses[:, :2], axis=0).T).max(initial=0.0)
+        parts = math.ceil(2.0 * longest / self.resolution) or 1  # at most half a cell each
+        index = np.linspace(0.0, len(poses) - 1, parts * (len(poses) - 1) + 1)
+        poses = np.stack([np.interp(index, range(len(poses)), each) for each in poses.T], axis=1)
+        to_ends = np.hypot(*(poses[:, None, :2] - poses[None, [0, -1], :2]).T).min(axis=0)
+        checked = poses[to_ends > _LOCALIZATION]
+        most = max(half_width - self.resolution, 0.0)
+        sideways = np.linspace(-most, most, 1 + 2 * math.ceil(most / self.resolution))
+        x = checked[:, :1] - sideways * np.sin(checked[:, 2:])
+        y = checked[:, 1:2] + sideways * np.cos(checked[:, 2:])
+        blocked = np.argwhere(~self.is_free(x, y))
+        if not len(blocked):
+            return None
+        first = tuple(blocked[0])
+        return float(x[first]), float(y[first])
 
     @cached_property
     def walls(self) -> list[tuple[Pose, float, float]]:

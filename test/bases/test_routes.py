@@ -204,3 +204,34 @@ def test_a_map_too_large_for_the_robot_is_rejected() -> None:
 def test_a_map_without_room_for_the_robot_is_rejected() -> None:
     with pytest.raises(FileError, match=r"hall: expected a place 9 m from obstacles, got none"):
         Routes(GRID, 9.0)
+
+
+def length_of(corners: FloatArray) -> float:
+    return float(np.hypot(*np.diff(corners, axis=0).T).sum())
+
+
+def test_the_corners_of_a_route_are_its_bends() -> None:
+    """The hall has a wall in its middle, around which each route from side to side leads."""
+    rng = np.random.default_rng(3)
+    for _ in range(10):
+        start = (float(rng.uniform(-5.0, -1.0)), float(rng.uniform(-3.0, 3.0)))
+        goal = (float(rng.uniform(1.0, 5.0)), float(rng.uniform(-3.0, 3.0)))
+        route = between((*start, *goal))
+        corners = ROUTES.corners(start, goal)
+        assert corners[0] == pytest.approx(start)
+        assert corners[-1] == pytest.approx(goal)
+        assert length_of(corners) == pytest.approx(route.length[0], rel=1e-5)
+        assert (len(corners) == 2) == route.straight[0]
+        first = corners[1] - corners[0]
+        if np.hypot(*first) > 0.5:
+            assert math.atan2(first[1], first[0]) == pytest.approx(route.departure[0], abs=1e-6)
+    assert ROUTES.corners((-3.0, 0.0), (50.0, 0.0)).tolist() == [[-3.0, 0.0], [50.0, 0.0]]
+
+
+def test_the_corners_of_a_planned_route_are_the_places_of_its_path() -> None:
+    bend = (0.0, 3.0)
+    routes = Routes(
+        dataclasses.replace(GRID, planner=lambda start, goal: np.array([start, bend, goal])), RADIUS
+    )
+    found = routes.corners((-3.0, 0.0), (3.0, 0.0))
+    assert found == pytest.approx(np.array([(-3.0, 0.0), bend, (3.0, 0.0)]))

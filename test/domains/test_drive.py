@@ -5,15 +5,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from maps import hall_map
 from robots import PIONEER, PLAIN, SHIPPED, loaded
 
+from ator_ros.actions.base import ActionError, Goal
 from ator_ros.bases.description import Robot
 from ator_ros.bases.differential.limits import Limits
 from ator_ros.domains.domain import domain_for, find_domain
 from ator_ros.evaluation.chain_run import run_chain
+from ator_ros.geometry import Pose
 from ator_ros.tools import study
 from ator_ros.tools.command_line import run_tool
 from ator_ros.world.scene import Area, Scene
+from ator_ros.world.state import RobotState, World
 
 DRIVE = find_domain("drive")
 
@@ -76,6 +80,18 @@ def test_robots_of_all_speeds_pass_an_intermediate_place(speed: str, tmp_path: P
         assert all(area.has_floor(call.goal.pose.x, call.goal.pose.y) for call in chain.calls)
         run = run_chain(described, library, world, chain, time_limit=DRIVE.time_limit)
         assert run.success, run.reason
+
+
+def test_a_drive_through_a_wall_of_the_map_is_refused_before_the_robot_moves() -> None:
+    mapped = DRIVE.on_map(hall_map())
+    library = mapped.library(mapped.equip(PLAIN))
+    action = library.action(library["goToPose"])
+    world = World(0.0, RobotState(Pose(-2.0, 0.0, 0.0)))
+    with pytest.raises(ActionError, match=r"got an obstacle of the map hall .* at \(-0\.\d+, 0\."):
+        action.start(world, Goal(Pose(2.0, 0.5, 0.0)))
+    action.start(world, Goal(Pose(-1.0, 0.5, 0.0)))
+    through_the_door = World(0.0, RobotState(Pose(-2.0, 2.6, 0.0)))
+    action.start(through_the_door, Goal(Pose(2.0, 2.6, 0.0)))
 
 
 def test_soccer_needs_a_holder_and_a_ball(tmp_path: Path) -> None:

@@ -126,6 +126,21 @@ def test_a_recording_without_definitions_is_read(tmp_path: Path, usual: pd.DataF
     pd.testing.assert_frame_equal(read(file).frame, usual)
 
 
+def test_former_records_without_definitions_are_said_to_be_those_of_another_release(
+    tmp_path: Path,
+) -> None:
+    store = own_types(former_velocity=True)
+    record = action_performance(store, goal=Pose(1.5, 0.5, 0.7), speed=0.3, duration=3.25, code=1)
+    write_records(tmp_path / "bag", store, [record, record], "SQLITE3")
+    file = next((tmp_path / "bag").glob("*.db3"))
+    change(file, "DROP TABLE message_definitions")
+    with pytest.raises(ExperienceError) as caught:
+        read(file)
+    text = str(caught.value)
+    assert "performance/action: expected records that can be used, found none; skipped" in text
+    assert "no definition of ator_interfaces/msg/ActionPerformance, and they are not those" in text
+
+
 def test_definitions_may_be_stored_as_bytes(tmp_path: Path, usual: pd.DataFrame) -> None:
     file = in_sqlite(tmp_path)
     change(

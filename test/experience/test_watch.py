@@ -10,9 +10,9 @@ from bags import ROBOT, Messages, Tick
 from domain_files import changed, file_of
 
 from ator_ros.domains.domain import find_domain
+from ator_ros.experience.server_drives import Watch
 from ator_ros.experience.server_goals import ServerGoal
 from ator_ros.experience.table import Episode
-from ator_ros.experience.watch import Watch
 from ator_ros.geometry import Pose
 
 SERVER = "navigate_to_pose"
@@ -131,6 +131,18 @@ def test_memory_stays_bounded_and_no_drive_ends_twice(robot: Robot) -> None:
     assert max(rows for rows, _ in numbers) < 2000
     assert max(goals for _, goals in numbers) <= 101
     assert robot.watch.take_ended() == []
+
+
+def test_a_path_may_come_just_before_the_message_that_its_goal_is_executed(robot: Robot) -> None:
+    robot.drive(1)
+    robot.plan((robot.x, 0.0), (robot.x + 0.5, 0.0))
+    robot.set_state(2, EXECUTING)
+    (goal,) = robot.watch.active
+    assert goal.pose is not None
+    assert goal.pose.x == pytest.approx(robot.x + 0.5)
+    robot.plan((robot.x, 0.0), (robot.x + 2.0, 0.0))  # that one led elsewhere
+    assert goal.first_path is not None
+    assert goal.first_path[-1, 0] == pytest.approx(robot.x + 2.0)
 
 
 def test_a_drive_that_began_before_is_none(robot: Robot) -> None:

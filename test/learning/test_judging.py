@@ -129,9 +129,9 @@ def test_durations_are_compared_on_the_newest_50_new_records(new: int, tested: i
 
 
 def test_too_few_records_to_learn_from_are_reported() -> None:
-    for count, others in ((25, 16), (13, 8)):
+    for count, others in ((17, 11), (13, 8)):
         verdict = decided(examples(np.ones(count), measure="accuracy"), constant(0.0))
-        expected = f"too few records: {others} without those that are predicted, expected 20"
+        expected = f"too few records: {others} without those that are predicted, expected 13"
         assert (verdict.reason, verdict.episodes) == (expected, count)
 
 

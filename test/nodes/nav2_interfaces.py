@@ -28,6 +28,20 @@ string error_msg
 ---
 uint32 current_waypoint
 """,
+    "action/NavigateToPose.action": """
+geometry_msgs/PoseStamped pose
+string behavior_tree
+---
+uint16 NONE=0
+uint16 error_code
+string error_msg
+---
+geometry_msgs/PoseStamped current_pose
+builtin_interfaces/Duration navigation_time
+builtin_interfaces/Duration estimated_time_remaining
+int16 number_of_recoveries
+float32 distance_remaining
+""",
     "action/NavigateThroughPoses.action": """
 geometry_msgs/PoseStamped[] poses
 string behavior_tree
@@ -73,7 +87,7 @@ find_package(rosidl_default_generators REQUIRED)
 find_package(geometry_msgs REQUIRED)
 find_package(nav_msgs REQUIRED)
 rosidl_generate_interfaces(nav2_msgs msg/MissedWaypoint.msg action/FollowWaypoints.action
-  action/NavigateThroughPoses.action action/ComputePathToPose.action
+  action/NavigateThroughPoses.action action/ComputePathToPose.action action/NavigateToPose.action
   DEPENDENCIES builtin_interfaces geometry_msgs nav_msgs)
 ament_package()
 """,

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from ator_ros.nodes import executor, goal_pose, learning, refinement, simulation, waypoints
+from ator_ros.nodes import executor, goal_pose, learning, refinement, simulation, watch, waypoints
 from ator_ros.nodes.parameters import Parameter
 from ator_ros.tools import calibrate
 
@@ -18,6 +18,7 @@ NODES: dict[str, Sequence[Parameter]] = {
     "refinement": refinement.PARAMETERS,
     "learning": learning.PARAMETERS,
     "goal_pose": goal_pose.PARAMETERS,
+    "watch": watch.PARAMETERS,
     "waypoints": waypoints.PARAMETERS,
 }
 

@@ -97,13 +97,19 @@ def test_the_failure_cost_is_the_parameter_unless_requested(
     assert refine(client, request).cost_before == pytest.approx(by_request)
 
 
-def test_without_models_it_warns_and_continues(host: Host, client: Client, tmp_path: Path) -> None:
+def test_without_learned_models_it_predicts_path_times_and_says_so(
+    host: Host, client: Client, tmp_path: Path
+) -> None:
     health = client.statuses()
-    host("refinement", models=tmp_path)
+    node = host("refinement", models=tmp_path)
+    remark = "path times of goToPose, dribbleBall, as no drives are known yet"
     response = refine(client, request_of_the_paper())
-    assert not response.accepted
-    assert str(tmp_path) in response.reason
-    client.eventually(lambda: health and health[-1].level == DiagnosticStatus.ERROR, "an error")
+    assert response.accepted
+    assert remark in response.reason
+    assert math.isfinite(response.before.duration)
+    assert not response.without_model
+    assert str(tmp_path) in node.output
+    client.eventually(lambda: health and health[-1].level == DiagnosticStatus.OK, "no problem")
 
 
 def test_markers_of_the_last_search_are_latched(service_client: Client) -> None:
@@ -118,8 +124,8 @@ def test_markers_of_the_last_search_are_latched(service_client: Client) -> None:
 def test_steps_are_predicted_from_several_situations(service_client: Client) -> None:
     starts = [Situation(robot=pose_of(Pose(x, 0.0, 0.0))) for x in (-2.0, 1.0)]
 
-    def answered(calls: list[TopCall]) -> PredictDurations.Response:
-        request = PredictDurations.Request(situations=starts, calls=calls)
+    def answered(calls: list[TopCall], *, pairs: bool = False) -> PredictDurations.Response:
+        request = PredictDurations.Request(situations=starts, calls=calls, pairs=pairs)
         return service_client.call(PredictDurations, "predict_durations", request)
 
     found = answered([call("goToPose", Pose(x, 0.0, 0.0)) for x in (-1.0, 0.0, 2.0)])
@@ -129,6 +135,11 @@ def test_steps_are_predicted_from_several_situations(service_client: Client) -> 
     assert second[2] == min(second)
     assert len(found.spreads) == len(found.success) == 6
     assert all(map(math.isfinite, (*found.spreads, *found.success)))
+    stops = [call("goToPose", Pose(x, 0.0, 0.0), opened=("yaw",)) for x in (-1.0, 2.0)]
+    table = answered(stops, pairs=True).durations
+    assert len(table) == (2 + 2) * 2
+    assert (table[4], table[7]) == (0.0, 0.0)
+    assert table[5] == pytest.approx(table[6], rel=0.2)  # there and back
     for calls, reason in (
         ([], "calls: expected 1 to 100 items, got 0"),
         ([call("fly", Pose(0.0, 0.0, 0.0))], "calls[0].top"),

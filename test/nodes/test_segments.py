@@ -5,17 +5,26 @@ import math
 
 import numpy as np
 import pytest
+from maps import hall_map
 from view.in_process import InProcessBackend
 
+from ator_ros.actions.base import Goal
+from ator_ros.actions.goal_variables import ORDER
+from ator_ros.domains.drive import DRIVE
 from ator_ros.domains.soccer.soccer_domain import SOCCER
+from ator_ros.geometry import Pose
 from ator_ros.nodes.segments import (
     costs_by_heading,
     executed_chain_shapes,
     refinement_shapes,
     ring,
+    route_line,
+    station_labels,
     surroundings,
+    walls,
 )
 from ator_ros.refinement.refiner import SubgoalCurve
+from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.view.runs import Answer
 
 
@@ -72,3 +81,28 @@ def test_naive_is_gray_and_the_chain_to_execute_is_colored(answer: Answer) -> No
     _, first, second = executed_chain_shapes(start, answer.chain, 1)
     assert np.array_equal(first.colors, blue.colors)
     assert not np.array_equal(second.colors, blue.colors)
+
+
+def test_stations_have_their_numbers_as_sent_and_their_places_in_the_order() -> None:
+    library = DRIVE.library(DRIVE.robot())
+    opened = frozenset({ORDER})
+    calls = [TopCall(library["goToPose"], Goal(Pose(x, 0.0, 0.0)), opened) for x in range(23)]
+    sent = TopChain(tuple(calls))
+    assert [label.text for label in station_labels(sent)] == [str(n) for n in range(1, 24)]
+    order = (1, 0, *range(3, 11), 2, *range(12, 23), 11)
+    labels = station_labels(sent.reordered(order))
+    assert [label.text for label in labels[:4]] == ["2 (1st)", "1 (2nd)", "4 (3rd)", "5 (4th)"]
+    assert [label.text for label in (labels[10], labels[-1])] == ["3 (11th)", "12 (23rd)"]
+    assert [(label.name, label.x) for label in labels[:2]] == [("station1", 1.0), ("station0", 0.0)]
+    assert station_labels(sent.part(0)) == []  # its order is not open
+
+
+def test_routes_lead_around_the_walls_of_the_map() -> None:
+    robot = dataclasses.replace(DRIVE.robot(), grid=hall_map())
+    start, goal = Pose(-3.0, 0.0, 0.0), Pose(3.0, 0.0, 0.0)
+    assert len(route_line(start, goal, robot)) > 2
+    assert route_line(start, goal, DRIVE.robot()).tolist() == [[-3.0, 0.0], [3.0, 0.0]]
+    outlines = walls(robot).points
+    assert len(outlines) % 4 == 0
+    assert np.abs(outlines[..., 0]).max() > 5.0
+    assert not len(walls(DRIVE.robot()).points)

@@ -14,7 +14,7 @@ from scripts.accuracy import PAPER_ERRORS, accuracy_table
 
 ROBOT = load_robot()
 MODELS = resource_path("models")
-OTHERS = ("drive", "tour")
+OTHERS = ("building", "drive", "tour")
 FILES = [file for file in sorted(MODELS.rglob("*.json")) if file.parent.name not in OTHERS]
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 

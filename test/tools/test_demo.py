@@ -1,5 +1,6 @@
 """The demo's table and picture, its situations, and its processes, without ROS."""
 
+import dataclasses
 import math
 import signal
 import subprocess
@@ -13,11 +14,12 @@ from view.in_process import record_of
 from ator_interfaces.msg import Outcome
 from ator_ros.bases.description import load_robot
 from ator_ros.domains.declared import DeclaredServer
+from ator_ros.domains.domain import find_domain
 from ator_ros.domains.soccer.soccer_domain import SOCCER
 from ator_ros.domains.trials import random_trial
 from ator_ros.nodes.network import NodesError
 from ator_ros.refinement.refiner import ITS_DEADLINE
-from ator_ros.tools.demo import DemoSituation, save_animation, table
+from ator_ros.tools.demo import DemoSituation, save_animation, save_picture, table
 from ator_ros.tools.own_nodes import NodeProcesses
 from ator_ros.tops.chain import TopChain
 from ator_ros.view.runs import Answer, Run
@@ -38,14 +40,16 @@ def run(
 
 def test_the_table_shows_gains_and_failures() -> None:
     shorter = TopChain(TRIAL.chain.calls[:2])
-    answer = Answer(shorter, shorter, False, "", *2 * [(3.1, 4.1, math.nan)])
+    times = 2 * [(3.1, 4.1, math.nan)]
+    answer = Answer(shorter, shorter, False, "", *times)
+    whole = dataclasses.replace(answer, naive=TRIAL.chain, chain=TRIAL.chain)
     text = table(
         [
             DemoSituation(
                 TRIAL.world, shorter, answer, run(total=10.0), run(total=8.0, refined=True)
             ),
             DemoSituation(
-                TRIAL.world, TRIAL.chain, answer, run(total=10.0), run(total=9.0, success=False)
+                TRIAL.world, TRIAL.chain, whole, run(total=10.0), run(total=9.0, success=False)
             ),
         ]
     )
@@ -58,6 +62,35 @@ def test_the_table_shows_gains_and_failures() -> None:
     assert "unchanged: no gain" in text
     assert "3.10 / 3.00" in text
     assert text.splitlines()[1].split()[-4:] == ["3", "shoot", "chain", "gain"]
+
+
+def test_a_round_has_columns_of_stations_as_sent_and_a_picture_in_both_orders(
+    tmp_path: Path,
+) -> None:
+    domain = find_domain("building")
+    robot = domain.robot()
+    trial = random_trial(domain, "round", domain.library(robot), seed=1, index=0)
+    order = (5, 0, 4, 1, 3, 2)
+    naive = tuple(float(number) for number in range(6))  # the predicted time of each station
+    answer = Answer(
+        trial.chain,
+        trial.chain.reordered(order),
+        True,
+        "",
+        before=naive,
+        after=tuple(10.0 + number for number in order),
+    )
+    runs = [
+        Run(name, record_of(*naive, duration=15.0, refined=name == "refined"))
+        for name in ("naive", "refined")
+    ]
+    situation = DemoSituation(trial.world, trial.chain, answer, *runs)
+    header, first, second = table([situation]).splitlines()[1:4]
+    assert header.split()[::2][:6] == ["1", "2", "3", "4", "5", "6"]
+    assert first.split()[2::3][:6] == [f"{number:.2f}" for number in range(6)]
+    assert second.split()[2::3][:6] == [f"{10 + number:.2f}" for number in range(6)]
+    save_picture(tmp_path / "round.png", domain, robot, [situation])
+    assert (tmp_path / "round.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_noise_of_unchanged_chains_is_no_saving_and_short_searches_are_marked() -> None:

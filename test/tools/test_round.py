@@ -3,8 +3,10 @@
 from pathlib import Path
 
 import pytest
+from maps import hall_map
 
 from ator_ros.tools.round_of_places import main
+from ator_ros.world.grid_map import save_map
 
 IN_LINE = ("--place", "2", "0", "--place", "3", "0", "1.57", "--domain", "drive")
 
@@ -45,3 +47,12 @@ def test_unusable_places_are_refused_in_one_line(capsys: pytest.CaptureFixture[s
         assert main((*words, "--domain", "drive")) == 1
         refused = capsys.readouterr().err
         assert reason in refused
+
+
+def test_a_place_in_a_wall_of_the_map_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    save_map(hall_map(), tmp_path)
+    words = ("--domain", "drive", "--map", str(tmp_path / "map.yaml"), "--at", "-3", "0", "0")
+    assert main((*words, "--place", "3", "0", "--place", "0", "0")) == 1
+    assert "round.calls[1].goal (goToPose): expected a place in" in capsys.readouterr().err

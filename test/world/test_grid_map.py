@@ -1,5 +1,6 @@
 """Maps from files of map_server."""
 
+import math
 import struct
 import zlib
 from pathlib import Path
@@ -302,3 +303,37 @@ def test_walls_have_the_frame_and_the_size_of_their_cells() -> None:
     ((middle, length, width),) = walls
     assert middle == pytest.approx(Pose(11.0, 20.75, 0.0))
     assert (length, width) == (1.0, 0.5)
+
+
+def straight(start: Pose, length: float) -> np.ndarray:
+    """Return poses 1 cm apart on a straight line, shape (n, 3)."""
+    return np.array([start.ahead(ahead) for ahead in np.arange(0.0, length, 0.01)])
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.4, 0.785, -0.7])
+@pytest.mark.parametrize("resolution", [0.05, 0.1, 0.2])
+@pytest.mark.parametrize("offset", [0.0, 0.3, 0.7])
+def test_a_wall_of_one_cell_is_on_every_line_through_it(
+    yaw: float, resolution: float, offset: float
+) -> None:
+    free = np.ones((60, 60), dtype=bool)
+    free[:, 30] = False
+    grid = GridMap("map", free, resolution, Pose(0.0, 0.0, 0.2))
+    start = grid.origin.compose(Pose((29.0 - offset) * resolution - 1.0, 30 * resolution, yaw))
+    found = grid.obstacle_on(straight(start, 3.0), 0.17)
+    assert found is not None
+    assert math.floor(grid.cells(*found)[0]) == 30
+    assert grid.obstacle_on(straight(start, 3.0)[::80], 0.17) is not None  # a fast robot
+    assert grid.obstacle_on(straight(start, 0.5), 0.17) is None
+    assert grid.obstacle_on(straight(start, 9.0 * 60 * resolution), 0.0) is not None  # the edge
+
+
+def test_a_door_as_wide_as_the_robot_is_open_and_a_narrower_one_is_not() -> None:
+    free = np.ones((100, 100), dtype=bool)
+    free[:, 50] = False
+    free[46:54, 50] = True  # 0.4 m
+    grid = GridMap("map", free, 0.05, Pose(0.0, 0.0, 0.0))
+    through = straight(Pose(1.0, 2.5, 0.0), 3.0)
+    assert grid.obstacle_on(through, 0.2) is None
+    assert grid.obstacle_on(through, 0.3) is not None
+    assert grid.obstacle_on(straight(Pose(2.45, 3.0, 0.0), 0.2), 0.2) is None  # around its ends

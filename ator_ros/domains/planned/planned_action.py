@@ -158,8 +158,22 @@ class PlannedAction(Action):
         rolls_back = world.robot.vx < 0.0 and not self.robot.limits.backward
         opening = opening_of(world.robot, self.plan_limits, stops=rolls_back)
         manoeuvre = self.plan(dataclasses.replace(world, robot=opening.end))
+        trajectory = Trajectory(manoeuvre, opening)
+        self._expect_no_walls(trajectory)
         self._stopping = False
-        return self._follower(world, Trajectory(manoeuvre, opening), waits=waits)
+        return self._follower(world, trajectory, waits=waits)
+
+    def _expect_no_walls(self, trajectory: Trajectory) -> None:
+        """Raise ActionError if the map has an obstacle on a plan."""
+        grid = self.robot.grid
+        place = None
+        if grid is not None:
+            place = grid.obstacle_on(trajectory.poses(), self.robot.half_width)
+        if place is not None:
+            raise ActionError(
+                f"expected a free path, got an obstacle of the map {grid} at ({place[0]:.2f}, "
+                f"{place[1]:.2f}) m: {self.name} plans no routes around walls"
+            )
 
     def _follower(self, world: World, trajectory: Trajectory, *, waits: bool = False) -> Tracker:
         return Tracker(self.robot, trajectory, world.time, waits=waits, reserve=self.reserve)

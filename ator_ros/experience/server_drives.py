@@ -163,9 +163,9 @@ class Watch:
             self._goals.add_feedback(self.servers[role], message, self.now)
         else:
             newest = self.segments[-1]
-            pose = Pose(*newest.odom.last[1:4]) if newest.odom else Pose(*(math.nan,) * 3)
+            robot = self.robot_in(self.frame)
             self._ended += self._goals.add_status(
-                self.servers[role], message, newest, self.now, pose
+                self.servers[role], message, newest, self.now, robot
             )
 
     def take_ended(self) -> list[ServerGoal]:

@@ -1,0 +1,209 @@
+"""Watched drives of a server: estimates while they run, experience once they have ended."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ator_ros.bases.description import Robot
+from ator_ros.domains.domain import Domain
+from ator_ros.experience.server_drives import Watch
+from ator_ros.experience.server_goals import ServerGoal
+from ator_ros.experience.table import Episode
+from ator_ros.experience.watched_paths import WatchedPaths
+from ator_ros.geometry import Pose
+from ator_ros.learning.estimates import (
+    DriveEstimator,
+    Estimate,
+    ObservedSpeeds,
+    drive_estimator,
+)
+from ator_ros.performance.model import PerformanceModel
+from ator_ros.world.state import RobotState
+
+# A drive is held up if it takes longer than predicted by that ratio and by that time: see
+# `ator_ros.performance.held_up`, which finds them among all drives.
+_HELD_UP_RATIO = 1.5
+_HELD_UP_DELAY = 2.0  # s
+_MOST_IN_A_ROW = 3  # drives that are held up; after these the robot itself has become slower
+
+
+@dataclass(frozen=True)
+class EndedDrive:
+    """A drive that has ended.
+
+    Attributes
+    ----------
+    episode : Episode or None
+        What it shows of its action; None: it is no experience.
+    reason : str
+        Why it is no experience; empty if it is.
+    first : Estimate or None
+        The first estimate; None: there was no path, or no pose of the robot in its frame.
+    distance_by_speed : float
+        What `first` would have been without a model, in s; NaN without a path.
+    is_held_up : bool
+        Whether it took much longer than a model predicted, unlike those just before it.
+    """
+
+    goal: ServerGoal
+    episode: Episode | None
+    reason: str
+    first: Estimate | None = None
+    distance_by_speed: float = math.nan
+    is_held_up: bool = False
+
+    @property
+    def duration(self) -> float:
+        """In s; NaN if it is unknown."""
+        return self.goal.end - self.goal.begin
+
+
+class DriveMonitor:
+    """Watches the drives of one robot, see `Watch`, and estimates those that run.
+
+    Parameters
+    ----------
+    domain : Domain
+        Its remote actions are watched. Paths of the servers are its routes on the map.
+    frame : str
+        The frame of map and goals. Goals in other frames are estimated only.
+    paths : WatchedPaths
+        Receives the paths of drives that are experience; `ended` may raise OSError for it.
+
+    Attributes
+    ----------
+    watch : Watch
+        Takes all messages.
+    domain : Domain
+        The given one, with the paths of running drives as routes: models for `use` are for it.
+    speeds : ObservedSpeeds
+        What drives have shown so far.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        domain: Domain,
+        frame: str,
+        paths: WatchedPaths,
+        *,
+        robot_in_tf: bool = False,
+        others: Collection[str] = (),
+    ) -> None:
+        self.watch = Watch(robot, domain, robot_in_tf=robot_in_tf, others=others)
+        self._robot = robot
+        self._frame = frame
+        self._paths = paths
+        self._running = WatchedPaths()
+        self.domain = driven_on(self._running, domain)
+        self.speeds = ObservedSpeeds()
+        self._models: Mapping[str, PerformanceModel] = {}
+        self._source = ""
+        self._in_a_row = 0  # drives that were held up
+        self._estimators: dict[bytes, DriveEstimator] = {}
+        self._first: dict[bytes, tuple[Estimate, float]] = {}
+
+    def on_map(self, domain: Domain) -> None:
+        """Watch drives on another map, that of the given domain."""
+        self.domain = driven_on(self._running, domain)
+
+    def use(self, models: Mapping[str, PerformanceModel], source: str) -> None:
+        """Estimate drives that start from now on with models, by action, learned from `source`."""
+        self._models = models
+        self._source = source
+
+    def estimates(self) -> list[tuple[ServerGoal, Estimate]]:
+        """Return the present estimate of each running drive with a path, the oldest first."""
+        found = []
+        for goal in self.watch.active:
+            robot = self.watch.robot_in(goal.frame)
+            if robot is None or goal.path is None:
+                continue
+            if goal.goal_id not in self._estimators:
+                self._start(goal)
+            estimator = self._estimators.get(goal.goal_id)
+            if estimator is not None:
+                elapsed = max(0.0, self.watch.now - goal.begin)
+                estimate = estimator.estimate(elapsed, robot.pose, goal.path)
+                found.append((goal, estimate))
+        return found
+
+    def _start(self, goal: ServerGoal) -> None:
+        """Predict a drive for the first time, from where it began."""
+        start = _start_in_frame(goal)
+        if start is None or goal.pose is None or goal.first_path is None:
+            return
+        model = self._models.get(goal.action) if goal.frame == self._frame else None
+        self._running.add(_place(start.pose), _place(goal.pose), goal.first_path)
+        without, estimator = (
+            drive_estimator(
+                self._robot,
+                start,
+                goal.pose,
+                goal.first_path,
+                model=each,
+                speeds=self.speeds,
+                source=self._source,
+            )
+            for each in (None, model)
+        )
+        self._estimators[goal.goal_id] = estimator
+        late = max(0.0, estimator.bound - estimator.total)
+        estimate = Estimate(
+            0.0, estimator.total, estimator.spread, estimator.total + late, estimator.basis
+        )
+        self._first[goal.goal_id] = estimate, without.total
+
+    def ended(self) -> list[EndedDrive]:
+        """Return the drives that have ended since the last call, and forget what they needed."""
+        found = [self._ended(goal) for goal in self.watch.take_ended()]
+        self.watch.forget()
+        return found
+
+    def _ended(self, goal: ServerGoal) -> EndedDrive:
+        self._estimators.pop(goal.goal_id, None)
+        first, without = self._first.pop(goal.goal_id, (None, math.nan))
+        made = self.watch.episode(goal)
+        if isinstance(made, str):
+            return EndedDrive(goal, None, made, first, without)
+        if goal.frame != self._frame:
+            reason = f"its goal is in {goal.frame}, expected {self._frame}"
+            return EndedDrive(goal, None, reason, first, without)
+        path = goal.first_path
+        if path is not None and made.success:
+            start = _place(made.situation.robot.pose)
+            self._paths.add(start, _place(made.situation.goal.pose), path)
+            length = float(np.hypot(*np.diff(path, axis=0).T).sum())
+            greatest = math.nan
+            if made.samples is not None:
+                greatest = float(np.percentile(np.abs(made.samples[:, 4]), 98.0))
+            self.speeds.add(length, made.duration, greatest)
+        is_late = (
+            first is not None
+            and goal.action in self._models
+            and made.duration > _HELD_UP_RATIO * first.total
+            and made.duration > _HELD_UP_DELAY + first.total
+        )
+        self._in_a_row = self._in_a_row + 1 if is_late else 0
+        is_held_up = is_late and self._in_a_row <= _MOST_IN_A_ROW
+        return EndedDrive(goal, made, "", first, without, is_held_up)
+
+
+def driven_on(paths: WatchedPaths, domain: Domain) -> Domain:
+    """Return a domain whose routes on the map are watched paths."""
+    return replace(domain, planner=lambda *_: paths)
+
+
+def _place(pose: Pose) -> tuple[float, float]:
+    return pose.x, pose.y
+
+
+def _start_in_frame(goal: ServerGoal) -> RobotState | None:
+    """Return the robot at the start of a drive, in the frame of the goal; None if unknown."""
+    if goal.start is None or goal.odom_pose is None:
+        return None
+    return replace(goal.start, pose=goal.odom_pose.compose(goal.start.pose))

@@ -1,0 +1,218 @@
+"""How long a running goal of an action server takes: predicted at its start, corrected on its way.
+
+The prediction is a model's. Before there is one, it is the length of the server's path by the speed
+at which the robot has driven.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ator_ros.bases.description import Robot
+from ator_ros.bases.planned_routes import route_along
+from ator_ros.bases.routes import LOOK_AHEAD
+from ator_ros.geometry import FloatArray, Pose, wrap_angle
+from ator_ros.performance.model import PerformanceModel
+from ator_ros.world.state import RobotState
+
+BY_MODEL = "model"
+BY_SPEED = "path length by observed speed"
+BY_LIMIT = "path length by the greatest speed"
+"""What an estimate is based on; the text of one by a model continues with what it is from."""
+_FEWEST = 3  # drives that show the robot's speed
+_REMEMBERED = 50  # newest drives that count for it
+_AHEAD = 3.0  # m of its path that a robot drives between two estimates; it may cross itself later
+_USUAL_SPREAD = 0.4  # share of a duration by which that at the usual speed errs: 3 s of 8 s
+_BOUND = 1.2816  # standard deviations that nine of ten keep
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """How long a drive takes, in s.
+
+    Attributes
+    ----------
+    elapsed, remaining : float
+        Since the goal was accepted, and from now on.
+    spread : float
+        Standard deviation of `remaining`.
+    bound : float
+        From now on, what nine of ten such drives keep.
+    basis : str
+        What it comes from: a model, or length and speed.
+    """
+
+    elapsed: float
+    remaining: float
+    spread: float
+    bound: float
+    basis: str
+
+    @property
+    def total(self) -> float:
+        """Duration of the whole drive in s."""
+        return self.elapsed + self.remaining
+
+
+class ObservedSpeeds:
+    """Speeds of the newest drives that arrived: on the whole path, and the greatest on it."""
+
+    def __init__(self) -> None:
+        self._drives: deque[tuple[float, float]] = deque(maxlen=_REMEMBERED)
+        self._greatest: deque[float] = deque(maxlen=_REMEMBERED)
+
+    def add(self, length: float, duration: float, greatest: float) -> None:
+        """Add a drive on a path of `length` m in `duration` s, at up to `greatest` m/s."""
+        if length > LOOK_AHEAD and duration > 0.0:
+            self._drives.append((length, duration))
+            self._greatest.append(greatest)
+
+    @property
+    def usual(self) -> float:
+        """Length by duration of all drives in m/s, turns included; NaN before three of them."""
+        if len(self._drives) < _FEWEST:
+            return math.nan
+        length, duration = np.sum(self._drives, axis=0)
+        return float(length / duration)
+
+    @property
+    def greatest(self) -> float:
+        """The median of the greatest speeds in m/s; NaN before three drives."""
+        return math.nan if len(self._drives) < _FEWEST else float(np.median(self._greatest))
+
+
+@dataclass
+class DriveEstimator:
+    """Estimates a running drive.
+
+    At its start `total` s are predicted. The estimate keeps that total as long as the rest of the
+    path neither needs more time nor leaves less to do: what is left of the path takes at least its
+    length by the robot's greatest speed, and the turn at its end, and at most all the time beside
+    the length by the greatest speed that was predicted for the whole drive. So an estimate moves
+    only by what the rest of the path shows to be wrong.
+
+    Attributes
+    ----------
+    total, spread, bound : float
+        Predicted at the start, in s; `bound` is what nine of ten such drives take at most.
+    basis : str
+        What the prediction comes from.
+    greatest : float
+        Greatest speed in m/s at which the server drives.
+    beside : float
+        Predicted time in s beside that of the length by the greatest speed.
+    at_end : float
+        The part of it in s that is due at the end of the path: the turn to the goal's heading.
+    last_turn, goal_yaw : float
+        The angle of that turn, and the goal's heading, in rad.
+    """
+
+    total: float
+    spread: float
+    bound: float
+    basis: str
+    greatest: float
+    beside: float
+    at_end: float
+    last_turn: float
+    goal_yaw: float
+    _near: int = field(default=0, init=False)
+    _path: FloatArray | None = field(default=None, init=False)
+
+    def estimate(self, elapsed: float, place: Pose, path: FloatArray) -> Estimate:
+        """Return the estimate after `elapsed` s at a place, on the newest path, shape (n, 2), m."""
+        rest = self._rest_of(path, place)
+        shortest = rest / self.greatest
+        at_end = self.at_end
+        if rest < LOOK_AHEAD and self.last_turn > 0.0:
+            left = abs(wrap_angle(self.goal_yaw - place.yaw))
+            at_end *= min(1.0, left / self.last_turn)
+        least = shortest + at_end
+        most = shortest + self.beside
+        remaining = max(0.0, min(max(self.total - elapsed, least), most))
+        late = max(0.0, self.bound - self.total)
+        return Estimate(elapsed, remaining, self.spread, remaining + late, self.basis)
+
+    def _rest_of(self, path: FloatArray, place: Pose) -> float:
+        """Return the length in m that is left of a path, from the place next to the robot."""
+        if path is not self._path:
+            self._path = path
+            self._near = 0
+        left = path[self._near :]
+        steps = np.hypot(*np.diff(left, axis=0).T)
+        offsets = np.hypot(*(left - (place.x, place.y)).T)
+        is_ahead = np.append(0.0, np.cumsum(steps)) <= _AHEAD
+        near = int(np.argmin(np.where(is_ahead, offsets, math.inf)))
+        self._near += near
+        following = min(near + 1, len(left) - 1)
+        return float(offsets[following] + steps[following:].sum())
+
+
+def drive_estimator(
+    robot: Robot,
+    start: RobotState,
+    goal: Pose,
+    path: FloatArray,
+    *,
+    model: PerformanceModel | None,
+    speeds: ObservedSpeeds,
+    source: str = "",
+) -> DriveEstimator:
+    """Return the estimator of a drive that starts on a path, shape (n, 2), in m.
+
+    Parameters
+    ----------
+    robot : Robot
+        Its limits count until drives show others.
+    start : RobotState
+        At the start, in the frame of the path.
+    goal : Pose
+        Of the robot at the end.
+    model : PerformanceModel or None
+        Predicts the duration, unless the path is none of the map for it.
+    source : str
+        What the model is learned from, for `basis`.
+    """
+    length, turn, departure, arrival, _ = route_along(path, LOOK_AHEAD)
+    first = abs(wrap_angle(departure - start.pose.yaw))
+    last = abs(wrap_angle(goal.yaw - arrival))
+    limit = robot.greatest_speed()
+    greatest = limit if math.isnan(speeds.greatest) else speeds.greatest
+    shortest = length / greatest
+    predicted = None if model is None else _predicted(model, start, goal)
+    if predicted is not None:
+        total, spread, bound = predicted
+        basis = f"{BY_MODEL} of {source}" if source else BY_MODEL
+    else:
+        is_known = not math.isnan(speeds.usual)
+        total = length / speeds.usual if is_known else shortest
+        spread = _USUAL_SPREAD * total
+        bound = total + _BOUND * spread
+        basis = BY_SPEED if is_known else BY_LIMIT
+    beside = max(0.0, total - shortest)
+    angles = first + turn + last
+    at_end = beside * last / angles if angles > 0.0 else 0.0
+    return DriveEstimator(
+        total, spread, bound, basis, greatest, beside, at_end, last_turn=last, goal_yaw=goal.yaw
+    )
+
+
+def _predicted(
+    model: PerformanceModel, start: RobotState, goal: Pose
+) -> tuple[float, float, float] | None:
+    """Return duration, spread and bound in s; None where the model predicts none."""
+    direct = {
+        "x": start.pose.x, "y": start.pose.y, "yaw": start.pose.yaw,
+        "v": start.vx, "w": start.w, "vy": start.vy,
+        "xg": goal.x, "yg": goal.y, "yawg": goal.yaw, "speedg": 0.0, "hold": 0.0,
+    }  # fmt: skip
+    found = model.predict(direct, ("duration", "spread"))
+    values = [item for item in (found.duration, found.spread, found.bound) if item is not None]
+    numbers = [float(item[0]) for item in values]
+    if len(numbers) < 3 or not all(map(math.isfinite, numbers)):
+        return None
+    return numbers[0], numbers[1], numbers[2]

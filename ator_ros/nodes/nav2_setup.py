@@ -1,0 +1,418 @@
+"""Finds out what our nodes need to know of a running Nav2, and writes their files.
+
+    python3 -m ator_ros.nodes.nav2_setup --folder FOLDER --namespace robot_1
+
+It reads parameters of Nav2's nodes, and the map. It prints the folder that it wrote, a part of
+FOLDER: each set of the parameters that change how Nav2 drives has one of its own, since drives with
+other parameters take other times.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import math
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import rclpy
+import yaml
+from nav_msgs.msg import OccupancyGrid
+from rclpy.node import Node
+from rclpy.parameter import parameter_value_to_python
+from rclpy.parameter_client import AsyncParameterClient
+
+from ator_ros.bases.description import ConfigError, robot_of
+from ator_ros.files import read_yaml, write_text
+from ator_ros.nodes.messages import grid_from
+from ator_ros.nodes.qos import LATCHED
+from ator_ros.printable import ReadableError, one_line, quoted
+from ator_ros.resources import resource_path
+from ator_ros.world.grid_map import GridMap
+from ator_ros.world.readers import plain_frame
+
+NAVIGATOR = "bt_navigator"
+CONTROLLER = "controller_server"
+SMOOTHER = "velocity_smoother"
+PLANNER = "planner_server"
+COSTMAP = "local_costmap/local_costmap"
+_DRIVING = (CONTROLLER, SMOOTHER, PLANNER)
+"""Nodes whose parameters change how Nav2 drives."""
+_OF_ROS = ("use_sim_time", "qos_overrides", "start_type_description_service")
+_SPEEDS = ("desired_linear_vel", "max_vel_x", "vx_max")  # of controllers, in m/s
+# Defaults of Nav2's velocity smoother, where it does not run: m/s, rad/s, m/s^2, rad/s^2.
+_USUAL = (0.5, 2.5, 2.5, 3.2)
+_BESIDE = 0.05  # m and rad by which poses reached may be off beyond Nav2's tolerances
+# What only the simulator needs, which does not simulate this robot: kg, m, s; and a share.
+_MASS = 10.0
+_WHEEL_RADIUS = 0.05
+_MOTOR_TIME_CONSTANT = 0.1
+_TRACK = 0.8  # of the width
+_ANSWER = 2.0  # real s that an answer of a node may take
+_SPIN = 0.1
+
+
+class Nav2Error(ReadableError):
+    """Something of Nav2 that cannot be found out; the message names the launch argument."""
+
+
+@dataclass(frozen=True)
+class Given:
+    """What the user has given instead; empty or 0: to be found out.
+
+    Attributes
+    ----------
+    radius : float
+        Of the robot in m.
+    speed : float
+        Greatest speed in m/s.
+    tolerance : float
+        Within which goals are reached, in m and rad.
+    frame : str
+        Of map and goals.
+    """
+
+    radius: float = 0.0
+    speed: float = 0.0
+    tolerance: float = 0.0
+    frame: str = ""
+
+
+Parameters = Mapping[str, Mapping[str, Any]]
+"""Parameters of Nav2's nodes by name, by the names of the nodes; a node may be missing."""
+
+
+@dataclass(frozen=True)
+class Facts:
+    """What is known of a robot that Nav2 drives.
+
+    Attributes
+    ----------
+    frame, robot_frame : str
+        Of map and goals, and of the robot.
+    odometry : str
+        The topic.
+    front, rear, half_width : float
+        Of the robot in m, from the origin of its frame.
+    limits : tuple of float
+        Greatest speed (m/s), turn rate (rad/s), and their accelerations (m/s², rad/s²).
+    tolerances : tuple of float
+        Within which Nav2 reaches a goal, in m and rad.
+    """
+
+    frame: str
+    robot_frame: str
+    odometry: str
+    front: float
+    rear: float
+    half_width: float
+    limits: tuple[float, float, float, float]
+    tolerances: tuple[float, float]
+
+
+def facts_of(parameters: Parameters, given: Given) -> Facts:
+    """Return what parameters say of the robot; raise Nav2Error for what neither says."""
+    navigator = parameters.get(NAVIGATOR, {})
+    frame = given.frame or str(navigator.get("global_frame", ""))
+    if not frame:
+        raise Nav2Error(
+            f"nav2: expected the parameter global_frame of {NAVIGATOR}, got none; start Nav2, or "
+            "set frame:=map"
+        )
+    front, rear, half_width = _size(parameters.get(COSTMAP, {}), given.radius)
+    return Facts(
+        plain_frame(frame),
+        plain_frame(str(navigator.get("robot_base_frame", "base_link"))),
+        str(navigator.get("odom_topic", "odom")),
+        front,
+        rear,
+        half_width,
+        _limits(parameters, given.speed),
+        _tolerances(parameters.get(CONTROLLER, {}), given.tolerance),
+    )
+
+
+def _size(costmap: Mapping[str, Any], radius: float) -> tuple[float, float, float]:
+    """Return front, rear and half of the width in m, by the costmap's footprint or radius."""
+    try:
+        corners = yaml.safe_load(str(costmap.get("footprint", "")) or "[]")
+        outline = [(float(x), float(y)) for x, y in corners or ()]
+    except (TypeError, ValueError, yaml.YAMLError):
+        outline = []
+    if radius > 0.0 or len(outline) < 3:
+        around = radius if radius > 0.0 else float(costmap.get("robot_radius", 0.0))
+        outline = [(around, around), (-around, -around)]
+    front = max(x for x, _ in outline)
+    rear = -min(x for x, _ in outline)
+    half_width = max(abs(y) for _, y in outline)
+    if min(front, rear, half_width) <= 0.0:
+        raise Nav2Error(
+            f"nav2: expected the parameter footprint or robot_radius of {COSTMAP}, got none; "
+            "start Nav2, or set radius:=METERS"
+        )
+    return front, rear, half_width
+
+
+def _limits(parameters: Parameters, speed: float) -> tuple[float, float, float, float]:
+    """Return the limits of the velocity smoother, or those of a usual robot.
+
+    They bound what is plausible; how fast the robot really drives is learned.
+    """
+    smoother = parameters.get(SMOOTHER, {})
+    v, w, a, aw = _USUAL
+    if "max_velocity" in smoother and "max_accel" in smoother:
+        v, w = (abs(float(smoother["max_velocity"][number])) for number in (0, 2))
+        a, aw = (abs(float(smoother["max_accel"][number])) for number in (0, 2))
+    else:
+        controller = parameters.get(CONTROLLER, {})
+        found = [
+            float(value)
+            for name, value in controller.items()
+            if name.rpartition(".")[2] in _SPEEDS and isinstance(value, float) and value > 0.0
+        ]
+        v = max(found, default=v)
+    return (speed or v), w, a, aw
+
+
+def _tolerances(controller: Mapping[str, Any], given: float) -> tuple[float, float]:
+    """Return the greatest tolerances in m and rad of the goal checkers."""
+    if given > 0.0:
+        return given, given
+    checkers = controller.get("goal_checker_plugins", [])
+    found = [
+        max(
+            (float(controller.get(f"{checker}.{name}", 0.0)) for checker in checkers),
+            default=0.0,
+        )
+        for name in ("xy_goal_tolerance", "yaw_goal_tolerance")
+    ]
+    if min(found) <= 0.0:
+        raise Nav2Error(
+            f"nav2: expected xy_goal_tolerance and yaw_goal_tolerance of a goal checker in "
+            f"{CONTROLLER}, got none; start Nav2, or set tolerance:=0.25"
+        )
+    return found[0], found[1]
+
+
+def digest_of_driving(parameters: Parameters, facts: Facts) -> str:
+    """Return a short digest of what changes how Nav2 drives, and of the robot's size."""
+    driving = {
+        node: {
+            name: value
+            for name, value in sorted(parameters.get(node, {}).items())
+            if not name.startswith(_OF_ROS)
+        }
+        for node in _DRIVING
+    }
+    size = [facts.front, facts.rear, facts.half_width, *facts.limits]
+    text = json.dumps([driving, size], default=str, sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:8]
+
+
+def write_files(facts: Facts, grid: GridMap, folder: Path, topic: str) -> None:
+    """Write robot.yaml, stations.yaml and nav2.yaml into a folder; raises OSError.
+
+    `topic` is that of the map. Raises Nav2Error if the robot's sizes or limits are impossible.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "models").mkdir(exist_ok=True)  # those of the start: none
+    extent = _extent(grid)
+    robot = _robot(facts, extent)
+    try:
+        robot_of(robot)
+    except ConfigError as error:
+        raise Nav2Error(f"nav2: {error}; set radius:=METERS or speed:=METERS_PER_SECOND") from error
+    write_text(folder / "robot.yaml", yaml.safe_dump(robot, sort_keys=False))
+    domain = read_yaml(resource_path("config", "nav2", "stations.yaml"), largest=100_000)
+    for term in domain["tops"][0]["post"]:
+        turns = term["variable"] == "robot.yaw"
+        term["tolerance"] = round(facts.tolerances[turns] + _BESIDE, 3)
+    write_text(folder / "stations.yaml", yaml.safe_dump(domain, sort_keys=False))
+    write_text(
+        folder / "nav2.yaml",
+        yaml.safe_dump(_node_parameters(facts, extent, folder, topic), sort_keys=False),
+    )
+
+
+def _robot(facts: Facts, extent: Sequence[float]) -> dict[str, Any]:
+    v, w, a, aw = facts.limits
+    least_x, least_y, most_x, most_y = extent
+    return {
+        "robot": {
+            "name": "robot",
+            "front": round(facts.front, 4),
+            "rear": round(facts.rear, 4),
+            "half_width": round(facts.half_width, 4),
+            "limits": {"v": v, "w": w, "a": a, "brake": a, "aw": aw},
+            "wheel_radius": _WHEEL_RADIUS,
+            "track": round(2.0 * _TRACK * facts.half_width, 4),
+            "mass": _MASS,
+            "wheel_torque": round(max(1.0, _MASS * a * _WHEEL_RADIUS), 4),
+            "motor_time_constant": _MOTOR_TIME_CONSTANT,
+        },
+        "scene": {
+            "area": {
+                "length": most_x - least_x,
+                "width": most_y - least_y,
+                "margin": 0.001,
+                "x": 0.5 * (least_x + most_x),
+                "y": 0.5 * (least_y + most_y),
+            },
+            "objects": {},
+        },
+    }
+
+
+def _extent(grid: GridMap) -> tuple[float, float, float, float]:
+    """Return least x and y, greatest x and y of a map in m."""
+    rows, columns = grid.free.shape
+    corners = [
+        grid.origin.compose(type(grid.origin)(x * grid.resolution, y * grid.resolution, 0.0))
+        for x in (0, columns)
+        for y in (0, rows)
+    ]
+    xs = [corner.x for corner in corners]
+    ys = [corner.y for corner in corners]
+    return min(xs), min(ys), max(xs), max(ys)
+
+
+def _node_parameters(
+    facts: Facts, extent: Sequence[float], folder: Path, topic: str
+) -> dict[str, Any]:
+    from_tf = {
+        "robot_from": "tf",
+        "robot_frame": facts.robot_frame,
+        "fence": _fence(extent),
+    }
+    sections: dict[str, dict[str, Any]] = {
+        "/**": {
+            "domain": str(folder / "stations.yaml"),
+            "robot": str(folder / "robot.yaml"),
+            "map": topic,
+            "frame": facts.frame,
+            "models": str(folder / "models"),
+            "learned": str(folder / "learned"),
+        },
+        "/**/watch": {"watched": str(folder), "odometry": facts.odometry},
+        "/**/learning": {"watched": str(folder), "records": ["watch/action"], "batch": 10},
+        "/**/executor": {**from_tf, "action_timeout": 200.0},
+        "/**/waypoints": {**from_tf, "fence": _fence(extent)},
+        "/**/refinement": {
+            "fence": _fence(extent),
+            "planner": "compute_path_to_pose",
+            "deadline": 0.3,
+        },
+    }
+    return {name: {"ros__parameters": values} for name, values in sections.items()}
+
+
+def _fence(extent: Sequence[float]) -> list[float]:
+    """Return a new list: in YAML one that occurs twice is an alias, which ROS does not read."""
+    return [float(round(edge, 3)) for edge in extent]
+
+
+class Finder(Node):
+    """Reads the parameters of Nav2's nodes and the map."""
+
+    def __init__(self, namespace: str, topic: str) -> None:
+        super().__init__("nav2_setup", namespace=namespace, start_parameter_services=False)
+        self._map: OccupancyGrid | None = None
+        self._topic = topic
+        self.create_subscription(OccupancyGrid, topic, self._take_map, LATCHED)
+
+    def _take_map(self, message: OccupancyGrid) -> None:
+        self._map = message
+
+    def map(self, wait: float) -> GridMap:
+        """Return the map; raise Nav2Error if none comes within `wait` real s."""
+        end = time.monotonic() + wait
+        while self._map is None and time.monotonic() < end:
+            rclpy.spin_once(self, timeout_sec=_SPIN)
+        if self._map is None:
+            raise Nav2Error(
+                f"nav2: expected a map on {quoted(self._topic)} within {wait:g} s, got none; "
+                "start map_server, or set map:=TOPIC"
+            )
+        return grid_from(self._map, self._topic, frame=self._map.header.frame_id)
+
+    def parameters(self, wait: float) -> dict[str, dict[str, Any]]:
+        """Return the parameters of Nav2's nodes; those that are missing after `wait` s are not."""
+        clients = {
+            name: AsyncParameterClient(self, name) for name in (NAVIGATOR, COSTMAP, *_DRIVING)
+        }
+        end = time.monotonic() + wait
+        needed = [clients[name] for name in (NAVIGATOR, CONTROLLER, COSTMAP)]
+        while time.monotonic() < end and not all(each.services_are_ready() for each in needed):
+            rclpy.spin_once(self, timeout_sec=_SPIN)
+        return {
+            name: self._read(client)
+            for name, client in clients.items()
+            if client.services_are_ready()
+        }
+
+    def _read(self, client: AsyncParameterClient) -> dict[str, Any]:
+        listed = self._answer(client.list_parameters())
+        names = [] if listed is None else list(listed.result.names)
+        answer = self._answer(client.get_parameters(names)) if names else None
+        if answer is None:
+            return {}
+        values = map(parameter_value_to_python, answer.values)
+        return {
+            name: list(value) if hasattr(value, "__len__") and not isinstance(value, str) else value
+            for name, value in zip(names, values, strict=True)
+        }
+
+    def _answer(self, future: Any) -> Any:
+        rclpy.spin_until_future_complete(self, future, timeout_sec=_ANSWER)
+        return future.result() if future.done() else None
+
+
+def set_up(namespace: str, folder: Path, given: Given, *, topic: str, wait: float) -> Path:
+    """Find out about Nav2, and return the folder with the files; raises Nav2Error and OSError."""
+    finder = Finder(namespace, topic)
+    try:
+        parameters = finder.parameters(wait)
+        facts = facts_of(parameters, given)
+        grid = finder.map(wait)
+    finally:
+        finder.destroy_node()
+    part = folder / digest_of_driving(parameters, facts)
+    write_files(facts, grid, part, topic)
+    return part
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Print the folder with the files, without a newline; end with one line if that fails."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--folder", default="~/.ros/ator_ros/nav2")
+    parser.add_argument("--namespace", default="")
+    parser.add_argument("--map", default="map", help="topic of the map")
+    parser.add_argument("--frame", default="")
+    for name in ("radius", "speed", "tolerance"):
+        parser.add_argument(f"--{name}", type=float, default=0.0)
+    parser.add_argument("--wait", type=float, default=60.0, help="real s to wait for Nav2")
+    options = parser.parse_args(argv)
+    numbers = (options.radius, options.speed, options.tolerance)
+    if not all(map(math.isfinite, numbers)):
+        sys.exit("nav2: expected finite numbers as radius, speed and tolerance")
+    given = Given(options.radius, options.speed, options.tolerance, options.frame)
+    folder = Path(options.folder).expanduser() / (options.namespace.strip("/") or "robot")
+    rclpy.init(args=[])
+    try:
+        made = set_up(
+            options.namespace, folder, given, topic=options.map, wait=max(0.0, options.wait)
+        )
+    except (Nav2Error, OSError, ValueError) as error:
+        sys.exit(one_line(error))
+    finally:
+        rclpy.try_shutdown()
+    sys.stdout.write(str(made))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,367 @@
+"""The node `watch`: estimates and learns from the drives that any client commands, as of Nav2."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from action_msgs.msg import GoalStatusArray
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import Odometry
+from nav_msgs.msg import Path as PathMessage
+from rclpy.node import Node
+from tf2_msgs.msg import TFMessage
+from visualization_msgs.msg import Marker, MarkerArray
+
+from ator_interfaces.msg import ActionPerformance, DriveEstimate, Outcome, WatchedDrives
+from ator_ros.actions import DEFAULT_SET
+from ator_ros.bases.description import Robot
+from ator_ros.bases.drive_parts import parts_of_drive
+from ator_ros.domains.domain import Domain
+from ator_ros.experience.server_drives import ODOM, TF
+from ator_ros.experience.server_goals import (
+    FEEDBACK_SUFFIX,
+    GOAL_POSE,
+    PLAN,
+    STATUS_SUFFIX,
+    ServerGoal,
+    remote_calls,
+)
+from ator_ros.experience.table import Episode
+from ator_ros.experience.watched_paths import PATHS, WatchedPaths
+from ator_ros.files import FileError
+from ator_ros.learning.drive_monitor import DriveMonitor, EndedDrive
+from ator_ros.learning.estimates import Estimate
+from ator_ros.learning.watch_tally import read_tally, save_tally
+from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health, Warnings
+from ator_ros.nodes.main_loop import run_node
+from ator_ros.nodes.maps import FollowedMap
+from ator_ros.nodes.messages import call_of, performance_of, pose_of, situation_of, stamp_of
+from ator_ros.nodes.models import LEARNED, LearnedSets
+from ator_ros.nodes.parameters import (
+    FRAME,
+    MODELS,
+    STATE,
+    WORLD,
+    Parameter,
+    SetupError,
+    declare_parameters,
+    domain_and_robot,
+)
+from ator_ros.nodes.qos import ALL_SENSOR_DATA, LATCHED, LATCHED_BY_MANY, RESULTS
+from ator_ros.nodes.remote_messages import RemoteError, action_type
+from ator_ros.printable import one_line
+from ator_ros.tops.chain import TopCall
+from ator_ros.world.readers import MessageError
+from ator_ros.world.state import RobotState, World
+
+WATCHED = Parameter(
+    "watched",
+    "",
+    "folder of the paths and the tally of watched drives; empty: ~/.ros/ator_ros/nav2",
+)
+PARAMETERS = (
+    FRAME,
+    *WORLD,
+    STATE,
+    MODELS,
+    LEARNED,
+    WATCHED,
+    Parameter("odometry", "odom", "topic of odometry (nav_msgs/Odometry)"),
+    Parameter(
+        "others",
+        ["navigate_through_poses"],
+        "further action servers, whose goals are estimated by the length of their path",
+    ),
+)
+_DEFAULT_FOLDER = "~/.ros/ator_ros/nav2"
+_PERIOD = 0.5  # real s between two estimates of a drive
+_TEXT_HEIGHT = 0.3  # m, of the estimate in RViz
+_TEXT_ABOVE = 0.5  # m above the floor
+_OUTCOMES = {"succeeded": Outcome.SUCCEEDED, "aborted": Outcome.FAILED}
+_LOGGED = (1, 5, 10)  # drives after which the tally is logged, and after every ten
+
+
+class WatchNode(Node):
+    """Watches the drives of an action server such as Nav2's, whoever commands them.
+
+    It sends no goal and no command, and asks no planner: the paths are those that the server
+    publishes.
+
+    Subscribes to
+        SERVER/_action/status (action_msgs/GoalStatusArray), SERVER/_action/feedback, of the
+        domain's remote actions and of the servers `others`. plan (nav_msgs/Path), goal_pose
+        (geometry_msgs/PoseStamped), the topic of odometry (nav_msgs/Odometry), /tf, /tf_static.
+        The topic of a map (nav_msgs/OccupancyGrid, transient local), if `map` names one.
+    Publishes
+        ~/estimates (ator_interfaces/DriveEstimate): twice a second for each running goal, the first
+        one with the first path. ~/markers (visualization_msgs/MarkerArray): the remaining times, at
+        the goals. ~/action (ator_interfaces/ActionPerformance): each drive that has ended by
+        itself, for the node `learning`. ~/drives (ator_interfaces/WatchedDrives, transient local):
+        what drives have shown so far.
+        /diagnostics (diagnostic_msgs/DiagnosticArray): once a second.
+    Writes
+        the folder `watched`: the paths of drives, and the tally.
+    """
+
+    def __init__(self) -> None:
+        super().__init__("watch", automatically_declare_parameters_from_overrides=True)
+        settings = declare_parameters(self, PARAMETERS)
+        domain, robot = domain_and_robot(settings)
+        self._frame = settings["frame"]
+        self._calls = remote_calls(domain)
+        if not self._calls:
+            raise SetupError(
+                f"parameter domain: expected an action of a server, {domain.name} has none"
+            )
+        self._folder = Path(settings["watched"] or _DEFAULT_FOLDER).expanduser()
+        self._warn = Warnings(self)
+        try:
+            self._folder.mkdir(parents=True, exist_ok=True)
+            paths = WatchedPaths(self._folder / PATHS)
+            self._tally, damage = read_tally(self._folder / "watch.json")
+        except (FileError, OSError) as error:
+            raise SetupError(f"parameter watched: {error}") from error
+        if damage:
+            self._warn(damage)
+        self._monitor = DriveMonitor(
+            robot,
+            domain,
+            self._frame,
+            paths,
+            robot_in_tf=settings["robot_from"] == "tf",
+            others=settings["others"],
+        )
+        self._tops = {top.action: top for top in domain.tops}
+        self._robot = robot
+        self._servers = {name: call.server for name, call in self._calls.items()}
+        self._servers |= {name: name for name in settings["others"]}
+        self._sets = LearnedSets(self, self._monitor.domain, self._libraries(), settings)
+        self._used: object = None
+        self._map = FollowedMap(self, settings, domain, robot, self._take_map)
+        self._estimates = self.create_publisher(DriveEstimate, "~/estimates", RESULTS)
+        self._markers = self.create_publisher(MarkerArray, "~/markers", LATCHED)
+        self._records = self.create_publisher(ActionPerformance, "~/action", RESULTS)
+        self._drives = self.create_publisher(WatchedDrives, "~/drives", LATCHED)
+        self._published: set[bytes] = set()
+        self._subscribe(settings["odometry"])
+        self.create_timer(_PERIOD, self._update, clock=STEADY)
+        Diagnostics(self, self._health)
+        self._publish_tally()
+        servers = ", ".join(self._servers.values())
+        self.get_logger().info(
+            f"watching {servers} for {robot.name} (domain {domain.name}, ROS domain "
+            f"{self.context.get_domain_id()}); {self._tally.summary(self._digest)}"
+        )
+
+    def _subscribe(self, odometry: str) -> None:
+        """Subscribe to all inputs: first to the status of goals, which must come before paths."""
+        for server in self._servers.values():
+            role = f"{server}{STATUS_SUFFIX}"
+            take = partial(self._take, role)
+            self.create_subscription(GoalStatusArray, role, take, LATCHED_BY_MANY)
+        for call in self._calls.values():
+            role = f"{call.server}{FEEDBACK_SUFFIX}"
+            try:
+                kind = action_type(call.type).Impl.FeedbackMessage
+            except RemoteError as error:
+                raise SetupError(f"parameter domain: {error}") from error
+            self.create_subscription(kind, role, partial(self._take, role), RESULTS)
+        for role, kind, topic, qos in (
+            (ODOM, Odometry, odometry, ALL_SENSOR_DATA),
+            (TF[1], TFMessage, "/tf_static", LATCHED_BY_MANY),
+            (TF[0], TFMessage, "/tf", RESULTS),
+            (GOAL_POSE, PoseStamped, "goal_pose", RESULTS),
+            (PLAN, PathMessage, "plan", RESULTS),
+        ):
+            self.create_subscription(kind, topic, partial(self._take, role), qos)
+
+    def _libraries(self) -> dict[str, Any]:
+        domain = self._monitor.domain
+        robot = domain.equip(self._robot)
+        return {name: domain.library(robot, name) for name in domain.action_sets}
+
+    def _take_map(self, domain: Domain, _: Robot) -> None:
+        self._monitor.on_map(domain)
+        self._sets.load(self._monitor.domain, self._libraries())
+
+    def _take(self, role: str, message: Any) -> None:
+        try:
+            self._monitor.watch.add(role, message)
+        except MessageError as error:
+            self._warn(f"ignored: {error}")
+        if role == PLAN and any(
+            goal.goal_id not in self._published for goal in self._monitor.watch.active
+        ):
+            self._publish_estimates()  # the first one
+        if role.endswith(STATUS_SUFFIX):
+            self._take_ended()
+
+    @property
+    def _digest(self) -> str:
+        return self._sets.gains.models if self._sets.present[DEFAULT_SET].models else ""
+
+    def _update(self) -> None:
+        present = self._sets.present[DEFAULT_SET]
+        if present is not self._used:
+            self._used = present
+            self._monitor.use(present.models, self._digest)
+            self._publish_tally()
+        self._publish_estimates()
+
+    def _publish_estimates(self) -> None:
+        found = self._monitor.estimates()
+        for goal, estimate in found:
+            self._published.add(goal.goal_id)
+            self._estimates.publish(self._estimate_message(goal, estimate))
+        if found:
+            self._markers.publish(MarkerArray(markers=[*_markers(found)]))
+
+    def _estimate_message(self, goal: ServerGoal, estimate: Estimate) -> DriveEstimate:
+        message = DriveEstimate(
+            server=self._servers[goal.action],
+            goal_id=goal.goal_id.hex(),
+            elapsed=estimate.elapsed,
+            remaining=estimate.remaining,
+            spread=estimate.spread,
+            bound=estimate.bound,
+            total=estimate.total,
+            basis=estimate.basis,
+        )
+        message.header.stamp = stamp_of(self._monitor.watch.now)
+        message.header.frame_id = goal.frame
+        if goal.pose is not None:
+            message.goal.header = message.header
+            message.goal.pose = pose_of(goal.pose)
+        return message
+
+    def _take_ended(self) -> None:
+        try:
+            ended = self._monitor.ended()
+        except OSError as error:
+            self._warn(f"watched: {error}")
+            return
+        for drive in ended:
+            self._published.discard(drive.goal.goal_id)
+            if drive.episode is not None and not drive.is_held_up:
+                self._records.publish(self._record(drive, drive.episode))
+            self._count(drive)
+        if ended and not self._monitor.watch.active:
+            self._markers.publish(MarkerArray(markers=[Marker(action=Marker.DELETEALL)]))
+
+    def _count(self, drive: EndedDrive) -> None:
+        """Count a drive, and report the tally."""
+        before = self._tally.drives
+        self._tally.add(drive, time.strftime("%Y-%m-%d"))
+        try:
+            save_tally(self._folder / "watch.json", self._tally)
+        except OSError as error:
+            self._warn(f"watched: {error}")
+        self._publish_tally()
+        drives = self._tally.drives
+        if drives > before and (drives in _LOGGED or drives % 10 == 0):
+            self.get_logger().info(one_line(self._tally.summary(self._digest)))
+        if drive.reason:
+            self.get_logger().info(one_line(f"a drive is not learned from: {drive.reason}"))
+
+    def _record(self, drive: EndedDrive, episode: Episode) -> ActionPerformance:
+        """Return the record of a drive, as the executor publishes those of its own."""
+        situation = episode.situation
+        top = self._tops[situation.action]
+        frame = drive.goal.frame
+        start = World(drive.goal.begin, situation.robot, situation.objects)
+        pose = drive.goal.final_pose or situation.goal.pose
+        end = World(drive.goal.end, RobotState(pose), {})
+        duration = episode.duration
+        samples = episode.samples
+        parts = {} if samples is None else _parts(samples, duration)
+        predicted = {}
+        if drive.first is not None:
+            predicted = {"duration": drive.first.total, "spread": drive.first.spread}
+        code = _OUTCOMES[drive.goal.status]
+        actual = {
+            "duration": duration,
+            "spread": 0.0,
+            "success": float(episode.success),
+            "accuracy": episode.position_error,
+        }
+        ended = situation_of(end, frame=frame)
+        return ActionPerformance(
+            header=ended.header,
+            chain_id=drive.goal.goal_id.hex(),
+            steps=1,
+            action=situation.action,
+            action_set=DEFAULT_SET,
+            call=call_of(TopCall(top, situation.goal), frame=frame),
+            start=situation_of(replace(start), frame=frame),
+            end=ended,
+            predicted=performance_of(predicted),
+            actual=performance_of(actual),
+            **parts,
+            heading_error=episode.heading_error,
+            outcome=Outcome(code=code, reason=episode.reason),
+        )
+
+    def _publish_tally(self) -> None:
+        tally = self._tally
+        message = WatchedDrives(
+            server=next(iter(self._servers.values())),
+            drives=tally.drives,
+            held_up=tally.held_up,
+            recovered=tally.recovered,
+            ended_early=tally.ended_early,
+            models=self._digest,
+            estimated=len(tally.estimate_errors),
+            estimate_error=tally.estimate_error,
+            server_error=tally.server_error,
+            driven=tally.driven,
+        )
+        for saving in (message.headings, message.passing, message.order):
+            saving.saving = saving.low = saving.high = math.nan
+        message.header.stamp = self.get_clock().now().to_msg()
+        message.header.frame_id = self._frame
+        self._drives.publish(message)
+
+    def _health(self) -> Health:
+        missing = [
+            call.server
+            for call in self._calls.values()
+            if not self.count_publishers(f"{call.server}{STATUS_SUFFIX}")
+        ]
+        absent = ""
+        if missing:
+            absent = f"{', '.join(missing)}: expected an action server, got none; start Nav2"
+        elif math.isnan(self._monitor.watch.now):
+            absent = "expected odometry, got none: check the parameters odometry and robot_from"
+        values = self._sets.diagnostics()
+        values["drives"] = self._tally.summary(self._digest)
+        return Health(
+            "; ".join(filter(None, (absent, self._map.problem, self._sets.problem))), values=values
+        )
+
+
+def _parts(samples: Any, duration: float) -> dict[str, float]:
+    return parts_of_drive(samples[:, 0], samples[:, 4], duration)._asdict()
+
+
+def _markers(found: list[tuple[ServerGoal, Estimate]]) -> Iterator[Marker]:
+    """Yield the remaining time of each drive as text at its goal."""
+    yield Marker(action=Marker.DELETEALL)
+    for number, (goal, estimate) in enumerate(found):
+        marker = Marker(type=Marker.TEXT_VIEW_FACING, id=number, ns="estimates")
+        marker.header.frame_id = goal.frame
+        if goal.pose is not None:
+            marker.pose = pose_of(goal.pose)
+        marker.pose.position.z = _TEXT_ABOVE
+        marker.scale.z = _TEXT_HEIGHT
+        marker.color.r = marker.color.g = marker.color.b = marker.color.a = 1.0
+        marker.text = f"{estimate.remaining:.0f} s ± {estimate.spread:.0f} s"
+        yield marker
+
+
+main = partial(run_node, WatchNode, PARAMETERS)

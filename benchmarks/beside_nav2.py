@@ -1,0 +1,177 @@
+"""Drive as a client of Nav2 commands it, with the node `watch` beside, and print its errors.
+
+    scripts/run python benchmarks/beside_nav2.py --drives 70 --seed 1 --factor 5 --work beside
+
+It starts `ator_ros_examples.nav2_stand_in` (nav2_msgs must be installed), and beside it `watch` and
+`learning`, with what `nav2_setup` finds out. The goals are random places of the domain `building`.
+Errors are those of the estimate at the start of a drive, in s; the CPU time is that of `watch`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import rclpy
+from ament_index_python.packages import get_package_prefix
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import Odometry
+from rclpy.action import ActionClient
+from rclpy.node import Node
+
+from ator_interfaces.msg import DriveEstimate
+from ator_ros.domains.domain import find_domain
+from ator_ros.nodes.messages import pose_of
+from ator_ros.nodes.qos import RESULTS, SENSOR_DATA
+from ator_ros.nodes.remote_messages import action_type
+from ator_ros.performance.accuracy import mean_ci95
+
+_PATIENCE = 60.0  # real s
+_TICKS = os.sysconf("SC_CLK_TCK")
+
+
+class Client(Node):  # type: ignore[misc]
+    """Sends drives to navigate_to_pose one after the other, and receives the estimates."""
+
+    def __init__(self) -> None:
+        super().__init__("client")
+        self.estimates: list[DriveEstimate] = []
+        self.time = math.nan
+        self._navigate = ActionClient(
+            self, action_type("nav2_msgs/action/NavigateToPose"), "navigate_to_pose"
+        )
+        self.create_subscription(DriveEstimate, "watch/estimates", self.estimates.append, RESULTS)
+        self.create_subscription(Odometry, "odom", self._take_odometry, SENSOR_DATA)
+
+    def _take_odometry(self, message: Odometry) -> None:
+        stamp = message.header.stamp
+        self.time = stamp.sec + 1e-9 * stamp.nanosec
+
+    def wait(self, future: Any) -> Any:
+        """Return what a future becomes."""
+        rclpy.spin_until_future_complete(self, future, timeout_sec=10.0 * _PATIENCE)
+        return future.result()
+
+    def drive(self, goal: Any) -> tuple[str, float, bool]:
+        """Drive to a pose; return the goal's id, the duration by the stamps, and the success."""
+        assert self._navigate.wait_for_server(_PATIENCE)
+        stamped = PoseStamped(pose=pose_of(goal))
+        stamped.header.frame_id = "map"
+        kind = action_type("nav2_msgs/action/NavigateToPose")
+        handle = self.wait(self._navigate.send_goal_async(kind.Goal(pose=stamped)))
+        began = self.time
+        answer = self.wait(handle.get_result_async())
+        return bytes(handle.goal_id.uuid).hex(), self.time - began, answer.status == 4
+
+
+def start(*words: str, log: Path) -> subprocess.Popen[bytes]:
+    """Start a process with its output in a file."""
+    with log.open("wb") as output:
+        return subprocess.Popen(words, stdout=output, stderr=subprocess.STDOUT)
+
+
+def executable(name: str) -> str:
+    """Return the path of one of our nodes."""
+    return str(Path(get_package_prefix("ator_ros"), "lib", "ator_ros", name))
+
+
+def cpu_time(process: subprocess.Popen[bytes]) -> float:
+    """Return the CPU time of a process in s."""
+    fields = Path(f"/proc/{process.pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / _TICKS
+
+
+def await_round(log: Path, drives: int) -> None:
+    """Wait until a round of learning has ended after each ten drives.
+
+    It has the lowest priority, and more time on a robot, which does not drive so fast.
+    """
+    end = time.monotonic() + 4.0 * _PATIENCE
+    while log.read_text().count("/navigate_to_pose:") < drives // 10 and time.monotonic() < end:
+        time.sleep(0.5)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line; return the exit code."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--drives", type=int, default=70)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--factor", type=float, default=5.0, help="simulated s per s")
+    parser.add_argument("--work", type=Path, required=True, help="a new folder")
+    options = parser.parse_args(argv)
+    options.work.mkdir(parents=True)
+    work = options.work
+    factor = ("--ros-args", "-p", f"real_time_factor:={options.factor}")
+    stand_in = (sys.executable, "-m", "ator_ros_examples.nav2_stand_in", *factor)
+    processes = [start(*stand_in, log=work / "stand_in.log")]
+    setup = (sys.executable, "-m", "ator_ros.nodes.nav2_setup", "--folder", str(work))
+    folder = subprocess.run(setup, capture_output=True, text=True, check=True).stdout
+    words = ("--ros-args", "--params-file", f"{folder}/nav2.yaml")
+    processes += [
+        start(executable(name), *words, log=work / f"{name}.log") for name in ("watch", "learning")
+    ]
+    rclpy.init()
+    client = Client()
+    drives = []
+    building = find_domain("building")
+    robot = building.robot()
+    rng = np.random.default_rng(options.seed)
+    spec = building.actions()["pursue"]
+    try:
+        while math.isnan(client.time):
+            rclpy.spin_once(client, timeout_sec=0.1)
+        end = time.monotonic() + _PATIENCE
+        while "watching" not in (work / "watch.log").read_text() and time.monotonic() < end:
+            rclpy.spin_once(client, timeout_sec=0.1)
+        begin = time.monotonic(), cpu_time(processes[1])
+        for _ in range(options.drives):
+            goal = spec.situation(robot, rng).goal.pose
+            drives.append(client.drive(goal))
+            if len(drives) % 10 == 0:
+                await_round(work / "learning.log", len(drives))
+        spent = (cpu_time(processes[1]) - begin[1]) / (time.monotonic() - begin[0])
+    finally:
+        for process in processes:
+            process.send_signal(signal.SIGINT)
+        client.destroy_node()
+        rclpy.try_shutdown()
+    report(drives, client.estimates, work)
+    print(f"watch used {spent:.1%} of a core at {options.factor:g} times real time")
+    return 0
+
+
+def report(drives: list[tuple[str, float, bool]], found: list[DriveEstimate], work: Path) -> None:
+    """Print errors by number of drives, and how estimates moved on the way."""
+    by_goal: dict[str, list[DriveEstimate]] = {}
+    for estimate in found:
+        by_goal.setdefault(estimate.goal_id, []).append(estimate)
+    rows = []
+    for number, (goal, duration, success) in enumerate(drives):
+        estimates = by_goal.get(goal, [])
+        if estimates and success:
+            totals = [each.total for each in estimates]
+            rows.append((number, duration, totals[0] - duration, estimates[0].elapsed))
+    (work / "drives.json").write_text(json.dumps(rows))
+    table = np.array(rows)
+    print(f"{len(rows)} of {len(drives)} drives, of {table[:, 1].mean():.1f} s on average")
+    delays = table[:, 3]
+    print(f"first estimates {delays.mean():.2f} s after the start, at most {delays.max():.2f} s")
+    for low, high in ((0, 20), (20, 40), (40, 70), (70, len(drives))):
+        errors = np.abs(table[(table[:, 0] >= low) & (table[:, 0] < high), 2])
+        if len(errors) > 1:
+            between = " to ".join(f"{value:.2f}" for value in mean_ci95(errors))
+            print(f"drives {low + 1} to {high}: {errors.mean():.2f} s ({between})")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

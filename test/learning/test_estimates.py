@@ -1,0 +1,107 @@
+"""Estimates of running drives: exact where the prediction is, and corrected by what is left."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+from ator_ros.domains.domain import find_domain
+from ator_ros.geometry import Pose
+from ator_ros.learning.estimates import (
+    BY_LIMIT,
+    BY_SPEED,
+    DriveEstimator,
+    ObservedSpeeds,
+    drive_estimator,
+)
+from ator_ros.world.state import RobotState
+
+ROBOT = find_domain("pursuit").robot()
+LENGTH, SPEED, TURN = 8.0, 0.5, 3.0
+PATH = np.stack([np.linspace(0.0, LENGTH, 81), np.zeros(81)], axis=1)
+"""A straight path along x; the robot turns for 3 s at its end."""
+
+
+def estimator(total: float = LENGTH / SPEED + TURN) -> DriveEstimator:
+    return DriveEstimator(
+        total, 0.5, total + 1.0, "model", SPEED, total - LENGTH / SPEED, TURN,
+        last_turn=1.5, goal_yaw=1.5,
+    )  # fmt: skip
+
+
+def place_at(time: float, waits: float = 0.0, since: float = 0.0) -> Pose:
+    """Return where the robot is that waits from `since` on for a time."""
+    driven = time - min(max(0.0, time - since), waits)
+    x = min(LENGTH, SPEED * driven)
+    turned = max(0.0, driven - LENGTH / SPEED) / TURN
+    return Pose(x, 0.0, 1.5 * min(1.0, turned))
+
+
+def totals(found: DriveEstimator, duration: float, **waiting: float) -> np.ndarray:
+    times = np.arange(0.0, duration, 0.5)
+    return np.array([found.estimate(t, place_at(t, **waiting), PATH).total for t in times])
+
+
+def test_a_drive_that_goes_as_predicted_keeps_its_estimate() -> None:
+    found = totals(estimator(), 19.0)
+    assert found == pytest.approx(19.0, abs=0.05)
+
+
+def test_a_robot_that_waits_is_late_by_no_more_and_no_less() -> None:
+    found = totals(estimator(), 24.0, waits=5.0, since=6.0)
+    assert found[0] == pytest.approx(19.0)
+    assert found[-1] == pytest.approx(24.0, abs=0.1)
+    assert (np.diff(found) >= -0.05).all()
+
+
+def test_an_estimate_moves_by_no_more_than_its_error() -> None:
+    for predicted in (17.0, 18.0, 19.0, 21.0):
+        found = totals(estimator(predicted), 19.0)
+        errors = np.abs(found - 19.0)
+        moves = np.abs(np.diff(found))
+        assert (moves <= errors[:-1] + 0.05).all()
+
+
+def test_a_longer_path_takes_longer_by_its_length() -> None:
+    found = estimator()
+    before = found.estimate(4.0, Pose(2.0, 0.0, 0.0), PATH)
+    assert before.total == pytest.approx(19.0)
+    around = np.array([(2.0, 0.0), (2.0, 3.0), (8.0, 3.0), (8.0, 0.0)])
+    after = found.estimate(4.5, Pose(2.0, 0.0, 0.0), around)
+    assert after.total - before.total == pytest.approx(6.0 / SPEED + 0.5)
+
+
+def test_the_rest_of_a_path_that_crosses_itself_is_not_cut() -> None:
+    loop = np.array([(0.0, 0.0), (4.0, 0.0), (4.0, 4.0), (2.0, 4.0), (2.0, -4.0)])
+    fine = np.concatenate([np.linspace(*ends, 41)[:-1] for ends in itertools.pairwise(loop)])
+    found = DriveEstimator(0.0, 0.5, 1.0, "model", 1.0, 100.0, 0.0, last_turn=0.0, goal_yaw=0.0)
+    for x in np.arange(0.0, 2.6, 0.5):
+        rest = found.estimate(0.0, Pose(x, 0.0, 0.0), fine).remaining
+    assert rest == pytest.approx(18.0 - 2.5, abs=0.5)
+
+
+def start(speeds: ObservedSpeeds) -> DriveEstimator:
+    return drive_estimator(
+        ROBOT, RobotState(Pose(0.0, 0.0, 0.0)), Pose(LENGTH, 0.0, 0.0), PATH,
+        model=None, speeds=speeds,
+    )  # fmt: skip
+
+
+def test_without_a_model_it_is_length_by_speed_and_says_so() -> None:
+    speeds = ObservedSpeeds()
+    first = start(speeds)
+    assert first.total == pytest.approx(LENGTH / ROBOT.greatest_speed())
+    assert first.basis == BY_LIMIT
+    for _ in range(3):
+        speeds.add(4.0, 10.0, 0.5)
+    later = start(speeds)
+    assert later.total == pytest.approx(LENGTH / 0.4)
+    assert later.basis == BY_SPEED
+
+
+def test_speeds_are_unknown_before_three_drives() -> None:
+    speeds = ObservedSpeeds()
+    speeds.add(4.0, 10.0, 0.5)
+    assert math.isnan(speeds.usual)
+    assert math.isnan(speeds.greatest)

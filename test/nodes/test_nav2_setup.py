@@ -1,0 +1,100 @@
+"""What is found out of a running Nav2, from the parameters of its nodes."""
+
+import copy
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from maps import hall_map
+
+from ator_ros.bases.description import load_robot
+from ator_ros.domains.domain import find_domain
+from ator_ros.nodes.nav2_setup import (
+    CONTROLLER,
+    COSTMAP,
+    NAVIGATOR,
+    SMOOTHER,
+    Given,
+    Nav2Error,
+    digest_of_driving,
+    facts_of,
+    write_files,
+)
+from ator_ros_examples.nav2_stand_in import PARAMETERS
+
+NAV2: dict[str, dict[str, Any]] = {
+    (f"{namespace}/{name}" if namespace else name): dict(values)
+    for (name, namespace), values in PARAMETERS.items()
+}
+
+
+def nav2(node: str = "", **changes: Any) -> dict[str, dict[str, Any]]:
+    """Return parameters of Nav2's nodes with changes in one; None: it has no such parameter."""
+    found = copy.deepcopy(NAV2)
+    for name, value in changes.items():
+        found[node][name] = value
+        if value is None:
+            del found[node][name]
+    return found
+
+
+def test_size_frames_tolerances_and_limits_are_found_out() -> None:
+    facts = facts_of(nav2(), Given())
+    assert (facts.frame, facts.robot_frame, facts.odometry) == ("map", "base_link", "odom")
+    assert (facts.front, facts.rear, facts.half_width) == (0.17, 0.17, 0.17)
+    assert facts.tolerances == (0.15, 0.15)
+    assert facts.limits == (0.75, 1.6, 0.6, 2.5)
+
+
+def test_the_footprint_is_that_of_the_costmap() -> None:
+    outline = "[[0.4, 0.25], [0.4, -0.25], [-0.2, -0.25], [-0.2, 0.25]]"
+    facts = facts_of(nav2(COSTMAP, footprint=outline), Given())
+    assert (facts.front, facts.rear, facts.half_width) == (0.4, 0.2, 0.25)
+
+
+def test_without_a_velocity_smoother_the_speed_is_that_of_the_controller() -> None:
+    found = nav2()
+    del found[SMOOTHER]
+    assert facts_of(found, Given()).limits[0] == 0.6
+
+
+@pytest.mark.parametrize(
+    ("node", "changes", "argument"),
+    [
+        (COSTMAP, {"robot_radius": None}, "radius:="),
+        (CONTROLLER, {"goal_checker_plugins": []}, "tolerance:="),
+        (NAVIGATOR, {"global_frame": None}, "frame:="),
+    ],
+)
+def test_what_cannot_be_found_out_is_one_argument(
+    node: str, changes: dict[str, Any], argument: str
+) -> None:
+    with pytest.raises(Nav2Error, match=f"got none; start Nav2, or set {argument}"):
+        facts_of(nav2(node, **changes), Given())
+    given = Given(radius=0.3, tolerance=0.2, frame="map")
+    facts = facts_of(nav2(node, **changes), given)
+    assert (facts.half_width, facts.tolerances, facts.frame) == (0.3, (0.2, 0.2), "map")
+
+
+def test_other_ways_to_drive_have_another_folder() -> None:
+    facts = facts_of(nav2(), Given())
+    same = nav2(CONTROLLER, use_sim_time=True)
+    faster = nav2(CONTROLLER, **{"FollowPath.desired_linear_vel": 0.5})
+    assert digest_of_driving(same, facts) == digest_of_driving(nav2(), facts)
+    assert digest_of_driving(faster, facts) != digest_of_driving(nav2(), facts)
+
+
+def test_the_files_describe_robot_domain_and_nodes(tmp_path: Path) -> None:
+    write_files(facts_of(nav2(), Given()), hall_map("map"), tmp_path, "map")
+    robot = load_robot(tmp_path / "robot.yaml")
+    assert (robot.front, robot.half_width, robot.greatest_speed()) == (0.17, 0.17, 0.75)
+    (top,) = find_domain(str(tmp_path / "stations.yaml")).tops
+    assert [term.tolerance for term in top.post.terms] == [0.2, 0.2, 0.2]
+    text = (tmp_path / "nav2.yaml").read_text(encoding="utf-8")
+    assert "&" not in text  # ROS reads no aliases
+    nodes = yaml.safe_load(text)
+    assert nodes["/**"]["ros__parameters"]["frame"] == "map"
+    assert set(nodes) == {"/**", *(f"/**/{name}" for name in (
+        "watch", "learning", "executor", "waypoints", "refinement"
+    ))}  # fmt: skip

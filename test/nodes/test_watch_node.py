@@ -1,0 +1,138 @@
+"""The node `watch` beside an action server that another client commands."""
+
+import importlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from conftest import Host
+from documentation import ROOT
+from geometry_msgs.msg import PoseStamped
+from nav2_interfaces import provide_nav2_msgs
+from nav_msgs.msg import Odometry
+from nav_msgs.msg import Path as PathMessage
+from rclpy.action import ActionClient, ActionServer, CancelResponse
+from rclpy.action.server import ServerGoalHandle
+from rclpy.task import Future
+from ros_client import Client, SentGoal
+
+from ator_interfaces.msg import ActionPerformance, DriveEstimate, Outcome, WatchedDrives
+from ator_ros.files import save
+from ator_ros.geometry import Pose
+from ator_ros.learning.watch_tally import KIND, Tally
+from ator_ros.nodes.messages import odometry_of, pose_of, stamp_of
+from ator_ros.nodes.qos import LATCHED, NEWEST, RESULTS
+from ator_ros.world.state import RobotState
+
+CLIENT = {"silent": True}
+TICK, SPEED, PACE = 0.05, 0.5, 10.0
+"""s of a tick and m/s of the robot; how many times as fast as real time it drives."""
+
+
+class Nav2:
+    """Drives along x to each goal at 0.5 m/s, with the topics of Nav2."""
+
+    def __init__(self, client: Client) -> None:
+        self.kind = importlib.import_module("nav2_msgs.action").NavigateToPose
+        self.client, node = client, client.node
+        self.time, self.x, self.goals = 100.0, 0.0, 0
+        self._goal: ServerGoalHandle | None = None
+        self._ended = Future()
+        self._odom = node.create_publisher(Odometry, "odom", NEWEST)
+        self._plan = node.create_publisher(PathMessage, "plan", RESULTS)
+        self._server = ActionServer(
+            node, self.kind, "navigate_to_pose", self._drive,
+            cancel_callback=lambda _: CancelResponse.ACCEPT,
+        )  # fmt: skip
+        self._sender = ActionClient(node, self.kind, "navigate_to_pose")
+        node.create_timer(TICK / PACE, self._tick)
+
+    def send(self, x: float) -> SentGoal:
+        goal = self.kind.Goal()
+        goal.pose.header.frame_id, goal.pose.pose = "odom", pose_of(Pose(x, 0.0, 0.0))
+        self._sender.wait_for_server(10.0)
+        return SentGoal(self.client, self._sender, goal)
+
+    def close(self) -> None:
+        self.client.within(self._server.destroy)
+
+    async def _drive(self, handle: ServerGoalHandle) -> Any:
+        self._goal, self._ended = handle, Future()
+        self.goals += 1
+        path = PathMessage()
+        path.header.frame_id, path.header.stamp = "odom", stamp_of(self.time)
+        path.poses = [PoseStamped(pose=pose_of(Pose(self.x, 0.0, 0.0))), handle.request.pose]
+        self._plan.publish(path)
+        await self._ended
+        self._goal = None
+        if handle.is_cancel_requested:
+            handle.canceled()
+        else:
+            handle.succeed()
+        return self.kind.Result()
+
+    def _tick(self) -> None:
+        speed = 0.0
+        if self._goal is not None and not self._ended.done():
+            if self._goal.is_cancel_requested or self._goal.request.pose.pose.position.x < self.x:
+                self._ended.set_result(None)
+            else:
+                speed = SPEED
+        self.time, self.x = self.time + TICK, self.x + TICK * speed
+        state = RobotState(Pose(self.x, 0.0, 0.0), speed, 0.0)
+        self._odom.publish(odometry_of(self.time, state, frame="odom", child="base_link"))
+
+
+@pytest.fixture
+def nav2(client: Client, monkeypatch: pytest.MonkeyPatch) -> Iterator[Nav2]:
+    provide_nav2_msgs(monkeypatch)
+    made = Nav2(client)
+    yield made
+    made.close()
+
+
+def test_drives_are_estimated_recorded_and_counted_but_never_commanded(
+    nav2: Nav2, client: Client, host: Host, tmp_path: Path
+) -> None:
+    save(tmp_path / "watch.json", KIND, Tally(drives=4))
+    estimates = client.listen(DriveEstimate, "watch/estimates", RESULTS)
+    records = client.listen(ActionPerformance, "watch/action", RESULTS)
+    tallies = client.listen(WatchedDrives, "watch/drives", LATCHED)
+    config = ROOT / "config"
+    (tmp_path / "models").mkdir()
+    node = host(
+        "watch", domain=config / "nav2" / "stations.yaml", watched=tmp_path,
+        models=tmp_path / "models", robot=config / "building" / "courier.yaml",
+    )  # fmt: skip
+    client.eventually(lambda: tallies, "a tally")
+    assert tallies[-1].drives == 4  # of before the restart
+    client.eventually(lambda: client.node.count_subscribers("plan"), "a subscription to plans")
+
+    sent = nav2.send(4.0)
+    goal = bytes(sent.handle.goal_id.uuid).hex()
+    sent.response()
+    client.eventually(lambda: records and tallies[-1].drives == 5, "a record")
+    first, *others = [each for each in estimates if each.goal_id == goal]
+    assert first.elapsed <= 0.5
+    assert first.server == "navigate_to_pose"
+    assert first.goal.pose.position.x == 4.0
+    assert first.total == pytest.approx(4.0 / 0.75)  # at the robot's greatest speed
+    assert first.basis == "path length by the greatest speed"
+    assert others[-1].total > first.total
+    (record,) = records
+    assert record.outcome.code == Outcome.SUCCEEDED
+    assert record.actual.duration == pytest.approx(4.0 / SPEED, abs=1.0)
+    assert record.start.robot.position.x == pytest.approx(0.0, abs=0.1)
+    assert record.predicted.duration == pytest.approx(first.total)
+
+    canceled = nav2.send(9.0)
+    client.eventually(lambda: estimates[-1].goal.pose.position.x == 9.0, "an estimate")
+    assert canceled.cancel()
+    client.eventually(lambda: tallies[-1].ended_early == 1, "a canceled drive")
+    assert (tallies[-1].drives, len(records)) == (5, 1)
+    assert tallies[-1].driven > 8.0
+
+    assert nav2.goals == 2  # none but the client's
+    names = [name for name, _ in node.node.get_client_names_and_types_by_node("watch", "/")]
+    assert not names
