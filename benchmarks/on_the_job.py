@@ -23,6 +23,7 @@ import numpy as np
 
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.actions.situation import Situation
+from ator_ros.domains.available_models import models_for, with_path_times
 from ator_ros.domains.domain import Domain, find_domain
 from ator_ros.domains.trials import Trial, random_trial
 from ator_ros.evaluation.chain_run import run_chain
@@ -38,7 +39,6 @@ from ator_ros.learning.learner import Learner
 from ator_ros.learning.round import Source, learn
 from ator_ros.learning.sets import current_set
 from ator_ros.performance.accuracy import mean_ci95
-from ator_ros.performance.model_file import load_models
 from ator_ros.refinement.gate import Gate
 from ator_ros.refinement.refiner import Refinement, Refiner
 
@@ -80,13 +80,14 @@ def refine(
     learner: Learner,
     folder: Path,
     trial: Trial,
-) -> Refinement | None:
-    """Refine the chain of a trial with the current models; return None without models."""
+) -> Refinement:
+    """Refine the chain of a trial with the current models, at first path times."""
     robot = domain.robot(None)
     place = current_set(folder)
     if place is None:
-        return None
-    models = load_models(robot, domain.known_features, folder=place)
+        models = with_path_times({}, domain, robot, DEFAULT_SET)
+    else:
+        models = models_for(domain, robot, folder=place)
     drawn = random.random() < learner.gains.comparison_share(COMPARISON_SHARE)
     gate = Gate(measured=learner.gains.measured, drawn=drawn)
     refiner = Refiner(
@@ -151,21 +152,19 @@ def main(argv: Sequence[str] | None = None) -> int:
         )
         baseline = execute(usual).duration
         found = refine(domain, learner, folder, trial)
-        driven = usual if found is None else found.chain
+        driven = found.chain
         executor = ChainExecutor(library, driven, time_limit=domain.time_limit)
         run = execute(driven, executor=executor)
         for record in executor.records:
             learner.take(DEFAULT_SET, episode(record))
-        if found is not None and run.success and (found.refined or found.comparison):
+        if run.success and (found.refined or found.comparison):
             excess = run.duration - found.predicted.duration
             learner.take_chain(ChainGain(found.refined, found.saved, excess))
         learner.work(float(index))  # a round may begin,
         learner.work(float(index))  # and end
-        compared = found is not None and found.comparison
-        rows.append((baseline - run.duration, baseline - best[index], baseline, compared))
-        reason = "no models" if found is None else found.reason
+        rows.append((baseline - run.duration, baseline - best[index], baseline, found.comparison))
         gain = f"{rows[-1][0]:+.2f} s less than the baseline"
-        print(f"{index + 1}: {run.duration:.2f} s, {gain}; {reason}", flush=True)
+        print(f"{index + 1}: {run.duration:.2f} s, {gain}; {found.reason}", flush=True)
     gains: FloatArray = np.array(rows, dtype=float)
     half = len(gains) // 2
     for name, part in (("first", gains[:half]), ("last", gains[half:])):

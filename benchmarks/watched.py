@@ -22,9 +22,9 @@ import numpy as np
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.domains.domain import Domain, find_domain
 from ator_ros.experience.bag_files import Bag
+from ator_ros.experience.server_drives import ODOM, TF
 from ator_ros.experience.server_goals import PLAN, ServerGoal
 from ator_ros.experience.store import RecordStore, StoreInfo
-from ator_ros.experience.watch import ODOM, TF
 from ator_ros.experience.watched_paths import PATHS, WatchedPaths
 from ator_ros.geometry import FloatArray
 from ator_ros.learning.drive_monitor import DriveMonitor, EndedDrive, driven_on

@@ -60,7 +60,7 @@ BY_TEST = {
     r"ros2 run ator_ros \w+ .*__ns:=/(ann|bob) .*": f"{_ROS}::test_two_robots_drive_at_the_same_ti",
     r"ros2 topic echo .*/performance/(action|chain) .*": f"{_ROS}::test_the_printed_requests",
     r"ros2 launch ator_ros .*real_time_factor.*": f"{_ROS}::test_the_printed_requests",
-    r"ros2 launch ator_ros nav2\.launch\.xml": "test_nav2_launch.py::test_it_starts_our_nodes_in_one",
+    r"ros2 launch ator_ros nav2\.launch\.xml": "test_nav2_launch.py::test_it_starts_our_nodes_in",
     r"ros2 launch ator_ros .*learning:=.*": "test_launch_file.py::test_it_starts_the_nodes_in_one_",
     r"(cp -rL|ros2 launch ator_ros) .*my_config": f"{_ROS}::test_a_copy_of_the_configuration_is_us",
     r"cd ~/ws && git clone .*": f"{_ROS}::test_a_workspace_is_built",

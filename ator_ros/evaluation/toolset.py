@@ -11,9 +11,10 @@ from pathlib import Path
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.bases.description import Robot
 from ator_ros.domains import DEFAULT
+from ator_ros.domains.available_models import models_for
 from ator_ros.domains.domain import Domain, DomainError, find_domain
 from ator_ros.domains.trials import random_trial
-from ator_ros.performance.model_file import load_model, load_models, models_folder
+from ator_ros.performance.model_file import load_model, models_folder
 from ator_ros.refinement.chain_prediction import ChainPrediction, PredictsPerformance, predict_chain
 from ator_ros.refinement.gate import NO_GATE, Gate
 from ator_ros.refinement.refiner import Refiner
@@ -115,7 +116,9 @@ class ToolsetSource:
         for action in dict.fromkeys(call.top.action for call in trial.chain.calls):
             if why := specs[action].over_ros_only:
                 raise DomainError(f"chain {chain}: {why}")
-            load_model(self.folder() / f"{action}.json", robot, domain.known_features)
+            file = self.folder() / f"{action}.json"
+            if file.exists():
+                load_model(file, robot, domain.known_features)
 
 
 def tools_of(source: ToolsetSource) -> tuple[Toolset, TopLibrary]:
@@ -131,7 +134,5 @@ def _loaded(source: ToolsetSource, _digest: str) -> tuple[Toolset, TopLibrary]:
     domain = source.in_domain()
     robot = source.described()
     action_set = source.action_set
-    models = load_models(
-        robot, domain.known_features, action_set=action_set, folder=source.models_root()
-    )
+    models = models_for(domain, robot, action_set=action_set, folder=source.models)
     return Toolset(domain, robot, models), domain.library(robot, action_set)

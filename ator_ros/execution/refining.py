@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,7 +21,7 @@ from ator_ros.refinement.naive import naive_on_paths
 from ator_ros.tops.chain import InvalidChainError, TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.objects import at_object, at_rest, followed, has_left, is_at_front
-from ator_ros.tops.ordering import ordering_of
+from ator_ros.tops.ordering import in_valid_order, ordering_of
 from ator_ros.world.state import ObjectState, World
 
 AGAIN_AFTER = 0.15
@@ -111,6 +112,7 @@ class Refining:
         self._robot = library.robot
         self._plans = plans
         self._number = 0
+        self._started = 0  # the plan that is executed if there is no answer
         self._fence = fence
         self._again_after = again_after
         self._expected: Mapping[str, ObjectState] = {}  # objects in the world of the last question
@@ -130,6 +132,22 @@ class Refining:
         if not self.wanted:
             return _NOT_ASKED
         return _NOT_REACHED if self.question is None else _UNANSWERED
+
+    def valid(self, plan: TopChain, world: World) -> TopChain:
+        """Return a plan in an order in which it is valid from `world`: as sent if possible.
+
+        Only refinement may choose another order. Raises InvalidChainError if there is none.
+        """
+        if self.wanted:
+            return in_valid_order(plan, world, self._robot)
+        if violations := plan.violations(world, self._robot):
+            raise InvalidChainError("; ".join(violations))
+        return plan
+
+    def start_with(self, number: int, chain: TopChain) -> None:
+        """Execute plan `number` (from 0), in its valid order, unless refinement changes it."""
+        self._started = number
+        self._executor.choose(chain)
 
     def ask(self, world: World, now: float) -> None:
         """Ask about the whole chain, before it starts."""
@@ -204,11 +222,10 @@ class Refining:
     def _refuse(self, why: str) -> None:
         """Continue with the naive chain, or the one in execution: there is no valid answer."""
         if self._first is None and self.question is not None:
-            sent = self._executor.chain
-            self._number = self._plans.index(sent)
+            self._number = self._started
             naive = self._naive(self.question.world)
             self._executor.choose(naive)
-            why = f"{_executed(sent, naive)}, refinement failed: {why}"
+            why = f"{_executed(self._plans[self._number], naive)}, refinement failed: {why}"
         self._close(why, changed=False)
 
     def revert(self, world: World, why: str) -> bool:
@@ -229,8 +246,10 @@ class Refining:
         return True
 
     def _naive(self, world: World) -> TopChain:
-        """Return the chosen plan with naive values; as sent if these leave the fence."""
+        """Return the chosen plan with naive values; with those sent if these leave the fence."""
         sent = self._plans[self._number]
+        with suppress(InvalidChainError):
+            sent = self.valid(sent, world)
         naive = naive_on_paths(world, sent, self._robot, self._library.ranges)
         return sent if self._fence.violation(naive, self._robot) else naive
 
@@ -300,7 +319,10 @@ class Refining:
 
 def _executed(sent: TopChain, executed: TopChain) -> str:
     """Return in words with which values a chain is executed without refinement."""
-    return "executed as sent" if executed == sent else "executed with naive values"
+    if executed == sent:
+        return "executed as sent"
+    order = "" if executed.order == sent.order else ", in a valid order"
+    return f"executed with naive values{order}"
 
 
 def _distance(pose: Pose, path: FloatArray) -> float:

@@ -17,7 +17,7 @@ from ator_ros.execution.rolling import Rolling
 from ator_ros.execution.state_watch import DelayWatch, ObjectWatch, Timeliness
 from ator_ros.geometry import FloatArray
 from ator_ros.printable import printable
-from ator_ros.tops.chain import Top, TopChain
+from ator_ros.tops.chain import InvalidChainError, Top, TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.objects import at_rest, missing_in, missing_object, objects_in
 from ator_ros.world.delay import Delay
@@ -215,18 +215,19 @@ class Supervisor:
         """
         self.start = world
         reasons = []
-        for plan in self._plans:  # the first that is valid, and whose objects are known
+        for number, plan in enumerate(self._plans):
             if missing_in(plan.calls, world):
                 continue
-            violations = plan.violations(world, self._robot)
-            if not violations and (
-                off := self._area.unreachable(plan, self._robot, "chain", world.robot.pose[:2])
-            ):
-                violations = [off]
-            if not violations:
-                self.executor.choose(plan)
+            try:
+                valid = self.refining.valid(plan, world)
+            except InvalidChainError as error:
+                reasons.append(str(error))
+                continue
+            off = self._area.unreachable(valid, self._robot, "chain", world.robot.pose[:2])
+            if off is None:
+                self.refining.start_with(number, valid)
                 break
-            reasons.append("; ".join(violations))
+            reasons.append(off)
         else:
             unknown = self._unknown(world)
             if unknown is not None:

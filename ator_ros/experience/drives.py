@@ -20,10 +20,17 @@ from ator_ros.actions.base import Goal, Point
 from ator_ros.actions.situation import Situation
 from ator_ros.bases.description import Robot
 from ator_ros.experience.records import ENDED, Vocabulary, episode_of
+from ator_ros.experience.server_drives import (
+    LONGEST,
+    ODOMETRY_FRAME,
+    ROBOT_FRAME,
+    TF,
+    TOO_LONG,
+    Watch,
+)
 from ator_ros.experience.server_goals import ServerGoal
 from ator_ros.experience.table import Episode
 from ator_ros.experience.track import DIGITS, NOT_DRIVEN, PERIOD, ROUNDING, Segment, Track
-from ator_ros.experience.watch import LONGEST, ODOMETRY_FRAME, ROBOT_FRAME, TF, TOO_LONG, Watch
 from ator_ros.geometry import FloatArray
 from ator_ros.printable import printable
 from ator_ros.tops.chain import Top

@@ -18,6 +18,7 @@ from ator_ros.bases.description import Robot
 from ator_ros.experience.drives import CMD_VEL, RECORDS, SHORTEST, Reader
 from ator_ros.experience.records import Vocabulary
 from ator_ros.experience.repeats import without_repeats
+from ator_ros.experience.server_drives import ODOM, TF
 from ator_ros.experience.server_goals import (
     FEEDBACK_SUFFIX,
     GOAL_POSE,
@@ -34,7 +35,6 @@ from ator_ros.experience.table import (
     join,
     read_experience,
 )
-from ator_ros.experience.watch import ODOM, TF
 from ator_ros.printable import printable, quoted
 
 if TYPE_CHECKING:

@@ -28,7 +28,7 @@ from ator_ros.learning.sets import (
     seal,
     sets_in,
 )
-from ator_ros.performance.features import PATHS, Feature, declared_by, names_of, suited
+from ator_ros.performance.features import Feature, declared_by, names_of, suited
 from ator_ros.performance.model import MEASURES, PerformanceModel
 from ator_ros.performance.model_file import (
     RobotMismatchWarning,
@@ -37,6 +37,7 @@ from ator_ros.performance.model_file import (
     models_folder,
     save_model,
 )
+from ator_ros.performance.path_times import path_time_model
 from ator_ros.performance.training import (
     duration_features,
     error_process,
@@ -54,12 +55,11 @@ Verdicts = dict[str, RoundVerdict]
 
 
 def _improved(
-    action: str,
     rows: pd.DataFrame,
     robot: Robot,
     features: Sequence[Feature],
     *,
-    current: PerformanceModel | None,
+    current: PerformanceModel,
     seen: Mapping[str, int],
     former: Mapping[str, PerformanceModel],
 ) -> tuple[Verdicts, PerformanceModel | None]:
@@ -73,22 +73,18 @@ def _improved(
     rows = _usable(rows, features)
     rows = rows[routed(rows, robot, features)]
     succeeded = rows[rows["success"]]
-    driving = None
-    if current is not None:
-        driving = current.driving
-    elif set(features) & set(PATHS):
-        driving = robot.unobserved_driving()
+    driving = current.driving
     if driving is not None and len(rows) >= _RECORDS_FOR_ANGLE:
         # Present trees have no features that depend on what the driving leaves open.
         driving = robot.completed_driving(driving, succeeded)
     former = {name: model for name, model in former.items() if model.driving == driving}
     of_durations = duration_features(features, succeeded, driving)
     known = {feature.name: feature for feature in of_durations}
-    for other in (*former.values(), *([current] if current is not None else [])):
+    for other in (*former.values(), current):
         known |= other.features
     with np.errstate(all="ignore"):  # records may be of any situation
         examples = examples_of(rows, robot, tuple(known.values()), driving)
-    trees = {} if current is None else dict(current.trees)
+    trees = dict(current.trees)
     verdicts: Verdicts = {}
     for measure, found in examples.items():
         names = names_of(of_durations if measure == "duration" else features)
@@ -105,19 +101,18 @@ def _improved(
             },
         )
     better = {name: found.tree for name, found in verdicts.items() if found.tree is not None}
-    if current is None and "duration" not in better:  # a model needs a tree of durations
+    if not current.is_learned and "duration" not in better:  # path times need no file
         for name, verdict in verdicts.items():
             verdicts[name] = dataclasses.replace(verdict, kind="", tree=None)
         return verdicts, None
     if not better:
         return verdicts, None
-    if current is None:  # measures without a better tree are predicted by their means
+    if not current.is_learned:  # measures without a better tree are predicted by their means
         for name, found in examples.items():
-            if len(found.values) >= _LEAST_RECORDS:
+            if name not in trees and len(found.values) >= _LEAST_RECORDS:
                 trees[name] = constant_tree(found.table, found.values)
     trees |= better
-    model = current or PerformanceModel(action, robot, trees, known)
-    errors = model.errors
+    errors = current.errors
     judged = verdicts["duration"]
     if judged.tree is not None and judged.errors is not None:
         learned = examples["duration"]
@@ -125,7 +120,7 @@ def _improved(
         errors = error_process(judged.tree, tested, judged.errors, learned.prior)
     arrival = observed_arrival(succeeded, robot)
     return verdicts, dataclasses.replace(
-        model, trees=trees, features=known, driving=driving, errors=errors, arrival=arrival
+        current, trees=trees, features=known, driving=driving, errors=errors, arrival=arrival
     )
 
 
@@ -191,9 +186,10 @@ def learn(source: Source, *, time: str) -> dict[str, Any]:
             if action not in source.domain.actions(action_set):
                 continue
             name = f"{action_set}/{action}"
-            current = source.model(base, str(action), action_set)
+            current = source.model(base, str(action), action_set) or path_time_model(
+                str(action), action_set, source.robot
+            )
             verdicts, model = _improved(
-                str(action),
                 rows,
                 source.robot,
                 source.domain.candidates(str(action), action_set),
@@ -227,14 +223,14 @@ def _metadata(
     action_set: str,
     verdicts: Verdicts,
     episodes: int,
-    current: PerformanceModel | None,
+    current: PerformanceModel,
 ) -> dict[str, Any]:
     """Return the metadata of a better model than `current`."""
     kinds = "; ".join(
         f"{measure}: {verdict.kind}" for measure, verdict in verdicts.items() if verdict.kind
     )
     # The ranges of starts are kept, since records of refined chains cover less of them.
-    starts = {} if current is None else current.metadata["training"].get("starts", {})
+    starts = current.metadata["training"].get("starts", {})
     training = {"command": "learning", "kind": kinds, "episodes": episodes, "starts": starts}
     if source.robot.grid is not None:
         training["map"] = str(source.robot.grid)

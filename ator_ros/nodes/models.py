@@ -16,6 +16,7 @@ from typing import Any
 from rclpy.node import Node
 
 from ator_ros.actions import DEFAULT_SET
+from ator_ros.domains.available_models import with_path_times
 from ator_ros.domains.domain import Domain
 from ator_ros.files import DamagedFileError, FileError
 from ator_ros.learning.gains import GAINS, Gains, read_gains
@@ -24,6 +25,7 @@ from ator_ros.nodes.diagnostics import STEADY
 from ator_ros.nodes.parameters import Parameter
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.model_file import NoModelsError, RobotMismatchWarning, load_models
+from ator_ros.performance.path_times import path_times_remark
 from ator_ros.printable import one_line
 from ator_ros.tops.library import TopLibrary
 
@@ -39,15 +41,22 @@ _LONGEST_ANSWER = 2.0  # real s of the file system, while the main thread waits 
 
 @dataclass(frozen=True)
 class ModelSet:
-    """The performance models of one action set, by action.
+    """The performance models of one action set: of each of its actions.
 
-    `absent` is the reason if there are none. `problem` is a fault, such as a damaged file or
-    another robot; to have no models is none.
+    Actions without a learned model have `path_time_model`. `absent` is the reason if none was
+    learned. `problem` is a fault, such as a damaged file or another robot; to have no learned
+    models is none.
     """
 
     models: Mapping[str, PerformanceModel]
     absent: str = ""
     problem: str = ""
+
+    def __str__(self) -> str:
+        """Return the actions, and which of them have no learned model."""
+        learned = [name for name, model in self.models.items() if model.is_learned]
+        others = path_times_remark(name for name in self.models if name not in learned)
+        return "; ".join(filter(None, (", ".join(learned), others)))
 
 
 @dataclass(frozen=True)
@@ -149,16 +158,20 @@ class LearnedSets:
         try:
             with warnings.catch_warnings(record=True) as caught:
                 warnings.simplefilter("always", RobotMismatchWarning)
-                models = load_models(library.robot, known, action_set=name, folder=place)
+                learned = load_models(library.robot, known, action_set=name, folder=place)
             # All models of a folder are usually of the same robot: the first warning suffices.
-            read = ModelSet(models, problem=str(caught[0].message) if caught else "")
-        except NoModelsError as error:
-            read = ModelSet({}, absent=str(error))
+            problem = str(caught[0].message) if caught else ""
+            absent = ""
         except (FileError, OSError) as error:
-            read = ModelSet({}, absent=str(error), problem=str(error))
+            learned = {}
+            absent = str(error)
+            is_usual = isinstance(error, NoModelsError) or not (self._models or place.is_dir())
+            problem = "" if is_usual else absent
+        models = with_path_times(learned, self._domain, library.robot, name)
+        read = ModelSet(models, absent, problem)
         if read.problem and (read.absent or name == DEFAULT_SET):  # other sets are rarely used
             self._node.get_logger().warning(one_line(f"action set {name}: {read.problem}"))
-        if read.models:
+        if not read.absent or name == DEFAULT_SET:
             self._warm_up(library, read)
         return read
 
@@ -251,15 +264,14 @@ class LearnedSets:
         if self._manifest is not None:
             source = f"learned set {self._manifest.digest}"
         default = self.present[DEFAULT_SET]
-        if default.models:  # other sets are rarely requested
-            return f"{source}: {', '.join(default.models)}"
+        if not default.absent:  # other sets are rarely requested
+            return f"{source}: {default}"
         others = [
-            f"{source} of action set {name}: {', '.join(read.models)}"
+            f"{source} of action set {name}: {read}"
             for name, read in self.present.items()
-            if read.models
+            if not read.absent
         ]
-        of_set = f" of action set {DEFAULT_SET}" if others else ""
-        return "; ".join([f"no models{of_set} ({default.absent})", *others])
+        return "; ".join([f"{default} ({default.absent})", *others])
 
     @property
     def problem(self) -> str:
@@ -271,8 +283,7 @@ class LearnedSets:
     def diagnostics(self) -> dict[str, object]:
         """Return values for /diagnostics."""
         values: dict[str, object] = {
-            f"models of {name}": ", ".join(read.models) or read.problem or "no models"
-            for name, read in self.present.items()
+            f"models of {name}": read.problem or str(read) for name, read in self.present.items()
         }
         if self._domain.grid is not None:
             values["map"] = str(self._domain.grid)

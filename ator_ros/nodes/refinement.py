@@ -17,7 +17,6 @@ from rclpy.node import Node
 from visualization_msgs.msg import MarkerArray
 
 from ator_interfaces.srv import PlanChains, PredictDurations, RefineSubgoal
-from ator_ros.actions import DEFAULT_SET
 from ator_ros.bases.description import Robot
 from ator_ros.domains.domain import Domain
 from ator_ros.execution.fence import Fence
@@ -45,6 +44,7 @@ from ator_ros.nodes.path_planner import with_planner
 from ator_ros.nodes.qos import SERVICES
 from ator_ros.nodes.segments import refinement_shapes, station_labels
 from ator_ros.nodes.subscriptions import WARNING_PERIOD, TfListener
+from ator_ros.performance.path_times import path_times_remark
 from ator_ros.planning.goals import PlanningError
 from ator_ros.planning.planner import chains_for
 from ator_ros.printable import one_line
@@ -150,9 +150,7 @@ class RefinementNode(Node):
             self.create_service(kind, name, serve, qos_profile=SERVICES, callback_group=group)
         Diagnostics(self, self._health)
         policy = "a chain is changed where the predicted gain exceeds its uncertainty"
-        if not self._sets.present[DEFAULT_SET].models:
-            policy = "without models, open variables get naive values"
-        elif not self._settings["gate"]:
+        if not self._settings["gate"]:
             policy = "gate is false: a chain is changed whenever a gain is predicted"
         self.get_logger().info(
             f"refining chains for {robot.name} (domain {domain.name}, ROS domain "
@@ -234,8 +232,6 @@ class RefinementNode(Node):
         action_set = messages.action_set_from(request.chain, allowed=self._libraries)
         present = self._sets.present[action_set]
         library = self._libraries[action_set]
-        if not present.models:
-            raise RefinementError(f"action set {action_set}: {present.absent}")
         self._map.expect_usable()
         sent = request.chain, *request.alternatives
         messages.into_frame(frame, self._tf.base, sent, [request.situation])
@@ -303,8 +299,12 @@ class RefinementNode(Node):
         ]
         library = self._libraries[name]
         calls = messages.calls_from(request.calls, library, frame=self._frame)
-        reason = "" if self._robot.grid is None else one_line(f"map {self._robot.grid}")
         models = self._sets.present[name].models
+        actions = dict.fromkeys(call.top.action for call in calls)
+        remarks = [path_times_remark(each for each in actions if not models[each].is_learned)]
+        if self._robot.grid is not None:
+            remarks.append(f"map {self._robot.grid}")
+        reason = one_line("; ".join(filter(None, remarks)))
         if request.pairs:
             table = DurationTable.of_pairs(
                 worlds, calls, models, robot=library.robot, ranges=library.ranges
@@ -337,18 +337,17 @@ class RefinementNode(Node):
         return found
 
     def _health(self) -> Health:
-        usable = any(read.models for read in self._sets.present.values())
         reasons = (
             self._map.problem,
-            self._sets.problem or ("" if usable else "no models for any action set"),
+            self._sets.problem,
         )
         counts = {
             "requests answered": self._answered,
             "requests cut short by their deadline": self._cut_short,
             "last error": self._last_error,
         }
-        is_error = self._map.is_missing or not usable
-        return Health("; ".join(filter(None, reasons)), is_error, self._sets.diagnostics() | counts)
+        values = self._sets.diagnostics() | counts
+        return Health("; ".join(filter(None, reasons)), self._map.is_missing, values)
 
 
 def refine_request(

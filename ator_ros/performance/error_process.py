@@ -106,11 +106,13 @@ class ErrorProcess:
         Distance between points over which errors are similar.
     slopes : tuple of UnknownSlope
         Along features, and parts of them, where the episodes do not show the slope of durations.
+    corrects : bool
+        Whether predicted durations include the expected errors, so that none is expected of them.
 
     Raises
     ------
     SchemaError
-        The lengths of the fields differ, or the number of episodes is not 1 to 300.
+        The lengths of the fields differ, or there are more than 300 episodes.
     """
 
     features: tuple[str, ...]
@@ -122,6 +124,7 @@ class ErrorProcess:
     noise: _Positive
     length: _Positive
     slopes: tuple[UnknownSlope, ...] = ()
+    corrects: bool = False
 
     def __post_init__(self) -> None:
         """Check the shapes."""
@@ -129,8 +132,8 @@ class ErrorProcess:
         same_points = all(len(each) == k for each in self.points)
         alike = len(self.center) == len(self.scale) == k and same_points
         require(alike, "points", f"{k} numbers each, as center and scale have", "others")
-        few = 1 <= len(self.points) <= _MOST_EPISODES
-        require(few, "points", f"1 to {_MOST_EPISODES} episodes", len(self.points))
+        few = len(self.points) <= _MOST_EPISODES
+        require(few, "points", f"at most {_MOST_EPISODES} episodes", len(self.points))
         paired = len(self.errors) == len(self.points)
         require(paired, "errors", "one for each point", len(self.errors))
         unknown = {slope.feature for slope in self.slopes}.difference(self.features)
@@ -139,6 +142,8 @@ class ErrorProcess:
     @property
     def not_varied(self) -> tuple[str, ...]:
         """The features that the episodes hardly varied: they show no slope along them."""
+        if not self.points:
+            return ()
         deviations = np.std(self.points, axis=0) * math.sqrt(len(self.points)) * self.scale
         slopes = {slope.feature: slope.deviation for slope in self.slopes}
         pairs = zip(self.features, deviations.tolist(), strict=True)
@@ -155,7 +160,18 @@ class ErrorProcess:
         situations = self._situations(features)
         similar = self._covariances(situations, known)
         covariances = self._covariances(situations, situations)
-        return similar @ weights, covariances - similar @ inverse @ similar.T
+        expected = np.zeros(len(features)) if self.corrects else similar @ weights
+        return expected, covariances - similar @ inverse @ similar.T
+
+    def correction(self, features: FloatArray) -> FloatArray:
+        """Return what to add to n predicted durations, shape (n,), in s.
+
+        `features` (n, k) are the situations.
+        """
+        if not (self.corrects and self.points):
+            return np.zeros(len(features))
+        known, _, weights = self._solved
+        return np.asarray(self._covariances(self._situations(features), known) @ weights)
 
     def of_sum(self, features: FloatArray, signs: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the expected errors of signed sums of durations in s, and their variances in s².
@@ -164,6 +180,11 @@ class ErrorProcess:
         The results have the shape (...).
         """
         return errors_of_sums(*self.joint(features), signs)
+
+    def correction_rule(self) -> str:
+        """Return in words what `correction` adds."""
+        count = len(self.points)
+        return f"and what {count} drives took longer than that in similar situations"
 
     def deviations(self, features: FloatArray) -> FloatArray:
         """Return the root mean squares of the errors in s of n durations, shape (n,).
@@ -175,7 +196,8 @@ class ErrorProcess:
         similar = self._covariances(situations, known)
         variances = self.signal**2 + np.sum(np.square(situations.reaches), axis=1)
         variances -= np.sum(similar @ inverse * similar, axis=1)
-        return np.asarray(np.sqrt(np.maximum(variances, 0.0) + np.square(similar @ weights)))
+        expected = 0.0 if self.corrects else similar @ weights
+        return np.asarray(np.sqrt(np.maximum(variances, 0.0) + np.square(expected)))
 
     @cached_property
     def _solved(self) -> tuple[_Situations, FloatArray, FloatArray]:
@@ -185,7 +207,8 @@ class ErrorProcess:
         noise = self.noise**2 * np.eye(len(points))
         covariances = self._covariances(known, known) + noise
         inverse: FloatArray = np.asarray(np.linalg.inv(covariances), dtype=float)
-        return known, inverse, inverse @ _clipped(np.array(self.errors), points)
+        errors = np.array(self.errors)
+        return known, inverse, inverse @ (_clipped(errors, points) if len(errors) else errors)
 
     def _covariances(self, one: _Situations, other: _Situations) -> FloatArray:
         """Return the covariances in s² of errors in n and m situations, shape (n, m)."""

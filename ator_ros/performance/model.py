@@ -187,6 +187,12 @@ class PerformanceModel:
         return {name: (float(low), float(high)) for name, (low, high) in ranges.items()}
 
     @property
+    def is_learned(self) -> bool:
+        """Whether it was learned from drives; others predict path times."""
+        training = self.metadata.get("training", {})
+        return bool(training.get("episodes") != 0)
+
+    @property
     def not_varied(self) -> tuple[str, ...]:
         """The features that the drives hardly varied, so that they show no slope along them."""
         return self.errors.not_varied if self.errors is not None else ()
@@ -250,6 +256,9 @@ class PerformanceModel:
         """
         tree = self.trees["duration"]
         duration, leaf = tree.evaluate(self._rows(geometry, tree.names))
+        if self.errors is not None and self.errors.corrects:
+            rows = self._rows(geometry, self.errors.features).T
+            duration = np.maximum(duration + self.errors.correction(rows), 0.0)
         noise = tree.spread.take(leaf)
         spread = noise.copy() if deviations is None else np.hypot(noise, deviations)
         if self.at_goal is not None:
@@ -267,6 +276,8 @@ class PerformanceModel:
     def rules(self, measure: str = "duration") -> str:
         """Return the rules of a measure in the paper's form, one a line, after what they share."""
         rules = self._writer(measure).rules()
+        if measure == "duration" and self.errors is not None and self.errors.corrects:
+            rules = f"{rules}\n{self.errors.correction_rule()}"
         if self.driving is None:
             return rules
         names = {*self.driving.quantities}

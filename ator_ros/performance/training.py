@@ -12,6 +12,7 @@ from functools import partial
 import numpy as np
 import pandas as pd
 
+from ator_ros.actions import DEFAULT_SET
 from ator_ros.actions.goal_variables import STOP, direct_name
 from ator_ros.bases.description import Robot
 from ator_ros.bases.direct import DIRECT_VARIABLES, NEAR_GOAL
@@ -43,6 +44,7 @@ from ator_ros.performance.model import (
     Passing,
     PerformanceModel,
 )
+from ator_ros.performance.path_times import LEAST_DRIVES, corrected, path_time_model
 from ator_ros.performance.prior import Slope, prior_slopes
 from ator_ros.performance.rising_terms import (
     OF_DIRECTION,
@@ -86,8 +88,6 @@ _COLUMNS = {
     "heading": "heading_error",
 }
 """The column of an experience table for each of `MEASURES`."""
-LEAST_EPISODES = 20
-"""Least number of successful episodes that a model is learned from."""
 SMALL_LEAF = 50
 """Least number of episodes at a leaf of the trees of other measures than the duration."""
 _AT_GOAL = ((0.02, 0.05), (0.03, 0.08))  # m and rad to the goal that may count as being there
@@ -115,9 +115,11 @@ def train(
 ) -> PerformanceModel:
     """Learn the performance model of an action (paper, section 3).
 
-    The success is learned from all episodes: its rate if no tree is better. Durations are learned
-    from those that succeeded and were not held up, see `ator_ros.performance.held_up`; the errors
-    at the goal from those that succeeded, if enough episodes have them, see `without_errors`.
+    Fewer than `LEAST_DRIVES` that succeeded correct the times of paths, see
+    `ator_ros.performance.path_times`. Of more, the success is learned from all episodes: its rate
+    if no tree is better. Durations are learned from those that succeeded and were not held up, see
+    `ator_ros.performance.held_up`; the errors at the goal from those that succeeded, if enough
+    episodes have them, see `without_errors`.
 
     Parameters
     ----------
@@ -135,7 +137,7 @@ def train(
     Raises
     ------
     ExperienceError
-        Too few episodes succeeded, or rows lack a goal variable that a feature derives from.
+        No episode succeeded, or rows lack a goal variable that a feature derives from.
     WorseThanMeanError
         With `better_than_mean`: the model predicts worse, or its errors are not finite.
     """
@@ -150,12 +152,14 @@ def train(
     starts = rows[rows["t"] == 0.0]
     starts = starts[routed(starts, robot, features)]
     good_starts = starts[starts["success"]]
-    if len(good_starts) < LEAST_EPISODES:
+    if good_starts.empty:
         remarks = "".join(without_routes(rows, robot, features))
         raise ExperienceError(
-            f"{action}: expected at least {LEAST_EPISODES} episodes that succeeded, "
-            f"got {len(good_starts)} of {len(starts)}{remarks}"
+            f"{action}: expected episodes that succeeded, got none of {len(starts)}{remarks}"
         )
+    if len(good_starts) < LEAST_DRIVES:
+        of_paths = path_time_model(action, DEFAULT_SET, robot)
+        return corrected(of_paths, direct_of(good_starts), good_starts["duration"].tolist())
     learned = _learned_undisturbed(rows, good_starts, robot, features)
     undisturbed = good_starts[~learned.held_up]
     errors = learned.errors[~learned.held_up]
@@ -168,7 +172,7 @@ def train(
         table = examples[measure].table[list(names_of(features))]
         if measure == "success":
             trees[measure] = _success_tree(values, table)
-        elif len(values) >= LEAST_EPISODES:
+        elif len(values) >= LEAST_DRIVES:
             trees[measure] = small_tree(table, values)
     named = {feature.name: feature for feature in learned.features}
     table = learned.table[~learned.held_up]
@@ -516,7 +520,7 @@ def _on_sum(
     if parts is None or _STOPG in table:  # a drive that is passed has no turn at its end
         parts = np.full((len(table), 1), np.nan)
     known = np.isfinite(parts).all(axis=1)
-    if (drives & known).sum() < LEAST_EPISODES:
+    if (drives & known).sum() < LEAST_DRIVES:
         return learn(partial(_minus_terms, parts=None, prior=prior))
     # By parts, the terms have the thresholds of the turns: the tree splits by distance only.
     of_parts = pd.DataFrame(parts, table.index)
@@ -574,7 +578,7 @@ def _far_from_goal(table: pd.DataFrame) -> BoolArray:
     """Return which episodes have a goal away from their start; all, if those are too few."""
     distance, *_ = rising_in(table.columns)
     far: BoolArray = table[distance].to_numpy() > NEAR_GOAL
-    return far if far.sum() >= LEAST_EPISODES else np.full(len(far), True)
+    return far if far.sum() >= LEAST_DRIVES else np.full(len(far), True)
 
 
 _Fitted = tuple[tuple[Hinge, ...], FloatArray]

@@ -11,6 +11,7 @@ from typing import TypeVar
 from ator_ros.actions.goal_variables import STOP, direct_name, with_values
 from ator_ros.bases.description import Robot
 from ator_ros.geometry import FloatArray
+from ator_ros.performance.path_times import path_times_remark
 from ator_ros.printable import printable
 from ator_ros.refinement import RefinementError
 from ator_ros.refinement.chain_prediction import ChainModel, ChainPrediction, PredictsPerformance
@@ -53,9 +54,9 @@ _MOST_LISTED = 6
 _LONGEST_REASONS = 180  # characters of the reasons of all chains, without their names
 _SHORTEST_REASON = 50  # characters of each
 _MOST_ORDERS = 6  # orders whose free variables are searched
-# Orders whose cost on the grid is this much above the least cost found are not searched: the search
-# between the points of the grid lowers the cost of a round by 1 % or less.
-_PROMISING = 1.01
+# Orders whose cost on the grid is this much above the least one on it are not searched: the search
+# between the points of the grid lowers the costs of orders of a round by shares that differ less.
+_PROMISING = 1.015
 _MOST_NUMBERS = 12  # steps of an order that a reason lists
 _DOMINANT = 0.5  # least share of durations in the cost for which a gain is given in s
 ITS_DEADLINE = "its deadline"
@@ -98,10 +99,8 @@ class Refinement:
     work : Work
         How much of the search is done, to estimate the deadline that the whole needs.
     uncertainty : float
-        Of the predicted gain in duration, in s. The prediction of the best of many candidates is
-        optimistic, for one variable by about its uncertainty. For n variables the optimism adds up,
-        while the uncertainty of the sum grows with √n only. So this is √n times that of
-        `ChainModel.compare`.
+        Of the predicted gain in duration, in s: what the models may be wrong by in the difference,
+        see `ChainModel.compare`.
     comparison : bool
         Whether it would have been refined, but `original` runs, to measure the gain of refinement.
     """
@@ -268,9 +267,14 @@ class Refiner:
             axes=_axes(chain, reference.analysis),
             allowed=regions.allowing(),
         ).chains(_MOST_ORDERS, deadline, work)
+        starts = []
+        for candidate, cost in orders:
+            starts.append((candidate, cost))
+            if candidate.order == chain.order:  # its own values may lead to better ones
+                starts.append((chain, cost))
         best = reference.predicted()
-        for number, (candidate, cost) in enumerate(orders):
-            if number and cost > _PROMISING * best.optimum.cost:
+        for candidate, cost in starts:
+            if cost > _PROMISING * starts[0][1]:
                 break
             analysis, limits = self.bounded(world, candidate, stops_decided=True)
             start = _Searched(
@@ -393,7 +397,7 @@ class Refiner:
         analysis = found.analysis
         optimum = found.optimum
         objective = found.model.objective
-        before, after, error = found.model.compare(reference.model.given, optimum.values)
+        before, after, uncertainty = found.model.compare(reference.model.given, optimum.values)
         if math.isnan(optimum.cost):
             optimum = unsearched(optimum.values, after.cost)
         if not math.isfinite(optimum.cost):
@@ -407,7 +411,6 @@ class Refiner:
             kept_stops = [each for each in reference.analysis.not_free if each.name == STOP]
             free = (*free, *_as_sent(stops, chain.order))
             not_free = (*not_free, *_as_sent(kept_stops, chain.order))
-        uncertainty = math.sqrt(max(len(free), 1)) * error
         gain = _gain(before, after, objective)
         known = uncertainty if _in_seconds(before, objective) else None
         refine, reason = self.gate.decide(gain, known, kept)
@@ -481,6 +484,13 @@ class Refiner:
             if call.top.action not in self.models
         )
 
+    def _not_learned(self, chain: TopChain) -> str:
+        """Return a remark on the actions whose models predict path times; may be empty."""
+        actions = dict.fromkeys(call.top.action for call in chain.calls)
+        return path_times_remark(
+            name for name in actions if not getattr(self.models.get(name), "is_learned", True)
+        )
+
     def _not_varied(self, chain: TopChain) -> str:
         """Return a remark on features that no drive varied, after a semicolon; may be empty."""
         actions = dict.fromkeys(call.top.action for call in chain.calls)
@@ -505,6 +515,8 @@ class Refiner:
             action = dict(zip(chain.order, (call.top.action for call in chain.calls), strict=True))
             steps = _listed([f"step {step + 1} ({action[step]})" for step in without_model])
             text += f"; no performance model for {steps}: neither predicted nor counted"
+        if not_learned := self._not_learned(chain):
+            text += f"; {not_learned}"
         if analysis.outside:
             text += f"; extrapolated: {_listed(analysis.outside)}"
         return text

@@ -19,8 +19,8 @@ from ator_ros.bases.direct import NEAR_GOAL
 from ator_ros.domains.domain import Domain
 from ator_ros.experience.drives import CMD_VEL
 from ator_ros.experience.recordings import read_sources
+from ator_ros.experience.server_drives import ODOM
 from ator_ros.experience.table import Experience, ExperienceError, library_versions
-from ator_ros.experience.watch import ODOM
 from ator_ros.files import FileError, is_name
 from ator_ros.nodes.network import stay_on_this_machine
 from ator_ros.performance.accuracy import accuracy, brier, kinds
@@ -28,6 +28,7 @@ from ator_ros.performance.coverage import unvaried
 from ator_ros.performance.held_up import held_up_remark
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.model_file import load_model, model_path, save_model
+from ator_ros.performance.path_times import few_drives_remark
 from ator_ros.performance.training import (
     WorseThanMeanError,
     digest,
@@ -91,6 +92,7 @@ def train(
         learned += 1
         remarks = [f"{action}{text}" for text in without_routes(examples, robot, features)]
         remarks += held_up_remark(action, model.held_up)
+        remarks += few_drives_remark(model)
         if any(top.arrives for top in domain.tops if top.action == action):
             remarks += unvaried(
                 action, examples[examples["success"] & (examples["t"] == 0.0)], robot

@@ -12,11 +12,11 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ator_ros.bases.description import Robot
+from ator_ros.domains.available_models import models_for
 from ator_ros.domains.domain import Domain, DomainError, domain_for
 from ator_ros.files import FileError, is_name
 from ator_ros.nodes.network import stay_on_this_machine
 from ator_ros.performance.model import PerformanceModel
-from ator_ros.performance.model_file import load_models
 from ator_ros.printable import quoted
 from ator_ros.simulation.urdf import robot_urdf
 from ator_ros.tools.command_line import (
@@ -100,16 +100,11 @@ def serve(options: argparse.Namespace, words: Sequence[str]) -> None:
 def _models(
     folder: str, domain: Domain, robot: Robot
 ) -> Mapping[str, Mapping[str, PerformanceModel]]:
-    """Return the models of each action set that has models in the folder."""
+    """Return the models of each action set whose files can be read."""
     models = {}
     for name in domain.action_sets:
         with contextlib.suppress(FileError, OSError):
-            models[name] = load_models(
-                robot,
-                domain.known_features,
-                action_set=name,
-                folder=domain.models_root(folder),
-            )
+            models[name] = models_for(domain, robot, action_set=name, folder=folder)
     return models
 
 

@@ -131,8 +131,15 @@ def test_tools_are_read_once_until_a_file_changes(tmp_path: Path) -> None:
     assert source.digest() != digest
     assert tools_of(source) is not first
     changed.unlink()
-    assert set(tools_of(source)[0].models) == {"goToPose", "dribbleBall"}
-    with pytest.raises(FileError, match=r"shoot\.json: expected a model"):
+    models = tools_of(source)[0].models
+    assert {name: model.is_learned for name, model in models.items()} == {
+        "goToPose": True,
+        "dribbleBall": True,
+        "shoot": False,
+    }
+    source.require_executable("shoot")
+    changed.write_text("{}", encoding="utf-8")
+    with pytest.raises(FileError, match=r"shoot\.json: "):
         source.require_executable("shoot")
     source.require_executable("dribble")
 

@@ -200,6 +200,47 @@ def test_without_a_valid_plan_all_reasons_are_reported() -> None:
     assert run.reason.count(" | ") == 1
 
 
+OPEN_ORDER = chain(
+    ("dribbleBall", Pose(2.0, 1.0, 0.0)),
+    ("goToBall", Pose(1.0, 0.0, 0.0)),
+    opened=frozenset({"order", "yaw"}),
+)
+BALL_AHEAD = world(ball=ObjectState(1.0, 0.0))
+
+
+def test_refinement_is_asked_for_a_chain_that_is_valid_in_another_order_only() -> None:
+    run = execution(OPEN_ORDER, refine=True)
+    run.tick(BALL_AHEAD, 100.0)
+    assert run.phase is Phase.REFINING
+    run.answer(Answer(OPEN_ORDER.reordered((1, 0)), True, "in a valid order"))
+    assert run.executor.chain.order == (1, 0)
+    assert run.phase is Phase.EXECUTING
+
+
+def test_without_an_answer_it_is_executed_in_the_valid_order() -> None:
+    run = execution(OPEN_ORDER, refine=True)
+    run.tick(BALL_AHEAD, 100.0)
+    run.answer(Answer(None, False, "no models"))
+    assert run.executor.chain.order == (1, 0)
+    assert run.executor.chain.calls[0].goal.pose.yaw == pytest.approx(0.0)
+    assert run.refining.reason == (
+        "executed with naive values, in a valid order, refinement failed: no models"
+    )
+    run.tick(dataclasses.replace(BALL_AHEAD, time=1.05), 100.1)
+    assert run.ending is None
+
+
+def test_it_is_refused_without_refinement_and_if_no_order_is_valid() -> None:
+    run = execution(OPEN_ORDER)
+    run.tick(BALL_AHEAD, 100.0)
+    assert run.ending is Ending.REFUSED
+    assert "pre-condition of step 1 (dribbleBall) now" in run.reason
+    run = execution(OPEN_ORDER, refine=True)
+    run.tick(AWAY, 100.0)
+    assert run.ending is Ending.REFUSED
+    assert "no valid plan: in no order: pre-condition of step" in run.reason
+
+
 def test_refinement_chooses_a_plan_and_changes_only_its_open_variables() -> None:
     opened = chain(("goToPose", Pose(1.0, 1.0, 0.0)), opened=frozenset({"yaw"}))
     turned = chain(("goToPose", Pose(1.0, 1.0, 0.5)), opened=frozenset({"yaw"}))

@@ -10,9 +10,9 @@ from bags import ROBOT, Messages, Tick
 
 from ator_ros.domains.soccer.soccer_domain import SOCCER
 from ator_ros.experience.drives import CMD_VEL, Reader, drives
+from ator_ros.experience.server_drives import ODOM
 from ator_ros.experience.table import Episode
 from ator_ros.experience.track import Rows, Segment, Track
-from ator_ros.experience.watch import ODOM
 from ator_ros.geometry import Pose
 
 TICK = 0.05

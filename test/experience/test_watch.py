@@ -10,9 +10,9 @@ from bags import ROBOT, Messages, Tick
 from domain_files import changed, file_of
 
 from ator_ros.domains.domain import find_domain
+from ator_ros.experience.server_drives import Watch
 from ator_ros.experience.server_goals import ServerGoal
 from ator_ros.experience.table import Episode
-from ator_ros.experience.watch import Watch
 from ator_ros.geometry import Pose
 
 SERVER = "navigate_to_pose"

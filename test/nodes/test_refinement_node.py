@@ -97,13 +97,19 @@ def test_the_failure_cost_is_the_parameter_unless_requested(
     assert refine(client, request).cost_before == pytest.approx(by_request)
 
 
-def test_without_models_it_warns_and_continues(host: Host, client: Client, tmp_path: Path) -> None:
+def test_without_learned_models_it_predicts_path_times_and_says_so(
+    host: Host, client: Client, tmp_path: Path
+) -> None:
     health = client.statuses()
-    host("refinement", models=tmp_path)
+    node = host("refinement", models=tmp_path)
+    remark = "path times of goToPose, dribbleBall, as no drives are known yet"
     response = refine(client, request_of_the_paper())
-    assert not response.accepted
-    assert str(tmp_path) in response.reason
-    client.eventually(lambda: health and health[-1].level == DiagnosticStatus.ERROR, "an error")
+    assert response.accepted
+    assert remark in response.reason
+    assert math.isfinite(response.before.duration)
+    assert not response.without_model
+    assert str(tmp_path) in node.output
+    client.eventually(lambda: health and health[-1].level == DiagnosticStatus.OK, "no problem")
 
 
 def test_markers_of_the_last_search_are_latched(service_client: Client) -> None:

@@ -85,11 +85,9 @@ def test_the_fields_must_fit_each_other() -> None:
         dataclasses.replace(PROCESS, slopes=(UnknownSlope("other", 1.0),))
     with pytest.raises(SchemaError, match="one for each point"):
         dataclasses.replace(PROCESS, errors=(0.1,))
-    with pytest.raises(SchemaError, match="1 to 300 episodes"):
-        dataclasses.replace(PROCESS, points=(), errors=())
     most = dataclasses.replace(PROCESS, points=((0.0, 0.0),) * 300, errors=(0.1,) * 300)
     assert len(most.points) == 300
-    with pytest.raises(SchemaError, match="1 to 300 episodes"):
+    with pytest.raises(SchemaError, match="at most 300 episodes"):
         dataclasses.replace(PROCESS, points=((0.0, 0.0),) * 301, errors=(0.1,) * 301)
 
 

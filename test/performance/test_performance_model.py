@@ -64,8 +64,7 @@ def test_rules_and_explanation_name_the_features_with_units(model: PerformanceMo
     assert f"here time = {model.predict(situation).duration[0]:.3f}" in text
 
 
-def test_too_little_experience_is_rejected() -> None:
-    with pytest.raises(
-        ExperienceError, match=r"expected at least 20 episodes that succeeded, got \d+ of 10"
-    ):
-        train("goToPose", ROWS.head(10), ROBOT)
+def test_experience_without_success_is_rejected() -> None:
+    failed = ROWS.head(10).assign(success=False)
+    with pytest.raises(ExperienceError, match=r"expected episodes that succeeded, got none of \d+"):
+        train("goToPose", failed, ROBOT)

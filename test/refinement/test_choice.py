@@ -72,13 +72,12 @@ def test_an_answer_has_the_gain_in_cost_and_in_time() -> None:
         assert (kept.chain, kept.predicted) == (kept.original, kept.before)
 
 
-def test_the_uncertainty_grows_with_the_number_of_variables() -> None:
+def test_the_uncertainty_is_that_of_the_difference_whatever_is_free() -> None:
     refiner = Refiner(ROBOT, models())
     one = refiner.refine(world(), drive(1.0, 2.0, opened=ANGLE))
     both = refiner.refine(world(), drive(1.0, 2.0, opened=frozenset({"yaw", "speed"})))
     assert len(both.free) == 2 * len(one.free) == 4
-    assert both.uncertainty == pytest.approx(math.sqrt(2.0) * one.uncertainty)
-    assert one.uncertainty == pytest.approx(math.sqrt(2.0) * 0.1)
+    assert both.uncertainty == one.uncertainty == pytest.approx(0.1)
 
 
 def test_curves_are_those_of_subgoals_with_free_variables() -> None:
