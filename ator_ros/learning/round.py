@@ -12,12 +12,14 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from scipy.ndimage import median_filter
 
 from ator_ros.bases.description import Robot
 from ator_ros.domains.domain import Domain
 from ator_ros.experience.store import NUMBER, action_sets_in, read_records
 from ator_ros.experience.table import library_versions
 from ator_ros.files import FileError
+from ator_ros.geometry import BoolArray, FloatArray
 from ator_ros.learning.judging import RoundVerdict, constant_tree, judge
 from ator_ros.learning.sets import (
     RECORDS,
@@ -29,6 +31,7 @@ from ator_ros.learning.sets import (
     sets_in,
 )
 from ator_ros.performance.features import Feature, declared_by, names_of, suited
+from ator_ros.performance.held_up import describe_held_up, find_held_up
 from ator_ros.performance.model import MEASURES, PerformanceModel
 from ator_ros.performance.model_file import (
     RobotMismatchWarning,
@@ -39,15 +42,18 @@ from ator_ros.performance.model_file import (
 )
 from ator_ros.performance.path_times import path_time_model
 from ator_ros.performance.training import (
+    direct_of,
     duration_features,
     error_process,
     examples_of,
     observed_arrival,
     routed,
 )
+from ator_ros.world.state import CONTROL_PERIOD
 
 _LEAST_RECORDS = 12  # to estimate the mean of a measure
 _RECORDS_FOR_ANGLE = 100  # to learn, once, above which angle an action drives backward
+_NEIGHBORS = 15  # drives, to whose median predictions are scaled: fewer would follow delays
 _FORMER = 3  # earlier sets whose models are candidates
 
 Verdicts = dict[str, RoundVerdict]
@@ -73,6 +79,10 @@ def _improved(
     rows = _usable(rows, features)
     rows = rows[routed(rows, robot, features)]
     succeeded = rows[rows["success"]]
+    delays, held = _delays(succeeded, current)
+    held_up = describe_held_up(delays, held)
+    rows = rows.drop(succeeded.index[held])
+    succeeded = succeeded[~held]
     driving = current.driving
     if driving is not None and len(rows) >= _RECORDS_FOR_ANGLE:
         # Present trees have no features that depend on what the driving leaves open.
@@ -120,8 +130,33 @@ def _improved(
         errors = error_process(judged.tree, tested, judged.errors, learned.prior)
     arrival = observed_arrival(succeeded, robot)
     return verdicts, dataclasses.replace(
-        current, trees=trees, features=known, driving=driving, errors=errors, arrival=arrival
+        current,
+        trees=trees,
+        features=known,
+        driving=driving,
+        errors=errors,
+        arrival=arrival,
+        held_up=held_up,
     )
+
+
+def _delays(rows: pd.DataFrame, current: PerformanceModel) -> tuple[FloatArray, BoolArray]:
+    """Return by how many s drives took longer than predicted, and which were held up, shape (n,).
+
+    A robot that has become slower takes longer in each of its newest drives, so predictions are
+    scaled to the median of the drives before and after.
+    """
+    if rows.empty:
+        return np.zeros(0), np.zeros(0, dtype=bool)
+    durations = rows["duration"].to_numpy(dtype=float)
+    with np.errstate(all="ignore"):  # records may be of any situation
+        predicted = current.predict(direct_of(rows)).duration
+    assert predicted is not None
+    ratios = np.log(durations / np.maximum(predicted, CONTROL_PERIOD))
+    usual = predicted * np.exp(median_filter(ratios, _NEIGHBORS, mode="nearest"))
+    follows_path = current.is_learned and len(current.trees["duration"].base) > 0
+    nothing = np.full(len(rows), False)
+    return durations - usual, find_held_up(durations, usual, nothing, follows_path=follows_path)
 
 
 def _usable(rows: pd.DataFrame, features: Sequence[Feature]) -> pd.DataFrame:
