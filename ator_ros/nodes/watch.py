@@ -222,7 +222,7 @@ class WatchNode(Node):
 
     @property
     def _digest(self) -> str:
-        return self._sets.gains.models if self._sets.present[DEFAULT_SET].models else ""
+        return "" if self._sets.present[DEFAULT_SET].absent else self._sets.gains.models
 
     def _update(self) -> None:
         present = self._sets.present[DEFAULT_SET]
@@ -238,9 +238,10 @@ class WatchNode(Node):
         watch = self._monitor.watch
         if not watch.active and self._rounds.is_over(watch.now):
             self._add_round(self._rounds.close())
+        present = self._sets.present[DEFAULT_SET]
         found = self._savings.update(
             self._libraries[DEFAULT_SET],
-            self._sets.present[DEFAULT_SET].models,
+            {} if present.absent else present.models,
             is_busy=bool(watch.active),
             may_pass=any(call.early for call in self._calls.values()),
         )
