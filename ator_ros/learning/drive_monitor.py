@@ -135,9 +135,9 @@ class DriveMonitor:
     def _correct(self, action: str) -> None:
         """Correct path times by the first drives of an action, if its model is not learned."""
         model = self._models.get(action)
-        if model is None or model.is_learned:
-            return
         drives = self._first_drives[action]
+        if model is None or model.is_learned or not drives:
+            return
         direct = direct_of([drive[:2] for drive in drives])
         self._models[action] = corrected(model, direct, [duration for *_, duration in drives])
 
