@@ -166,7 +166,7 @@ class WatchNode(Node):
         self._subscribe(settings["odometry"])
         self.create_timer(_PERIOD, self._update, clock=STEADY)
         Diagnostics(self, self._health)
-        self._publish_tally()
+        self._use_models()
         servers = ", ".join(self._servers.values())
         self.get_logger().info(
             f"watching {servers} for {robot.name} (domain {domain.name}, ROS domain "
@@ -224,12 +224,16 @@ class WatchNode(Node):
     def _digest(self) -> str:
         return "" if self._sets.present[DEFAULT_SET].absent else self._sets.gains.models
 
-    def _update(self) -> None:
+    def _use_models(self) -> None:
+        """Use the present models, if they are others."""
         present = self._sets.present[DEFAULT_SET]
         if present is not self._used:
             self._used = present
             self._monitor.use(present.models, self._digest)
             self._publish_tally()
+
+    def _update(self) -> None:
+        self._use_models()
         self._publish_estimates()
         self._compare_rounds()
 

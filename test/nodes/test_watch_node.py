@@ -22,11 +22,11 @@ from ator_ros.files import save
 from ator_ros.geometry import Pose
 from ator_ros.learning.watch_tally import KIND, Tally
 from ator_ros.nodes.messages import odometry_of, pose_of, stamp_of
-from ator_ros.nodes.qos import LATCHED, NEWEST, RESULTS
+from ator_ros.nodes.qos import LATCHED, RESULTS
 from ator_ros.world.state import RobotState
 
 CLIENT = {"silent": True}
-TICK, SPEED, PACE = 0.05, 0.5, 10.0
+TICK, SPEED, PACE = 0.05, 0.5, 5.0
 """s of a tick and m/s of the robot; how many times as fast as real time it drives."""
 
 
@@ -39,7 +39,7 @@ class Nav2:
         self.time, self.x, self.goals = 100.0, 0.0, 0
         self._goal: ServerGoalHandle | None = None
         self._ended = Future()
-        self._odom = node.create_publisher(Odometry, "odom", NEWEST)
+        self._odom = node.create_publisher(Odometry, "odom", RESULTS)
         self._plan = node.create_publisher(PathMessage, "plan", RESULTS)
         self._server = ActionServer(
             node, self.kind, "navigate_to_pose", self._drive,
