@@ -72,14 +72,15 @@ class DriveMonitor:
     frame : str
         The frame of map and goals. Goals in other frames are estimated only.
     paths : WatchedPaths
-        Receives the paths of drives that are experience; `ended` may raise OSError for it.
+        The routes of predictions. It receives the paths of running drives, and keeps those of
+        drives that are experience: `ended` may raise OSError.
 
     Attributes
     ----------
     watch : Watch
         Takes all messages.
     domain : Domain
-        The given one, with the paths of running drives as routes: models for `use` are for it.
+        The given one, with the watched paths as routes: models for `use` are for it.
     speeds : ObservedSpeeds
         What drives have shown so far.
     """
@@ -98,8 +99,7 @@ class DriveMonitor:
         self._robot = robot
         self._frame = frame
         self._paths = paths
-        self._running = WatchedPaths()
-        self.domain = driven_on(self._running, domain)
+        self.domain = driven_on(self._paths, domain)
         self.speeds = ObservedSpeeds()
         self._models: Mapping[str, PerformanceModel] = {}
         self._source = ""
@@ -109,7 +109,7 @@ class DriveMonitor:
 
     def on_map(self, domain: Domain) -> None:
         """Watch drives on another map, that of the given domain."""
-        self.domain = driven_on(self._running, domain)
+        self.domain = driven_on(self._paths, domain)
 
     def use(self, models: Mapping[str, PerformanceModel], source: str) -> None:
         """Estimate drives that start from now on with models, by action, learned from `source`."""
@@ -138,7 +138,7 @@ class DriveMonitor:
         if start is None or goal.pose is None or goal.first_path is None:
             return
         model = self._models.get(goal.action) if goal.frame == self._frame else None
-        self._running.add(_place(start.pose), _place(goal.pose), goal.first_path)
+        self._paths.add(_place(start.pose), _place(goal.pose), goal.first_path)
         without, estimator = (
             drive_estimator(
                 self._robot,
@@ -176,7 +176,7 @@ class DriveMonitor:
         path = goal.first_path
         if path is not None and made.success:
             start = _place(made.situation.robot.pose)
-            self._paths.add(start, _place(made.situation.goal.pose), path)
+            self._paths.save(start, _place(made.situation.goal.pose), path)
             length = float(np.hypot(*np.diff(path, axis=0).T).sum())
             greatest = math.nan
             if made.samples is not None:
