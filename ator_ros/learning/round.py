@@ -42,7 +42,9 @@ from ator_ros.performance.training import (
     duration_features,
     error_process,
     examples_of,
+    from_rest_to_rest,
     observed_arrival,
+    observed_passing,
     routed,
 )
 
@@ -119,9 +121,14 @@ def _improved(
         learned = examples["duration"]
         tested = learned.table.iloc[judged.tested]
         errors = error_process(judged.tree, tested, judged.errors, learned.prior)
-    arrival = observed_arrival(succeeded, robot)
     return verdicts, dataclasses.replace(
-        current, trees=trees, features=known, driving=driving, errors=errors, arrival=arrival
+        current,
+        trees=trees,
+        features=known,
+        driving=driving,
+        errors=errors,
+        arrival=observed_arrival(from_rest_to_rest(succeeded), robot),
+        passing=observed_passing(succeeded) or current.passing,
     )
 
 

@@ -329,11 +329,17 @@ class WatchNode(Node):
         parts = {} if samples is None else _parts(samples, duration)
         predicted = {}
         if drive.first is not None:
-            predicted = {"duration": drive.first.total, "spread": drive.first.spread}
+            first = drive.first
+            predicted = {
+                "duration": first.total,
+                "spread": first.spread,
+                "bound": first.elapsed + first.bound,
+            }
         code = _OUTCOMES[drive.goal.status]
         actual = {
             "duration": duration,
             "spread": 0.0,
+            "bound": duration,
             "success": float(episode.success),
             "accuracy": episode.position_error,
         }
