@@ -158,8 +158,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         rclpy.try_shutdown()
     report(client, work)
     print(
-        f"watch used {spent / took:.1%} of a core while the robot drove at {options.factor:g} times "
-        "real time"
+        f"watch used {spent / took:.1%} of a core while the robot drove, at {options.factor:g} "
+        "times real time"
     )
     return 0
 

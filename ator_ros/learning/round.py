@@ -95,7 +95,8 @@ def _improved(
             found,
             names,
             new=int(new.sum()),
-            current=trees.get(measure),
+            # Path times are no candidate: a tree of twenty drives predicts later ones better.
+            current=trees.get(measure) if current.is_learned else None,
             former={
                 name: model.trees[measure]
                 for name, model in former.items()

@@ -166,7 +166,7 @@ class WatchNode(Node):
         self._subscribe(settings["odometry"])
         self.create_timer(_PERIOD, self._update, clock=STEADY)
         Diagnostics(self, self._health)
-        self._publish_tally()
+        self._use_models()
         servers = ", ".join(self._servers.values())
         self.get_logger().info(
             f"watching {servers} for {robot.name} (domain {domain.name}, ROS domain "
@@ -222,14 +222,18 @@ class WatchNode(Node):
 
     @property
     def _digest(self) -> str:
-        return self._sets.gains.models if self._sets.present[DEFAULT_SET].models else ""
+        return "" if self._sets.present[DEFAULT_SET].absent else self._sets.gains.models
 
-    def _update(self) -> None:
+    def _use_models(self) -> None:
+        """Use the present models, if they are others."""
         present = self._sets.present[DEFAULT_SET]
         if present is not self._used:
             self._used = present
             self._monitor.use(present.models, self._digest)
             self._publish_tally()
+
+    def _update(self) -> None:
+        self._use_models()
         self._publish_estimates()
         self._compare_rounds()
 
@@ -238,9 +242,10 @@ class WatchNode(Node):
         watch = self._monitor.watch
         if not watch.active and self._rounds.is_over(watch.now):
             self._add_round(self._rounds.close())
+        present = self._sets.present[DEFAULT_SET]
         found = self._savings.update(
             self._libraries[DEFAULT_SET],
-            self._sets.present[DEFAULT_SET].models,
+            {} if present.absent else present.models,
             is_busy=bool(watch.active),
             may_pass=any(call.early for call in self._calls.values()),
         )
