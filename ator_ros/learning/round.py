@@ -19,7 +19,7 @@ from ator_ros.domains.domain import Domain
 from ator_ros.experience.store import NUMBER, action_sets_in, read_records
 from ator_ros.experience.table import library_versions
 from ator_ros.files import FileError
-from ator_ros.geometry import BoolArray, FloatArray
+from ator_ros.geometry import BoolArray, FloatArray, IntArray
 from ator_ros.learning.judging import RoundVerdict, constant_tree, judge
 from ator_ros.learning.sets import (
     RECORDS,
@@ -30,6 +30,7 @@ from ator_ros.learning.sets import (
     seal,
     sets_in,
 )
+from ator_ros.performance.error_process import ErrorProcess
 from ator_ros.performance.features import Feature, declared_by, names_of, suited
 from ator_ros.performance.held_up import describe_held_up, find_held_up
 from ator_ros.performance.model import MEASURES, PerformanceModel
@@ -42,11 +43,14 @@ from ator_ros.performance.model_file import (
 )
 from ator_ros.performance.path_times import path_time_model
 from ator_ros.performance.training import (
+    Examples,
     direct_of,
     duration_features,
     error_process,
     examples_of,
+    from_rest_to_rest,
     observed_arrival,
+    observed_passing,
     routed,
 )
 from ator_ros.world.state import CONTROL_PERIOD
@@ -103,7 +107,8 @@ def _improved(
             found,
             names,
             new=int(new.sum()),
-            current=trees.get(measure),
+            # Path times are no candidate: a tree of twenty drives predicts later ones better.
+            current=trees.get(measure) if current.is_learned else None,
             former={
                 name: model.trees[measure]
                 for name, model in former.items()
@@ -115,29 +120,49 @@ def _improved(
         for name, verdict in verdicts.items():
             verdicts[name] = dataclasses.replace(verdict, kind="", tree=None)
         return verdicts, None
-    if not better:
+    errors = current.errors
+    durations = examples["duration"]
+    judged = verdicts["duration"]
+    if judged.tree is not None and judged.errors is not None:
+        tested = durations.table.iloc[judged.tested]
+        errors = error_process(judged.tree, tested, judged.errors, durations.prior)
+    elif current.is_learned:
+        unseen = rows[NUMBER].to_numpy()[durations.rows] >= seen["duration"]
+        errors = _better_known(current, durations, np.flatnonzero(unseen))
+    if not better and errors is current.errors:
         return verdicts, None
     if not current.is_learned:  # measures without a better tree are predicted by their means
         for name, found in examples.items():
             if name not in trees and len(found.values) >= _LEAST_RECORDS:
                 trees[name] = constant_tree(found.table, found.values)
     trees |= better
-    errors = current.errors
-    judged = verdicts["duration"]
-    if judged.tree is not None and judged.errors is not None:
-        learned = examples["duration"]
-        tested = learned.table.iloc[judged.tested]
-        errors = error_process(judged.tree, tested, judged.errors, learned.prior)
-    arrival = observed_arrival(succeeded, robot)
     return verdicts, dataclasses.replace(
         current,
         trees=trees,
         features=known,
         driving=driving,
         errors=errors,
-        arrival=arrival,
+        arrival=observed_arrival(from_rest_to_rest(succeeded), robot),
+        passing=observed_passing(succeeded) or current.passing,
         held_up=held_up,
     )
+
+
+def _better_known(
+    current: PerformanceModel, durations: Examples, unseen: IntArray
+) -> ErrorProcess | None:
+    """Return the errors of the present tree on records that it was not learned from.
+
+    Those that are known if there are not twice as many such records: each new set begins another
+    measurement of gains.
+    """
+    known = current.errors
+    if known is None or known.corrects or len(unseen) < 2 * len(known.points):
+        return known
+    tree = current.trees["duration"]
+    table = durations.table.iloc[unseen].reset_index(drop=True)
+    found = durations.values[unseen] - tree.predict(table[list(tree.names)].to_numpy())
+    return error_process(tree, table, found, durations.prior)
 
 
 def _delays(rows: pd.DataFrame, current: PerformanceModel) -> tuple[FloatArray, BoolArray]:
