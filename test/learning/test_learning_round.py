@@ -204,3 +204,18 @@ def test_drives_that_were_held_up_are_described_apart(
     stored(tmp_path / "fresh", episodes(60, seed=99, slower=1.3))
     rows = read_records(tmp_path / "fresh", "default")
     assert np.mean(np.abs(model.predict(direct_of(rows)).duration - rows["duration"])) < 0.4
+
+
+def test_errors_of_a_tree_that_remains_become_known(tmp_path: Path) -> None:
+    folder = tmp_path / "learned"
+    file = folder / CURRENT / "goToPose.json"
+    known = []
+    for seed in range(6):
+        stored(folder / RECORDS, episodes(20, seed=40 + seed)).close()
+        round_of(folder, tmp_path / "none")
+        if file.exists():
+            model = load_model(file, ROBOT, SOCCER.known_features)
+            assert model.errors is not None
+            known.append(len(model.errors.points))
+    assert known[0] <= 20
+    assert known[-1] >= 40
