@@ -261,6 +261,14 @@ def test_local_search_is_near_the_best_order(seed: int) -> None:
     assert best.cost - 1e-9 <= found.cost <= 1.15 * best.cost
 
 
+def test_nearest_next_lists_all_calls_also_where_no_leg_leads() -> None:
+    chain = TopChain(tuple(stop(x, 0.0) for x in (1.0, 2.0, 3.0)))
+    costs = random_table(3, 2, 1)
+    costs[:, :, 1] = costs[2] = np.inf
+    with np.errstate(invalid="raise"):
+        assert sorted(nearest_next(costs, ordering_of(chain))) == [0, 1, 2]
+
+
 def test_many_stations_in_a_line_are_visited_along_it() -> None:
     xs = np.random.default_rng(1).permutation(30) * 0.2
     found = refined(TopChain(tuple(stop(float(x), 0.0) for x in xs)))
