@@ -129,9 +129,9 @@ def test_the_cost_does_not_depend_on_how_stations_are_listed_or_mirrored(seed: i
     chain = TopChain(tuple(stop(*each.goal.pose[:2]) for each in chain.calls))
     found = refined(chain)
     listed = refined(TopChain(chain.calls[::-1]))
-    assert listed.after.cost == pytest.approx(found.after.cost, rel=1e-4)
+    assert listed.after.cost == pytest.approx(found.after.cost, rel=5e-4)
     mirrored = refined(TopChain(tuple(stop(c.goal.pose.x, -c.goal.pose.y) for c in chain.calls)))
-    assert mirrored.after.cost == pytest.approx(found.after.cost, rel=1e-4)
+    assert mirrored.after.cost == pytest.approx(found.after.cost, rel=5e-4)
     assert mirrored.best.order == found.best.order
     pairs = zip(mirrored.best.calls, found.best.calls, strict=True)
     turned = [one.goal.pose.yaw + other.goal.pose.yaw for one, other in pairs]
