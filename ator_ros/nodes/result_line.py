@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+from ator_ros.actions.goal_variables import STOP
 from ator_ros.printable import listed, one_line, printable
 
 _MOST_CHANGES = 4  # in the line; "and 2 more" stands for the others
@@ -33,6 +34,8 @@ def _change(free: Any) -> str:
     if free.name == "yaw":
         turn = math.degrees(math.remainder(free.after - free.before, math.tau))
         return f"{turn:+.0f}°"
+    if free.name == STOP:
+        return "a stop" if free.after else "no stop"
     return f"{printable(free.name)} {free.after:.3g}"
 
 
@@ -56,6 +59,9 @@ def result_line(record: Any, *, wanted: bool, changes: Sequence[str]) -> str:
     times = f"{driven:.2f} s driven"
     if math.isfinite(predicted):
         times = f"{times}, {predicted:.2f} s predicted"
+        bound = record.predicted.bound
+        if driven > bound > 0.0:
+            times = f"{times}; nine of ten runs take less than {bound:.2f} s"
     line = f"{reason}: {times}"
     if not wanted:
         return one_line(line)

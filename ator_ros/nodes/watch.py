@@ -14,6 +14,7 @@ from action_msgs.msg import GoalStatusArray
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
 from nav_msgs.msg import Path as PathMessage
+from rcl_interfaces.msg import ParameterEvent
 from rclpy.node import Node
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import Marker, MarkerArray
@@ -89,6 +90,8 @@ _DEFAULT_FOLDER = "~/.ros/ator_ros/nav2"
 _PERIOD = 0.5  # real s between two estimates of a drive
 _TEXT_HEIGHT = 0.3  # m, of the estimate in RViz
 _TEXT_ABOVE = 0.5  # m above the floor
+_DRIVING_NODES = ("controller_server", "velocity_smoother", "planner_server")
+"""Nodes of Nav2 whose parameters change how long drives take."""
 _OUTCOMES = {"succeeded": Outcome.SUCCEEDED, "aborted": Outcome.FAILED}
 _LOGGED = (1, 5, 10)  # drives after which the tally is logged, and after every ten
 
@@ -104,6 +107,8 @@ class WatchNode(Node):
         domain's remote actions and of the servers `others`. plan (nav_msgs/Path), goal_pose
         (geometry_msgs/PoseStamped), the topic of odometry (nav_msgs/Odometry), /tf, /tf_static.
         The topic of a map (nav_msgs/OccupancyGrid, transient local), if `map` names one.
+        /parameter_events (rcl_interfaces/ParameterEvent): changes of how Nav2 drives, after which
+        drives are not learned from.
     Publishes
         ~/estimates (ator_interfaces/DriveEstimate): twice a second for each running goal, the first
         one with the first path. ~/markers (visualization_msgs/MarkerArray): the remaining times, at
@@ -163,10 +168,14 @@ class WatchNode(Node):
             self._savings = RoundSavingsQueue(self, settings["planner"], self._frame, paths)
         except RemoteError as error:
             raise SetupError(f"parameter planner: {error}") from error
+        self._changed = ""  # a parameter of Nav2 that was changed since the start
+        self.create_subscription(
+            ParameterEvent, "/parameter_events", self._take_parameters, RESULTS
+        )
         self._subscribe(settings["odometry"])
         self.create_timer(_PERIOD, self._update, clock=STEADY)
         Diagnostics(self, self._health)
-        self._publish_tally()
+        self._use_models()
         servers = ", ".join(self._servers.values())
         self.get_logger().info(
             f"watching {servers} for {robot.name} (domain {domain.name}, ROS domain "
@@ -195,6 +204,19 @@ class WatchNode(Node):
         ):
             self.create_subscription(kind, topic, partial(self._take, role), qos)
 
+    def _take_parameters(self, event: ParameterEvent) -> None:
+        """Notice that Nav2 drives otherwise from now on."""
+        namespace = self.get_namespace().rstrip("/")
+        name = event.node.removeprefix(f"{namespace}/")
+        changed = [item.name for item in event.changed_parameters]
+        if name in _DRIVING_NODES and changed and not self._changed:
+            self._changed = f"{name}: {changed[0]} was changed"
+            self.get_logger().warning(
+                one_line(
+                    f"{self._changed}: drives may take other times; launch again to learn them"
+                )
+            )
+
     def _libraries_on_map(self) -> dict[str, TopLibrary]:
         domain = self._monitor.domain
         robot = domain.equip(self._robot)
@@ -222,15 +244,20 @@ class WatchNode(Node):
 
     @property
     def _digest(self) -> str:
-        return self._sets.gains.models if self._sets.present[DEFAULT_SET].models else ""
+        return "" if self._sets.present[DEFAULT_SET].absent else self._sets.gains.models
 
-    def _update(self) -> None:
+    def _use_models(self) -> None:
+        """Use the present models, if they are others."""
         present = self._sets.present[DEFAULT_SET]
         if present is not self._used:
             self._used = present
             self._monitor.use(present.models, self._digest)
             self._publish_tally()
+
+    def _update(self) -> None:
+        self._use_models()
         self._publish_estimates()
+        self._monitor.watch.forget()
         self._compare_rounds()
 
     def _compare_rounds(self) -> None:
@@ -238,9 +265,10 @@ class WatchNode(Node):
         watch = self._monitor.watch
         if not watch.active and self._rounds.is_over(watch.now):
             self._add_round(self._rounds.close())
+        present = self._sets.present[DEFAULT_SET]
         found = self._savings.update(
             self._libraries[DEFAULT_SET],
-            self._sets.present[DEFAULT_SET].models,
+            {} if present.absent else present.models,
             is_busy=bool(watch.active),
             may_pass=any(call.early for call in self._calls.values()),
         )
@@ -286,7 +314,7 @@ class WatchNode(Node):
             return
         for drive in ended:
             self._published.discard(drive.goal.goal_id)
-            if drive.episode is not None and not drive.is_held_up:
+            if drive.episode is not None and not drive.is_held_up and not self._changed:
                 self._records.publish(self._record(drive, drive.episode))
             self._count(drive)
         if ended and not self._monitor.watch.active:
@@ -324,11 +352,17 @@ class WatchNode(Node):
         parts = {} if samples is None else _parts(samples, duration)
         predicted = {}
         if drive.first is not None:
-            predicted = {"duration": drive.first.total, "spread": drive.first.spread}
+            first = drive.first
+            predicted = {
+                "duration": first.total,
+                "spread": first.spread,
+                "bound": first.elapsed + first.bound,
+            }
         code = _OUTCOMES[drive.goal.status]
         actual = {
             "duration": duration,
             "spread": 0.0,
+            "bound": duration,
             "success": float(episode.success),
             "accuracy": episode.position_error,
         }
@@ -384,9 +418,8 @@ class WatchNode(Node):
             absent = "expected odometry, got none: check the parameters odometry and robot_from"
         values = self._sets.diagnostics()
         values["drives"] = self._tally.summary(self._digest)
-        return Health(
-            "; ".join(filter(None, (absent, self._map.problem, self._sets.problem))), values=values
-        )
+        problems = (absent, self._changed, self._map.problem, self._sets.problem)
+        return Health("; ".join(filter(None, problems)), values=values)
 
 
 def _saving_of(found: Saving) -> SavingMessage:
