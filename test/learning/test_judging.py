@@ -129,10 +129,17 @@ def test_durations_are_compared_on_the_newest_50_new_records(new: int, tested: i
 
 
 def test_too_few_records_to_learn_from_are_reported() -> None:
-    for count, others in ((17, 11), (13, 8)):
+    for count, others in ((25, 16), (13, 8)):
         verdict = decided(examples(np.ones(count), measure="accuracy"), constant(0.0))
-        expected = f"too few records: {others} without those that are predicted, expected 13"
+        expected = f"too few records: {others} without those that are predicted, expected 20"
         assert (verdict.reason, verdict.episodes) == (expected, count)
+
+
+def test_the_first_tree_of_durations_is_learned_from_twenty_records() -> None:
+    dist = uniform(20)
+    assert decided(examples(1.0 + dist, dist=dist), None).kind == "learned from 20 episodes"
+    few = decided(examples(1.0 + dist[:19], dist=dist[:19]), None)
+    assert few.reason == "too few records: 12 without those that are predicted, expected 13"
 
 
 def test_without_a_tree_the_mean_is_the_baseline() -> None:
