@@ -222,11 +222,12 @@ def _transform(frame: str, child: str, pose: Pose, time: float) -> TransformStam
     return message
 
 
-def parameter_nodes() -> list[Node]:
-    """Return Nav2's nodes as far as they have parameters."""
+def parameter_nodes(namespace: str) -> list[Node]:
+    """Return Nav2's nodes in a namespace, as far as they have parameters."""
     nodes = []
-    for (name, namespace), values in PARAMETERS.items():
-        node = Node(name, namespace=namespace, use_global_arguments=False)
+    for (name, inner), values in PARAMETERS.items():
+        place = "/".join(filter(None, (namespace.rstrip("/"), inner)))
+        node = Node(name, namespace=place, use_global_arguments=False)
         for parameter, value in values.items():
             node.declare_parameter(parameter, value)
         nodes.append(node)
@@ -237,7 +238,8 @@ def main(args: list[str] | None = None) -> None:
     """Run the stand-in until Ctrl-C or SIGTERM."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     rclpy.init(args=args)
-    nodes = [Nav2StandIn(), *parameter_nodes()]
+    stand_in = Nav2StandIn()
+    nodes = [stand_in, *parameter_nodes(stand_in.get_namespace())]
     executor = SingleThreadedExecutor()
     for node in nodes:
         executor.add_node(node)

@@ -10,8 +10,8 @@ Errors are those of the estimate at the start of a drive, in s; the CPU time is 
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
-import math
 import os
 import signal
 import subprocess
@@ -29,10 +29,10 @@ from nav_msgs.msg import Odometry
 from rclpy.action import ActionClient
 from rclpy.node import Node
 
-from ator_interfaces.msg import DriveEstimate
+from ator_interfaces.msg import ActionPerformance, DriveEstimate, Outcome, WatchedDrives
 from ator_ros.domains.domain import find_domain
 from ator_ros.nodes.messages import pose_of
-from ator_ros.nodes.qos import RESULTS, SENSOR_DATA
+from ator_ros.nodes.qos import LATCHED, RESULTS, SENSOR_DATA
 from ator_ros.nodes.remote_messages import action_type
 from ator_ros.performance.accuracy import mean_ci95
 
@@ -46,32 +46,34 @@ class Client(Node):  # type: ignore[misc]
     def __init__(self) -> None:
         super().__init__("client")
         self.estimates: list[DriveEstimate] = []
-        self.time = math.nan
+        self.records: list[ActionPerformance] = []
+        self.tallies: list[WatchedDrives] = []
+        self.has_odometry = False
         self._navigate = ActionClient(
             self, action_type("nav2_msgs/action/NavigateToPose"), "navigate_to_pose"
         )
         self.create_subscription(DriveEstimate, "watch/estimates", self.estimates.append, RESULTS)
+        self.create_subscription(ActionPerformance, "watch/action", self.records.append, RESULTS)
+        self.create_subscription(WatchedDrives, "watch/drives", self.tallies.append, LATCHED)
         self.create_subscription(Odometry, "odom", self._take_odometry, SENSOR_DATA)
 
-    def _take_odometry(self, message: Odometry) -> None:
-        stamp = message.header.stamp
-        self.time = stamp.sec + 1e-9 * stamp.nanosec
+    def _take_odometry(self, _: Odometry) -> None:
+        self.has_odometry = True
 
     def wait(self, future: Any) -> Any:
         """Return what a future becomes."""
         rclpy.spin_until_future_complete(self, future, timeout_sec=10.0 * _PATIENCE)
         return future.result()
 
-    def drive(self, goal: Any) -> tuple[str, float, bool]:
-        """Drive to a pose; return the goal's id, the duration by the stamps, and the success."""
+    def drive(self, goal: Any) -> str:
+        """Drive to a pose; return the goal's id."""
         assert self._navigate.wait_for_server(_PATIENCE)
         stamped = PoseStamped(pose=pose_of(goal))
         stamped.header.frame_id = "map"
         kind = action_type("nav2_msgs/action/NavigateToPose")
         handle = self.wait(self._navigate.send_goal_async(kind.Goal(pose=stamped)))
-        began = self.time
-        answer = self.wait(handle.get_result_async())
-        return bytes(handle.goal_id.uuid).hex(), self.time - began, answer.status == 4
+        self.wait(handle.get_result_async())
+        return bytes(handle.goal_id.uuid).hex()
 
 
 def start(*words: str, log: Path) -> subprocess.Popen[bytes]:
@@ -91,14 +93,14 @@ def cpu_time(process: subprocess.Popen[bytes]) -> float:
     return (int(fields[11]) + int(fields[12])) / _TICKS
 
 
-def await_round(log: Path, drives: int) -> None:
+def await_round(client: Client, log: Path, drives: int) -> None:
     """Wait until a round of learning has ended after each ten drives.
 
     It has the lowest priority, and more time on a robot, which does not drive so fast.
     """
     end = time.monotonic() + 4.0 * _PATIENCE
     while log.read_text().count("/navigate_to_pose:") < drives // 10 and time.monotonic() < end:
-        time.sleep(0.5)
+        rclpy.spin_once(client, timeout_sec=0.5)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -107,6 +109,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--drives", type=int, default=70)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--factor", type=float, default=5.0, help="simulated s per s")
+    parser.add_argument(
+        "--idle", type=float, default=0.0, help="real s after the drives, for savings of rounds"
+    )
     parser.add_argument("--work", type=Path, required=True, help="a new folder")
     options = parser.parse_args(argv)
     options.work.mkdir(parents=True)
@@ -128,49 +133,74 @@ def main(argv: Sequence[str] | None = None) -> int:
     rng = np.random.default_rng(options.seed)
     spec = building.actions()["pursue"]
     try:
-        while math.isnan(client.time):
+        while not client.has_odometry:
             rclpy.spin_once(client, timeout_sec=0.1)
         end = time.monotonic() + _PATIENCE
         while "watching" not in (work / "watch.log").read_text() and time.monotonic() < end:
             rclpy.spin_once(client, timeout_sec=0.1)
-        begin = time.monotonic(), cpu_time(processes[1])
+        spent = took = 0.0
         for _ in range(options.drives):
             goal = spec.situation(robot, rng).goal.pose
+            begin = time.monotonic()
+            used = cpu_time(processes[1])
             drives.append(client.drive(goal))
+            spent += cpu_time(processes[1]) - used
+            took += time.monotonic() - begin
             if len(drives) % 10 == 0:
-                await_round(work / "learning.log", len(drives))
-        spent = (cpu_time(processes[1]) - begin[1]) / (time.monotonic() - begin[0])
+                await_round(client, work / "learning.log", len(drives))
+        end = time.monotonic() + options.idle
+        while time.monotonic() < end:
+            rclpy.spin_once(client, timeout_sec=0.1)
     finally:
         for process in processes:
             process.send_signal(signal.SIGINT)
         client.destroy_node()
         rclpy.try_shutdown()
-    report(drives, client.estimates, work)
-    print(f"watch used {spent:.1%} of a core at {options.factor:g} times real time")
+    report(client, work)
+    print(
+        f"watch used {spent / took:.1%} of a core while the robot drove, at {options.factor:g} "
+        "times real time"
+    )
     return 0
 
 
-def report(drives: list[tuple[str, float, bool]], found: list[DriveEstimate], work: Path) -> None:
+def report(client: Client, work: Path) -> None:
     """Print errors by number of drives, and how estimates moved on the way."""
     by_goal: dict[str, list[DriveEstimate]] = {}
-    for estimate in found:
+    for estimate in client.estimates:
         by_goal.setdefault(estimate.goal_id, []).append(estimate)
     rows = []
-    for number, (goal, duration, success) in enumerate(drives):
-        estimates = by_goal.get(goal, [])
-        if estimates and success:
-            totals = [each.total for each in estimates]
-            rows.append((number, duration, totals[0] - duration, estimates[0].elapsed))
+    beyond = []
+    for number, record in enumerate(client.records):
+        estimates = by_goal.get(record.chain_id, [])
+        if not estimates or record.outcome.code != Outcome.SUCCEEDED:
+            continue
+        duration = record.actual.duration
+        totals = [each.total for each in estimates]
+        rows.append((number, duration, totals[0] - duration, estimates[0].elapsed))
+        for before, after in itertools.pairwise(totals):
+            beyond.append(abs(after - before) - abs(before - duration))
     (work / "drives.json").write_text(json.dumps(rows))
     table = np.array(rows)
-    print(f"{len(rows)} of {len(drives)} drives, of {table[:, 1].mean():.1f} s on average")
+    count = len(client.records)
+    print(f"{len(rows)} of {count} drives, of {table[:, 1].mean():.1f} s on average")
+    moved = np.array(beyond)
+    print(
+        f"of {len(moved)} updates {np.mean(moved > 0.05):.1%} moved more than 0.05 s beyond the "
+        f"error before, at most by {moved.max():.2f} s"
+    )
     delays = table[:, 3]
     print(f"first estimates {delays.mean():.2f} s after the start, at most {delays.max():.2f} s")
-    for low, high in ((0, 20), (20, 40), (40, 70), (70, len(drives))):
+    for low, high in ((0, 20), (20, 40), (40, 70), (70, count)):
         errors = np.abs(table[(table[:, 0] >= low) & (table[:, 0] < high), 2])
         if len(errors) > 1:
             between = " to ".join(f"{value:.2f}" for value in mean_ci95(errors))
             print(f"drives {low + 1} to {high}: {errors.mean():.2f} s ({between})")
+    tally = client.tallies[-1]
+    for name in ("headings", "passing", "order"):
+        saving = getattr(tally, name)
+        between = f"({saving.low:.0f} to {saving.high:.0f})"
+        print(f"{name}: {saving.saving:.0f} s {between} of {tally.driven:.0f} s driven")
 
 
 if __name__ == "__main__":

@@ -20,6 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from ator_ros.actions import DEFAULT_SET
+from ator_ros.domains.available_models import with_path_times
 from ator_ros.domains.domain import Domain, find_domain
 from ator_ros.experience.bag_files import Bag
 from ator_ros.experience.server_drives import ODOM, TF
@@ -50,6 +51,8 @@ class Replay:
         self.monitor = DriveMonitor(domain.robot(robot), domain, "map", paths)
         self._robot = self.monitor.domain.robot(robot)
         info = StoreInfo(self._robot.digest(), domain.name)
+        models = with_path_times({}, self.monitor.domain, self._robot, DEFAULT_SET)
+        self.monitor.use(models, "")
         self._store = RecordStore(folder / RECORDS, info, most=10_000)
         self.drives: list[EndedDrive] = []
         self.estimates: dict[bytes, list[tuple[ServerGoal, Estimate]]] = {}

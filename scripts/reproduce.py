@@ -47,6 +47,8 @@ class Sizes:
     chains: int = 60  # that are longer, or gain more
     tours: int = 40  # with models from few drives, or of other robots
     rounds: int = 15  # in the building
+    patrol_drives: int = 100
+    patrol_rounds: int = 200  # few of them may be slower
     on_the_job: int = 100  # chains, while learning
     actions: int = 50
     study_episodes: int = 200
@@ -64,6 +66,8 @@ SMALL = Sizes(
     chains=2,
     tours=2,
     rounds=2,
+    patrol_drives=60,
+    patrol_rounds=2,
     on_the_job=2,
     actions=2,
     study_episodes=40,
@@ -228,6 +232,18 @@ def steps(sizes: Sizes) -> Iterator[Step]:
             f"--policies {policies} --models {models} --out rounds/{domain}",
             (f"few_drives:{domain}",),
         )
+    # The same with stations that may be passed.
+    patrol = "--domain patrol --models models_patrol"
+    legs = f"collect --domain patrol --seed 2070 --episodes {n.patrol_drives}"
+    yield Step("passing:collect", f"{legs} --out patrol.parquet")
+    yield Step("passing:train", f"train {patrol} patrol.parquet", ("passing:collect",))
+    yield Step(
+        "passing:evaluate",
+        f"evaluate {patrol} --chain round --seed 2071 --situations {n.patrol_rounds} "
+        "--policies stepwise passing refined --out rounds/patrol",
+        ("passing:train",),
+    )
+    yield Step("passing:table", f"{scripts}/passing.py rounds/patrol", ("passing:evaluate",))
     job = f"{benchmarks}/on_the_job.py --domain pursuit --chains {n.on_the_job} --seed 2041"
     yield Step("few_drives:on_the_job", f"{job} --work on_the_job")
     for file in STUDIED:

@@ -13,10 +13,14 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+import numpy as np
+import pandas as pd
+
 from ator_ros.actions import DEFAULT_SET
+from ator_ros.actions.goal_variables import STOP, direct_name
 from ator_ros.bases.description import Robot
 from ator_ros.experience.drives import CMD_VEL, RECORDS, SHORTEST, Reader
-from ator_ros.experience.records import Vocabulary
+from ator_ros.experience.records import Vocabulary, passing_actions
 from ator_ros.experience.repeats import without_repeats
 from ator_ros.experience.server_drives import ODOM, TF
 from ator_ros.experience.server_goals import (
@@ -282,6 +286,19 @@ def _listed(names: Iterable[str]) -> str:
 # All sources
 
 
+def _with_stops(frame: pd.DataFrame, can_pass: frozenset[str]) -> pd.DataFrame:
+    """Return rows in which the episodes of actions that can pass have stopped, if it is unknown.
+
+    Recordings of goals of a server do not say it, nor does experience of before it could pass.
+    """
+    if not can_pass:
+        return frame
+    name = direct_name(STOP)
+    stops = frame[name] if name in frame else pd.Series(np.nan, frame.index)
+    unknown = stops.isna() & frame["action"].isin(can_pass)
+    return frame.assign(**{name: stops.mask(unknown, 1.0)})
+
+
 def read_sources(
     paths: Sequence[Path],
     robot: Robot,
@@ -324,7 +341,9 @@ def read_sources(
                     f"{path}: metadata.{name}: expected {expected!r}, got {quoted(got)}: {advice}"
                 )
         tables.append(table)
-        frames.append(table.frame.assign(episode=table.frame["episode"] + shift))
+        used = table.metadata.get("action_set") or action_set or DEFAULT_SET
+        frame = _with_stops(table.frame, passing_actions(domain, used))
+        frames.append(frame.assign(episode=frame["episode"] + shift))
         shift = int(frames[-1]["episode"].max()) + 1
     sets = {table.metadata.get("action_set") or action_set or DEFAULT_SET for table in tables}
     sets |= {action_set} if action_set else set()

@@ -86,7 +86,7 @@ def episode_of(message: Any, domain: Vocabulary, robot: Robot) -> Episode:
     speed = velocity(call.speed, "call.speed")
     given = {item.name: item.value for item in call.values}
     values = {name: given[name] for name in domain.goal_variables if name in given}
-    if _can_pass(domain, action, message.action_set or DEFAULT_SET):
+    if action in passing_actions(domain, message.action_set or DEFAULT_SET):
         passed = getattr(call, "passing", False) and not getattr(message, "stopped", True)
         values[STOP] = 0.0 if passed else 1.0
     point = Point.AXLE if top is None else top.point
@@ -110,10 +110,10 @@ def episode_of(message: Any, domain: Vocabulary, robot: Robot) -> Episode:
     return episode
 
 
-def _can_pass(domain: Vocabulary, action: str, action_set: str) -> bool:
-    """Return whether an action declares the goal variable `STOP`."""
+def passing_actions(domain: Vocabulary, action_set: str) -> frozenset[str]:
+    """Return the actions of a set that can pass their goals, see `STOP`."""
     specs = domain.action_sets.get(action_set, ())
-    return any(STOPS in spec.goal_variables for spec in specs if spec.name == action)
+    return frozenset(spec.name for spec in specs if STOPS in spec.goal_variables)
 
 
 def fault_in(episode: Episode, top: Top | None, robot: Robot) -> str:

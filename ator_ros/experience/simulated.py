@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import zlib
 from collections.abc import Container, Generator, Iterable, Sequence
 from dataclasses import replace
@@ -25,6 +26,9 @@ from ator_ros.world.state import STOP, World
 
 _TICKS_PER_SAMPLE = 2  # of 1/20 s: the paper's 10 Hz
 _LEGS = 4  # episodes that follow each other: three of four may begin in passing
+
+Key = tuple[str, int]
+"""Action and number of an episode."""
 
 
 def run_episode(
@@ -123,7 +127,7 @@ def episode_generator(action: str, seed: int, episode: int) -> np.random.Generat
 
 
 def _run(
-    task: tuple[ActionSpec, range],
+    task: tuple[ActionSpec, list[Key]],
     *,
     tops: tuple[Top, ...],
     robot: Robot,
@@ -131,18 +135,18 @@ def _run(
     seed: int,
     time_limit: float,
 ) -> list[pd.DataFrame]:
-    """Run the episodes of these numbers of an action in a new simulation, and return their rows.
+    """Run the episodes of a group in a new simulation, and return their rows.
 
     Each continues where the one before has ended, if that succeeded.
     """
     # Bullet keeps contact caches when bodies are replaced: in a used simulation, episodes with
     # contacts would differ in the sixth digit. A new simulation costs 11 ms.
-    spec, numbers = task
+    spec, keys = task
     frames = []
     with Simulation(robot) as simulation:
         drives = Drives(simulation, time_limit)
         continues = False
-        for number in numbers:
+        for _, number in keys:
             situation = spec.situation(robot, episode_generator(spec.name, seed, number))
             if wrong := wrong_values(situation.goal, spec.goal_variables):
                 raise ExperienceError(f"situation of {spec.name}: goal: {wrong}")
@@ -158,10 +162,19 @@ def _run(
     return frames
 
 
-def _groups(spec: ActionSpec, episodes: int) -> list[range]:
-    """Return the numbers of the episodes that follow each other in one simulation."""
-    size = _LEGS if STOPS in spec.goal_variables else 1
-    return [range(first, min(first + size, episodes)) for first in range(0, episodes, size)]
+def groups(keys: Iterable[Key], actions: Iterable[ActionSpec]) -> list[list[Key]]:
+    """Return the episodes that are driven without a pause: several of an action that can pass.
+
+    Parameters
+    ----------
+    keys : iterable of Key
+        The episodes; those of one group are next to each other.
+    actions : iterable of ActionSpec
+        Their actions.
+    """
+    size = {spec.name: _LEGS if STOPS in spec.goal_variables else 1 for spec in actions}
+    by_group = itertools.groupby(keys, lambda key: (key[0], key[1] // size[key[0]]))
+    return [list(group) for _, group in by_group]
 
 
 def collect(
@@ -195,11 +208,12 @@ def collect(
     ConfigError, ExperienceError
         A situation belongs to no TOP, or its goal lacks a variable that its action declares.
     """
+    by_name = {action.name: action for action in actions}
+    keys = itertools.product(by_name, range(episodes))
     tasks = [
-        (action, numbers)
-        for action in actions
-        for numbers in _groups(action, episodes)
-        if any((action.name, number) not in finished for number in numbers)
+        (by_name[group[0][0]], group)
+        for group in groups(keys, by_name.values())
+        if any(key not in finished for key in group)
     ]
     run_group = partial(
         _run, tops=tuple(tops), robot=robot, objects=objects, seed=seed, time_limit=time_limit

@@ -21,6 +21,7 @@ MOST = 5000
 """Paths that are kept, as many as two weeks of 400 drives."""
 _LARGEST = 64_000_000  # bytes of the file; a path of 15 m needs 2 kB
 _STEP = 0.1  # m between the places of a path that are kept: a fifth of the look-ahead of routes
+_NEAR = 0.3  # m; servers stop up to 0.25 m from their goals
 _DIGITS = 3  # of places in m
 _Key = tuple[float, float, float, float]
 
@@ -31,7 +32,7 @@ class WatchedPaths:
     Parameters
     ----------
     file : Path or None
-        JSON lines, one for each path; read now if it exists, and appended to by `add`. None: paths
+        JSON lines, one for each path; read now if it exists, and appended to by `save`. None: paths
         are kept in memory only.
 
     Raises
@@ -45,6 +46,7 @@ class WatchedPaths:
     def __init__(self, file: Path | None = None) -> None:
         self._file = file
         self._paths: dict[_Key, FloatArray] = {}
+        self._ends: FloatArray | None = None  # the keys of the paths, once they are searched
         if file is not None and file.exists():
             self._read(file)
 
@@ -55,16 +57,40 @@ class WatchedPaths:
         return len(self._paths)
 
     def __call__(self, start: tuple[float, float], goal: tuple[float, float]) -> FloatArray | None:
-        """Return the path between two places in m, shape (n, 2), or None if none was watched."""
-        return self._paths.get(_key(start, goal))
+        """Return the path between two places in m, shape (n, 2), or None if none was watched.
+
+        That of a drive between these places counts, else the newest one between places near them.
+        """
+        found = self._paths.get(_key(start, goal))
+        return self._near(start, goal) if found is None else found
+
+    def _near(self, start: tuple[float, float], goal: tuple[float, float]) -> FloatArray | None:
+        """Return the newest path that begins and ends within `_NEAR` of two places."""
+        if not self._paths:
+            return None
+        if self._ends is None:
+            self._ends = np.array(list(self._paths))
+        from_start = np.hypot(*(self._ends[:, :2] - start).T)
+        from_goal = np.hypot(*(self._ends[:, 2:] - goal).T)
+        near = np.flatnonzero(np.maximum(from_start, from_goal) <= _NEAR)
+        return self._paths[self._key_at(near[-1])] if len(near) else None
+
+    def _key_at(self, number: int) -> _Key:
+        assert self._ends is not None
+        x, y, to_x, to_y = self._ends[number].tolist()
+        return x, y, to_x, to_y
 
     def add(self, start: tuple[float, float], goal: tuple[float, float], path: FloatArray) -> None:
-        """Add a path in m, shape (n, 2), of a drive from `start` to `goal`; it may raise OSError.
+        """Add a path in m, shape (n, 2), from `start` to `goal`, in memory only.
 
-        The path is kept with a place every 10 cm.
+        It has a place every 10 cm then.
         """
+        self._keep(_key(start, goal), _thinned(path))
+
+    def save(self, start: tuple[float, float], goal: tuple[float, float], path: FloatArray) -> None:
+        """Add a path as `add` does, and write it to the file; raises OSError."""
         key = _key(start, goal)
-        self._keep(key, _thinned(path))
+        self.add(start, goal, path)
         if self._file is None:
             return
         with self._file.open("a", encoding="utf-8") as stream:
@@ -76,6 +102,7 @@ class WatchedPaths:
             write_text(self._file, "".join(lines))
 
     def _keep(self, key: _Key, path: FloatArray) -> None:
+        self._ends = None
         self._paths.pop(key, None)  # the newest comes last
         self._paths[key] = path
         if len(self._paths) > MOST:

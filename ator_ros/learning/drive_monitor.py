@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import defaultdict, deque
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 
@@ -16,18 +17,23 @@ from ator_ros.experience.table import Episode
 from ator_ros.experience.watched_paths import WatchedPaths
 from ator_ros.geometry import Pose
 from ator_ros.learning.estimates import (
+    BY_MODEL,
+    BY_PATH_TIME,
     DriveEstimator,
     Estimate,
     ObservedSpeeds,
+    direct_of,
     drive_estimator,
 )
 from ator_ros.performance.model import PerformanceModel
+from ator_ros.performance.path_times import corrected
 from ator_ros.world.state import RobotState
 
 # A drive is held up if it takes longer than predicted by that ratio and by that time: see
 # `ator_ros.performance.held_up`, which finds them among all drives.
 _HELD_UP_RATIO = 1.5
 _HELD_UP_DELAY = 2.0  # s
+_FIRST = 20  # drives that correct path times; by then a model is learned
 _MOST_IN_A_ROW = 3  # drives that are held up; after these the robot itself has become slower
 
 
@@ -72,14 +78,15 @@ class DriveMonitor:
     frame : str
         The frame of map and goals. Goals in other frames are estimated only.
     paths : WatchedPaths
-        Receives the paths of drives that are experience; `ended` may raise OSError for it.
+        The routes of predictions. It receives the paths of running drives, and keeps those of
+        drives that are experience: `ended` may raise OSError.
 
     Attributes
     ----------
     watch : Watch
         Takes all messages.
     domain : Domain
-        The given one, with the paths of running drives as routes: models for `use` are for it.
+        The given one, with the watched paths as routes: models for `use` are for it.
     speeds : ObservedSpeeds
         What drives have shown so far.
     """
@@ -98,10 +105,13 @@ class DriveMonitor:
         self._robot = robot
         self._frame = frame
         self._paths = paths
-        self._running = WatchedPaths()
-        self.domain = driven_on(self._running, domain)
+        self.domain = driven_on(self._paths, domain)
         self.speeds = ObservedSpeeds()
-        self._models: Mapping[str, PerformanceModel] = {}
+        self._models: dict[str, PerformanceModel] = {}
+        self._first_drives: defaultdict[str, deque[tuple[RobotState, Pose, float]]] = defaultdict(
+            lambda: deque(maxlen=_FIRST)
+        )
+        """By action: start, goal and duration in s of the newest drives without a learned model."""
         self._source = ""
         self._in_a_row = 0  # drives that were held up
         self._estimators: dict[bytes, DriveEstimator] = {}
@@ -109,12 +119,33 @@ class DriveMonitor:
 
     def on_map(self, domain: Domain) -> None:
         """Watch drives on another map, that of the given domain."""
-        self.domain = driven_on(self._running, domain)
+        self.domain = driven_on(self._paths, domain)
 
     def use(self, models: Mapping[str, PerformanceModel], source: str) -> None:
-        """Estimate drives that start from now on with models, by action, learned from `source`."""
-        self._models = models
+        """Estimate drives that start from now on with models, by action.
+
+        `source` says what the learned ones are learned from. The others predict path times, which
+        the drives correct that are watched until there is a learned one.
+        """
+        self._models = dict(models)
         self._source = source
+        for action in self._first_drives:
+            self._correct(action)
+
+    def _correct(self, action: str) -> None:
+        """Correct path times by the first drives of an action, if its model is not learned."""
+        model = self._models.get(action)
+        drives = self._first_drives[action]
+        if model is None or model.is_learned or not drives:
+            return
+        direct = direct_of([drive[:2] for drive in drives])
+        self._models[action] = corrected(model, direct, [duration for *_, duration in drives])
+
+    def _basis(self, action: str) -> str:
+        model = self._models.get(action)
+        if model is not None and model.is_learned:
+            return f"{BY_MODEL} {self._source}"
+        return f"{BY_PATH_TIME}, corrected by {len(self._first_drives[action])} drives"
 
     def estimates(self) -> list[tuple[ServerGoal, Estimate]]:
         """Return the present estimate of each running drive with a path, the oldest first."""
@@ -138,7 +169,7 @@ class DriveMonitor:
         if start is None or goal.pose is None or goal.first_path is None:
             return
         model = self._models.get(goal.action) if goal.frame == self._frame else None
-        self._running.add(_place(start.pose), _place(goal.pose), goal.first_path)
+        self._paths.add(_place(start.pose), _place(goal.pose), goal.first_path)
         without, estimator = (
             drive_estimator(
                 self._robot,
@@ -147,7 +178,7 @@ class DriveMonitor:
                 goal.first_path,
                 model=each,
                 speeds=self.speeds,
-                source=self._source,
+                source=self._basis(goal.action),
             )
             for each in (None, model)
         )
@@ -176,15 +207,21 @@ class DriveMonitor:
         path = goal.first_path
         if path is not None and made.success:
             start = _place(made.situation.robot.pose)
-            self._paths.add(start, _place(made.situation.goal.pose), path)
+            self._paths.save(start, _place(made.situation.goal.pose), path)
             length = float(np.hypot(*np.diff(path, axis=0).T).sum())
             greatest = math.nan
             if made.samples is not None:
                 greatest = float(np.percentile(np.abs(made.samples[:, 4]), 98.0))
             self.speeds.add(length, made.duration, greatest)
+        model = self._models.get(goal.action)
+        is_learned = model is not None and model.is_learned
+        if not is_learned and path is not None and made.success:
+            drive = made.situation.robot, made.situation.goal.pose, made.duration
+            self._first_drives[goal.action].append(drive)
+            self._correct(goal.action)
         is_late = (
             first is not None
-            and goal.action in self._models
+            and is_learned
             and made.duration > _HELD_UP_RATIO * first.total
             and made.duration > _HELD_UP_DELAY + first.total
         )

@@ -1,18 +1,20 @@
 """How long a running goal of an action server takes: predicted at its start, corrected on its way.
 
-The prediction is a model's. Before there is one, it is the length of the server's path by the speed
-at which the robot has driven.
+The prediction is a model's; before one is learned, that of path times, which the first drives
+correct. Of a server without a model it is the length of its path by the speed of former drives.
 """
 
 from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from ator_ros.bases.description import Robot
+from ator_ros.bases.direct import DIRECT_VARIABLES
 from ator_ros.bases.planned_routes import route_along
 from ator_ros.bases.routes import LOOK_AHEAD
 from ator_ros.geometry import FloatArray, Pose, wrap_angle
@@ -20,9 +22,10 @@ from ator_ros.performance.model import PerformanceModel
 from ator_ros.world.state import RobotState
 
 BY_MODEL = "model"
+BY_PATH_TIME = "path time"
 BY_SPEED = "path length by observed speed"
 BY_LIMIT = "path length by the greatest speed"
-"""What an estimate is based on; the text of one by a model continues with what it is from."""
+"""What an estimate is based on; the text of a model continues with what it is learned from."""
 _FEWEST = 3  # drives that show the robot's speed
 _REMEMBERED = 50  # newest drives that count for it
 _AHEAD = 3.0  # m of its path that a robot drives between two estimates; it may cross itself later
@@ -175,7 +178,7 @@ def drive_estimator(
     model : PerformanceModel or None
         Predicts the duration, unless the path is none of the map for it.
     source : str
-        What the model is learned from, for `basis`.
+        What the model is, for `basis`.
     """
     length, turn, departure, arrival, _ = route_along(path, LOOK_AHEAD)
     first = abs(wrap_angle(departure - start.pose.yaw))
@@ -186,7 +189,7 @@ def drive_estimator(
     predicted = None if model is None else _predicted(model, start, goal)
     if predicted is not None:
         total, spread, bound = predicted
-        basis = f"{BY_MODEL} of {source}" if source else BY_MODEL
+        basis = source
     else:
         is_known = not math.isnan(speeds.usual)
         total = length / speeds.usual if is_known else shortest
@@ -201,15 +204,18 @@ def drive_estimator(
     )
 
 
+def direct_of(drives: Sequence[tuple[RobotState, Pose]]) -> dict[str, FloatArray]:
+    """Return the direct variables of n drives to a goal at rest, arrays of shape (n,)."""
+    rows = [(*start.pose, start.vx, start.w, start.vy, *goal, 0.0, 0.0) for start, goal in drives]
+    columns = np.array(rows, dtype=float).T
+    return dict(zip(DIRECT_VARIABLES, columns, strict=True))
+
+
 def _predicted(
     model: PerformanceModel, start: RobotState, goal: Pose
 ) -> tuple[float, float, float] | None:
     """Return duration, spread and bound in s; None where the model predicts none."""
-    direct = {
-        "x": start.pose.x, "y": start.pose.y, "yaw": start.pose.yaw,
-        "v": start.vx, "w": start.w, "vy": start.vy,
-        "xg": goal.x, "yg": goal.y, "yawg": goal.yaw, "speedg": 0.0, "hold": 0.0,
-    }  # fmt: skip
+    direct = direct_of([(start, goal)])
     found = model.predict(direct, ("duration", "spread"))
     values = [item for item in (found.duration, found.spread, found.bound) if item is not None]
     numbers = [float(item[0]) for item in values]

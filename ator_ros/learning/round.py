@@ -42,7 +42,9 @@ from ator_ros.performance.training import (
     duration_features,
     error_process,
     examples_of,
+    from_rest_to_rest,
     observed_arrival,
+    observed_passing,
     routed,
 )
 
@@ -93,7 +95,8 @@ def _improved(
             found,
             names,
             new=int(new.sum()),
-            current=trees.get(measure),
+            # Path times are no candidate: a tree of twenty drives predicts later ones better.
+            current=trees.get(measure) if current.is_learned else None,
             former={
                 name: model.trees[measure]
                 for name, model in former.items()
@@ -118,9 +121,14 @@ def _improved(
         learned = examples["duration"]
         tested = learned.table.iloc[judged.tested]
         errors = error_process(judged.tree, tested, judged.errors, learned.prior)
-    arrival = observed_arrival(succeeded, robot)
     return verdicts, dataclasses.replace(
-        current, trees=trees, features=known, driving=driving, errors=errors, arrival=arrival
+        current,
+        trees=trees,
+        features=known,
+        driving=driving,
+        errors=errors,
+        arrival=observed_arrival(from_rest_to_rest(succeeded), robot),
+        passing=observed_passing(succeeded) or current.passing,
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Annotated
 
@@ -12,13 +12,15 @@ import numpy as np
 
 from ator_ros.files import DamagedFileError, load, save, set_aside
 from ator_ros.learning.drive_monitor import EndedDrive
+from ator_ros.learning.savings import RoundSavings, Saving
 from ator_ros.learning.sets import Count
 from ator_ros.schema import Within
 
 KIND = "watched drives"
 REMEMBERED = 50
 """Newest arrived drives whose errors count."""
-Seconds = Annotated[float, Within(0.0, 86_400.0)]
+_DAY = 86_400.0  # s
+Seconds = Annotated[float, Within(0.0, _DAY)]
 
 
 @dataclass
@@ -31,9 +33,11 @@ class Tally:
         Undisturbed drives; those that took much longer; those with recoveries; canceled, preempted
         or aborted ones.
     day : str
-        The day of `driven`, as in 2026-01-31.
+        The day of `driven` and `saved`, as in 2026-01-31.
     driven : float
         Time in s that the robot has driven on that day.
+    saved : dict
+        What rounds of that day would have saved, by what: seconds, and half of the 95 % interval.
     estimate_errors : list of float
         Absolute errors in s of the first estimates of the newest arrived drives, oldest first.
     server_errors : list of float
@@ -47,17 +51,16 @@ class Tally:
     ended_early: Count = 0
     day: str = ""
     driven: Seconds = 0.0
+    saved: dict[str, tuple[Seconds, Seconds]] = field(default_factory=dict)
     estimate_errors: list[Seconds] = field(default_factory=list)
     server_errors: list[Seconds] = field(default_factory=list)
 
     def add(self, drive: EndedDrive, day: str) -> None:
         """Count a drive that has ended on a day, as in 2026-01-31."""
         goal = drive.goal
-        if day != self.day:
-            self.day = day
-            self.driven = 0.0
+        self._begin(day)
         if math.isfinite(drive.duration):
-            self.driven = min(self.driven + max(0.0, drive.duration), 86_400.0)
+            self.driven = min(self.driven + max(0.0, drive.duration), _DAY)
         if goal.status in ("canceled", "aborted"):
             self.ended_early += 1
         elif goal.is_recovered:
@@ -68,6 +71,27 @@ class Tally:
             self.drives += 1
             self._add_errors(drive)
 
+    def _begin(self, day: str) -> None:
+        if day != self.day:
+            self.day = day
+            self.driven = 0.0
+            self.saved = {}
+
+    @property
+    def savings(self) -> RoundSavings:
+        """What the rounds of the day would have saved."""
+        return RoundSavings(**{name: Saving(*values) for name, values in self.saved.items()})
+
+    def add_savings(self, found: RoundSavings, day: str) -> None:
+        """Add what a round would have saved that was driven on a day."""
+        self._begin(day)
+        total = self.savings.plus(found)
+        for item in fields(total):
+            saving = getattr(total, item.name)
+            if math.isfinite(saving.seconds) and math.isfinite(saving.half):
+                limited = min(saving.seconds, _DAY), min(saving.half, _DAY)
+                self.saved[item.name] = limited
+
     def _add_errors(self, drive: EndedDrive) -> None:
         if drive.first is not None:
             error = abs(drive.first.total - drive.duration)
@@ -75,7 +99,7 @@ class Tally:
         estimates = np.array(drive.goal.server_estimates)
         if len(estimates):
             error = float(np.mean(np.abs(estimates - drive.duration)))
-            self.server_errors = [*self.server_errors, min(error, 86_400.0)][-REMEMBERED:]
+            self.server_errors = [*self.server_errors, min(error, _DAY)][-REMEMBERED:]
 
     @property
     def estimate_error(self) -> float:
@@ -103,6 +127,9 @@ class Tally:
             )
         if self.server_errors:
             text += f", the server's own on the way by {self.server_error:.2f} s"
+        gains = [f"{name} {values[0]:.0f} s" for name, values in self.saved.items()]
+        if gains:
+            text += f"; would have saved of {self.driven:.0f} s driven today: {', '.join(gains)}"
         return f"{text}; {f'models {models}' if models else 'no model yet'}"
 
 

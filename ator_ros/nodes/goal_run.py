@@ -261,7 +261,8 @@ class GoalRun:
         else:
             waits = supervisor.phase in (Phase.WAITING, Phase.REFINING)
             predicted = performance_of()
-            actual = performance_of({} if waits else {"duration": supervisor.executor.elapsed})
+            elapsed = supervisor.executor.elapsed
+            actual = performance_of({} if waits else {"duration": elapsed, "bound": elapsed})
         chain = supervisor.executor.chain
         return ChainPerformance(
             header=situation_of(world, frame=frame).header,
@@ -327,5 +328,11 @@ def _actual(duration: float, ending: Ending, accuracy: float = math.nan) -> Perf
     """Write an actual performance; success is NaN after an interruption."""
     success = math.nan if ending in _INTERRUPTED else float(ending is Ending.SUCCEEDED)
     return performance_of(
-        {"duration": duration, "spread": 0.0, "success": success, "accuracy": accuracy}
+        {
+            "duration": duration,
+            "spread": 0.0,
+            "bound": duration,
+            "success": success,
+            "accuracy": accuracy,
+        }
     )

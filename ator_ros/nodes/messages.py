@@ -495,7 +495,14 @@ def chain_performance_of(prediction: ChainPrediction | None) -> msg.Performance:
         return performance_of()
     success = math.prod(action.get("success", math.nan) for action in prediction.actions)
     spread = prediction.spread if math.isfinite(prediction.duration) else math.nan
-    return performance_of({"duration": prediction.duration, "spread": spread, "success": success})
+    return performance_of(
+        {
+            "duration": prediction.duration,
+            "spread": spread,
+            "bound": prediction.bound,
+            "success": success,
+        }
+    )
 
 
 def gain_of(

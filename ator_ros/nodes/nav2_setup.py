@@ -298,7 +298,11 @@ def _node_parameters(
             "models": str(folder / "models"),
             "learned": str(folder / "learned"),
         },
-        "/**/watch": {"watched": str(folder), "odometry": facts.odometry},
+        "/**/watch": {
+            "watched": str(folder),
+            "odometry": facts.odometry,
+            "planner": "compute_path_to_pose",
+        },
         "/**/learning": {"watched": str(folder), "records": ["watch/action"], "batch": 10},
         "/**/executor": {**from_tf, "action_timeout": 200.0},
         "/**/waypoints": {**from_tf, "fence": _fence(extent)},

@@ -26,7 +26,8 @@ from ator_ros.nodes.remote_messages import RemoteError, action_type
 from ator_ros.printable import quoted
 from ator_ros.refinement import RefinementError
 
-_TYPE = "nav2_msgs/action/ComputePathToPose"
+PLANNER_TYPE = "nav2_msgs/action/ComputePathToPose"
+"""Of the action of a planner server."""
 _PATH_TIMEOUT = 1.0  # real s for each path that a request to refinement needs
 # real s before an interrupted request is repeated: first, doubled each time, and at most
 _FIRST_PAUSE = 0.05
@@ -40,7 +41,8 @@ _NO_PATH = (
     "GOAL_OCCUPIED",
     "NO_VALID_PATH",
 )
-_TOLERANCE = 1.0  # greatest m between a place and the end of its path; Nav2's planners allow 0.5 m
+ENDS_WITHIN = 1.0
+"""Greatest m between a place and the end of its path; Nav2's planners allow 0.5 m."""
 
 
 class PlannerClient:
@@ -64,7 +66,7 @@ class PlannerClient:
         self._name = name
         self._frame = frame
         self._timeout = timeout
-        self._kind = action_type(_TYPE)
+        self._kind = action_type(PLANNER_TYPE)
         self._no_path = [getattr(self._kind.Result, name, None) for name in _NO_PATH]
         self._node = Node(
             "path_planner", start_parameter_services=False, use_global_arguments=False
@@ -118,7 +120,7 @@ class PlannerClient:
                 f"planner: expected a path of finite places in {self._frame} from {self._name}, "
                 f"got {len(path)} places in {quoted(found.header.frame_id)}"
             )
-        if max(math.dist(path[0], start), math.dist(path[-1], goal)) > _TOLERANCE:
+        if max(math.dist(path[0], start), math.dist(path[-1], goal)) > ENDS_WITHIN:
             raise RefinementError(
                 f"planner: expected a path {_between(start, goal)}, "
                 f"got one {_between(path[0], path[-1])}"
@@ -171,7 +173,7 @@ def planner_name(node: Node, settings: Mapping[str, Any], domain: Domain) -> str
     if domain.grid is None and not settings[MAP.name]:
         raise SetupError("parameter planner: expected a map, too; set the parameter map")
     try:
-        action_type(_TYPE)
+        action_type(PLANNER_TYPE)
         return str(node.resolve_topic_name(name))
     except RemoteError as error:
         raise SetupError(f"parameter planner: {error}") from error

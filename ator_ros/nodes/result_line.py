@@ -56,6 +56,9 @@ def result_line(record: Any, *, wanted: bool, changes: Sequence[str]) -> str:
     times = f"{driven:.2f} s driven"
     if math.isfinite(predicted):
         times = f"{times}, {predicted:.2f} s predicted"
+        bound = record.predicted.bound
+        if driven > bound > 0.0:
+            times = f"{times}; nine of ten runs take less than {bound:.2f} s"
     line = f"{reason}: {times}"
     if not wanted:
         return one_line(line)

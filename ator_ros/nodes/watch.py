@@ -19,6 +19,7 @@ from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import Marker, MarkerArray
 
 from ator_interfaces.msg import ActionPerformance, DriveEstimate, Outcome, WatchedDrives
+from ator_interfaces.msg import Saving as SavingMessage
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.bases.description import Robot
 from ator_ros.bases.drive_parts import parts_of_drive
@@ -37,6 +38,7 @@ from ator_ros.experience.watched_paths import PATHS, WatchedPaths
 from ator_ros.files import FileError
 from ator_ros.learning.drive_monitor import DriveMonitor, EndedDrive
 from ator_ros.learning.estimates import Estimate
+from ator_ros.learning.savings import Round, Rounds, Saving
 from ator_ros.learning.watch_tally import read_tally, save_tally
 from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health, Warnings
 from ator_ros.nodes.main_loop import run_node
@@ -46,6 +48,7 @@ from ator_ros.nodes.models import LEARNED, LearnedSets
 from ator_ros.nodes.parameters import (
     FRAME,
     MODELS,
+    PLANNER,
     STATE,
     WORLD,
     Parameter,
@@ -55,8 +58,10 @@ from ator_ros.nodes.parameters import (
 )
 from ator_ros.nodes.qos import ALL_SENSOR_DATA, LATCHED, LATCHED_BY_MANY, RESULTS
 from ator_ros.nodes.remote_messages import RemoteError, action_type
+from ator_ros.nodes.round_savings import RoundSavingsQueue
 from ator_ros.printable import one_line
 from ator_ros.tops.chain import TopCall
+from ator_ros.tops.library import TopLibrary
 from ator_ros.world.readers import MessageError
 from ator_ros.world.state import RobotState, World
 
@@ -72,6 +77,7 @@ PARAMETERS = (
     MODELS,
     LEARNED,
     WATCHED,
+    PLANNER,
     Parameter("odometry", "odom", "topic of odometry (nav_msgs/Odometry)"),
     Parameter(
         "others",
@@ -90,8 +96,8 @@ _LOGGED = (1, 5, 10)  # drives after which the tally is logged, and after every 
 class WatchNode(Node):
     """Watches the drives of an action server such as Nav2's, whoever commands them.
 
-    It sends no goal and no command, and asks no planner: the paths are those that the server
-    publishes.
+    It sends no goal and no command. Its paths are those that the server publishes. `planner` is
+    only asked for those of other orders of rounds, while the server is idle.
 
     Subscribes to
         SERVER/_action/status (action_msgs/GoalStatusArray), SERVER/_action/feedback, of the
@@ -105,6 +111,8 @@ class WatchNode(Node):
         itself, for the node `learning`. ~/drives (ator_interfaces/WatchedDrives, transient local):
         what drives have shown so far.
         /diagnostics (diagnostic_msgs/DiagnosticArray): once a second.
+    Calls
+        the action that `planner` names (nav2_msgs/ComputePathToPose), at most once a second.
     Writes
         the folder `watched`: the paths of drives, and the tally.
     """
@@ -141,7 +149,8 @@ class WatchNode(Node):
         self._robot = robot
         self._servers = {name: call.server for name, call in self._calls.items()}
         self._servers |= {name: name for name in settings["others"]}
-        self._sets = LearnedSets(self, self._monitor.domain, self._libraries(), settings)
+        self._libraries = self._libraries_on_map()
+        self._sets = LearnedSets(self, self._monitor.domain, self._libraries, settings)
         self._used: object = None
         self._map = FollowedMap(self, settings, domain, robot, self._take_map)
         self._estimates = self.create_publisher(DriveEstimate, "~/estimates", RESULTS)
@@ -149,10 +158,15 @@ class WatchNode(Node):
         self._records = self.create_publisher(ActionPerformance, "~/action", RESULTS)
         self._drives = self.create_publisher(WatchedDrives, "~/drives", LATCHED)
         self._published: set[bytes] = set()
+        self._rounds = Rounds()
+        try:
+            self._savings = RoundSavingsQueue(self, settings["planner"], self._frame, paths)
+        except RemoteError as error:
+            raise SetupError(f"parameter planner: {error}") from error
         self._subscribe(settings["odometry"])
         self.create_timer(_PERIOD, self._update, clock=STEADY)
         Diagnostics(self, self._health)
-        self._publish_tally()
+        self._use_models()
         servers = ", ".join(self._servers.values())
         self.get_logger().info(
             f"watching {servers} for {robot.name} (domain {domain.name}, ROS domain "
@@ -181,38 +195,67 @@ class WatchNode(Node):
         ):
             self.create_subscription(kind, topic, partial(self._take, role), qos)
 
-    def _libraries(self) -> dict[str, Any]:
+    def _libraries_on_map(self) -> dict[str, TopLibrary]:
         domain = self._monitor.domain
         robot = domain.equip(self._robot)
         return {name: domain.library(robot, name) for name in domain.action_sets}
 
     def _take_map(self, domain: Domain, _: Robot) -> None:
         self._monitor.on_map(domain)
-        self._sets.load(self._monitor.domain, self._libraries())
+        self._libraries = self._libraries_on_map()
+        self._sets.load(self._monitor.domain, self._libraries)
 
     def _take(self, role: str, message: Any) -> None:
         try:
             self._monitor.watch.add(role, message)
         except MessageError as error:
             self._warn(f"ignored: {error}")
-        if role == PLAN and any(
-            goal.goal_id not in self._published for goal in self._monitor.watch.active
-        ):
-            self._publish_estimates()  # the first one
         if role.endswith(STATUS_SUFFIX):
             self._take_ended()
+        if role == PLAN or role.endswith(STATUS_SUFFIX):
+            waiting = (
+                goal.path is not None and goal.goal_id not in self._published
+                for goal in self._monitor.watch.active
+            )
+            if any(waiting):
+                self._publish_estimates()  # the first one
 
     @property
     def _digest(self) -> str:
-        return self._sets.gains.models if self._sets.present[DEFAULT_SET].models else ""
+        return "" if self._sets.present[DEFAULT_SET].absent else self._sets.gains.models
 
-    def _update(self) -> None:
+    def _use_models(self) -> None:
+        """Use the present models, if they are others."""
         present = self._sets.present[DEFAULT_SET]
         if present is not self._used:
             self._used = present
             self._monitor.use(present.models, self._digest)
             self._publish_tally()
+
+    def _update(self) -> None:
+        self._use_models()
         self._publish_estimates()
+        self._compare_rounds()
+
+    def _compare_rounds(self) -> None:
+        """Compare rounds that have ended with what refinement would have changed."""
+        watch = self._monitor.watch
+        if not watch.active and self._rounds.is_over(watch.now):
+            self._add_round(self._rounds.close())
+        present = self._sets.present[DEFAULT_SET]
+        found = self._savings.update(
+            self._libraries[DEFAULT_SET],
+            {} if present.absent else present.models,
+            is_busy=bool(watch.active),
+            may_pass=any(call.early for call in self._calls.values()),
+        )
+        if found is not None:
+            self._tally.add_savings(found, _today())
+            self._save_tally()
+
+    def _add_round(self, found: Round | None) -> None:
+        if found is not None:
+            self._savings.add(found)
 
     def _publish_estimates(self) -> None:
         found = self._monitor.estimates()
@@ -257,17 +300,21 @@ class WatchNode(Node):
     def _count(self, drive: EndedDrive) -> None:
         """Count a drive, and report the tally."""
         before = self._tally.drives
-        self._tally.add(drive, time.strftime("%Y-%m-%d"))
-        try:
-            save_tally(self._folder / "watch.json", self._tally)
-        except OSError as error:
-            self._warn(f"watched: {error}")
-        self._publish_tally()
+        self._tally.add(drive, _today())
+        self._add_round(self._rounds.add(drive))
+        self._save_tally()
         drives = self._tally.drives
         if drives > before and (drives in _LOGGED or drives % 10 == 0):
             self.get_logger().info(one_line(self._tally.summary(self._digest)))
         if drive.reason:
             self.get_logger().info(one_line(f"a drive is not learned from: {drive.reason}"))
+
+    def _save_tally(self) -> None:
+        try:
+            save_tally(self._folder / "watch.json", self._tally)
+        except OSError as error:
+            self._warn(f"watched: {error}")
+        self._publish_tally()
 
     def _record(self, drive: EndedDrive, episode: Episode) -> ActionPerformance:
         """Return the record of a drive, as the executor publishes those of its own."""
@@ -282,11 +329,17 @@ class WatchNode(Node):
         parts = {} if samples is None else _parts(samples, duration)
         predicted = {}
         if drive.first is not None:
-            predicted = {"duration": drive.first.total, "spread": drive.first.spread}
+            first = drive.first
+            predicted = {
+                "duration": first.total,
+                "spread": first.spread,
+                "bound": first.elapsed + first.bound,
+            }
         code = _OUTCOMES[drive.goal.status]
         actual = {
             "duration": duration,
             "spread": 0.0,
+            "bound": duration,
             "success": float(episode.success),
             "accuracy": episode.position_error,
         }
@@ -321,8 +374,10 @@ class WatchNode(Node):
             server_error=tally.server_error,
             driven=tally.driven,
         )
-        for saving in (message.headings, message.passing, message.order):
-            saving.saving = saving.low = saving.high = math.nan
+        savings = tally.savings
+        message.headings = _saving_of(savings.headings)
+        message.passing = _saving_of(savings.passing)
+        message.order = _saving_of(savings.order)
         message.header.stamp = self.get_clock().now().to_msg()
         message.header.frame_id = self._frame
         self._drives.publish(message)
@@ -343,6 +398,16 @@ class WatchNode(Node):
         return Health(
             "; ".join(filter(None, (absent, self._map.problem, self._sets.problem))), values=values
         )
+
+
+def _saving_of(found: Saving) -> SavingMessage:
+    low = found.seconds - found.half
+    high = found.seconds + found.half
+    return SavingMessage(saving=found.seconds, low=low, high=high)
+
+
+def _today() -> str:
+    return time.strftime("%Y-%m-%d")
 
 
 def _parts(samples: Any, duration: float) -> dict[str, float]:

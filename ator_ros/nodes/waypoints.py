@@ -22,7 +22,7 @@ from rclpy.task import Future
 from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import Outcome
 from ator_interfaces.msg import TopChain as ChainMessage
-from ator_ros.actions.goal_variables import ORDER
+from ator_ros.actions.goal_variables import ORDER, STOP, STOPS
 from ator_ros.bases.description import Robot
 from ator_ros.domains.domain import Domain
 from ator_ros.geometry import Pose
@@ -64,6 +64,9 @@ _MOST_WAYPOINTS = 2000  # a goal; three hours of drives of 5 s
 _BLOCK = 50  # poses that are read at once: 5 ms, after which other messages are processed
 GIVEN = "given"
 OPEN = "open"
+NEVER = "never"
+THROUGH_POSES = "through_poses"
+ALWAYS = "always"
 
 # Nav2's error codes; Jazzy lacks constants for some of them. 0 means no error.
 _FW_UNKNOWN, _FW_NO_VALID_WAYPOINTS, _FW_STOP_ON_MISSED_WAYPOINT = 600, 602, 603  # FollowWaypoints
@@ -103,6 +106,13 @@ PARAMETERS = (
         "keep_last",
         True,
         "whether the last waypoint of a tour keeps its place if the order is open",
+        live=True,
+    ),
+    Parameter(
+        "passing",
+        THROUGH_POSES,
+        "which goals leave open whether the robot stops at their waypoints, if its action can pass",
+        choices=(NEVER, THROUGH_POSES, ALWAYS),
         live=True,
     ),
     Parameter("return_home", False, "whether a tour ends at the pose in which it began", live=True),
@@ -269,7 +279,8 @@ class WaypointsNode(Node):
 
     The poses of a goal become one chain of the domain's TOP that drives to a pose, or several if
     they are very many. All headings are free except those of `keep_headings` and that of the last
-    pose. With the parameter `order` their order is free, too. Feedback and results count waypoints
+    pose. With the parameter `order` their order is free, too, and with `passing` whether the robot
+    stops there. Feedback and results count waypoints
     as they were sent.
 
     Action servers
@@ -489,6 +500,12 @@ class WaypointsNode(Node):
         is_last = leg == goal.end - 1 and goal.home is None
         return is_last and (self._settings["keep_last"] or not self._is_open)
 
+    def _may_pass(self, goal: WaypointGoal) -> bool:
+        """Return whether refinement may decide that the robot passes waypoints of a goal."""
+        passing = self._settings["passing"]
+        wanted = passing == ALWAYS or (passing == THROUGH_POSES and not goal.is_follow_waypoints)
+        return wanted and STOPS in self._library.goal_variables(self._top)
+
     def _chain(self, goal: WaypointGoal, legs: Sequence[int]) -> ChainMessage:
         calls = []
         kept = self._kept_headings(goal)
@@ -497,6 +514,8 @@ class WaypointsNode(Node):
             if not self._is_kept(goal, leg):
                 if goal.waypoint_index(leg) not in kept:
                     opened.add("yaw")
+                    if self._may_pass(goal):
+                        opened.add(STOP)
                 keeps_place = leg == goal.end - 1 and self._settings["keep_last"]
                 if self._is_open and not keeps_place:
                     opened.add(ORDER)

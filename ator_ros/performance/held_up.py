@@ -6,6 +6,8 @@ example of how long the action takes, and is described apart.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from statistics import NormalDist
 from typing import Annotated
@@ -39,6 +41,8 @@ _SHORT = 0.5
 _CLIPPED_AT = 2.5
 _KEPT = 0.9  # share of drives that keep a bound
 _MOST_KEPT = 0.999  # of those that are not held up; more would assume that errors are normal
+_HALVINGS = 40  # of an interval: what is left of the longest delay is far below a control tick
+_LEAST_SPREAD = 1e-6  # s; a normal distribution needs some
 _LEAST_TIME = 0.05  # s, least time of a path in such a multiple
 
 
@@ -77,6 +81,45 @@ class HeldUp:
 
 NOT_HELD_UP = HeldUp()
 """If no drive was held up."""
+
+
+def bound_of_chain(duration: float, spread: float, held_up: Sequence[HeldUp]) -> float:
+    """Return what nine of ten runs of a chain take at most, in s.
+
+    Its drives are held up independently of each other, each for the mean delay: so often as in a
+    Poisson process.
+
+    Parameters
+    ----------
+    duration, spread : float
+        Expected duration in s if no drive is held up, and the standard deviation of actual ones.
+    held_up : sequence of HeldUp
+        One for each drive.
+    """
+    expected = math.fsum(each.share for each in held_up)
+    total = math.fsum(each.share * each.delay for each in held_up)
+    usual = NormalDist(duration, max(spread, _LEAST_SPREAD))
+    if expected == 0.0:
+        return usual.inv_cdf(_KEPT)
+    delay = total / expected
+
+    def share_kept(bound: float) -> float:
+        share = 0.0
+        chance = math.exp(-expected)
+        for count in range(len(held_up) + 1):
+            share += chance * usual.cdf(bound - count * delay)
+            chance *= expected / (count + 1)
+        return share
+
+    low = usual.inv_cdf(_KEPT)
+    high = low + len(held_up) * delay
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        if share_kept(middle) < _KEPT:
+            low = middle
+        else:
+            high = middle
+    return high
 
 
 def clipped(durations: FloatArray, path_times: FloatArray) -> FloatArray:

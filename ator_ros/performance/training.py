@@ -184,8 +184,8 @@ def train(
         trees,
         named,
         driving=learned.driving,
-        at_goal=_observed_at_goal(_from_rest_to_rest(undisturbed), robot),
-        arrival=observed_arrival(_from_rest_to_rest(undisturbed), robot),
+        at_goal=_observed_at_goal(from_rest_to_rest(undisturbed), robot),
+        arrival=observed_arrival(from_rest_to_rest(undisturbed), robot),
         passing=observed_passing(undisturbed),
         errors=error_process(
             learned.tree, table[counted], errors[counted], examples["duration"].prior
@@ -543,7 +543,7 @@ def _stands(table: pd.DataFrame) -> bool:
     return needed <= set(table.columns) and _is_at_rest(table)
 
 
-def _from_rest_to_rest(starts: pd.DataFrame) -> pd.DataFrame:
+def from_rest_to_rest(starts: pd.DataFrame) -> pd.DataFrame:
     """Return the episodes that neither start nor end in passing; all of an action without those."""
     if _STOPG not in starts:
         return starts

@@ -21,13 +21,14 @@ from ator_ros.bases.description import Robot
 from ator_ros.bases.direct import DIRECT_VARIABLES, XG, YG, DirectTable
 from ator_ros.bases.routes import arrival_heading, routes_of
 from ator_ros.geometry import FloatArray, wrap_angles
+from ator_ros.performance.held_up import NOT_HELD_UP, HeldUp, bound_of_chain
 from ator_ros.performance.model import Arrival, Passing
 from ator_ros.refinement.objective import Objective
 from ator_ros.refinement.search import Pairs, StepCosts
 from ator_ros.tops.chain import TopCall, TopChain, projected
 from ator_ros.world.state import World
 
-REPORTED = ("duration", "spread", "noise", "success", "accuracy")
+REPORTED = ("duration", "spread", "noise", "bound", "success", "accuracy")
 """Fields predicted for every action regardless of the objective."""
 
 
@@ -305,11 +306,14 @@ class ChainPrediction:
         The objective summed over the actions that have a model.
     error : float
         What the models may be wrong by in the summed duration, in s: the root mean square.
+    held_up : tuple of HeldUp
+        How often the drives of the actions are held up, and how long.
     """
 
     actions: tuple[Mapping[str, float], ...]
     cost: float
     error: float = 0.0
+    held_up: tuple[HeldUp, ...] = ()
 
     @property
     def duration(self) -> float:
@@ -324,6 +328,14 @@ class ChainPrediction:
         """
         error = self.error if math.isfinite(self.error) else 0.0
         return math.hypot(error, *(action.get("noise", 0.0) for action in self.actions))
+
+    @property
+    def bound(self) -> float:
+        """What nine of ten runs take at most, in s; NaN where an action has no model."""
+        duration = self.duration
+        if not math.isfinite(duration):
+            return math.nan
+        return bound_of_chain(duration, self.spread, self.held_up)
 
 
 class StepModel:
@@ -471,7 +483,7 @@ class ChainModel(StepModel):
         """
         tables = self._tables(self.given)
         steps, error = self._predicted(tables, REPORTED, np.ones(len(tables)))
-        return _summed(steps, float(error))
+        return _summed(steps, float(error), self._held_up[: len(steps)])
 
     def compare(
         self, before: Sequence[FloatArray], after: Sequence[FloatArray]
@@ -489,7 +501,15 @@ class ChainModel(StepModel):
         signs = np.stack([first, second, first - second])
         steps, errors = self._predicted(tables, REPORTED, signs)
         of_first, of_second, uncertainty = errors.tolist()
-        return _summed(steps[:count], of_first), _summed(steps[count:], of_second), uncertainty
+        held_up = self._held_up
+        first_chain = _summed(steps[:count], of_first, held_up[-count:])
+        return first_chain, _summed(steps[count:], of_second, held_up[:count]), uncertainty
+
+    @property
+    def _held_up(self) -> tuple[HeldUp, ...]:
+        """How often the drives of each step are held up."""
+        models = (self._models[action] for action in self._actions)
+        return tuple(getattr(model, "held_up", NOT_HELD_UP) for model in models)
 
     def _tables(self, values: Sequence[FloatArray], first: int = 0) -> list[tuple[int, FloatArray]]:
         """Return each step's index and direct variables, for values (k,) of each subgoal."""
@@ -497,12 +517,15 @@ class ChainModel(StepModel):
         return [(index, self.rows[index].values(*pair)) for index, pair in enumerate(pairs, first)]
 
 
-def _summed(steps: Sequence[Mapping[str, FloatArray]], error: float) -> ChainPrediction:
+def _summed(
+    steps: Sequence[Mapping[str, FloatArray]], error: float, held_up: tuple[HeldUp, ...]
+) -> ChainPrediction:
     """Return the prediction of a chain from those of its steps, and the error of the models."""
     actions = tuple(
         {name: float(value) for name, value in step.items() if name != "cost"} for step in steps
     )
-    return ChainPrediction(actions, float(np.sum([step["cost"] for step in steps])), error)
+    cost = float(np.sum([step["cost"] for step in steps]))
+    return ChainPrediction(actions, cost, error, held_up)
 
 
 def predict_chain(

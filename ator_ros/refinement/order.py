@@ -110,8 +110,9 @@ class OrderSearch:
     def chains(self, most: int, deadline: Deadline, work: Work) -> list[tuple[TopChain, float]]:
         """Return up to `most` orders of the chain with their costs, the least first.
 
-        The values of free variables are those of the grid. Empty if the deadline passed before
-        the first order was found.
+        The order of the chain itself is one more, if it is not among them. The values of free
+        variables are those of the grid. Empty if the deadline passed before the first order was
+        found.
         """
         fine = _FINE if len(self._chain) < _MANY else _FINE_OF_MANY
         grids = [[self._candidates(index, table) for index in range(len(self._chain))]
@@ -121,7 +122,8 @@ class OrderSearch:
         if depends_on_order(self._chain) and self._is_exact:
             possible = possible_steps(self._chain, self._ordering, self._world, self._robot)
         found: list[tuple[TopChain, float]] = []
-        order = list(range(len(self._chain)))
+        as_it_is = list(range(len(self._chain)))
+        order = as_it_is
         for candidates in grids:
             table = self._table(candidates, deadline, work)
             if table is None:
@@ -130,6 +132,9 @@ class OrderSearch:
                 orders = best_orders(table.costs, self._ordering, possible, most, table.end)
             else:
                 orders = self._improved(table, order, deadline)
+            if all(each.order != tuple(as_it_is) for each in orders):
+                orders.append(LocalSearch(table.costs, self._ordering, as_it_is).found())
+                orders.sort(key=lambda each: each.cost)
             chains = [(self._written(table, each), each.cost) for each in orders]
             found = [each for each in chains if not each[0].violations(self._world, self._robot)]
             if found:

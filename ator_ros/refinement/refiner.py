@@ -54,9 +54,9 @@ _MOST_LISTED = 6
 _LONGEST_REASONS = 180  # characters of the reasons of all chains, without their names
 _SHORTEST_REASON = 50  # characters of each
 _MOST_ORDERS = 6  # orders whose free variables are searched
-# Orders whose cost on the grid is this much above the least cost found are not searched: the search
-# between the points of the grid lowers the cost of a round by 1 % or less.
-_PROMISING = 1.01
+# Orders whose cost on the grid is this much above the least one on it are not searched: the search
+# between the points of the grid lowers the costs of orders of a round by shares that differ less.
+_PROMISING = 1.015
 _MOST_NUMBERS = 12  # steps of an order that a reason lists
 _DOMINANT = 0.5  # least share of durations in the cost for which a gain is given in s
 ITS_DEADLINE = "its deadline"
@@ -267,9 +267,14 @@ class Refiner:
             axes=_axes(chain, reference.analysis),
             allowed=regions.allowing(),
         ).chains(_MOST_ORDERS, deadline, work)
+        starts = []
+        for candidate, cost in orders:
+            starts.append((candidate, cost))
+            if candidate.order == chain.order:  # its own values may lead to better ones
+                starts.append((chain, cost))
         best = reference.predicted()
-        for number, (candidate, cost) in enumerate(orders):
-            if number and cost > _PROMISING * best.optimum.cost:
+        for candidate, cost in starts:
+            if cost > _PROMISING * starts[0][1]:
                 break
             analysis, limits = self.bounded(world, candidate, stops_decided=True)
             start = _Searched(

@@ -318,13 +318,15 @@ def _demo(options: argparse.Namespace, domain: Domain, _: str) -> None:
 
 def _execute(backend: Backend, trial: Trial, action_set: str) -> DemoSituation:
     draft = Draft(trial.world, trial.chain, action_set)
-    answer, runs = backend.refine(draft), []
-    for label, chain in (("naive", answer.naive), ("refined", trial.chain)):
-        backend.place(trial.world)
-        run_draft = dataclasses.replace(draft, chain=chain)
-        runs.append(backend.drive(label, run_draft, refine=label == "refined"))
-        print(f" {label} {runs[-1].duration:.2f} s", end="", flush=True)
-    print(flush=True)
+    try:
+        answer, runs = backend.refine(draft), []
+        for label, chain in (("naive", answer.naive), ("refined", trial.chain)):
+            backend.place(trial.world)
+            run_draft = dataclasses.replace(draft, chain=chain)
+            runs.append(backend.drive(label, run_draft, refine=label == "refined"))
+            print(f" {label} {runs[-1].duration:.2f} s", end="", flush=True)
+    finally:
+        print(flush=True)  # also before the message of an interruption
     return DemoSituation(trial.world, trial.chain, answer, *runs)
 
 

@@ -16,7 +16,7 @@ import pandas as pd
 
 from ator_ros.actions import TIME_LIMIT
 from ator_ros.actions.base import Goal
-from ator_ros.actions.goal_variables import drawn_values
+from ator_ros.actions.goal_variables import STOP, drawn_values, with_values
 from ator_ros.actions.situation import SHORT, ActionSpec, Situation, drawn_until, short_goal
 from ator_ros.bases.description import Robot
 from ator_ros.bases.routes import routes_of
@@ -26,7 +26,7 @@ from ator_ros.evaluation.toolset import ToolsetSource
 from ator_ros.execution.chain_executor import Ending
 from ator_ros.execution.fence import Fence
 from ator_ros.experience.records import ENDED, episode_of
-from ator_ros.experience.simulated import episode_generator
+from ator_ros.experience.simulated import Key, episode_generator, groups
 from ator_ros.experience.table import ExperienceError
 from ator_ros.files import FileError, read_yaml
 from ator_ros.geometry import Pose
@@ -90,21 +90,26 @@ def simulated_drives(
                 raise ExperienceError(message) from error
     servers = domain.remote_servers(source.action_set)
     with all_nodes(factor, source) as nodes, connected(nodes, domain, robot, servers) as backend:
-        for action, number in missing:
-            situation = actions[action].situation(robot, episode_generator(action, seed, number))
-            top = top_of(situation, domain.tops_for(robot), robot)
-            start = World(0.0, situation.robot, situation.objects)
+        for group in groups(missing, actions.values()):
+            spec = actions[group[0][0]]
+            situations = [
+                spec.situation(robot, episode_generator(spec.name, seed, number))
+                for _, number in group
+            ]
+            top = top_of(situations[0], domain.tops_for(robot), robot)
+            start = World(0.0, situations[0].robot, situations[0].objects)
+            goals = [situation.goal for situation in situations]
             for _ in range(_ATTEMPTS):
                 backend.place(start)
-                record = _drive(backend, start, top, situation.goal, source.action_set)
-                row, reason = _episode_row(record, number, domain, robot)
-                if row is not None:
-                    yield row
+                records = _drive(backend, start, top, goals, source.action_set)
+                rows, reason = _episode_rows(group, records, domain, robot)
+                if len(rows) == len(group):
+                    yield from rows.values()
                     break
             else:
                 raise ExperienceError(
-                    f"{action}, drive {number + 1}: expected a usable record in {_ATTEMPTS} "
-                    f"attempts, the last one ended with {reason!r}"
+                    f"{spec.name}, drive {group[0][1] + 1}: expected a usable record in "
+                    f"{_ATTEMPTS} attempts, the last one ended with {reason!r}"
                 )
 
 
@@ -140,40 +145,50 @@ def attached_drives(
         _confirm(plan)
     stay_on_this_machine(os.environ)
     tops = driven_tops(domain, robot)
+    actions = domain.actions(source.action_set)
+    generators = {key: episode_generator(key[0], seed, key[1]) for key in missing}
+    waiting = list(missing)
     failures = 0
+    unused = 0  # drives in a row without an episode
     reason = ""
     with closing(Backend(domain, robot, frame="", arguments=arguments)) as backend:
         backend.ready(simulated=False, refinement=False)
         backend.until(backend.world, "the robot's state, on odom or tf as in the executor")
-        for action, number in missing:
-            spec = domain.actions(source.action_set)[action]
-            rng = episode_generator(action, seed, number)
-            for _ in range(_MOST_WITHOUT_EPISODE):
-                if failures >= _MOST_FAILURES:
-                    raise ExperienceError(f"{action}: {failures} drives in a row failed: {reason}")
-                world = backend.world()
-                assert world is not None
-                goal = destinations.goal(spec, tops[action], world.robot.pose, rng)
-                record = _drive(backend, world, tops[action], goal, source.action_set)
-                ending = Ending(record.outcome.code)
-                if ending in _STOPPED_BY_OTHERS:
-                    raise ExperienceError(
-                        f"{action}: {record.outcome.reason}; the same command resumes from here"
-                    )
-                if ending is Ending.SUCCEEDED:
-                    failures = 0
-                elif ending is not Ending.REFUSED:
-                    failures += 1
-                row, problem = _episode_row(record, number, domain, robot)
-                reason = problem or record.outcome.reason
-                if row is not None:
-                    yield row
-                    break
-            else:
+        while waiting:
+            group = groups(waiting, actions.values())[0]
+            action = group[0][0]
+            if failures >= _MOST_FAILURES:
+                raise ExperienceError(f"{action}: {failures} drives in a row failed: {reason}")
+            if unused >= _MOST_WITHOUT_EPISODE:
                 raise ExperienceError(
-                    f"{action}: {_MOST_WITHOUT_EPISODE} goals in a row were refused or gave no "
-                    f"usable record: {reason}"
+                    f"{action}: {unused} goals in a row were refused or gave no usable record: "
+                    f"{reason}"
                 )
+            world = backend.world()
+            assert world is not None
+            goals: list[Goal] = []
+            for key in group:
+                pose = goals[-1].pose if goals else world.robot.pose
+                goals.append(
+                    destinations.goal(actions[action], tops[action], pose, generators[key])
+                )
+            records = _drive(backend, world, tops[action], goals, source.action_set)
+            last = records[-1]
+            ending = Ending(last.outcome.code)
+            if ending in _STOPPED_BY_OTHERS:
+                raise ExperienceError(
+                    f"{action}: {last.outcome.reason}; the same command resumes from here"
+                )
+            if ending is Ending.SUCCEEDED:
+                failures = 0
+            elif ending is not Ending.REFUSED:
+                failures += 1
+            rows, problem = _episode_rows(group, records, domain, robot)
+            reason = problem or last.outcome.reason
+            unused = 0 if rows else unused + 1
+            for key, row in rows.items():
+                waiting.remove(key)
+                yield row
 
 
 def driven_tops(domain: Domain, robot: Robot) -> dict[str, Top]:
@@ -198,11 +213,34 @@ def _confirm(plan: str) -> None:
         raise ExperienceError("the robot was not moved: answer y to continue, or give --yes")
 
 
-def _drive(backend: Backend, start: World, top: Top, goal: Goal, action_set: str) -> Any:
-    """Execute one step; return its ActionPerformance, or the ChainPerformance if it never began."""
-    draft = Draft(start, TopChain((TopCall(top, goal),)), action_set)
+def _drive(
+    backend: Backend, start: World, top: Top, goals: Sequence[Goal], action_set: str
+) -> list[Any]:
+    """Execute a chain to goals, the last of which is not passed.
+
+    Return its ActionPerformances, or the ChainPerformance if it never began.
+    """
+    *others, last = goals
+    if STOP in last.values:
+        last = with_values(last, {STOP: 1.0})
+    calls = tuple(TopCall(top, goal) for goal in (*others, last))
+    draft = Draft(start, TopChain(calls), action_set)
     chain = backend.drive("collect", draft, refine=False).record
-    return [chain, *chain.actions][-1]
+    return list(chain.actions) or [chain]
+
+
+def _episode_rows(
+    group: Sequence[Key], records: Sequence[Any], domain: Domain, robot: Robot
+) -> tuple[dict[Key, pd.DataFrame], str]:
+    """Return the table rows of records, and why one of them is not an episode, if any is not."""
+    rows = {}
+    reason = ""
+    for key, record in zip(group, records, strict=False):
+        row, problem = _episode_row(record, key[1], domain, robot)
+        if row is not None:
+            rows[key] = row
+        reason = reason or problem
+    return rows, reason
 
 
 def _episode_row(

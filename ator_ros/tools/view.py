@@ -7,6 +7,7 @@ import contextlib
 import os
 import sys
 import time
+import warnings
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -85,6 +86,8 @@ def serve(options: argparse.Namespace, words: Sequence[str]) -> None:
             port=options.port,
         )
         closing.callback(page.server.stop)
+        # viser warns of messages to a page that is closed
+        closing.callback(warnings.simplefilter, "ignore")
         address = f"http://{options.host}:{page.server.get_port()}"
         print(f"view: open {address} in a browser; Ctrl-C stops the view", flush=True)
         while True:

@@ -1,15 +1,18 @@
 """Experience of an action that passes its goals: legs follow each other without a stop."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 from bags import action_performance, own_types
+from experience_rows import synthetic_experience
 
 from ator_ros.domains.domain import find_domain
+from ator_ros.experience.recordings import read_sources
 from ator_ros.experience.records import episode_of
 from ator_ros.experience.simulated import collect
-from ator_ros.experience.table import checked_rows, join
+from ator_ros.experience.table import Experience, checked_rows, join, write_experience
 from ator_ros.geometry import Pose
 
 DOMAIN = find_domain("patrol")
@@ -34,6 +37,17 @@ def test_collected_legs_continue_where_the_one_before_has_passed_its_goal() -> N
     within = np.abs(starts[["xg", "yg"]].to_numpy()[:3] - starts[["x", "y"]].to_numpy()[1:4])
     assert (within <= 0.3).all()
     assert starts["heading_error"].isna().tolist() == (starts["stopg"] == 0.0).tolist()
+
+
+def test_experience_of_before_an_action_could_pass_has_stopped(tmp_path: Path) -> None:
+    rows = synthetic_experience("pursue", episodes=30)
+    about = {"robot_digest": ROBOT.digest(), "domain": "patrol"}
+    write_experience(tmp_path / "former.parquet", Experience(rows, about))
+    read = read_sources([tmp_path / "former.parquet"], ROBOT, DOMAIN).frame
+    assert (read["stopg"] == 1.0).all()
+    pursuit = find_domain("pursuit")
+    write_experience(tmp_path / "pursuit.parquet", Experience(rows, {**about, "domain": "pursuit"}))
+    assert "stopg" not in read_sources([tmp_path / "pursuit.parquet"], ROBOT, pursuit).frame
 
 
 @pytest.mark.parametrize(

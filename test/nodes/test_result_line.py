@@ -41,6 +41,14 @@ def test_a_kept_chain_has_the_reason_of_the_gate() -> None:
     assert result_line(record(refined=False), wanted=False, changes=[]).endswith("predicted")
 
 
+@pytest.mark.parametrize(("bound", "late"), [(6.5, True), (6.6, False), (math.nan, False)])
+def test_a_run_that_is_longer_than_nine_of_ten_is_named(bound: float, late: bool) -> None:
+    made = record(refined=False)
+    made.predicted = Performance(duration=6.0, bound=bound)
+    line = result_line(made, wanted=False, changes=[])
+    assert ("; nine of ten runs take less than 6.50 s" in line) is late
+
+
 def test_without_models_nothing_is_predicted() -> None:
     made = record(refined=False)
     made.predicted = Performance(duration=math.nan)

@@ -7,13 +7,16 @@ import numpy as np
 import pytest
 from maps import hall_map
 from view.in_process import InProcessBackend
+from visualization_msgs.msg import Marker
 
 from ator_ros.actions.base import Goal
 from ator_ros.actions.goal_variables import ORDER
 from ator_ros.domains.drive import DRIVE
 from ator_ros.domains.soccer.soccer_domain import SOCCER
 from ator_ros.geometry import Pose
+from ator_ros.nodes.drawing import marker_array
 from ator_ros.nodes.segments import (
+    Label,
     costs_by_heading,
     executed_chain_shapes,
     refinement_shapes,
@@ -95,6 +98,17 @@ def test_stations_have_their_numbers_as_sent_and_their_places_in_the_order() -> 
     assert [label.text for label in (labels[10], labels[-1])] == ["3 (11th)", "12 (23rd)"]
     assert [(label.name, label.x) for label in labels[:2]] == [("station1", 1.0), ("station0", 0.0)]
     assert station_labels(sent.part(0)) == []  # its order is not open
+
+
+def test_a_label_is_a_text_above_its_place() -> None:
+    cleared, text = marker_array(
+        [], "chain", "map", [Label("station3", "4 (2nd)", 1.0, 2.0)]
+    ).markers
+    assert cleared.action == Marker.DELETEALL
+    assert (text.type, text.text) == (Marker.TEXT_VIEW_FACING, "4 (2nd)")
+    assert (text.pose.position.x, text.pose.position.y) == (1.0, 2.0)
+    assert text.pose.position.z > 0.0
+    assert text.scale.z > 0.0
 
 
 def test_routes_lead_around_the_walls_of_the_map() -> None:

@@ -10,7 +10,14 @@ from selection import few
 
 from ator_ros.bases.description import load_robot
 from ator_ros.domains.soccer.soccer_domain import SOCCER
-from ator_ros.performance.held_up import NOT_HELD_UP, HeldUp, clipped, find_held_up, held_up_remark
+from ator_ros.performance.held_up import (
+    NOT_HELD_UP,
+    HeldUp,
+    bound_of_chain,
+    clipped,
+    find_held_up,
+    held_up_remark,
+)
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.model_file import load_model, save_model
 from ator_ros.performance.training import WorseThanMeanError, direct_of, train
@@ -70,6 +77,20 @@ def test_nine_of_ten_drives_keep_the_bound(share: float) -> None:
     predicted = model.predict(direct_of(fresh), ("duration", "spread"))
     assert predicted.bound is not None
     assert 0.85 <= (fresh["duration"] <= predicted.bound).mean() <= 0.97
+
+
+def test_without_delays_the_bound_of_a_chain_is_a_quantile_of_its_spread() -> None:
+    bound = bound_of_chain(20.0, 2.0, [NOT_HELD_UP] * 3)
+    assert bound == pytest.approx(20.0 + 1.2816 * 2.0, abs=1e-3)
+    assert bound_of_chain(20.0, 0.0, []) == pytest.approx(20.0, abs=1e-3)
+
+
+@pytest.mark.parametrize(("share", "delay"), [(0.02, 30.0), (0.1, 8.0), (0.3, 3.0)])
+def test_nine_of_ten_chains_keep_the_bound(share: float, delay: float) -> None:
+    rng = np.random.default_rng(6)
+    runs = rng.normal(40.0, 1.0, 4000) + delay * (rng.random((5, 4000)) < share).sum(axis=0)
+    bound = bound_of_chain(40.0, 1.0, [HeldUp(share, delay, 9, 1.0)] * 5)
+    assert 0.87 <= (runs <= bound).mean() <= 0.95
 
 
 def test_undisturbed_drives_are_learned_as_they_are() -> None:

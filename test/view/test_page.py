@@ -16,10 +16,11 @@ from view.viser_client import ViserClient, free_port
 from ator_interfaces.msg import Outcome
 from ator_ros.domains.soccer.soccer_domain import SOCCER
 from ator_ros.geometry import Pose
+from ator_ros.nodes.segments import Label
 from ator_ros.simulation.urdf import robot_urdf
 from ator_ros.view.draft import situation_draft
 from ator_ros.view.editor import NAIVE, Editor
-from ator_ros.view.floor import LOOPBACK, serve
+from ator_ros.view.floor import LOOPBACK, Canvas, serve
 from ator_ros.view.page import Page, clock_text, gate_text, rules_text, times_text
 from ator_ros.view.runs import OTHERS, Run
 from ator_ros.world.state import RobotState, World
@@ -58,6 +59,17 @@ def shown() -> Iterator[Shown]:
     shown.step()
     yield shown
     shown.page.server.stop()
+
+
+def test_texts_of_the_floor_are_replaced_as_a_whole(shown: Shown) -> None:
+    canvas = Canvas(shown.page.server, "/round", ROBOT.scene.area)
+    client = shown.join()
+    canvas.label([Label("station0", "1 (2nd)", 1.0, 2.0), Label("station1", "2 (1st)", 0.0, 1.0)])
+    client.until(lambda: client.scene.get("/round/station0"), "the label")
+    assert client.scene["/round/station0"][:2] == (1.0, 2.0)
+    canvas.label([Label("station1", "2", 0.5, 1.0)])
+    client.until(lambda: "/round/station0" not in client.scene, "one label less")
+    client.until(lambda: client.scene["/round/station1"][:2] == (0.5, 1.0), "the other one, moved")
 
 
 def test_two_clients_receive_the_same_and_one_may_vanish(shown: Shown) -> None:
