@@ -93,13 +93,14 @@ def cpu_time(process: subprocess.Popen[bytes]) -> float:
     return (int(fields[11]) + int(fields[12])) / _TICKS
 
 
-def await_round(client: Client, log: Path, drives: int) -> None:
-    """Wait until a round of learning has ended after each ten drives.
+def await_round(client: Client, log: Path) -> None:
+    """Wait until a round of learning has ended after each ten records.
 
     It has the lowest priority, and more time on a robot, which does not drive so fast.
     """
-    end = time.monotonic() + 4.0 * _PATIENCE
-    while log.read_text().count("/navigate_to_pose:") < drives // 10 and time.monotonic() < end:
+    end = time.monotonic() + 2.0 * _PATIENCE
+    due = len(client.records) // 10
+    while log.read_text().count("/navigate_to_pose:") < due and time.monotonic() < end:
         rclpy.spin_once(client, timeout_sec=0.5)
 
 
@@ -146,8 +147,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             drives.append(client.drive(goal))
             spent += cpu_time(processes[1]) - used
             took += time.monotonic() - begin
-            if len(drives) % 10 == 0:
-                await_round(client, work / "learning.log", len(drives))
+            await_round(client, work / "learning.log")
         end = time.monotonic() + options.idle
         while time.monotonic() < end:
             rclpy.spin_once(client, timeout_sec=0.1)

@@ -14,6 +14,7 @@ from action_msgs.msg import GoalStatusArray
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
 from nav_msgs.msg import Path as PathMessage
+from rcl_interfaces.msg import ParameterEvent
 from rclpy.node import Node
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import Marker, MarkerArray
@@ -89,6 +90,8 @@ _DEFAULT_FOLDER = "~/.ros/ator_ros/nav2"
 _PERIOD = 0.5  # real s between two estimates of a drive
 _TEXT_HEIGHT = 0.3  # m, of the estimate in RViz
 _TEXT_ABOVE = 0.5  # m above the floor
+_DRIVING_NODES = ("controller_server", "velocity_smoother", "planner_server")
+"""Nodes of Nav2 whose parameters change how long drives take."""
 _OUTCOMES = {"succeeded": Outcome.SUCCEEDED, "aborted": Outcome.FAILED}
 _LOGGED = (1, 5, 10)  # drives after which the tally is logged, and after every ten
 
@@ -104,6 +107,8 @@ class WatchNode(Node):
         domain's remote actions and of the servers `others`. plan (nav_msgs/Path), goal_pose
         (geometry_msgs/PoseStamped), the topic of odometry (nav_msgs/Odometry), /tf, /tf_static.
         The topic of a map (nav_msgs/OccupancyGrid, transient local), if `map` names one.
+        /parameter_events (rcl_interfaces/ParameterEvent): changes of how Nav2 drives, after which
+        drives are not learned from.
     Publishes
         ~/estimates (ator_interfaces/DriveEstimate): twice a second for each running goal, the first
         one with the first path. ~/markers (visualization_msgs/MarkerArray): the remaining times, at
@@ -163,6 +168,10 @@ class WatchNode(Node):
             self._savings = RoundSavingsQueue(self, settings["planner"], self._frame, paths)
         except RemoteError as error:
             raise SetupError(f"parameter planner: {error}") from error
+        self._changed = ""  # a parameter of Nav2 that was changed since the start
+        self.create_subscription(
+            ParameterEvent, "/parameter_events", self._take_parameters, RESULTS
+        )
         self._subscribe(settings["odometry"])
         self.create_timer(_PERIOD, self._update, clock=STEADY)
         Diagnostics(self, self._health)
@@ -194,6 +203,19 @@ class WatchNode(Node):
             (PLAN, PathMessage, "plan", RESULTS),
         ):
             self.create_subscription(kind, topic, partial(self._take, role), qos)
+
+    def _take_parameters(self, event: ParameterEvent) -> None:
+        """Notice that Nav2 drives otherwise from now on."""
+        namespace = self.get_namespace().rstrip("/")
+        name = event.node.removeprefix(f"{namespace}/")
+        changed = [item.name for item in event.changed_parameters]
+        if name in _DRIVING_NODES and changed and not self._changed:
+            self._changed = f"{name}: {changed[0]} was changed"
+            self.get_logger().warning(
+                one_line(
+                    f"{self._changed}: drives may take other times; launch again to learn them"
+                )
+            )
 
     def _libraries_on_map(self) -> dict[str, TopLibrary]:
         domain = self._monitor.domain
@@ -291,7 +313,7 @@ class WatchNode(Node):
             return
         for drive in ended:
             self._published.discard(drive.goal.goal_id)
-            if drive.episode is not None and not drive.is_held_up:
+            if drive.episode is not None and not drive.is_held_up and not self._changed:
                 self._records.publish(self._record(drive, drive.episode))
             self._count(drive)
         if ended and not self._monitor.watch.active:
@@ -395,9 +417,8 @@ class WatchNode(Node):
             absent = "expected odometry, got none: check the parameters odometry and robot_from"
         values = self._sets.diagnostics()
         values["drives"] = self._tally.summary(self._digest)
-        return Health(
-            "; ".join(filter(None, (absent, self._map.problem, self._sets.problem))), values=values
-        )
+        problems = (absent, self._changed, self._map.problem, self._sets.problem)
+        return Health("; ".join(filter(None, problems)), values=values)
 
 
 def _saving_of(found: Saving) -> SavingMessage:

@@ -3,6 +3,7 @@
 import importlib
 import math
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -14,9 +15,11 @@ from process import PATIENCE, Processes
 from rclpy.action import ActionClient
 from ros_client import Client, SentGoal
 
-from ator_interfaces.msg import TopCall
+from ator_interfaces.msg import Outcome, TopCall
+from ator_ros.experience.table import read_experience
 from ator_ros.geometry import Pose
 from ator_ros.nodes.messages import pose_of
+from ator_ros.tools.collect import main
 
 pytestmark = [pytest.mark.node, pytest.mark.long]
 
@@ -56,6 +59,7 @@ def chains(nodes: tuple[Client, ChainClient]) -> ChainClient:
         lambda: client.robot().pose.distance(START) < 0.1 and found.standing(), "at the start"
     )
     found.chains.clear()
+    found.actions.clear()
     return found
 
 
@@ -83,6 +87,32 @@ def test_a_chain_that_would_end_in_passing_is_refused(chains: ChainClient) -> No
     outcome = chains.send(visits(False, False, True)).result().outcome
     assert outcome.code == outcome.REFUSED
     assert "the last step of a chain must stop" in outcome.reason
+
+
+def test_a_canceled_chain_stops_the_robot_that_drives_on(chains: ChainClient) -> None:
+    sent = chains.send(visits(True, True, False))
+    chains.ros.eventually(lambda: chains.actions, "the first station was passed")
+    assert sent.cancel()
+    assert sent.outcome().code == Outcome.CANCELED
+    chains.ros.eventually(chains.standing, "the robot stands")
+    place = chains.ros.robot().pose
+    chains.wait_for_newer_odometry()
+    assert chains.ros.robot().pose.distance(place) < 0.02
+
+
+def test_legs_of_both_kinds_are_collected_with_the_running_executor(
+    chains: ChainClient, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(chains.ros.domain))
+    table = tmp_path / "legs.parquet"
+    words = ["--domain", "patrol", "--over-ros", "--attach", "--yes", "--seed", "3"]
+    assert main([*words, "--episodes", "4", "--out", str(table)]) == 0
+    legs = read_experience(table).frame
+    assert legs["success"].all()
+    assert legs["stopg"].tolist()[-1] == 1.0
+    assert set(legs["stopg"]) == {0.0, 1.0}
+    moving = legs["v"].to_numpy()[1:] > 0.2
+    assert (moving == (legs["stopg"].to_numpy()[:-1] == 0.0)).all()
 
 
 @pytest.mark.parametrize(

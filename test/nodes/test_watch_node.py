@@ -12,6 +12,8 @@ from geometry_msgs.msg import PoseStamped
 from nav2_interfaces import provide_nav2_msgs
 from nav_msgs.msg import Odometry
 from nav_msgs.msg import Path as PathMessage
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.msg import ParameterEvent
 from rclpy.action import ActionClient, ActionServer, CancelResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.task import Future
@@ -132,6 +134,14 @@ def test_drives_are_estimated_recorded_and_counted_but_never_commanded(
     client.eventually(lambda: tallies[-1].ended_early == 1, "a canceled drive")
     assert (tallies[-1].drives, len(records)) == (5, 1)
     assert tallies[-1].driven > 8.0
+
+    events = client.node.create_publisher(ParameterEvent, "/parameter_events", RESULTS)
+    client.eventually(events.get_subscription_count, "a subscription to parameter events")
+    event = ParameterEvent(node="/controller_server")
+    event.changed_parameters = [ParameterMessage(name="FollowPath.desired_linear_vel")]
+    events.publish(event)
+    warning = "controller_server: FollowPath.desired_linear_vel was changed: drives may take other"
+    client.eventually(lambda: warning in node.output, "a warning")
 
     assert nav2.goals == 2  # none but the client's
     names = [name for name, _ in node.node.get_client_names_and_types_by_node("watch", "/")]
