@@ -111,15 +111,15 @@ def test_a_new_set_keeps_the_search_ranges_of_the_previous_experience(
         dataclasses.replace(action, metadata={"training": {"starts": starts}}),
     )
     folder = tmp_path / "learned"
-    stored(folder / RECORDS, episodes(24, seed=4, slower=1.5))
+    stored(folder / RECORDS, episodes(18, seed=4, slower=1.5))
     assert round_of(folder, bounded)["made"]
     file = folder / CURRENT / "goToPose.json"
     model = load_model(file, ROBOT, SOCCER.known_features)
     assert model.experience == starts
     training = model.metadata["training"]
-    kinds = "duration: the present model scaled to 30 episodes; success: the rate of 24 episodes"
+    kinds = "duration: the present model scaled to 30 episodes; success: the rate of 18 episodes"
     assert training["kind"] == kinds
-    assert (training["command"], training["episodes"]) == ("learning", 24)
+    assert (training["command"], training["episodes"]) == ("learning", 18)
     assert model.metadata["action_set"] == "default"
 
 
