@@ -267,6 +267,11 @@ class AxisWatch:
         """The share of the commanded speed if it has differed for a second, else 1."""
         return self._share.value
 
+    @property
+    def may_be_slow(self) -> bool:
+        """Whether the base is slow, or has been for less than the second that shows it."""
+        return self._share.is_low
+
     def most_different(self, speed: float, time: float) -> float:
         """Return the command of the last 0.3 s before `time` that differs most from a speed."""
         return max(self.commands.between(time - _DEPARTS, time), key=lambda sent: abs(sent - speed))
@@ -404,22 +409,30 @@ class _SteadyShare:
         self._least_command = 0.2 * axis.limit  # in slower motion, noise and dead bands count more
         self._seconds = 0.0
         self._mean = 1.0
+        self._is_low = False
 
     @property
     def value(self) -> float:
         """The share if it has differed from 1 for more than a second, else 1."""
         return self._mean if self._seconds >= _STEADY else 1.0
 
+    @property
+    def is_low(self) -> bool:
+        """Whether the last share was low, or has been low for more than a second."""
+        return self._is_low or self.value < _SLOW
+
     def update(self, speed: float, recent: Sequence[float], gap: Gap) -> None:
         """Process a speed and the recent commands."""
         slowest = min(recent, key=abs)
         if abs(slowest) < self._least_command:
+            self._is_low = False
             return
         share = speed / slowest
         if share > 1.0:
             share = max(1.0, speed / max(recent, key=abs))
         passed = min(gap.elapsed, 0.1)
-        if 0.0 < share < _SLOW or _FAST <= share <= _GAIN:
+        self._is_low = 0.0 < share < _SLOW
+        if self._is_low or _FAST <= share <= _GAIN:
             self._mean += (share - self._mean) * passed / (self._seconds + passed)
             self._seconds = min(self._seconds + passed, 2.0 * _STEADY)
         else:
@@ -491,7 +504,7 @@ class MotionWatch:
         if any(watch.share < _IMPLAUSIBLE for watch in self._axes.values()):
             slow += ", so its description is implausible: `calibrate` measures its limits"
         delay = self._delay or (self._early_text() if self._is_early else "")
-        if any(watch.share < _SLOW for watch in self._axes.values()):
+        if any(watch.may_be_slow for watch in self._axes.values()):
             delay = ""  # such a base only seems to be late
         return "; ".join(filter(None, (slow, delay, self._point.remark)))
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -26,6 +26,8 @@ _PERIOD = 1.0  # s, as usual for /diagnostics
 # reports in a row after which a problem is logged: inputs are also missing at the start
 _PERSISTENT = 5
 _LONGEST = 500  # characters of a status, which may join the messages of several problems
+_UNKNOWN = "(unknown)"
+_PROCESS = 12  # bytes at the begin of an identity of DDS that a process has in common
 _TICKS = 1000  # newest ticks that count: 50 s at 20 a second
 
 
@@ -238,7 +240,7 @@ def incompatibility(offered: QoSProfile, requested: QoSProfile) -> str:
 def node_of(info: TopicEndpointInfo) -> str:
     """Return the full name of the node of a publisher or subscription."""
     if "_UNKNOWN_" in info.node_name:  # DDS announces endpoints before the names of their nodes
-        return "(unknown)"
+        return _UNKNOWN
     return f"{printable(info.node_namespace.rstrip('/'))}/{printable(info.node_name)}"
 
 
@@ -265,13 +267,24 @@ def type_mismatch(node: Node, topic: str, kind: type) -> str:
 def several_publishers(node: Node, topics: Iterable[str]) -> str:
     """Return the topics with several publishers; empty if there are none.
 
-    DDS counts killed publishers for 20 s.
+    DDS lists killed publishers for 20 s.
     """
-    senders = {
-        topic: [node_of(s) for s in node.get_publishers_info_by_topic(topic)] for topic in topics
-    }
+    senders = {topic: _senders(node.get_publishers_info_by_topic(topic)) for topic in topics}
     return "; ".join(
         f"{topic}: expected one publisher, got {len(names)}: {', '.join(sorted(names))}"
         for topic, names in senders.items()
         if len(names) > 1
     )
+
+
+def _senders(infos: Iterable[TopicEndpointInfo]) -> list[str]:
+    """Return the name of each publisher's node.
+
+    Of several processes with a node of one name, only one counts: the others may have been killed.
+    """
+    processes: dict[str, Counter[bytes]] = {}
+    for info in infos:
+        if (name := node_of(info)) != _UNKNOWN:
+            process = bytes(info.endpoint_gid[:_PROCESS])
+            processes.setdefault(name, Counter())[process] += 1
+    return [name for name, counts in processes.items() for _ in range(max(counts.values()))]

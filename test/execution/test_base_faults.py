@@ -213,6 +213,20 @@ def test_a_base_that_follows_raises_no_fault(kind: str, odometry: str, noise: bo
         assert done.ending is not Ending.BASE_FAULT, done.execution.reason
 
 
+@pytest.mark.parametrize("share", [0.35, 0.45])
+def test_a_slow_base_is_not_called_late_before_its_share_is_known(share: float) -> None:
+    watch = MotionWatch(PIONEER, latency=0.0)
+    pose, speed = Pose(0.0, 0.0, 0.0), 0.0
+    for tick in range(60):  # it follows a plan that gains 0.8 m/s^2
+        watch.fault(0.05 * tick, RobotState(pose, speed, 0.0), 0.05 * tick)
+        assert "latency" not in watch.remark
+        command = Command(min(0.04 * tick, 1.2), 0.0)
+        watch.sent(0.05 * tick, command, 0.05 * tick)
+        speed = share * command.vx
+        pose = pose.ahead(0.05 * speed)
+    assert "description is implausible" in watch.remark
+
+
 def test_a_base_at_half_speed_is_reported() -> None:
     base = KinematicBase(PIONEER, Pose(0.0, 0.0, 0.0), share=0.5)
     done = execute(SOCCER.library(PIONEER), go(PIONEER, Pose(2.0, 0.0, 0.0)), base)

@@ -79,3 +79,20 @@ def test_the_cause_of_a_base_that_does_not_follow(client: Client, domain: int) -
         )
     finally:
         others.close()
+
+
+def test_a_node_that_was_killed_and_started_again_is_one_publisher(client: Client) -> None:
+    """DDS lists a killed node for a while; a node of one name in another process may be it."""
+    drivers = [Client(client.domain, name=name, silent=True) for name in ("driver", "driver", "b")]
+    try:
+        for driver in drivers[:2]:
+            driver.within(lambda node=driver.node: node.create_publisher(Odometry, "odom", NEWEST))
+        client.eventually(lambda: client.node.count_publishers("odom") == 2, "both drivers")
+        assert several_publishers(client.node, ["odom"]) == ""
+        b = drivers[2]
+        b.within(lambda: b.node.create_publisher(Odometry, "odom", NEWEST))
+        expected = "odom: expected one publisher, got 2: /b, /driver"
+        client.eventually(lambda: several_publishers(client.node, ["odom"]) == expected, expected)
+    finally:
+        for driver in drivers:
+            driver.close()
