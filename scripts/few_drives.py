@@ -5,8 +5,8 @@ scripts/run python scripts/few_drives.py --domains pursuit tour --work few_drive
 The same with `--domains building --drives 200` measures the domain with a map.
 
 For each domain it collects random drives of each action without ROS, learns from them, and executes
-the same new chains with every model. The oracle is executed once, with the model of most drives.
-After an interruption, the same command resumes.
+the same new chains with every model. Without drives path times predict. The oracle is executed
+once, with the model of most drives. After an interruption, the same command resumes.
 """
 
 from __future__ import annotations
@@ -57,7 +57,9 @@ def measured(
         return summary
     folder.mkdir(parents=True, exist_ok=True)
     command = "scripts/few_drives.py"
-    if not table.exists():
+    if not drives:  # path times
+        Path(source.models).mkdir(exist_ok=True)
+    elif not table.exists():
         actions = list(domain.actions())
         collect(
             actions,
@@ -67,13 +69,14 @@ def measured(
             episodes=drives,
             seed=options.seed + drives,
         )
-    train(
-        [table],
-        Path(source.models),
-        command=command,
-        domain=domain,
-        robot=domain.robot(options.robot),
-    )
+    if drives:
+        train(
+            [table],
+            Path(source.models),
+            command=command,
+            domain=domain,
+            robot=domain.robot(options.robot),
+        )
     most = max(options.drives)
     first = drives == most
     settings = Settings(
@@ -126,7 +129,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         "--drives",
         nargs="+",
         type=int,
-        default=[50, 100, 200, 400],
+        default=[0, 20, 50, 100, 200],
     )
     parser.add_argument("--robot", type=Path, help="file of a robot (default: the domain's)")
     parser.add_argument("--chains", type=int, default=500)

@@ -15,6 +15,7 @@ from ator_ros.domains.available_models import models_for
 from ator_ros.domains.domain import Domain, DomainError, find_domain
 from ator_ros.domains.trials import random_trial
 from ator_ros.performance.model_file import load_model, models_folder
+from ator_ros.performance.path_times import path_times_remark
 from ator_ros.refinement.chain_prediction import ChainPrediction, PredictsPerformance, predict_chain
 from ator_ros.refinement.gate import NO_GATE, Gate
 from ator_ros.refinement.refiner import Refiner
@@ -38,6 +39,12 @@ class Toolset:
     domain: Domain
     robot: Robot
     models: Mapping[str, PredictsPerformance]
+
+    @property
+    def remark(self) -> str:
+        """Which actions have path times instead of a learned model; empty if none."""
+        learned = {name: getattr(model, "is_learned", True) for name, model in self.models.items()}
+        return path_times_remark(name for name, is_learned in learned.items() if not is_learned)
 
     def refiner(self, *, gated: bool = False) -> Refiner:
         """Return a refiner with these models, with the gate if `gated`."""

@@ -175,11 +175,14 @@ class Watch:
         return ended
 
     def forget(self) -> None:
-        """Forget odometry and goals that no drive needs any more; call it after `take_ended`."""
+        """Forget odometry and goals that no drive needs any more; call it after `take_ended`.
+
+        A goal that is executed for longer than `LONGEST` is no drive.
+        """
         newest = self.segments[-1]
-        active = self.active
-        used = {id(goal.segment) for goal in active}
-        if not used and len(newest.odom) > _KEPT_ROWS:
+        running = (goal for goal in self.active if self.now - goal.begin <= LONGEST)
+        used = {id(goal.segment) for goal in running}
+        if id(newest) not in used and len(newest.odom) > _KEPT_ROWS:
             newest = Segment()
             newest.odom.append(*self.segments[-1].odom.last)
         self.segments = [each for each in self.segments[:-1] if id(each) in used] + [newest]

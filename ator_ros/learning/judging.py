@@ -18,7 +18,8 @@ from ator_ros.performance.training import SMALL_LEAF, Examples, duration_tree, s
 from ator_ros.performance.tree.nodes import ModelTree
 
 _WINDOW = 200  # newest records of the second refit, in case the robot changed
-_FEWEST_LEARNED = 13  # records from which a tree can be learned: two thirds of the first twenty
+_FEWEST_LEARNED = 20  # records from which a tree can be learned
+_FEWEST_FIRST = 13  # likewise, of the first tree of durations: two thirds of the first twenty
 _LEAST_LEAF = 8  # records in a leaf: failures are rare
 _SCALED = 30  # newest records to which a tree is scaled
 _FEWEST_SCALED = 12
@@ -112,7 +113,8 @@ def judge(
     if not predicted:
         others = count - math.ceil(size / _FOLDS)
         which = f"{others} without those that are predicted"
-        return RoundVerdict(count, f"too few records: {which}, expected {_FEWEST_LEARNED}")
+        fewest = _fewest(examples, current)
+        return RoundVerdict(count, f"too few records: {which}, expected {fewest}")
     keep = _constant if current is None else partial(_kept, current)
     before = _losses(examples, _held_out(examples, keep, tested), tested)
     losses = np.column_stack([_losses(examples, each, tested) for each in predicted.values()])
@@ -161,8 +163,15 @@ def _candidates(
     if examples.measure == "duration" and current is not None:
         found[f"the present model scaled to {_SCALED} episodes"] = partial(_scaled, current)
     for size in windows:
-        found[f"learned from {size} episodes"] = partial(_learned, names, size)
+        fewest = _fewest(examples, current)
+        found[f"learned from {size} episodes"] = partial(_learned, names, size, fewest)
     return found
+
+
+def _fewest(examples: Examples, current: ModelTree | None) -> int:
+    """Return from how many records a tree can be learned."""
+    is_first = current is None and examples.measure == "duration"
+    return _FEWEST_FIRST if is_first else _FEWEST_LEARNED
 
 
 def _kept(tree: ModelTree, _: Examples, __: IntArray) -> ModelTree:
@@ -176,10 +185,10 @@ def _constant(examples: Examples, which: IntArray, size: int = _WINDOW) -> Model
 
 
 def _learned(
-    names: Sequence[str], size: int, examples: Examples, which: IntArray
+    names: Sequence[str], size: int, fewest: int, examples: Examples, which: IntArray
 ) -> ModelTree | None:
     which = which[-size:]
-    if len(which) < _FEWEST_LEARNED:
+    if len(which) < fewest:
         return None
     table = examples.table[list(names)].iloc[which]
     values = examples.values[which]

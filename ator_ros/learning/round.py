@@ -12,12 +12,14 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from scipy.ndimage import median_filter
 
 from ator_ros.bases.description import Robot
 from ator_ros.domains.domain import Domain
 from ator_ros.experience.store import NUMBER, action_sets_in, read_records
 from ator_ros.experience.table import library_versions
 from ator_ros.files import FileError
+from ator_ros.geometry import BoolArray, FloatArray, IntArray
 from ator_ros.learning.judging import RoundVerdict, constant_tree, judge
 from ator_ros.learning.sets import (
     RECORDS,
@@ -28,7 +30,9 @@ from ator_ros.learning.sets import (
     seal,
     sets_in,
 )
+from ator_ros.performance.error_process import ErrorProcess
 from ator_ros.performance.features import Feature, declared_by, names_of, suited
+from ator_ros.performance.held_up import describe_held_up, find_held_up
 from ator_ros.performance.model import MEASURES, PerformanceModel
 from ator_ros.performance.model_file import (
     RobotMismatchWarning,
@@ -39,6 +43,8 @@ from ator_ros.performance.model_file import (
 )
 from ator_ros.performance.path_times import path_time_model
 from ator_ros.performance.training import (
+    Examples,
+    direct_of,
     duration_features,
     error_process,
     examples_of,
@@ -47,9 +53,11 @@ from ator_ros.performance.training import (
     observed_passing,
     routed,
 )
+from ator_ros.world.state import CONTROL_PERIOD
 
 _LEAST_RECORDS = 12  # to estimate the mean of a measure
 _RECORDS_FOR_ANGLE = 100  # to learn, once, above which angle an action drives backward
+_NEIGHBORS = 15  # drives, to whose median predictions are scaled: fewer would follow delays
 _FORMER = 3  # earlier sets whose models are candidates
 
 Verdicts = dict[str, RoundVerdict]
@@ -75,6 +83,10 @@ def _improved(
     rows = _usable(rows, features)
     rows = rows[routed(rows, robot, features)]
     succeeded = rows[rows["success"]]
+    delays, held = _delays(succeeded, current)
+    held_up = describe_held_up(delays, held)
+    rows = rows.drop(succeeded.index[held])
+    succeeded = succeeded[~held]
     driving = current.driving
     if driving is not None and len(rows) >= _RECORDS_FOR_ANGLE:
         # Present trees have no features that depend on what the driving leaves open.
@@ -108,19 +120,22 @@ def _improved(
         for name, verdict in verdicts.items():
             verdicts[name] = dataclasses.replace(verdict, kind="", tree=None)
         return verdicts, None
-    if not better:
+    errors = current.errors
+    durations = examples["duration"]
+    judged = verdicts["duration"]
+    if judged.tree is not None and judged.errors is not None:
+        tested = durations.table.iloc[judged.tested]
+        errors = error_process(judged.tree, tested, judged.errors, durations.prior)
+    elif current.is_learned:
+        unseen = rows[NUMBER].to_numpy()[durations.rows] >= seen["duration"]
+        errors = _better_known(current, durations, np.flatnonzero(unseen))
+    if not better and errors is current.errors:
         return verdicts, None
     if not current.is_learned:  # measures without a better tree are predicted by their means
         for name, found in examples.items():
             if name not in trees and len(found.values) >= _LEAST_RECORDS:
                 trees[name] = constant_tree(found.table, found.values)
     trees |= better
-    errors = current.errors
-    judged = verdicts["duration"]
-    if judged.tree is not None and judged.errors is not None:
-        learned = examples["duration"]
-        tested = learned.table.iloc[judged.tested]
-        errors = error_process(judged.tree, tested, judged.errors, learned.prior)
     return verdicts, dataclasses.replace(
         current,
         trees=trees,
@@ -129,7 +144,44 @@ def _improved(
         errors=errors,
         arrival=observed_arrival(from_rest_to_rest(succeeded), robot),
         passing=observed_passing(succeeded) or current.passing,
+        held_up=held_up,
     )
+
+
+def _better_known(
+    current: PerformanceModel, durations: Examples, unseen: IntArray
+) -> ErrorProcess | None:
+    """Return the errors of the present tree on records that it was not learned from.
+
+    Those that are known if there are not twice as many such records: each new set begins another
+    measurement of gains.
+    """
+    known = current.errors
+    if known is None or known.corrects or len(unseen) < 2 * len(known.points):
+        return known
+    tree = current.trees["duration"]
+    table = durations.table.iloc[unseen].reset_index(drop=True)
+    found = durations.values[unseen] - tree.predict(table[list(tree.names)].to_numpy())
+    return error_process(tree, table, found, durations.prior)
+
+
+def _delays(rows: pd.DataFrame, current: PerformanceModel) -> tuple[FloatArray, BoolArray]:
+    """Return by how many s drives took longer than predicted, and which were held up, shape (n,).
+
+    A robot that has become slower takes longer in each of its newest drives, so predictions are
+    scaled to the median of the drives before and after.
+    """
+    if rows.empty:
+        return np.zeros(0), np.zeros(0, dtype=bool)
+    durations = rows["duration"].to_numpy(dtype=float)
+    with np.errstate(all="ignore"):  # records may be of any situation
+        predicted = current.predict(direct_of(rows)).duration
+    assert predicted is not None
+    ratios = np.log(durations / np.maximum(predicted, CONTROL_PERIOD))
+    usual = predicted * np.exp(median_filter(ratios, _NEIGHBORS, mode="nearest"))
+    follows_path = current.is_learned and len(current.trees["duration"].base) > 0
+    nothing = np.full(len(rows), False)
+    return durations - usual, find_held_up(durations, usual, nothing, follows_path=follows_path)
 
 
 def _usable(rows: pd.DataFrame, features: Sequence[Feature]) -> pd.DataFrame:

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+from ator_ros.actions.goal_variables import STOP
 from ator_ros.printable import listed, one_line, printable
 
 _MOST_CHANGES = 4  # in the line; "and 2 more" stands for the others
@@ -33,6 +34,8 @@ def _change(free: Any) -> str:
     if free.name == "yaw":
         turn = math.degrees(math.remainder(free.after - free.before, math.tau))
         return f"{turn:+.0f}°"
+    if free.name == STOP:
+        return "a stop" if free.after else "no stop"
     return f"{printable(free.name)} {free.after:.3g}"
 
 

@@ -257,6 +257,7 @@ class WatchNode(Node):
     def _update(self) -> None:
         self._use_models()
         self._publish_estimates()
+        self._monitor.watch.forget()
         self._compare_rounds()
 
     def _compare_rounds(self) -> None:

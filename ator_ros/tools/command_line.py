@@ -14,10 +14,11 @@ from pathlib import Path
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.compiled import is_cached
 from ator_ros.domains.domain import Domain, DomainError, domain_for
-from ator_ros.evaluation.toolset import ToolsetSource
+from ator_ros.evaluation.toolset import Toolset, ToolsetSource, tools_of
 from ator_ros.experience.parallel import BackendError, workers
 from ator_ros.files import FileError, portable_command
 from ator_ros.printable import ReadableError, one_line, quoted
+from ator_ros.tops.library import TopLibrary
 
 _LONGEST_LINE = 600  # characters, as of the longest error
 INTERRUPTED = 130  # exit code after Ctrl-C or SIGTERM
@@ -205,6 +206,17 @@ def source_of(options: argparse.Namespace) -> ToolsetSource:
     """Return the source of robot, actions and models for the options of `add_setting`."""
     names = ("domain", "robot", "map", "action_set", "models")
     return ToolsetSource(**{name: getattr(options, name) for name in names if name in options})
+
+
+def opened_tools(source: ToolsetSource) -> tuple[Toolset, TopLibrary]:
+    """Return toolset and library; mention actions without a learned model on standard error.
+
+    Raises FileError for a model that cannot be used.
+    """
+    tools, library = tools_of(source)
+    if tools.remark:
+        print(tools.remark, file=sys.stderr)
+    return tools, library
 
 
 def number(least: float, most: float = 1e12) -> Callable[[str], float]:

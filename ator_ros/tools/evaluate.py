@@ -20,13 +20,13 @@ from ator_ros.evaluation.running import (
     run_situations,
     write_result,
 )
-from ator_ros.evaluation.toolset import tools_of
 from ator_ros.tools.command_line import (
     RESUMES,
     add_models,
     add_parallel_options,
     add_setting,
     number,
+    opened_tools,
     run_tool,
     source_of,
     whole,
@@ -46,7 +46,7 @@ def evaluate(
     `command` is the command line for the result. `oracle_from` is the folder of an earlier
     evaluation of the same situations, whose oracle is used.
     """
-    tools_of(settings.source)  # reports a damaged file before the first execution
+    opened_tools(settings.source)  # reports a damaged file before the first execution
     oracles = (
         earlier_oracle(oracle_from, settings, situations) if oracle_from else [{}] * situations
     )

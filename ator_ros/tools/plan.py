@@ -12,12 +12,18 @@ from collections.abc import Sequence
 
 from ator_ros.bases.description import Robot
 from ator_ros.domains.domain import Domain
-from ator_ros.evaluation.toolset import tools_of
 from ator_ros.geometry import Pose
 from ator_ros.planning.goals import GoalStatement, PlanningError, statement_from
 from ator_ros.planning.planner import chains_for
 from ator_ros.refinement.refiner import Judged, Refiner, choose, rank
-from ator_ros.tools.command_line import add_models, add_setting, number, run_tool, source_of
+from ator_ros.tools.command_line import (
+    add_models,
+    add_setting,
+    number,
+    opened_tools,
+    run_tool,
+    source_of,
+)
 from ator_ros.tops.chain import TopChain
 from ator_ros.world.readers import FARTHEST
 from ator_ros.world.state import ObjectState, RobotState, World
@@ -93,7 +99,7 @@ def _plan(options: argparse.Namespace, domain: Domain, _: str) -> None:
         print(f"goals of {domain.name}: {names or 'none'}")
         return
     world = _situation(options, domain)
-    tools, library = tools_of(source)
+    tools, library = opened_tools(source)
     chains = chains_for(
         _statements(options.goal, domain, tools.robot), world, library, domain.objects
     )

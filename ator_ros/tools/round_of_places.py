@@ -26,7 +26,6 @@ from ator_interfaces.msg import Outcome
 from ator_ros.actions.goal_variables import ORDER
 from ator_ros.bases.description import Robot
 from ator_ros.domains.domain import Domain
-from ator_ros.evaluation.toolset import tools_of
 from ator_ros.execution.fence import Fence
 from ator_ros.files import FileError, atomic_write, read_yaml
 from ator_ros.geometry import Pose
@@ -39,7 +38,14 @@ from ator_ros.nodes.result_line import result_line
 from ator_ros.nodes.segments import route_line
 from ator_ros.refinement import RefinementError
 from ator_ros.refinement.refiner import LONGEST_CHAIN, Refinement, choose
-from ator_ros.tools.command_line import add_models, add_setting, number, run_tool, source_of
+from ator_ros.tools.command_line import (
+    add_models,
+    add_setting,
+    number,
+    opened_tools,
+    run_tool,
+    source_of,
+)
 from ator_ros.tools.floor_plan import draw_floor, draw_stations
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
@@ -200,7 +206,7 @@ def arguments() -> argparse.ArgumentParser:
 def _run(options: argparse.Namespace, domain: Domain, _: str) -> None:  # noqa: ARG001
     start = Pose(*options.at)
     places = _places(options)
-    tools, library = tools_of(source_of(options))
+    tools, library = opened_tools(source_of(options))
     chain = _round(library, places, start if options.return_home else None, options)
     fence = Fence.around(tools.robot)
     if fault := fence.unreachable(chain, tools.robot, "round", start=start[:2]):

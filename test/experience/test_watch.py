@@ -82,6 +82,19 @@ def test_memory_stays_bounded_and_no_drive_ends_twice(robot: Robot) -> None:
     assert robot.watch.take_ended() == []
 
 
+def test_a_goal_without_an_end_does_not_fill_the_memory(robot: Robot) -> None:
+    robot.start(1)
+    for _ in range(3):
+        robot.time += 1300.0  # without odometry
+        for _ in range(1100):
+            robot.odometry(0.0)
+        robot.watch.forget()
+    assert sum(len(segment.odom) for segment in robot.watch.segments) < 2300
+    robot.finish(1)
+    (goal,) = robot.watch.take_ended()
+    assert episode_of(robot, goal) == "odometry was interrupted"
+
+
 def test_a_path_may_come_just_before_the_message_that_its_goal_is_executed(robot: Robot) -> None:
     robot.drive(1)
     robot.plan((robot.x, 0.0), (robot.x + 0.5, 0.0))

@@ -129,10 +129,17 @@ def test_durations_are_compared_on_the_newest_50_new_records(new: int, tested: i
 
 
 def test_too_few_records_to_learn_from_are_reported() -> None:
-    for count, others in ((17, 11), (13, 8)):
+    for count, others in ((25, 16), (13, 8)):
         verdict = decided(examples(np.ones(count), measure="accuracy"), constant(0.0))
-        expected = f"too few records: {others} without those that are predicted, expected 13"
+        expected = f"too few records: {others} without those that are predicted, expected 20"
         assert (verdict.reason, verdict.episodes) == (expected, count)
+
+
+def test_the_first_tree_of_durations_is_learned_from_twenty_records() -> None:
+    dist = uniform(20)
+    assert decided(examples(1.0 + dist, dist=dist), None).kind == "learned from 20 episodes"
+    few = decided(examples(1.0 + dist[:19], dist=dist[:19]), None)
+    assert few.reason == "too few records: 12 without those that are predicted, expected 13"
 
 
 def test_without_a_tree_the_mean_is_the_baseline() -> None:
@@ -160,7 +167,7 @@ def test_a_tree_is_scaled_and_shifted_to_a_dozen_records(slope: float, shift: fl
 
 
 def test_a_slope_beyond_that_of_a_changed_robot_is_limited() -> None:
-    dist = uniform(18)  # too few to learn a tree
+    dist = uniform(24)
     for slope, limited in ((20.0, 3.0), (0.01, 0.3)):
         verdict = decided(examples(slope * (1.0 + dist), dist=dist), line(1.0, 1.0))
         assert verdict.tree is not None

@@ -109,6 +109,13 @@ def test_without_learned_models_it_predicts_path_times_and_says_so(
     assert math.isfinite(response.before.duration)
     assert not response.without_model
     assert str(tmp_path) in node.output
+    request = PredictDurations.Request(
+        situations=[Situation(robot=pose_of(Pose(-2.0, 0.0, 0.0)))],
+        calls=[call("goToPose", Pose(1.0, 0.0, 0.0))],
+    )
+    table = client.call(PredictDurations, "predict_durations", request)
+    assert table.reason == "path times of goToPose, as no drives are known yet"
+    assert table.durations[0] > 0.0
     client.eventually(lambda: health and health[-1].level == DiagnosticStatus.OK, "no problem")
 
 

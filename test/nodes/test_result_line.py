@@ -35,6 +35,16 @@ def test_success_has_durations_and_changes() -> None:
     )
 
 
+@pytest.mark.parametrize(("after", "words"), [(0.0, "no stop"), (1.0, "a stop")])
+def test_a_step_that_passes_is_named(after: float, words: str) -> None:
+    answer = RefineSubgoal.Response(
+        refined=True,
+        chain=TopChain(calls=[TopCall(top="visit")]),
+        free=[FreeVariable(subgoal=0, name="stop", before=1.0 - after, after=after)],
+    )
+    assert changes_of(answer) == [f"{words} at step 1 (visit)"]
+
+
 def test_a_kept_chain_has_the_reason_of_the_gate() -> None:
     kept = result_line(record(refined=False), wanted=True, changes=[])
     assert kept.endswith("6.54 s predicted; gain 0.01 s ± 0.03 s: kept naive")

@@ -38,6 +38,16 @@ def test_the_ends_of_a_round_can_be_fixed(capsys: pytest.CaptureFixture[str]) ->
     assert order("--return-home")[-1] == "home"
 
 
+def test_a_domain_without_drives_has_a_round_by_path_times(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    words = [word for x in (3.0, -3.0, 2.0) for word in ("--place", str(x), "1")]
+    assert main(("--domain", "pursuit", *words)) == 0
+    printed = capsys.readouterr()
+    assert printed.err == "path times of pursue, as no drives are known yet\n"
+    assert "s as listed, naive headings" in printed.out
+
+
 def test_unusable_places_are_refused_in_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     for words, reason in (
         ((), "expected 1 to 99 places, got 0"),
