@@ -319,6 +319,7 @@ class AxisWatch:
         least = self._response.least
         is_opposite = speed * least < 0.0 and abs(speed - least) >= beyond
         is_slow = abs(least) >= self.tolerance and speed * least < _QUARTER * least * least
+        is_slow = is_slow and not low <= speed <= high  # as of a loaded base
         return Fault.STILL if is_opposite or is_slow else None
 
     def _is_constant(self, time: float, speed: float) -> bool:
@@ -656,7 +657,8 @@ class MotionWatch:
 
         earliest = -round(self._latency / _LATE_STEP)
         delays = [_LATE_STEP * step for step in range(earliest, round(_LATEST / _LATE_STEP) + 1)]
-        usual = [delay for delay in delays if -_EARLY <= delay <= _LATE + _ROUNDING]
+        latest = _LATE + self._robot.lag + _ROUNDING  # a speed lags behind its command
+        usual = [delay for delay in delays if -_EARLY <= delay <= latest]
         best = min(delays, key=off)
         self._early_in_a_row = self._early_in_a_row + 1 if best < 0.0 else 0
         self._is_early = self._is_early or self._early_in_a_row >= _FEWEST_EARLY

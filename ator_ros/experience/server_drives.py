@@ -27,6 +27,7 @@ from ator_ros.printable import printable, quoted
 from ator_ros.world.readers import (
     MessageError,
     OdometryReader,
+    plain_frame,
     pose_from_placement,
     robot_from_placement,
     transform_from,
@@ -46,6 +47,7 @@ SILENCE = 1.0  # s without odometry after which a new segment begins
 _MOST_FRAMES = 1000  # in tf: far more than a robot has
 _LONGEST_NAME = 256  # characters of a frame in tf
 _SEGMENT = 100  # numbers that need as much memory as a segment without messages
+_NEAR_ROBOT = 1.0  # m: what a robot drives while its path is planned
 _KEPT_GOALS = 100  # that have ended: a status message still names those of the last minutes
 _KEPT_ROWS = 1000  # of odometry without an active goal: 20 s at 50 Hz
 
@@ -157,8 +159,10 @@ class Watch:
             self._add_state(*self._odometry.read(message))
         elif role in TF:
             self._add_transforms(message, fixed=role == "tf_static")
-        elif role in (PLAN, GOAL_POSE):
+        elif role == GOAL_POSE or (role == PLAN and self._is_of_drive(message)):
             self._goals.add_pose(message, self.now)
+        elif role == PLAN:
+            pass  # another client has asked the planner
         elif role.endswith(FEEDBACK_SUFFIX):
             self._goals.add_feedback(self.servers[role], message, self.now)
         else:
@@ -167,6 +171,17 @@ class Watch:
             self._ended += self._goals.add_status(
                 self.servers[role], message, newest, self.now, robot
             )
+
+    def _is_of_drive(self, message: Any) -> bool:
+        """Return whether a path begins at the robot, as far as that is known.
+
+        Planners publish all paths that they are asked for.
+        """
+        robot = self.robot_in(plain_frame(message.header.frame_id))
+        if robot is None or not message.poses:
+            return True
+        place = message.poses[0].pose.position
+        return math.dist(robot.pose[:2], (place.x, place.y)) <= _NEAR_ROBOT
 
     def take_ended(self) -> list[ServerGoal]:
         """Return the goals that have ended since the last call."""

@@ -53,7 +53,8 @@ _MASS = 10.0
 _WHEEL_RADIUS = 0.05
 _MOTOR_TIME_CONSTANT = 0.1
 _TRACK = 0.8  # of the width
-_ANSWER = 2.0  # real s that an answer of a node may take
+_ANSWER = 5.0  # real s that an answer of a node may take
+_DISCOVERY = 3.0  # real s in which DDS finds a node, once it has found others of Nav2
 _SPIN = 0.1
 
 
@@ -351,13 +352,19 @@ class Finder(Node):
         }
         end = time.monotonic() + wait
         needed = [clients[name] for name in (NAVIGATOR, CONTROLLER, COSTMAP)]
-        while time.monotonic() < end and not all(each.services_are_ready() for each in needed):
-            rclpy.spin_once(self, timeout_sec=_SPIN)
+        self._wait_for(needed, end)
+        # Without one of the others, its parameters would seem to have changed.
+        self._wait_for(list(clients.values()), min(end, time.monotonic() + _DISCOVERY))
         return {
             name: self._read(client)
             for name, client in clients.items()
             if client.services_are_ready()
         }
+
+    def _wait_for(self, clients: Sequence[AsyncParameterClient], end: float) -> None:
+        """Wait until all nodes are there, at most until a real time in s."""
+        while time.monotonic() < end and not all(each.services_are_ready() for each in clients):
+            rclpy.spin_once(self, timeout_sec=_SPIN)
 
     def _read(self, client: AsyncParameterClient) -> dict[str, Any]:
         listed = self._answer(client.list_parameters())

@@ -211,11 +211,8 @@ class WatchNode(Node):
         changed = [item.name for item in event.changed_parameters]
         if name in _DRIVING_NODES and changed and not self._changed:
             self._changed = f"{name}: {changed[0]} was changed"
-            self.get_logger().warning(
-                one_line(
-                    f"{self._changed}: drives may take other times; launch again to learn them"
-                )
-            )
+            advice = "drives may take other times; launch again to learn them"
+            self.get_logger().warning(one_line(f"{self._changed}: {advice}"))
 
     def _libraries_on_map(self) -> dict[str, TopLibrary]:
         domain = self._monitor.domain
@@ -418,6 +415,7 @@ class WatchNode(Node):
             absent = "expected odometry, got none: check the parameters odometry and robot_from"
         values = self._sets.diagnostics()
         values["drives"] = self._tally.summary(self._digest)
+        problems = (absent, self._changed, self._map.problem, self._sets.problem)
         problems = (absent, self._changed, self._map.problem, self._sets.problem)
         return Health("; ".join(filter(None, problems)), values=values)
 

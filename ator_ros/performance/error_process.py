@@ -106,8 +106,9 @@ class ErrorProcess:
         Distance between points over which errors are similar.
     slopes : tuple of UnknownSlope
         Along features, and parts of them, where the episodes do not show the slope of durations.
-    corrects : bool
+    corrects : bool or None
         Whether predicted durations include the expected errors, so that none is expected of them.
+        None, which files omit: no.
 
     Raises
     ------
@@ -124,7 +125,7 @@ class ErrorProcess:
     noise: _Positive
     length: _Positive
     slopes: tuple[UnknownSlope, ...] = ()
-    corrects: bool = False
+    corrects: bool | None = None
 
     def __post_init__(self) -> None:
         """Check the shapes."""

@@ -389,7 +389,8 @@ def nearest_next(costs: FloatArray, ordering: Ordering) -> list[int]:
             call = min(ready, key=lambda j: float(sums[j].min()))
             left.remove(call)
             order.append(call)
-            arrived = sums[call] - sums[call].min()
+            least = sums[call].min()
+            arrived = sums[call] - least if np.isfinite(least) else sums[call]
             sums = (arrived[:, None, None] + costs[call + 1]).min(axis=0)
     return order
 

@@ -14,7 +14,7 @@ from ator_ros.actions.base import Goal, Point
 from ator_ros.actions.goal_variables import GoalVariable
 from ator_ros.actions.remote import Timeouts
 from ator_ros.bases.description import load_robot
-from ator_ros.domains.declared import DeclaredServer
+from ator_ros.domains.declared import DeclaredServer, DeclaredVariable
 from ator_ros.domains.domain import Domain, DomainError, find_domain
 from ator_ros.domains.soccer.soccer_domain import SOCCER
 from ator_ros.geometry import Pose
@@ -57,6 +57,16 @@ def test_a_variable_has_its_declared_range(tour: Domain) -> None:
     assert tour.variables["yaw"](ROBOT, goal) == USUAL_RANGES["yaw"](ROBOT, goal)
     speed = tour.variables["speed"](ROBOT, goal)
     assert (speed.low, speed.high, speed.rest) == (0.1, 0.4, 0.1)
+
+
+def test_a_declared_range_of_headings_is_a_part_of_the_circle() -> None:
+    declared = DeclaredVariable("yaw", -1.0, 1.0).range(ROBOT, Goal(Pose(0.0, 0.0, 0.0)))
+    assert declared.periodic
+    assert declared.contains(2.0 * math.pi + 0.5)
+    assert not declared.contains(math.pi)
+    part = declared.within([(0.5, 2.0)])
+    assert part is not None
+    assert part.span == pytest.approx((0.5, 1.0))
 
 
 def test_a_file_may_declare_robot_bays_chains_drives_stand_in_and_servers(tmp_path: Path) -> None:

@@ -314,6 +314,19 @@ def test_a_high_latency_does_not_hide_a_fault(axis: str, kind: str) -> None:
     assert "latency" not in done.execution.reason
 
 
+@pytest.mark.parametrize("axis", ["vx", "w"])
+@pytest.mark.parametrize("kind", ["stuck", "reversed"])
+def test_a_fault_of_a_base_with_slow_motors_is_not_called_a_delay(axis: str, kind: str) -> None:
+    for since in (0.4, 0.8, 1.2):
+        base = KinematicBase(
+            TURTLEBOT, Pose(0.0, 0.0, 0.0), failure=Failure(kind, axis, since, "motion")
+        )
+        chain = go(TURTLEBOT, Pose(2.0, 1.0, 1.57))
+        done = execute(SOCCER.library(TURTLEBOT), chain, base, longest=6.0, until_stood=False)
+        assert done.ending is Ending.BASE_FAULT
+        assert "latency" not in done.execution.reason
+
+
 @pytest.mark.parametrize("late", [6, 7, 8, 10])
 def test_a_fault_names_no_numbers_that_do_not_differ(late: int) -> None:
     """A base follows pulses `late` messages later, so commands and speeds may be equal."""

@@ -6,6 +6,7 @@ import math
 import pytest
 from executions import FORWARD, FORWARD_LEFT, ROBOT, chain, execution, world
 
+from ator_ros.actions.base import Goal
 from ator_ros.domains.soccer.field import BALL
 from ator_ros.execution import refining
 from ator_ros.execution.chain_executor import Ending
@@ -13,6 +14,7 @@ from ator_ros.execution.refining import Answer
 from ator_ros.execution.supervisor import Phase, Supervisor
 from ator_ros.geometry import Pose
 from ator_ros.simulation.scene_simulation import Simulation
+from ator_ros.tops.chain import AllowedRange, TopChain
 from ator_ros.world.state import STOP, ObjectState, World
 
 
@@ -102,6 +104,20 @@ def test_without_an_answer_open_values_are_naive() -> None:
     assert run.executor.chain.calls[0].goal.pose.yaw == pytest.approx(math.pi / 4)
     assert run.refining.reason == "executed with naive values, refinement failed: no models"
     assert not run.refining.refined
+
+
+def test_without_an_answer_a_heading_is_the_nearest_allowed_one() -> None:
+    sent = chain(("goToPose", Pose(1.0, 1.0, 3.0)), opened=frozenset({"yaw"}))
+    limited = dataclasses.replace(sent.calls[0], allowed=(AllowedRange("yaw", 1.0, 2.0),))
+    run = execution(TopChain((limited,)), refine=True)
+    run.tick(world(), 100.0)
+    run.answer(Answer(None, False, "no models"))
+    assert run.executor.chain.calls[0].goal.pose.yaw == pytest.approx(1.0)
+    outside = dataclasses.replace(limited, goal=Goal(Pose(1.0, 1.0, 0.9)))
+    other = execution(TopChain((limited,)), refine=True)
+    other.tick(world(), 100.0)
+    other.answer(Answer(TopChain((outside,)), True, "invalid"))
+    assert "expected a number in 1 to 2, got 0.9" in other.refining.reason
 
 
 def test_a_plan_whose_object_is_missing_is_skipped_and_waits_if_there_is_no_other() -> None:

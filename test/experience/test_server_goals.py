@@ -94,7 +94,9 @@ def plan(make: Messages, tick: Tick) -> Any:
     ):
         return None
     shown = int(number) if GOALS[int(number)] != "by goal_pose" else 0
-    poses = [stamped_goal(make, tick.time, 2), stamped_goal(make, tick.time, shown)]
+    start = MAP.compose(tick.pose)
+    begin = make.stamped(tick.time, start.x, start.y)
+    poses = [begin, stamped_goal(make, tick.time, shown)]
     return make.types["nav_msgs/msg/Path"](make.header(tick.time, "map"), poses)
 
 

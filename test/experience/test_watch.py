@@ -82,6 +82,15 @@ def test_memory_stays_bounded_and_no_drive_ends_twice(robot: Robot) -> None:
     assert robot.watch.take_ended() == []
 
 
+def test_paths_from_elsewhere_are_answers_to_other_clients(robot: Robot) -> None:
+    robot.start(1)
+    robot.plan((robot.x + 3.0, 0.0), (9.0, 9.0))
+    robot.finish(1)
+    (goal,) = robot.watch.take_ended()
+    assert goal.pose is not None
+    assert goal.pose.x == pytest.approx(1.0)
+
+
 def test_a_goal_without_an_end_does_not_fill_the_memory(robot: Robot) -> None:
     robot.start(1)
     for _ in range(3):

@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from experience_rows import dead_zone_drives, dead_zone_time, synthetic_experience
+from selection import few
 
 from ator_ros.bases.description import load_robot
 from ator_ros.domains.soccer.soccer_domain import SOCCER
@@ -46,7 +47,7 @@ def held(rows: pd.DataFrame, *, share: float, seed: int) -> tuple[pd.DataFrame, 
     return rows.assign(duration=longer, time_to_go=longer), count, delay
 
 
-@pytest.mark.parametrize("count", [40, 100])
+@pytest.mark.parametrize("count", few([40, 100], 40))
 def test_one_drive_in_ten_that_was_held_up_hardly_changes_a_model(count: int) -> None:
     before = after = 0.0
     for seed in range(3):
@@ -69,7 +70,7 @@ def test_a_server_that_waited_for_half_a_minute_was_held_up() -> None:
     assert model.held_up.delay == pytest.approx(30.0, abs=1.0)
 
 
-@pytest.mark.parametrize("share", [0.0, 0.08, 0.15])
+@pytest.mark.parametrize("share", few([0.0, 0.08, 0.15], 0.08))
 def test_nine_of_ten_drives_keep_the_bound(share: float) -> None:
     model = learned(held(dead_zone_drives(150, seed=9), share=share, seed=9)[0])
     fresh, *_ = held(dead_zone_drives(300, seed=10), share=share, seed=10)

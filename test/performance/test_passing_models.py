@@ -1,5 +1,7 @@
 """Models of an action that passes its goals: what a stop costs, and what is unknown of it."""
 
+from functools import cache
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -31,8 +33,9 @@ def legs(episodes: int, seed: int, *, passing: bool) -> pd.DataFrame:
     return rows
 
 
-def learned(*, passing: bool, episodes: int = 100) -> PerformanceModel:
-    rows = legs(episodes, 1, passing=passing)
+@cache
+def learned(*, passing: bool) -> PerformanceModel:
+    rows = legs(100, 1, passing=passing)
     return train("pursue", rows, ROBOT, features=DOMAIN.candidates("pursue"))
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from experience_rows import dead_zone_drives, dead_zone_time, whole_drives
+from selection import few
 
 from ator_ros.bases.drive_parts import DriveParts, part_times
 from ator_ros.domains.domain import find_domain
@@ -64,7 +65,7 @@ def test_drives_that_begin_at_their_goals_hide_no_threshold() -> None:
     assert learned.predict(direct).duration == pytest.approx(dead_zone_time(direct), abs=0.12)
 
 
-@pytest.mark.parametrize("backward_above", [2.0, np.pi])
+@pytest.mark.parametrize("backward_above", few([2.0, np.pi], 2.0))
 def test_fifty_whole_drives_show_how_an_action_turns_though_its_straights_vary(
     backward_above: float,
 ) -> None:

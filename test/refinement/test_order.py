@@ -129,9 +129,9 @@ def test_the_cost_does_not_depend_on_how_stations_are_listed_or_mirrored(seed: i
     chain = TopChain(tuple(stop(*each.goal.pose[:2]) for each in chain.calls))
     found = refined(chain)
     listed = refined(TopChain(chain.calls[::-1]))
-    assert listed.after.cost == pytest.approx(found.after.cost, rel=1e-4)
+    assert listed.after.cost == pytest.approx(found.after.cost, rel=5e-4)
     mirrored = refined(TopChain(tuple(stop(c.goal.pose.x, -c.goal.pose.y) for c in chain.calls)))
-    assert mirrored.after.cost == pytest.approx(found.after.cost, rel=1e-4)
+    assert mirrored.after.cost == pytest.approx(found.after.cost, rel=5e-4)
     assert mirrored.best.order == found.best.order
     pairs = zip(mirrored.best.calls, found.best.calls, strict=True)
     turned = [one.goal.pose.yaw + other.goal.pose.yaw for one, other in pairs]
@@ -259,6 +259,14 @@ def test_local_search_is_near_the_best_order(seed: int) -> None:
     assert ordering.fault(found.order) is None
     assert found.cost == pytest.approx(cost_of(costs, found.order, found.rows))
     assert best.cost - 1e-9 <= found.cost <= 1.15 * best.cost
+
+
+def test_nearest_next_lists_all_calls_also_where_no_leg_leads() -> None:
+    chain = TopChain(tuple(stop(x, 0.0) for x in (1.0, 2.0, 3.0)))
+    costs = random_table(3, 2, 1)
+    costs[:, :, 1] = costs[2] = np.inf
+    with np.errstate(invalid="raise"):
+        assert sorted(nearest_next(costs, ordering_of(chain))) == [0, 1, 2]
 
 
 def test_many_stations_in_a_line_are_visited_along_it() -> None:
