@@ -289,6 +289,7 @@ def _metadata(
     kinds = "; ".join(
         f"{measure}: {verdict.kind}" for measure, verdict in verdicts.items() if verdict.kind
     )
+    kinds = kinds or "errors of the present tree on further records"
     # The ranges of starts are kept, since records of refined chains cover less of them.
     starts = current.metadata["training"].get("starts", {})
     training = {"command": "learning", "kind": kinds, "episodes": episodes, "starts": starts}
