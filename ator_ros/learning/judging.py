@@ -156,7 +156,8 @@ def _candidates(
     windows = sorted({count, min(count, _WINDOW)}, reverse=True)
     found: dict[str, Learn] = {}
     for name, tree in former.items():
-        found[f"back to {name}"] = partial(_kept, tree)
+        if current is None or not _predict_alike(examples, tree, current):
+            found[f"back to {name}"] = partial(_kept, tree)
     if examples.measure == "success":
         for size in windows:
             found[f"the rate of {size} episodes"] = partial(_constant, size=size)
@@ -166,6 +167,13 @@ def _candidates(
         fewest = _fewest(examples, current)
         found[f"learned from {size} episodes"] = partial(_learned, names, size, fewest)
     return found
+
+
+def _predict_alike(examples: Examples, one: ModelTree, other: ModelTree) -> bool:
+    """Return whether two trees are the same, as of sets of which another measure was replaced."""
+    every = np.arange(len(examples.values))
+    first = _predicted(examples, one, every)
+    return np.array_equal(first, _predicted(examples, other, every))
 
 
 def _fewest(examples: Examples, current: ModelTree | None) -> int:

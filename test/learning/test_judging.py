@@ -128,6 +128,13 @@ def test_durations_are_compared_on_the_newest_50_new_records(new: int, tested: i
     assert losses(better.reason)[0] == pytest.approx(1.0)
 
 
+def test_the_tree_in_use_is_no_former_one() -> None:
+    dist = uniform(60)
+    found = examples(1.0 + dist + noise(60), dist=dist)
+    verdict = decided(found, line(1.0, 1.0), former={"set 000001": line(1.0, 1.0)})
+    assert "back to" not in verdict.reason
+
+
 def test_too_few_records_to_learn_from_are_reported() -> None:
     for count, others in ((25, 16), (13, 8)):
         verdict = decided(examples(np.ones(count), measure="accuracy"), constant(0.0))
