@@ -72,7 +72,7 @@ def test_a_new_map_replaces_the_old_one_and_answers_name_theirs(
     )
     answer = refine(client, sent)
     assert not answer.accepted
-    assert "expected a map, as this model was learned with one" in answer.reason
+    assert "/map: expected a map, got none yet; start map_server" in answer.reason
     durations = []
     for grid in (WALL, EMPTY):
         maps.publish(occupancy_grid_of(grid, frame="map"))

@@ -109,7 +109,10 @@ def test_drives_are_estimated_recorded_and_counted_but_never_commanded(
     )  # fmt: skip
     client.eventually(lambda: tallies, "a tally")
     assert tallies[-1].drives == 4  # of before the restart
-    client.eventually(lambda: client.node.count_subscribers("plan"), "a subscription to plans")
+    topics = ("odom", "plan", "navigate_to_pose/_action/status")
+    client.eventually(lambda: all(map(client.node.count_subscribers, topics)), "subscriptions")
+    began = nav2.time
+    client.eventually(lambda: nav2.time > began + PACE, "a second of odometry")
 
     sent = nav2.send(4.0)
     goal = bytes(sent.handle.goal_id.uuid).hex()
