@@ -25,8 +25,9 @@ run: setup
 		{ echo "EXE=$(EXE): expected one of: $$(ls $(BIN) | tr '\n' ' ')" >&2; exit 2; }
 	@$(RUN) $(BIN)/$(EXE) $(ARGS)
 
-# Three workers for two cores, as nodes often wait. Each file on one worker, in the order that test/conftest.py sets. Bytecode is kept, whatever the shell says, for
-# the processes that are started over and over.
+# Three workers on two cores, as nodes often wait. Each file on one worker, in the order that
+# test/conftest.py sets. Bytecode is kept, whatever the shell says, for the processes that are
+# started over and over.
 test: setup
 	@PYTHONDONTWRITEBYTECODE= $(RUN) python -m pytest -n 3 --dist loadfile --no-loadscope-reorder -m 'not long' $(ARGS)
 

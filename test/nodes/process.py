@@ -8,8 +8,8 @@ from pathlib import Path
 
 from ament_index_python.packages import get_package_prefix
 
-PATIENCE = 30.0
-"""Real seconds after which an expected event counts as missing."""
+PATIENCE = 90.0
+"""Real seconds after which an expected event counts as missing: a first node compiles for half."""
 
 
 LOGS: list[Path] = []
