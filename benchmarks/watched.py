@@ -1,8 +1,7 @@
 """Replay a recording of plain Nav2 as the node `watch` receives it, and print its errors.
 
-    scripts/run python benchmarks/watched.py /work/shared/nav2/rooms_plain \
-        --domain /work/shared/nav2/stations.yaml --robot /work/shared/nav2/courier.yaml \
-        --map /work/shared/nav2/rooms.yaml
+    scripts/run python benchmarks/watched.py RECORDING --domain stations.yaml \
+        --robot courier.yaml --map rooms.yaml
 
 Rounds of learning begin after every ten drives, as beside the node; each drive is estimated by what
 was learned before it. Errors are those of the estimate at the start of a drive, in s.
