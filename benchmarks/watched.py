@@ -28,7 +28,7 @@ from ator_ros.experience.store import RecordStore, StoreInfo
 from ator_ros.experience.watched_paths import PATHS, WatchedPaths
 from ator_ros.geometry import FloatArray
 from ator_ros.learning.drive_monitor import DriveMonitor, EndedDrive, driven_on
-from ator_ros.learning.estimates import Estimate
+from ator_ros.learning.estimates import Estimate, drive_estimator
 from ator_ros.learning.round import Source, learn
 from ator_ros.learning.sets import RECORDS, publish
 from ator_ros.performance.accuracy import mean_ci95
@@ -55,6 +55,8 @@ class Replay:
         self._store = RecordStore(folder / RECORDS, info, most=10_000)
         self.drives: list[EndedDrive] = []
         self.estimates: dict[bytes, list[tuple[ServerGoal, Estimate]]] = {}
+        self.by_speed: dict[bytes, float] = {}
+        """By goal: length by speed in s, the first estimate without a model."""
         self._estimated_at = 0.0
 
     def add(self, role: str, message: object) -> None:
@@ -64,6 +66,8 @@ class Replay:
         if role == PLAN or now - self._estimated_at >= _PERIOD:
             self._estimated_at = now
             for goal, estimate in self.monitor.estimates():
+                if goal.goal_id not in self.estimates:
+                    self.by_speed[goal.goal_id] = self._length_by_speed(goal)
                 self.estimates.setdefault(goal.goal_id, []).append((goal, estimate))
         for drive in self.monitor.ended():
             self.drives.append(drive)
@@ -71,6 +75,16 @@ class Replay:
                 self._store.append(DEFAULT_SET, drive.episode)
                 if self._store.stored >= FIRST and self._store.stored % BATCH == 0:
                     self._learn()
+
+    def _length_by_speed(self, goal: ServerGoal) -> float:
+        start = goal.start_in_frame
+        assert start is not None
+        assert goal.pose is not None
+        assert goal.first_path is not None
+        speeds = self.monitor.speeds
+        return drive_estimator(
+            self._robot, start, goal.pose, goal.first_path, model=None, speeds=speeds
+        ).total
 
     def _learn(self) -> None:
         domain = driven_on(WatchedPaths(self._folder / PATHS), self._domain)
@@ -120,7 +134,7 @@ def report(replay: Replay) -> None:
     arrived = [each for each in replay.drives if each.episode is not None and each.first]
     durations = np.array([drive.duration for drive in arrived])
     first = np.array([drive.first.total for drive in arrived if drive.first]) - durations
-    without = np.array([drive.distance_by_speed for drive in arrived]) - durations
+    without = np.array([replay.by_speed[drive.goal.goal_id] for drive in arrived]) - durations
     server = [np.array(drive.goal.server_estimates) - drive.duration for drive in arrived]
     print(f"{len(arrived)} of {len(replay.drives)} drives, of {durations.mean():.1f} s on average")
     for low, high in ((0, 20), (20, 40), (40, len(arrived))):

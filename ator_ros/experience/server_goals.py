@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -109,6 +109,13 @@ class ServerGoal:
     def is_active(self) -> bool:
         """Whether its execution has begun and not ended."""
         return not (math.isnan(self.begin) or self.status)
+
+    @property
+    def start_in_frame(self) -> RobotState | None:
+        """The robot in `frame` when the execution began; None if it is unknown."""
+        if self.start is None or self.odom_pose is None:
+            return None
+        return replace(self.start, pose=self.odom_pose.compose(self.start.pose))
 
     def set_pose(
         self, frame: str, pose: Pose, odom_pose: Pose | None, *, from_goal_pose: bool

@@ -25,14 +25,11 @@ from ator_ros.learning.estimates import (
     direct_of,
     drive_estimator,
 )
+from ator_ros.performance.held_up import LEAST_DELAY, LEAST_RATIO
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.path_times import corrected
 from ator_ros.world.state import RobotState
 
-# A drive is held up if it takes longer than predicted by that ratio and by that time: see
-# `ator_ros.performance.held_up`, which finds them among all drives.
-_HELD_UP_RATIO = 1.5
-_HELD_UP_DELAY = 2.0  # s
 _FIRST = 20  # drives that correct path times; by then a model is learned
 _MOST_IN_A_ROW = 3  # drives that are held up; after these the robot itself has become slower
 
@@ -49,8 +46,6 @@ class EndedDrive:
         Why it is no experience; empty if it is.
     first : Estimate or None
         The first estimate; None: there was no path, or no pose of the robot in its frame.
-    distance_by_speed : float
-        What `first` would have been without a model, in s; NaN without a path.
     is_held_up : bool
         Whether it took much longer than a model predicted, unlike those just before it.
     """
@@ -59,7 +54,6 @@ class EndedDrive:
     episode: Episode | None
     reason: str
     first: Estimate | None = None
-    distance_by_speed: float = math.nan
     is_held_up: bool = False
 
     @property
@@ -115,7 +109,7 @@ class DriveMonitor:
         self._source = ""
         self._in_a_row = 0  # drives that were held up
         self._estimators: dict[bytes, DriveEstimator] = {}
-        self._first: dict[bytes, tuple[Estimate, float]] = {}
+        self._first: dict[bytes, Estimate] = {}
 
     def on_map(self, domain: Domain) -> None:
         """Watch drives on another map, that of the given domain."""
@@ -165,29 +159,21 @@ class DriveMonitor:
 
     def _start(self, goal: ServerGoal) -> None:
         """Predict a drive for the first time, from where it began."""
-        start = _start_in_frame(goal)
+        start = goal.start_in_frame
         if start is None or goal.pose is None or goal.first_path is None:
             return
-        model = self._models.get(goal.action) if goal.frame == self._frame else None
-        self._paths.add(_place(start.pose), _place(goal.pose), goal.first_path)
-        without, estimator = (
-            drive_estimator(
-                self._robot,
-                start,
-                goal.pose,
-                goal.first_path,
-                model=each,
-                speeds=self.speeds,
-                source=self._basis(goal.action),
-            )
-            for each in (None, model)
+        self._paths.add(start.pose[:2], goal.pose[:2], goal.first_path)
+        estimator = drive_estimator(
+            self._robot,
+            start,
+            goal.pose,
+            goal.first_path,
+            model=self._models.get(goal.action) if goal.frame == self._frame else None,
+            speeds=self.speeds,
+            source=self._basis(goal.action),
         )
         self._estimators[goal.goal_id] = estimator
-        late = max(0.0, estimator.bound - estimator.total)
-        estimate = Estimate(
-            0.0, estimator.total, estimator.spread, estimator.total + late, estimator.basis
-        )
-        self._first[goal.goal_id] = estimate, without.total
+        self._first[goal.goal_id] = estimator.at_start()
 
     def ended(self) -> list[EndedDrive]:
         """Return the drives that have ended since the last call, and forget what they needed."""
@@ -197,50 +183,38 @@ class DriveMonitor:
 
     def _ended(self, goal: ServerGoal) -> EndedDrive:
         self._estimators.pop(goal.goal_id, None)
-        first, without = self._first.pop(goal.goal_id, (None, math.nan))
+        first = self._first.pop(goal.goal_id, None)
         made = self.watch.episode(goal)
         if isinstance(made, str):
-            return EndedDrive(goal, None, made, first, without)
+            return EndedDrive(goal, None, made, first)
         if goal.frame != self._frame:
             reason = f"its goal is in {goal.frame}, expected {self._frame}"
-            return EndedDrive(goal, None, reason, first, without)
+            return EndedDrive(goal, None, reason, first)
         path = goal.first_path
+        situation = made.situation
+        model = self._models.get(goal.action)
+        is_learned = model is not None and model.is_learned
         if path is not None and made.success:
-            start = _place(made.situation.robot.pose)
-            self._paths.save(start, _place(made.situation.goal.pose), path)
+            self._paths.save(situation.robot.pose[:2], situation.goal.pose[:2], path)
             length = float(np.hypot(*np.diff(path, axis=0).T).sum())
             greatest = math.nan
             if made.samples is not None:
                 greatest = float(np.percentile(np.abs(made.samples[:, 4]), 98.0))
             self.speeds.add(length, made.duration, greatest)
-        model = self._models.get(goal.action)
-        is_learned = model is not None and model.is_learned
-        if not is_learned and path is not None and made.success:
-            drive = made.situation.robot, made.situation.goal.pose, made.duration
-            self._first_drives[goal.action].append(drive)
-            self._correct(goal.action)
+            if not is_learned:
+                drive = situation.robot, situation.goal.pose, made.duration
+                self._first_drives[goal.action].append(drive)
+                self._correct(goal.action)
         is_late = (
             first is not None
             and is_learned
-            and made.duration > _HELD_UP_RATIO * first.total
-            and made.duration > _HELD_UP_DELAY + first.total
+            and made.duration > max(LEAST_RATIO * first.total, LEAST_DELAY + first.total)
         )
         self._in_a_row = self._in_a_row + 1 if is_late else 0
         is_held_up = is_late and self._in_a_row <= _MOST_IN_A_ROW
-        return EndedDrive(goal, made, "", first, without, is_held_up)
+        return EndedDrive(goal, made, "", first, is_held_up)
 
 
 def driven_on(paths: WatchedPaths, domain: Domain) -> Domain:
     """Return a domain whose routes on the map are watched paths."""
     return replace(domain, planner=lambda *_: paths)
-
-
-def _place(pose: Pose) -> tuple[float, float]:
-    return pose.x, pose.y
-
-
-def _start_in_frame(goal: ServerGoal) -> RobotState | None:
-    """Return the robot at the start of a drive, in the frame of the goal; None if unknown."""
-    if goal.start is None or goal.odom_pose is None:
-        return None
-    return replace(goal.start, pose=goal.odom_pose.compose(goal.start.pose))

@@ -126,6 +126,10 @@ class DriveEstimator:
     _near: int = field(default=0, init=False)
     _path: FloatArray | None = field(default=None, init=False)
 
+    def at_start(self) -> Estimate:
+        """Return the estimate before the robot has moved."""
+        return self._estimate(0.0, self.total)
+
     def estimate(self, elapsed: float, place: Pose, path: FloatArray) -> Estimate:
         """Return the estimate after `elapsed` s at a place, on the newest path, shape (n, 2), m."""
         rest = self._rest_of(path, place)
@@ -137,6 +141,9 @@ class DriveEstimator:
         least = shortest + at_end
         most = shortest + self.beside
         remaining = max(0.0, min(max(self.total - elapsed, least), most))
+        return self._estimate(elapsed, remaining)
+
+    def _estimate(self, elapsed: float, remaining: float) -> Estimate:
         late = max(0.0, self.bound - self.total)
         return Estimate(elapsed, remaining, self.spread, remaining + late, self.basis)
 

@@ -17,11 +17,13 @@ import numpy as np
 from ator_ros.geometry import BoolArray, FloatArray
 from ator_ros.schema import Within
 
-# Least ratio of the duration of a drive that was held up to that of similar drives, and least delay
-# in s. Errors reach ratios of 1.4 of undisturbed drives, and 1.4 s of short drives. Twice as long
-# needs less delay.
-_LEAST_RATIO = 1.5
-_LEAST_DELAY = 2.0
+LEAST_RATIO = 1.5
+LEAST_DELAY = 2.0
+"""A drive that was held up takes at least this multiple of similar ones, and so much longer, in s.
+
+Errors reach ratios of 1.4 of undisturbed drives, and 1.4 s of short drives.
+"""
+# Twice as long needs less delay.
 _SURE_RATIO = 2.0
 _SURE_DELAY = 1.5
 # Some drives vary more. Then the least ratio is a power of that which this share of usual drives
@@ -159,13 +161,13 @@ def find_held_up(
     predicted = np.maximum(predicted, 0.0)
     longer = np.log((durations + _SHORT) / (predicted + _SHORT))
     longer -= np.median(longer)
-    low, high = np.log((_LEAST_RATIO, _MOST_RATIO))
+    low, high = np.log((LEAST_RATIO, _MOST_RATIO))
     tail = float(np.quantile(longer[longer <= low], _SHARE_OF_USUAL))
     least = np.clip(_POWER * tail, low, high) if follows_path else np.log(_RATIO_OF_ATTEMPTS)
     found = longer > np.where(left_out, _TO_REMAIN, 1.0) * least
     delays = durations - predicted
     is_sure = (longer > np.log(_SURE_RATIO)) & (delays > _SURE_DELAY)
-    found &= is_sure | (delays > _LEAST_DELAY)
+    found &= is_sure | (delays > LEAST_DELAY)
     return np.asarray(found & (found.mean() <= _MOST_SHARE))
 
 
