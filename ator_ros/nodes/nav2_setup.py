@@ -29,6 +29,7 @@ from rclpy.parameter_client import AsyncParameterClient
 
 from ator_ros.bases.description import ConfigError, robot_of
 from ator_ros.files import read_yaml, write_text
+from ator_ros.geometry import Pose
 from ator_ros.nodes.messages import grid_from
 from ator_ros.nodes.qos import LATCHED
 from ator_ros.printable import ReadableError, one_line, quoted
@@ -41,8 +42,8 @@ CONTROLLER = "controller_server"
 SMOOTHER = "velocity_smoother"
 PLANNER = "planner_server"
 COSTMAP = "local_costmap/local_costmap"
-_DRIVING = (CONTROLLER, SMOOTHER, PLANNER)
-"""Nodes whose parameters change how Nav2 drives."""
+DRIVING_NODES = (CONTROLLER, SMOOTHER, PLANNER)
+"""Nodes whose parameters change how Nav2 drives, and so how long drives take."""
 _OF_ROS = ("use_sim_time", "qos_overrides", "start_type_description_service")
 _SPEEDS = ("desired_linear_vel", "max_vel_x", "vx_max")  # of controllers, in m/s
 # Defaults of Nav2's velocity smoother, where it does not run: m/s, rad/s, m/s^2, rad/s^2.
@@ -208,7 +209,7 @@ def digest_of_driving(parameters: Parameters, facts: Facts) -> str:
             for name, value in sorted(parameters.get(node, {}).items())
             if not name.startswith(_OF_ROS)
         }
-        for node in _DRIVING
+        for node in DRIVING_NODES
     }
     size = [facts.front, facts.rear, facts.half_width, *facts.limits]
     text = json.dumps([driving, size], default=str, sort_keys=True)
@@ -273,7 +274,7 @@ def _extent(grid: GridMap) -> tuple[float, float, float, float]:
     """Return least x and y, greatest x and y of a map in m."""
     rows, columns = grid.free.shape
     corners = [
-        grid.origin.compose(type(grid.origin)(x * grid.resolution, y * grid.resolution, 0.0))
+        grid.origin.compose(Pose(x * grid.resolution, y * grid.resolution, 0.0))
         for x in (0, columns)
         for y in (0, rows)
     ]
@@ -348,7 +349,7 @@ class Finder(Node):
     def parameters(self, wait: float) -> dict[str, dict[str, Any]]:
         """Return the parameters of Nav2's nodes; those that are missing after `wait` s are not."""
         clients = {
-            name: AsyncParameterClient(self, name) for name in (NAVIGATOR, COSTMAP, *_DRIVING)
+            name: AsyncParameterClient(self, name) for name in (NAVIGATOR, COSTMAP, *DRIVING_NODES)
         }
         end = time.monotonic() + wait
         needed = [clients[name] for name in (NAVIGATOR, CONTROLLER, COSTMAP)]

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from action_msgs.msg import GoalStatus
 from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import Path
 from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -41,8 +42,7 @@ _NO_PATH = (
     "GOAL_OCCUPIED",
     "NO_VALID_PATH",
 )
-ENDS_WITHIN = 1.0
-"""Greatest m between a place and the end of its path; Nav2's planners allow 0.5 m."""
+_ENDS_WITHIN = 1.0  # m between a place and the end of its path; Nav2's planners allow 0.5 m
 
 
 class PlannerClient:
@@ -66,12 +66,12 @@ class PlannerClient:
         self._name = name
         self._frame = frame
         self._timeout = timeout
-        self._kind = action_type(PLANNER_TYPE)
-        self._no_path = [getattr(self._kind.Result, name, None) for name in _NO_PATH]
+        kind = action_type(PLANNER_TYPE)
+        self._no_path = [getattr(kind.Result, name, None) for name in _NO_PATH]
         self._node = Node(
             "path_planner", start_parameter_services=False, use_global_arguments=False
         )
-        self._client = ActionClient(self._node, self._kind, name, **ACTION_QUEUES)
+        self._client = ActionClient(self._node, kind, name, **ACTION_QUEUES)
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self._node)
         self._was_called = False
@@ -109,31 +109,15 @@ class PlannerClient:
                 )
             time.sleep(pause)
             pause = min(2.0 * pause, _LONGEST_PAUSE)
-        found = answer.result.path
-        path = np.array([(item.pose.position.x, item.pose.position.y) for item in found.poses])
-        if (
-            not len(path)
-            or not np.isfinite(path).all()
-            or found.header.frame_id not in ("", self._frame)
-        ):
-            raise RefinementError(
-                f"planner: expected a path of finite places in {self._frame} from {self._name}, "
-                f"got {len(path)} places in {quoted(found.header.frame_id)}"
-            )
-        if max(math.dist(path[0], start), math.dist(path[-1], goal)) > ENDS_WITHIN:
-            raise RefinementError(
-                f"planner: expected a path {_between(start, goal)}, "
-                f"got one {_between(path[0], path[-1])}"
-            )
-        return path
+        return path_from(answer.result.path, start, goal, name=self._name, frame=self._frame)
 
     def _request(self, start: tuple[float, float], goal: tuple[float, float]) -> Any:
         """Return the server's answer to a request, of any status.
 
         Raises RefinementError without one.
         """
-        ends = {"start": self._pose_stamped(*start), "goal": self._pose_stamped(*goal)}
-        handle = self._answer(self._client.send_goal_async(self._kind.Goal(use_start=True, **ends)))
+        request = planner_goal(self._frame, Pose(*start, 0.0), Pose(*goal, 0.0))
+        handle = self._answer(self._client.send_goal_async(request))
         if handle is None:
             raise self._unanswered(start, goal)
         if not handle.accepted:
@@ -144,9 +128,6 @@ class PlannerClient:
             raise self._unanswered(start, goal)
         return answer
 
-    def _pose_stamped(self, x: float, y: float) -> PoseStamped:
-        return PoseStamped(header=Header(frame_id=self._frame), pose=pose_of(Pose(x, y, 0.0)))
-
     def _answer(self, future: Any) -> Any:
         """Return what a request was answered, None if it was not."""
         self._executor.spin_until_future_complete(future, self._timeout)
@@ -155,6 +136,38 @@ class PlannerClient:
     def _unanswered(self, start: tuple[float, float], goal: tuple[float, float]) -> RefinementError:
         wanted = f"a path {_between(start, goal)} of {self._name} within {self._timeout:g} s"
         return RefinementError(f"planner: expected {wanted}, got none")
+
+
+def planner_goal(frame: str, start: Pose, goal: Pose) -> Any:
+    """Return the goal of nav2_msgs/ComputePathToPose for a path between two poses in a frame."""
+    header = Header(frame_id=frame)
+    return action_type(PLANNER_TYPE).Goal(
+        use_start=True,
+        start=PoseStamped(header=header, pose=pose_of(start)),
+        goal=PoseStamped(header=header, pose=pose_of(goal)),
+    )
+
+
+def path_from(
+    found: Path, start: Sequence[float], goal: Sequence[float], *, name: str, frame: str
+) -> FloatArray:
+    """Return the places of a path from `start` to `goal` in m, shape (n, 2).
+
+    Raises RefinementError if the planner server `name` has sent one that is empty, has places that
+    are not finite, is in another frame, or leads elsewhere.
+    """
+    path = np.array([(item.pose.position.x, item.pose.position.y) for item in found.poses])
+    if not len(path) or not np.isfinite(path).all() or found.header.frame_id not in ("", frame):
+        raise RefinementError(
+            f"planner: expected a path of finite places in {frame} from {name}, "
+            f"got {len(path)} places in {quoted(found.header.frame_id)}"
+        )
+    if max(math.dist(path[0], start), math.dist(path[-1], goal)) > _ENDS_WITHIN:
+        raise RefinementError(
+            f"planner: expected a path {_between(start, goal)}, "
+            f"got one {_between(path[0], path[-1])}"
+        )
+    return path
 
 
 def _between(start: Sequence[float], goal: Sequence[float]) -> str:

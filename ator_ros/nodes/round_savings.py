@@ -5,27 +5,25 @@ from __future__ import annotations
 import math
 import time
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 from threading import Thread
 from typing import Any
 
-import numpy as np
-from geometry_msgs.msg import PoseStamped
+from action_msgs.msg import GoalStatus
 from rclpy.action import ActionClient
 from rclpy.node import Node
-from std_msgs.msg import Header
 
 from ator_ros.experience.watched_paths import WatchedPaths
 from ator_ros.geometry import Pose
 from ator_ros.learning.savings import Round, RoundSavings, missing_legs, savings_of
-from ator_ros.nodes.messages import pose_of
-from ator_ros.nodes.path_planner import ENDS_WITHIN, PLANNER_TYPE
+from ator_ros.nodes.path_planner import PLANNER_TYPE, path_from, planner_goal
 from ator_ros.nodes.qos import ACTION_QUEUES
 from ator_ros.nodes.remote_messages import action_type
+from ator_ros.refinement import RefinementError
 from ator_ros.refinement.chain_prediction import PredictsPerformance
 from ator_ros.tops.library import TopLibrary
 
-_SUCCEEDED = 4  # action_msgs/GoalStatus
 _PERIOD = 1.0  # real s between two requests to the planner
 _QUIET = 2.0  # real s without a goal after which the server counts as idle
 _MOST_WAITING = 20  # rounds that wait for the server to be idle
@@ -53,10 +51,10 @@ class RoundSavingsQueue:
     def __init__(self, node: Node, planner: str, frame: str, paths: WatchedPaths) -> None:
         self._frame = frame
         self._paths = paths
-        self._kind = action_type(PLANNER_TYPE) if planner else None
-        self._client = (
-            ActionClient(node, self._kind, planner, **ACTION_QUEUES) if self._kind else None
-        )
+        self._planner = planner
+        self._client: ActionClient | None = None
+        if planner:
+            self._client = ActionClient(node, action_type(PLANNER_TYPE), planner, **ACTION_QUEUES)
         self._waiting: deque[Round] = deque(maxlen=_MOST_WAITING)
         self._failures = 0  # of requests for the first round
         self._asked: tuple[Pose, Pose] | None = None
@@ -91,12 +89,19 @@ class RoundSavingsQueue:
         if not self._waiting or not models or now - self._busy_at < _QUIET:
             return None
         missing = missing_legs(self._waiting[0], self._paths)
-        may_ask = self._client is not None and self._failures < _MOST_FAILURES
-        if missing and may_ask:
-            self._ask(missing[self._failures % len(missing)], now)
+        if missing and self._client is not None and self._failures < _MOST_FAILURES:
+            self._ask(self._client, missing[self._failures % len(missing)], now)
             return None
-        arguments = (self._waiting[0], library, models, may_pass, not missing)
-        self._thread = Thread(target=self._compare, args=arguments, daemon=True)
+        compare = partial(
+            savings_of,
+            self._waiting[0],
+            library,
+            models,
+            may_pass=may_pass,
+            knows_all=not missing,
+            deadline=lambda: self._is_busy,
+        )
+        self._thread = Thread(target=self._compare, args=(compare,), daemon=True)
         self._thread.start()
         return None
 
@@ -112,68 +117,45 @@ class RoundSavingsQueue:
             self._failures = 0
         return found
 
-    def _compare(
-        self,
-        found: Round,
-        library: TopLibrary,
-        models: Mapping[str, PredictsPerformance],
-        may_pass: bool,
-        knows_all: bool,
-    ) -> None:
+    def _compare(self, compare: Callable[[], RoundSavings]) -> None:
         """Compare a round; a goal that begins meanwhile has priority."""
-        savings = savings_of(
-            found,
-            library,
-            models,
-            may_pass=may_pass,
-            knows_all=knows_all,
-            deadline=lambda: self._is_busy,
-        )
+        savings = compare()
         self._found = None if self._is_busy else savings
 
-    def _ask(self, leg: tuple[Pose, Pose], now: float) -> None:
+    def _ask(self, client: ActionClient, leg: tuple[Pose, Pose], now: float) -> None:
         """Ask the planner for the path of a leg, unless an answer is due."""
-        is_due = self._asked is None or now - self._asked_at > _ANSWER
-        if self._kind is None or self._client is None:
-            return
-        if not is_due or now - self._asked_at < _PERIOD:
+        if now - self._asked_at < (_PERIOD if self._asked is None else _ANSWER):
             return
         self._asked_at = now
-        if not self._client.server_is_ready():
-            self._failures += 1
+        if self._asked is not None or not client.server_is_ready():
+            self._fail()
             return
         self._asked = leg
-        ends = dict(zip(("start", "goal"), map(self._stamped, leg), strict=True))
-        request = self._kind.Goal(use_start=True, **ends)
-        self._client.send_goal_async(request).add_done_callback(self._accepted)
+        request = planner_goal(self._frame, *leg)
+        client.send_goal_async(request).add_done_callback(partial(self._accepted, leg))
 
-    def _stamped(self, pose: Pose) -> PoseStamped:
-        return PoseStamped(header=Header(frame_id=self._frame), pose=pose_of(pose))
-
-    def _accepted(self, future: Any) -> None:
+    def _accepted(self, leg: tuple[Pose, Pose], future: Any) -> None:
         handle = future.result()
-        if handle is None or not handle.accepted:
-            self._asked = None
-            self._failures += 1
-            return
-        handle.get_result_async().add_done_callback(self._take)
+        if handle is not None and handle.accepted:
+            handle.get_result_async().add_done_callback(partial(self._take, leg))
+        else:
+            self._fail()
 
-    def _take(self, future: Any) -> None:
+    def _take(self, leg: tuple[Pose, Pose], future: Any) -> None:
         """Take the path of the leg that was asked for."""
         answer = future.result()
-        leg = self._asked
+        if answer.status != GoalStatus.STATUS_SUCCEEDED:
+            self._fail()
+            return
+        start, goal = (pose[:2] for pose in leg)
+        try:
+            path = path_from(answer.result.path, start, goal, name=self._planner, frame=self._frame)
+        except RefinementError:
+            self._fail()
+            return
         self._asked = None
-        if leg is None or answer.status != _SUCCEEDED:
-            self._failures += 1
-            return
-        poses = [item.pose.position for item in answer.result.path.poses]
-        path = np.array([(place.x, place.y) for place in poses], dtype=float).reshape(-1, 2)
-        start, goal = leg
-        if len(path) < 2 or not np.isfinite(path).all():
-            self._failures += 1
-            return
-        off = max(math.dist(path[0], start[:2]), math.dist(path[-1], goal[:2]))
-        if off > ENDS_WITHIN:
-            self._failures += 1
-            return
-        self._paths.add((start.x, start.y), (goal.x, goal.y), path)
+        self._paths.add(start, goal, path)
+
+    def _fail(self) -> None:
+        self._asked = None
+        self._failures += 1

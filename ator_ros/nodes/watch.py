@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -46,6 +45,7 @@ from ator_ros.nodes.main_loop import run_node
 from ator_ros.nodes.maps import FollowedMap
 from ator_ros.nodes.messages import call_of, performance_of, pose_of, situation_of, stamp_of
 from ator_ros.nodes.models import LEARNED, LearnedSets
+from ator_ros.nodes.nav2_setup import DRIVING_NODES
 from ator_ros.nodes.parameters import (
     FRAME,
     MODELS,
@@ -90,8 +90,6 @@ _DEFAULT_FOLDER = "~/.ros/ator_ros/nav2"
 _PERIOD = 0.5  # real s between two estimates of a drive
 _TEXT_HEIGHT = 0.3  # m, of the estimate in RViz
 _TEXT_ABOVE = 0.5  # m above the floor
-_DRIVING_NODES = ("controller_server", "velocity_smoother", "planner_server")
-"""Nodes of Nav2 whose parameters change how long drives take."""
 _OUTCOMES = {"succeeded": Outcome.SUCCEEDED, "aborted": Outcome.FAILED}
 _LOGGED = (1, 5, 10)  # drives after which the tally is logged, and after every ten
 
@@ -209,7 +207,7 @@ class WatchNode(Node):
         namespace = self.get_namespace().rstrip("/")
         name = event.node.removeprefix(f"{namespace}/")
         changed = [item.name for item in event.changed_parameters]
-        if name in _DRIVING_NODES and changed and not self._changed:
+        if name in DRIVING_NODES and changed and not self._changed:
             self._changed = f"{name}: {changed[0]} was changed"
             advice = "drives may take other times; launch again to learn them"
             self.get_logger().warning(one_line(f"{self._changed}: {advice}"))
@@ -346,14 +344,16 @@ class WatchNode(Node):
         end = World(drive.goal.end, RobotState(pose), {})
         duration = episode.duration
         samples = episode.samples
-        parts = {} if samples is None else _parts(samples, duration)
+        parts = {}
+        if samples is not None:
+            parts = parts_of_drive(samples[:, 0], samples[:, 4], duration)._asdict()
         predicted = {}
         if drive.first is not None:
             first = drive.first
             predicted = {
                 "duration": first.total,
                 "spread": first.spread,
-                "bound": first.elapsed + first.bound,
+                "bound": first.bound,
             }
         code = _OUTCOMES[drive.goal.status]
         actual = {
@@ -371,7 +371,7 @@ class WatchNode(Node):
             action=situation.action,
             action_set=DEFAULT_SET,
             call=call_of(TopCall(top, situation.goal), frame=frame),
-            start=situation_of(replace(start), frame=frame),
+            start=situation_of(start, frame=frame),
             end=ended,
             predicted=performance_of(predicted),
             actual=performance_of(actual),
@@ -416,7 +416,6 @@ class WatchNode(Node):
         values = self._sets.diagnostics()
         values["drives"] = self._tally.summary(self._digest)
         problems = (absent, self._changed, self._map.problem, self._sets.problem)
-        problems = (absent, self._changed, self._map.problem, self._sets.problem)
         return Health("; ".join(filter(None, problems)), values=values)
 
 
@@ -428,10 +427,6 @@ def _saving_of(found: Saving) -> SavingMessage:
 
 def _today() -> str:
     return time.strftime("%Y-%m-%d")
-
-
-def _parts(samples: Any, duration: float) -> dict[str, float]:
-    return parts_of_drive(samples[:, 0], samples[:, 4], duration)._asdict()
 
 
 def _markers(found: list[tuple[ServerGoal, Estimate]]) -> Iterator[Marker]:
