@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 import rclpy
-from geometry_msgs.msg import PoseStamped, TransformStamped
+from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import OccupancyGrid, Odometry
 from nav_msgs.msg import Path as PathMessage
 from numpy.typing import NDArray
@@ -26,13 +26,14 @@ from rclpy.action.server import ServerGoalHandle
 from rclpy.duration import Duration
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.task import Future
 from tf2_msgs.msg import TFMessage
 
 from ator_ros.domains.domain import find_domain
 from ator_ros.geometry import Pose
 from ator_ros.nodes.messages import occupancy_grid_of, odometry_of, pose_of, stamp_of
+from ator_ros.nodes.qos import LATCHED
+from ator_ros.nodes.simulation import transform_of
 from ator_ros.simulation.scene_simulation import Simulation
 from ator_ros.world.state import STOP, Command
 from ator_ros_examples.drive_to_server import yaw_of
@@ -43,7 +44,6 @@ from ator_ros_examples.stand_ins import navfn
 _TICK = 0.05  # s, of the simulated base and the control law
 _FEEDBACK_PERIOD = 0.5  # s, at 2 Hz as Nav2's
 _PLAN_PERIOD = 1.0  # s; Nav2's default tree plans again every second
-_LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 _START = Pose(-6.0, 0.0, 0.0)  # in the corridor
 PARAMETERS: dict[tuple[str, str], dict[str, Any]] = {
     ("bt_navigator", ""): {
@@ -89,7 +89,8 @@ class Nav2StandIn(Node):
         super().__init__("nav2_stand_in")
         factor = self.declare_parameter("real_time_factor", 1.0).value
         actions = importlib.import_module("nav2_msgs.action")
-        self._kinds = actions.NavigateToPose, actions.ComputePathToPose
+        self._navigate_kind = actions.NavigateToPose
+        self._compute_kind = actions.ComputePathToPose
         self._robot = find_domain("building").robot()
         assert self._robot.grid is not None
         self._planner = navfn(self._robot.grid, self._robot)
@@ -98,15 +99,16 @@ class Nav2StandIn(Node):
         self._drive: _Drive | None = None
         self._odom = self.create_publisher(Odometry, "odom", 10)
         self._tf = self.create_publisher(TFMessage, "/tf", 100)
-        fixed = self.create_publisher(TFMessage, "/tf_static", _LATCHED)
+        fixed = self.create_publisher(TFMessage, "/tf_static", LATCHED)
         self._plan = self.create_publisher(PathMessage, "plan", 10)
-        map_publisher = self.create_publisher(OccupancyGrid, "map", _LATCHED)
+        map_publisher = self.create_publisher(OccupancyGrid, "map", LATCHED)
         map_publisher.publish(occupancy_grid_of(self._robot.grid, frame="map"))
-        fixed.publish(TFMessage(transforms=[_transform("map", "odom", Pose(0.0, 0.0, 0.0), 0.0)]))
+        odom = transform_of(0.0, Pose(0.0, 0.0, 0.0), frame="map", child="odom")
+        fixed.publish(TFMessage(transforms=[odom]))
         accept = {"cancel_callback": lambda _: CancelResponse.ACCEPT}
         self._servers = [
-            ActionServer(self, self._kinds[0], "navigate_to_pose", self._navigate, **accept),
-            ActionServer(self, self._kinds[1], "compute_path_to_pose", self._compute, **accept),
+            ActionServer(self, self._navigate_kind, "navigate_to_pose", self._navigate, **accept),
+            ActionServer(self, self._compute_kind, "compute_path_to_pose", self._compute, **accept),
         ]
         self.create_timer(_TICK / factor, self._tick)
 
@@ -119,7 +121,7 @@ class Nav2StandIn(Node):
         if former is not None:
             former.ended.set_result("preempted")
         ending = await drive.ended
-        result = self._kinds[0].Result()
+        result = self._navigate_kind.Result()
         if ending == "arrived":
             handle.succeed()
         elif ending == "canceled":
@@ -136,7 +138,7 @@ class Nav2StandIn(Node):
         ]
         if not request.use_start:
             ends[0] = self._simulation.world().robot.pose[:2]
-        result = self._kinds[1].Result()
+        result = self._compute_kind.Result()
         path = self._planner(*ends)
         if path is None:
             result.error_code = result.NO_VALID_PATH
@@ -157,7 +159,7 @@ class Nav2StandIn(Node):
         world = self._simulation.world()
         now = world.time
         self._odom.publish(odometry_of(now, world.robot, frame="odom", child="base_link"))
-        moved = _transform("odom", "base_link", world.robot.pose, now)
+        moved = transform_of(now, world.robot.pose, frame="odom", child="base_link")
         self._tf.publish(TFMessage(transforms=[moved]))
 
     def _steer(self, drive: _Drive, speed: float) -> Command:
@@ -186,7 +188,7 @@ class Nav2StandIn(Node):
             if speed > 0.01 and drive.length > 0.01:  # as Nav2 estimates: distance by speed
                 drive.estimated = drive.length / speed
             drive.handle.publish_feedback(
-                self._kinds[0].Feedback(
+                self._navigate_kind.Feedback(
                     navigation_time=Duration(seconds=now - drive.began).to_msg(),
                     estimated_time_remaining=Duration(seconds=drive.estimated).to_msg(),
                     distance_remaining=drive.length,
@@ -209,17 +211,6 @@ class Nav2StandIn(Node):
             message.poses.append(stamped)
         message.poses[-1].pose = goal
         return message
-
-
-def _transform(frame: str, child: str, pose: Pose, time: float) -> TransformStamped:
-    message = TransformStamped(child_frame_id=child)
-    message.header.frame_id = frame
-    message.header.stamp = stamp_of(time)
-    placed = pose_of(pose)
-    message.transform.translation.x = placed.position.x
-    message.transform.translation.y = placed.position.y
-    message.transform.rotation = placed.orientation
-    return message
 
 
 def parameter_nodes(namespace: str) -> list[Node]:

@@ -31,8 +31,8 @@ from ator_ros.performance.model_file import load_models
 from ator_ros.refinement.chain_prediction import ChainModel
 from ator_ros.refinement.free_variables import analyze, names_of
 from ator_ros.refinement.objective import Objective
-from ator_ros.tools.demo import BLUE, ORANGE
-from ator_ros.tools.floor_plan import GRAY
+from ator_ros.tools.demo import ORANGE
+from ator_ros.tools.floor_plan import BLUE, GRAY
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import ObjectState, RobotState, World

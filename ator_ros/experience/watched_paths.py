@@ -1,7 +1,7 @@
 """The paths on which a server has driven, by start and goal: routes on a map without its planner.
 
-They are kept in a file, so that models are learned from the paths that the server followed itself.
-Nobody has to ask its planner for them again, which may be busy with a drive.
+They are kept in a file, so that models are learned from the paths that the server followed itself,
+without requests to its planner, which may be busy with a drive.
 """
 
 from __future__ import annotations
@@ -17,8 +17,7 @@ from ator_ros.geometry import FloatArray
 
 PATHS = "paths.jsonl"
 """The file in the folder of the node `watch`."""
-MOST = 5000
-"""Paths that are kept, as many as two weeks of 400 drives."""
+_MOST = 5000  # paths that are kept, as many as two weeks of 400 drives
 _LARGEST = 64_000_000  # bytes of the file; a path of 15 m needs 2 kB
 _STEP = 0.1  # m between the places of a path that are kept: a fifth of the look-ahead of routes
 _NEAR = 0.3  # m; servers stop up to 0.25 m from their goals
@@ -73,12 +72,10 @@ class WatchedPaths:
         from_start = np.hypot(*(self._ends[:, :2] - start).T)
         from_goal = np.hypot(*(self._ends[:, 2:] - goal).T)
         near = np.flatnonzero(np.maximum(from_start, from_goal) <= _NEAR)
-        return self._paths[self._key_at(near[-1])] if len(near) else None
-
-    def _key_at(self, number: int) -> _Key:
-        assert self._ends is not None
-        x, y, to_x, to_y = self._ends[number].tolist()
-        return x, y, to_x, to_y
+        if not len(near):
+            return None
+        x, y, to_x, to_y = self._ends[near[-1]].tolist()
+        return self._paths[x, y, to_x, to_y]
 
     def add(self, start: tuple[float, float], goal: tuple[float, float], path: FloatArray) -> None:
         """Add a path in m, shape (n, 2), from `start` to `goal`, in memory only.
@@ -98,14 +95,14 @@ class WatchedPaths:
             stream.flush()
             os.fsync(stream.fileno())
         if self._file.stat().st_size > _LARGEST // 2:
-            lines = (_line(*item) for item in list(self._paths.items())[-MOST // 2 :])
+            lines = (_line(*item) for item in list(self._paths.items())[-_MOST // 2 :])
             write_text(self._file, "".join(lines))
 
     def _keep(self, key: _Key, path: FloatArray) -> None:
         self._ends = None
         self._paths.pop(key, None)  # the newest comes last
         self._paths[key] = path
-        if len(self._paths) > MOST:
+        if len(self._paths) > _MOST:
             del self._paths[next(iter(self._paths))]
 
     def _read(self, file: Path) -> None:

@@ -22,7 +22,7 @@ from ator_ros.learning.estimates import (
     DriveEstimator,
     Estimate,
     ObservedSpeeds,
-    direct_of,
+    direct_of_drives,
     drive_estimator,
 )
 from ator_ros.performance.held_up import LEAST_DELAY, LEAST_RATIO
@@ -132,7 +132,7 @@ class DriveMonitor:
         drives = self._first_drives[action]
         if model is None or model.is_learned or not drives:
             return
-        direct = direct_of([drive[:2] for drive in drives])
+        direct = direct_of_drives([drive[:2] for drive in drives])
         self._models[action] = corrected(model, direct, [duration for *_, duration in drives])
 
     def _basis(self, action: str) -> str:

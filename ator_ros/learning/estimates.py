@@ -211,7 +211,7 @@ def drive_estimator(
     )
 
 
-def direct_of(drives: Sequence[tuple[RobotState, Pose]]) -> dict[str, FloatArray]:
+def direct_of_drives(drives: Sequence[tuple[RobotState, Pose]]) -> dict[str, FloatArray]:
     """Return the direct variables of n drives to a goal at rest, arrays of shape (n,)."""
     rows = [(*start.pose, start.vx, start.w, start.vy, *goal, 0.0, 0.0) for start, goal in drives]
     columns = np.array(rows, dtype=float).T
@@ -222,7 +222,7 @@ def _predicted(
     model: PerformanceModel, start: RobotState, goal: Pose
 ) -> tuple[float, float, float] | None:
     """Return duration, spread and bound in s; None where the model predicts none."""
-    direct = direct_of([(start, goal)])
+    direct = direct_of_drives([(start, goal)])
     found = model.predict(direct, ("duration", "spread"))
     values = [item for item in (found.duration, found.spread, found.bound) if item is not None]
     numbers = [float(item[0]) for item in values]

@@ -7,7 +7,6 @@ it, so nothing has to be driven for the comparison.
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 import math
 from collections.abc import Iterator, Mapping
@@ -36,7 +35,7 @@ _DEVIATIONS = 1.96  # of a 95 % interval
 
 @dataclass(frozen=True)
 class Saving:
-    """Time in s that was not saved, with half of its 95 % interval; NaN where it is unknown."""
+    """Time in s that could be saved, with half of its 95 % interval; NaN where it is unknown."""
 
     seconds: float = math.nan
     half: float = math.nan
@@ -60,8 +59,11 @@ class RoundSavings:
 
     def plus(self, other: RoundSavings) -> RoundSavings:
         """Return the sums of both."""
-        names = [each.name for each in dataclasses.fields(self)]
-        return RoundSavings(*(getattr(self, name).plus(getattr(other, name)) for name in names))
+        return RoundSavings(
+            self.headings.plus(other.headings),
+            self.passing.plus(other.passing),
+            self.order.plus(other.order),
+        )
 
 
 @dataclass(frozen=True)
@@ -131,7 +133,7 @@ def missing_legs(found: Round, paths: WatchedPaths) -> list[tuple[Pose, Pose]]:
     return [
         (start, goal)
         for start, goal in dict.fromkeys(found.legs())
-        if paths((start.x, start.y), (goal.x, goal.y)) is None
+        if paths(start[:2], goal[:2]) is None
     ]
 
 

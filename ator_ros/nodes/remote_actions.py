@@ -109,9 +109,8 @@ class RemoteAction(Action):
     """Lets an action server move the robot.
 
     The goal is sent once the robot was commanded to stop and stands, or at once if it takes over
-    from a goal of a server that takes newer goals. From then on no velocity is
-    commanded until the server has ended. No method waits; the times of `Timeouts` are checked in
-    each tick.
+    from a goal of a server that takes newer goals. From then on no velocity is commanded until the
+    server has ended. No method waits; the times of `Timeouts` are checked in each tick.
     """
 
     name = "remote"

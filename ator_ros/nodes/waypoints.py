@@ -280,8 +280,7 @@ class WaypointsNode(Node):
     The poses of a goal become one chain of the domain's TOP that drives to a pose, or several if
     they are very many. All headings are free except those of `keep_headings` and that of the last
     pose. With the parameter `order` their order is free, too, and with `passing` whether the robot
-    stops there. Feedback and results count waypoints
-    as they were sent.
+    stops there. Feedback and results count waypoints as they were sent.
 
     Action servers
         ~/follow_waypoints (nav2_msgs/FollowWaypoints), ~/navigate_through_poses

@@ -33,7 +33,7 @@ from ator_ros.tools.command_line import (
     source_of,
     whole,
 )
-from ator_ros.tools.floor_plan import draw_floor, draw_stations
+from ator_ros.tools.floor_plan import BLUE, draw_floor, draw_stations
 from ator_ros.tools.own_nodes import all_nodes, connected
 from ator_ros.tops.chain import TopChain
 from ator_ros.view.backend import Backend
@@ -48,7 +48,7 @@ _LEGEND = (
 )
 _COLUMNS = 3  # most panels side by side
 _MOST_SITUATIONS = 200  # that fit into one picture
-BLUE, ORANGE, GREEN, DARK = "#1f5fa8", "#d9791a", "#2e7d4f", "#333333"
+ORANGE, GREEN, DARK = "#d9791a", "#2e7d4f", "#333333"
 _MOVED = 0.005  # m; beyond the noise of odometry of a robot that stands
 _FRAME = 0.1  # s; a GIF of a race of 15 s with the colors below has less than 2 MB
 _FRAME_COLORS = 48
@@ -132,8 +132,8 @@ def _times(situation: DemoSituation, run: Run) -> dict[str, str]:
     for index, before, after in steps:
         name = f"{index + 1} {situation.chain.calls[index].top.name}"
         cells[name] = f"{seconds(before)} / {seconds(after)}"
-    whole = f"{seconds(sum(predicted))} / {seconds(run.duration)}"
-    return {**cells, "chain": "failed" if math.isnan(run.duration) else whole}
+    of_chain = f"{seconds(sum(predicted))} / {seconds(run.duration)}"
+    return {**cells, "chain": "failed" if math.isnan(run.duration) else of_chain}
 
 
 def _summary(situations: Sequence[DemoSituation]) -> str:

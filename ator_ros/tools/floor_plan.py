@@ -10,6 +10,7 @@ from ator_ros.domains.domain import Domain
 from ator_ros.nodes.segments import station_labels, surroundings, walls
 from ator_ros.tops.chain import TopChain
 
+BLUE = "#1f5fa8"
 GRAY = "#8a8f98"
 _BESIDE = 4.0  # points between a station and its number
 

@@ -46,7 +46,7 @@ from ator_ros.tools.command_line import (
     run_tool,
     source_of,
 )
-from ator_ros.tools.floor_plan import draw_floor, draw_stations
+from ator_ros.tools.floor_plan import BLUE, draw_floor, draw_stations
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.readers import FARTHEST
@@ -55,7 +55,6 @@ from ator_ros.world.state import RobotState, World
 _coordinate = number(-FARTHEST, FARTHEST)
 _LARGEST = 100_000  # bytes of a file of places
 _DISCOVERY = 3.0  # real s in which DDS finds a running executor
-_BLUE = "#1f5fa8"
 
 
 def _places(options: argparse.Namespace) -> list[list[float]]:
@@ -129,12 +128,12 @@ def _draw(file: Path, domain: Domain, robot: Robot, start: Pose, found: Refineme
     draw_floor(axes, domain, robot)
     poses = [start, *(call.goal.pose for call in found.best.calls)]
     for before, after in itertools.pairwise(poses):
-        axes.plot(*route_line(before, after, robot).T, lw=1.2, color=_BLUE)
+        axes.plot(*route_line(before, after, robot).T, lw=1.2, color=BLUE)
     size = 2.0 * robot.reach
     for pose in poses:
         ahead = pose.ahead(size)
         axes.annotate("", (ahead.x, ahead.y), (pose.x, pose.y), arrowprops={"arrowstyle": "->"})
-    axes.plot(start.x, start.y, "s", color=_BLUE, ms=6)
+    axes.plot(start.x, start.y, "s", color=BLUE, ms=6)
     draw_stations(axes, found.best)
     with atomic_write(file) as temporary:
         figure.savefig(temporary, format="png", dpi=130)
@@ -167,10 +166,9 @@ def _execute(chain: TopChain, action_set: str) -> None:
         node.destroy_node()
         rclpy.try_shutdown()
     result = sent.result.result()
-    reason = result_line(result.record, wanted=False, changes=())
     if result.outcome.code != Outcome.SUCCEEDED:
         raise NodesError(result.outcome.reason)
-    print(reason)
+    print(result_line(result.record, wanted=False, changes=()))
 
 
 def _spin(node: Node) -> None:
