@@ -442,7 +442,6 @@ def answer_of(
             msg.NotFree(subgoal=n.subgoal, name=n.name, reason=one_line(n.reason))
             for n in refinement.not_free
         ],
-        without_model=list(refinement.without_model),
         before=chain_performance_of(before),
         after=chain_performance_of(after),
         before_actions=[performance_of(action) for action in before.actions],

@@ -46,7 +46,7 @@ from ator_ros.world.state import World
 
 LONGEST_CHAIN = 100
 """Most actions of a chain: longer ones would occupy a node for long."""
-MOST_ALTERNATIVES = 7
+MOST_ALTERNATIVES = 4
 """Most alternative chains of a request."""
 MOST_CALLS = 200
 """Most actions of all chains of a request: each takes 0.1 ms of a running goal to be read."""

@@ -37,29 +37,6 @@ def answered(sent: RefineSubgoal.Request, *without: str) -> RefineSubgoal.Respon
     return answer_of(found, sent, gain_of(), reason=reason, action_set="default", frame="odom")
 
 
-def test_a_step_without_a_model_is_reported_and_others_are_refined() -> None:
-    sent = request(
-        call("goToBall", Pose(0.0, 0.0, 2.0), opened=("yaw",)),
-        call("dribbleBall", Pose(2.0, 1.0, 2.0), opened=("yaw",)),
-        call("shoot", Pose(4.0, 0.0, 0.0)),
-    )
-    sent.as_given = True
-    answer = answered(sent, "shoot")
-    assert answer.refined
-    assert list(answer.without_model) == [2]
-    assert "no performance model for step 3 (shoot)" in answer.reason
-    assert [(each.subgoal, each.name) for each in answer.free] == [(0, "yaw")]
-    assert [(each.subgoal, each.name) for each in answer.not_free] == [(1, "yaw")]
-    assert [math.isnan(action.duration) for action in answer.before_actions] == [False, False, True]
-    for chain, cost, actions in (
-        (answer.before, answer.cost_before, answer.before_actions),
-        (answer.after, answer.cost_after, answer.after_actions),
-    ):
-        assert all(map(math.isnan, (chain.duration, chain.spread, chain.success)))
-        assert cost == pytest.approx(actions[0].duration + actions[1].duration)
-    assert answer.cost_after < answer.cost_before
-
-
 def test_openings_are_returned_unchanged() -> None:
     answer = answered(request(call("goToBall", Pose(0.0, 0.0, 2.0), opened=("*", "yaw"))))
     assert (

@@ -107,7 +107,6 @@ def test_without_learned_models_it_predicts_path_times_and_says_so(
     assert response.accepted
     assert remark in response.reason
     assert math.isfinite(response.before.duration)
-    assert not response.without_model
     assert str(tmp_path) in node.output
     request = PredictDurations.Request(
         situations=[Situation(robot=pose_of(Pose(-2.0, 0.0, 0.0)))],
