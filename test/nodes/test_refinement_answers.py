@@ -1,6 +1,4 @@
-"""Answers about steps without a model and invalid chains (in process)."""
-
-import math
+"""Answers about invalid chains (in process)."""
 
 import pytest
 from chain_client import call
