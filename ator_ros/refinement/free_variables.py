@@ -120,7 +120,7 @@ def analyze(
     Parameters
     ----------
     models : mapping
-        Action name to performance model; an action may lack one.
+        Action name to performance model.
     ranges : mapping, optional
         Goal variable to its range; variables without one are never free.
     stops_decided : bool
@@ -206,11 +206,6 @@ def _why_unknown(
     if following and index + 1 < len(chain.calls):
         changed[index + 1] = following
     actions = {step: chain.calls[step].top.action for step in changed}
-    lacking = [step for step, action in actions.items() if action not in models]
-    if lacking:
-        step = lacking[0]
-        affected = f"step {chain.order[step] + 1} ({actions[step]})"
-        return f"of unknown effect: {affected}, which it may change, has no model"
     if any(changed[step] & models[actions[step]].used_variables for step in changed):
         return None
     return "used by no performance model of a neighboring action"
@@ -476,7 +471,7 @@ def outside_experience(
     opened_before: frozenset[str] = frozenset()
     situations = chain_situations(world, chain, robot, models)
     for step, (call, direct) in enumerate(zip(chain.calls, situations, strict=True)):
-        known = experience_of(models.get(call.top.action))
+        known = experience_of(models[call.top.action])
         opened = frozenset(name for name in GOAL_VARIABLES if call.opens(name))
         values = _quantities(direct, robot)
         for name, label, unit, before, after in _QUANTITIES:

@@ -23,7 +23,7 @@ _FIELDS = ("duration", "spread", "success")
 
 
 class Durations(NamedTuple):
-    """Predictions for n situations and m steps; NaN if the action of the step has no model.
+    """Predictions for n situations and m steps.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class DurationTable:
     calls : sequence of TopCall
         The m steps, with their own goals; pre-conditions are not checked.
     models : mapping of str to PredictsPerformance
-        By action; an action may lack one.
+        By action.
     """
 
     def __init__(
@@ -104,9 +104,7 @@ class DurationTable:
         origins = self._origins[first:last]
         call = self._calls[column]
         found = Durations(*np.full((len(_FIELDS), len(origins)), np.nan))
-        model = self._models.get(call.top.action)
-        if model is None:
-            return found
+        model = self._models[call.top.action]
         states = [state for origin in origins for state in origin]
         headings = self._headings[column]
         if len(states) * len(headings) > len(origins):
