@@ -191,7 +191,8 @@ class StepRows:
         columns = {name: after[..., column] for column, name in enumerate(self._free)}
         if self._changed is not None:
             columns.update(self._changed(before))
-        table = np.empty((len(self.names), *np.broadcast(*columns.values()).shape))
+        shape = np.broadcast(*columns.values()).shape
+        table = np.empty((len(self.names), *shape))
         table.T[:] = self._fixed
         for name, values in columns.items():
             table[self._row[name]] = values
@@ -284,8 +285,10 @@ def chain_situations(
 ) -> list[DirectTable]:
     """Return the direct variables of each action of `chain` with its own values."""
     rows = step_rows(world, chain, robot, [()] * len(chain.calls), models)
+    no_candidate = np.zeros(0)
+    tables = [step.values(no_candidate, no_candidate) for step in rows]
     return [
-        DirectTable(step.names, step.values(np.zeros(0), np.zeros(0))[:, None]) for step in rows
+        DirectTable(step.names, table[:, None]) for step, table in zip(rows, tables, strict=True)
     ]
 
 

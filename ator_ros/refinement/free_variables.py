@@ -367,7 +367,8 @@ class Regions:
         if not rules:
             return []
         # A bound that does not depend on the candidates cannot limit them.
-        after, own = self._after(index, np.stack([np.zeros(count), np.ones(count)]))
+        two_candidates = np.stack([np.zeros(count), np.ones(count)])
+        after, own = self._after(index, two_candidates)
         return [rule for rule in rules if np.ndim(self._clearance(rule, index, after, own)) > 0]
 
     def _rules(self, index: int) -> Iterator[_Rule]:
@@ -489,7 +490,8 @@ def outside_experience(
 
 def _quantities(direct: DirectTable, robot: Robot) -> dict[str, float]:
     """Return the values of `_QUANTITIES` in one situation."""
-    numbers = dict(zip(direct.names, direct.table[:, 0].tolist(), strict=True))
+    row = direct.table[:, 0].tolist()
+    numbers = dict(zip(direct.names, row, strict=True))
     ahead = robot.hold * numbers["hold"] if robot.holder is not None else 0.0
     start = Pose(numbers["x"], numbers["y"], numbers["yaw"]).ahead(ahead)
     way = math.hypot(numbers["xg"] - start.x, numbers["yg"] - start.y)
@@ -580,7 +582,8 @@ def allowed_changes(
         raise InvalidChainError("expected the steps of the question")
     bound = bindings(tuple(call.top for call in plan.calls))
     changes = []
-    for step, (old, new) in enumerate(zip(plan.calls, refined.calls, strict=True)):
+    pairs = zip(plan.calls, refined.calls, strict=True)
+    for step, (old, new) in enumerate(pairs):
         if old.goal.values.keys() != new.goal.values.keys():
             where = f"step {step + 1} ({old.top.name})"
             raise InvalidChainError(f"{where}: expected the goal variables of the question")

@@ -382,7 +382,8 @@ class Refiner:
                 raise RefinementError(
                     f"{chain.step_name(index)}: expected a finite prediction, got none"
                 )
-            chain = replaced(chain, index, dict(zip(names, optimum.values[0], strict=True)))
+            fastest = dict(zip(names, optimum.values[0], strict=True))
+            chain = replaced(chain, index, fastest)
         return chain
 
     def bounded(

@@ -109,7 +109,8 @@ class DurationTable:
         headings = self._headings[column]
         if len(states) * len(headings) > len(origins):
             durations = _predicted(model, call, states, headings, ("duration",)).duration
-            fastest = _fastest(durations.reshape(len(states), -1), list(map(len, origins)))
+            sizes = [len(origin) for origin in origins]
+            fastest = _fastest(durations.reshape(len(states), -1), sizes)
             states = [states[row] for row, _ in fastest]
             headings = headings[[heading for _, heading in fastest]]
         prediction = _predicted(model, call, states, headings, _FIELDS, paired=True)
@@ -127,9 +128,8 @@ class DurationTable:
         """Return all predictions."""
         rows, columns = self.shape
         parts = [self.part(column, 0, rows) for column in range(columns)]
-        return Durations(
-            *(np.reshape(part, (columns, rows)).T for part in zip(*parts, strict=True))
-        )
+        by_field = zip(*parts, strict=True)
+        return Durations(*(np.reshape(part, (columns, rows)).T for part in by_field))
 
 
 def predict_durations(
@@ -171,7 +171,8 @@ def _predicted(
     }
     if not paired:
         start = {name: values[:, None] for name, values in start.items()}
-    rows = StepRows(dict.fromkeys(start, 0.0), call.goal, ("yaw",), lambda _: start)
+    at_origin = dict.fromkeys(start, 0.0)
+    rows = StepRows(at_origin, call.goal, ("yaw",), lambda _: start)
     table = rows.values(np.zeros(0), headings[:, None])
     direct = DirectTable(rows.names, table.reshape(len(rows.names), -1))
     return model.predict(direct, fields, None)
@@ -182,7 +183,8 @@ def _fastest(durations: FloatArray, sizes: Sequence[int]) -> list[tuple[int, int
     found = []
     first = 0
     for size in sizes:
-        part = np.nan_to_num(durations[first : first + size], nan=np.inf, posinf=np.inf)
+        part = durations[first : first + size]
+        part = np.nan_to_num(part, nan=np.inf, posinf=np.inf)
         row, column = np.unravel_index(int(part.argmin()), part.shape)
         found.append((first + int(row), int(column)))
         first += size
