@@ -28,8 +28,8 @@ run: setup
 # Three workers on two cores, as nodes often wait; libraries of linear algebra have one thread each.
 # Each file on one worker, in the order that test/conftest.py sets. Bytecode is kept, whatever the
 # shell says, for the processes that are started over and over.
-test test-long: export OMP_NUM_THREADS = 1
-test test-long: export OPENBLAS_NUM_THREADS = 1
+test test-long bench: export OMP_NUM_THREADS = 1
+test test-long bench: export OPENBLAS_NUM_THREADS = 1
 test: setup
 	@PYTHONDONTWRITEBYTECODE= $(RUN) python -m pytest -n 3 --dist loadfile --no-loadscope-reorder -m 'not long' $(ARGS)
 
