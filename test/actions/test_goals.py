@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -9,9 +10,12 @@ from hypothesis import strategies as st
 from ator_ros.actions.base import Action, Goal, Point, Status, Step, finished
 from ator_ros.actions.goal_variables import (
     GOAL_VARIABLES,
+    STOPS,
     GoalVariable,
     direct_name,
+    drawn_values,
     goal_values,
+    passes,
     with_values,
     wrong_values,
 )
@@ -162,3 +166,27 @@ def test_the_least_search_has_one_step_and_bounds_are_usual_values_too() -> None
     assert GoalVariable("lift", "m", 0.1, 0.5, steps=1).steps == 1
     for rest in (0.1, 0.5):
         assert GoalVariable("lift", "m", 0.1, 0.5, rest=rest).usual == rest
+
+
+def test_a_goal_is_passed_only_if_its_stop_is_0() -> None:
+    goal = Goal(Pose(0.0, 0.0, 0.0))
+    assert not passes(goal)
+    assert not passes(with_values(goal, {STOPS.name: 1.0}))
+    assert passes(with_values(goal, {STOPS.name: 0.0}))
+
+
+@pytest.mark.parametrize("value", [0.0, 1.0])
+def test_a_stop_is_0_or_1(value: float) -> None:
+    goal = Goal(Pose(0.0, 0.0, 0.0))
+    assert wrong_values(with_values(goal, {STOPS.name: value}), [STOPS]) is None
+    between = with_values(goal, {STOPS.name: 0.25 + 0.5 * value})
+    assert wrong_values(between, [STOPS]) == f"stop: expected 0 or 1, got {0.25 + 0.5 * value:g}"
+
+
+def test_both_stops_and_all_of_a_range_are_drawn() -> None:
+    rng = np.random.default_rng(1)
+    drawn = [drawn_values([STOPS, LIFT], rng) for _ in range(100)]
+    assert {each["stop"] for each in drawn} == {0.0, 1.0}
+    lifts = [each["lift"] for each in drawn]
+    assert 0.1 <= min(lifts) < 0.15
+    assert 0.45 < max(lifts) <= 0.5
