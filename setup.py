@@ -17,6 +17,7 @@ EXECUTABLES = {
         "goal_pose",
         "waypoints",
         "watch",
+        "plan_team",
     ),
     "tools": (
         "collect",

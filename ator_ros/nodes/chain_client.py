@@ -91,14 +91,23 @@ class ChainClient:
     on_lost : callable
         Called with the reason when the executor is gone or was restarted: goals of all clients are
         lost.
+    namespace : str
+        That of the executor, relative to the node's own; empty: the same.
     """
 
-    def __init__(self, node: Node, on_lost: Callable[[str], object] = lambda _: None) -> None:
+    def __init__(
+        self,
+        node: Node,
+        on_lost: Callable[[str], object] = lambda _: None,
+        *,
+        namespace: str = "",
+    ) -> None:
         self._node = node
         self._on_lost = on_lost
-        self._client = ActionClient(node, ExecuteChain, "execute_chain", **ACTION_QUEUES)
+        self._name = f"{namespace}/execute_chain" if namespace else "execute_chain"
+        self._client = ActionClient(node, ExecuteChain, self._name, **ACTION_QUEUES)
         self._cancel = node.create_client(
-            CancelGoal, "execute_chain/_action/cancel_goal", qos_profile=SERVICES
+            CancelGoal, f"{self._name}/_action/cancel_goal", qos_profile=SERVICES
         )
         self._lease = publish_lease(node)
         self._newest = SentChain()
@@ -131,6 +140,10 @@ class ChainClient:
         response.add_done_callback(sent.take_response)
         return sent
 
+    def abandon(self, code: int, reason: str) -> None:
+        """Cancel the newest goal if it has not ended, and replace its result by an outcome."""
+        self._newest.abandon(code, reason)
+
     def cancel(self, chain_id: str) -> None:
         """Cancel a goal of any client by its id, without waiting."""
         self._cancel.call_async(CancelGoal.Request(goal_info=_goal_info(chain_id)))
@@ -141,7 +154,7 @@ class ChainClient:
         self._was_ready = self.is_ready()
         # DDS lists an executor that was killed for up to 20 s. After a restart two are listed.
         previous = max(self._executors, 1)
-        self._executors = self._node.count_services("execute_chain/_action/send_goal")
+        self._executors = self._node.count_services(f"{self._name}/_action/send_goal")
         if was_ready and not self._was_ready:
             self._lose(NO_EXECUTOR)
         elif self._executors > previous:

@@ -68,23 +68,48 @@ class Ordering:
 def ordering_of(chain: TopChain) -> Ordering:
     """Return the groups and precedences of a chain.
 
-    Raises InvalidChainError if a precedence names an unknown call, cannot hold because a call
-    keeps its place, or is part of a circle.
+    Raises InvalidChainError as `ordering_of_calls` does.
     """
-    calls = chain.calls
-    count = len(calls)
+    return ordering_of_calls(
+        [call.top.name for call in chain.calls],
+        [ORDER in call.open for call in chain.calls],
+        [call.after for call in chain.calls],
+    )
+
+
+def ordering_of_calls(
+    names: Sequence[str], is_open: Sequence[bool], after: Sequence[Sequence[int]]
+) -> Ordering:
+    """Return the groups and precedences of calls.
+
+    Parameters
+    ----------
+    names : sequence of str
+        The TOPs of the calls, for messages.
+    is_open : sequence of bool
+        Whether each call opens its place.
+    after : sequence of sequence of int
+        Indices of the calls that must come before each.
+
+    Raises
+    ------
+    InvalidChainError
+        A precedence names an unknown call, cannot hold because a call keeps its place, or is part
+        of a circle.
+    """
+    count = len(names)
     groups: list[tuple[int, ...]] = []
-    for index, call in enumerate(calls):
-        joins = index > 0 and ORDER in call.open and ORDER in calls[index - 1].open
+    for index in range(count):
+        joins = index > 0 and is_open[index] and is_open[index - 1]
         if joins:
             groups[-1] = (*groups[-1], index)
         else:
             groups.append((index,))
     group_of = {index: number for number, group in enumerate(groups) for index in group}
     before = np.zeros((count, count), dtype=bool)
-    for index, call in enumerate(calls):
-        where = f"step {index + 1} ({call.top.name})"
-        for other in call.after:
+    for index, others in enumerate(after):
+        where = f"step {index + 1} ({names[index]})"
+        for other in others:
             if not 0 <= other < count or other == index:
                 raise InvalidChainError(
                     f"{where}: after: expected indices of other calls, 0 to {count - 1}, "
@@ -93,7 +118,7 @@ def ordering_of(chain: TopChain) -> Ordering:
             if group_of[other] > group_of[index]:
                 raise InvalidChainError(
                     f"{where}: after: it cannot come after step {other + 1} "
-                    f"({calls[other].top.name}), which keeps a later place; open the order of both "
+                    f"({names[other]}), which keeps a later place; open the order of both "
                     "and of all steps between them"
                 )
             before[other, index] = group_of[other] == group_of[index]
