@@ -15,7 +15,7 @@ PACKAGE = Path(__file__).resolve().parents[1] / "ator_ros"
 LAYERS = [
     "start", "geometry", "printable", "resources", "schema", "files", "compiled", "world", "bases",
     "actions", "tops", "simulation", "experience", "performance", "refinement", "execution",
-    "domains", "planning", "evaluation", "learning", "nodes", "view", "tools",
+    "domains", "planning", "team", "evaluation", "learning", "nodes", "view", "tools",
 ]  # fmt: skip
 """Modules and folders of the package, lowest first; each imports from itself and lower ones."""
 WITH_ROS = {"nodes", "tools", "view"}

@@ -55,6 +55,8 @@ BY_TEST = {
     r"ros2 service call /(refine_subgoal|reset|place_ball) .*": f"{_ROS}::test_the_printed_request",
     r"ros2 service call /plan_chains .*": f"{_ROS}::test_the_printed_requests",
     r"ros2 action send_goal --feedback .*": f"{_ROS}::test_the_printed_requests",
+    r"ros2 run ator_ros plan_team": "nodes/test_plan_team_node.py::test_the_printed_round_is_",
+    r"ros2 action send_goal -f /plan_team .*": "nodes/test_plan_team_node.py::test_the_printed_rou",
     r"ros2 action send_goal /(ann|bob)/.*": f"{_ROS}::test_two_robots_drive_at_the_same_time",
     r"ros2 run ator_ros simulation .*robots:=.*": f"{_ROS}::test_two_robots_drive_at_the_same_time",
     r"ros2 run ator_ros \w+ .*__ns:=/(ann|bob) .*": f"{_ROS}::test_two_robots_drive_at_the_same_ti",

@@ -10,8 +10,7 @@ from rclpy.task import Future
 
 from ator_ros.nodes.diagnostics import STEADY
 
-PERIOD = 0.1
-"""Real s between two checks of awaited conditions."""
+_PERIOD = 0.1  # real s between two checks of awaited conditions
 
 
 class Waiting:
@@ -19,7 +18,7 @@ class Waiting:
 
     def __init__(self, node: Node) -> None:
         self._futures: list[Future] = []
-        node.create_timer(PERIOD, self._check, clock=STEADY)
+        node.create_timer(_PERIOD, self._check, clock=STEADY)
 
     def _check(self) -> None:
         futures = self._futures

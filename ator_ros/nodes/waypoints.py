@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib
 import itertools
 import math
-import time
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from functools import cache, partial
@@ -17,7 +16,6 @@ from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.duration import Duration
 from rclpy.node import Node
-from rclpy.task import Future
 
 from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import Outcome
@@ -27,7 +25,7 @@ from ator_ros.bases.description import Robot
 from ator_ros.domains.domain import Domain
 from ator_ros.geometry import Pose
 from ator_ros.nodes.chain_client import NO_EXECUTOR, ChainClient, SentChain
-from ator_ros.nodes.diagnostics import STEADY, Warnings
+from ator_ros.nodes.diagnostics import Warnings
 from ator_ros.nodes.main_loop import pause, run_node, spin_out
 from ator_ros.nodes.maps import FollowedMap
 from ator_ros.nodes.messages import chain_of, pose_of, stamp_of
@@ -45,6 +43,7 @@ from ator_ros.nodes.parameters import (
 from ator_ros.nodes.qos import ACTION_QUEUES
 from ator_ros.nodes.remote_messages import action_type
 from ator_ros.nodes.subscriptions import Subscriptions
+from ator_ros.nodes.waiting import Waiting
 from ator_ros.printable import one_line, quoted
 from ator_ros.refinement.refiner import LONGEST_CHAIN
 from ator_ros.tops.chain import TopCall, TopChain
@@ -57,7 +56,6 @@ from ator_ros.world.readers import (
 )
 from ator_ros.world.state import RobotState
 
-_PERIOD = 0.1  # real s between two checks of awaited conditions and of the executor
 _INPUT_TIMEOUT = 1.0  # real s until a map counts as missing, and the frame of a pose as unknown
 _SERVER_TIMEOUT = 3.0  # real s until the executor counts as missing; DDS may still be connecting it
 _MOST_WAYPOINTS = 2000  # a goal; three hours of drives of 5 s
@@ -307,7 +305,7 @@ class WaypointsNode(Node):
         self._numbers = itertools.count(1)
         self._arrived: dict[bytes, WaypointGoal] = {}  # by goal id, until they are executed
         self._newest_executed = 0  # number of a goal
-        self._waiting: list[Future] = []
+        self._wait_for = Waiting(self).until
         self._robot_pose: tuple[float, Pose] | None = None  # with its stamp in s
         self._shutting_down = False
         self._warn = Warnings(self)
@@ -327,7 +325,6 @@ class WaypointsNode(Node):
             )
             for kind, name in zip(kinds, ACTIONS.values(), strict=True)
         ]  # fmt: skip
-        self.create_timer(_PERIOD, self._check, clock=STEADY)
         self.get_logger().info(
             f"waypoints in {self._frame} become chains of {self._top.name} (domain {domain.name}, "
             f"ROS domain {self.context.get_domain_id()})"
@@ -341,21 +338,6 @@ class WaypointsNode(Node):
 
     def _take_map(self, _: Domain, robot: Robot) -> None:
         self._robot = robot
-
-    def _check(self) -> None:
-        """Continue `_wait_for`."""
-        waiting = self._waiting
-        self._waiting = []
-        for future in waiting:
-            future.set_result(None)
-
-    async def _wait_for(self, condition: Callable[[], bool], timeout: float) -> bool:
-        """Wait until a condition holds, `timeout` real s at most; return whether it does."""
-        end = time.monotonic() + timeout
-        while not condition() and time.monotonic() < end:
-            self._waiting.append(Future())
-            await self._waiting[-1]
-        return condition()
 
     def _take_goal(self, kind: Any, handle: ServerGoalHandle) -> None:
         """Start to execute an accepted goal; the order of these calls decides which is newer."""

@@ -1,11 +1,14 @@
 """The node `plan_team` with two robots in one simulation."""
 
+import shlex
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import pytest
 from chain_client import call
-from process import PATIENCE, Processes
+from documentation import ROOT, commands
+from process import PATIENCE, Processes, run
 from rclpy.action import ActionClient
 from ros_client import Client, SentGoal
 from std_srvs.srv import Trigger
@@ -29,6 +32,10 @@ class Planner:
 
     def send(self, wanted: PlanTeam.Goal) -> SentGoal:
         return SentGoal(self.client, self.server, wanted)
+
+    @property
+    def domain(self) -> int:
+        return self.client.domain
 
     def reset(self) -> None:
         """Place both robots where they start."""
@@ -56,6 +63,13 @@ def planner(shared: tuple[Processes, Client]) -> Planner:
     processes.start("plan_team")
     server = client.within(lambda: ActionClient(client.node, PlanTeam, "plan_team"))
     client.eventually(server.server_is_ready, "the action plan_team")
+    wanted = {
+        f"/{name}/{service}"
+        for name in STARTS
+        for service in ("refine_subgoal", "execute_chain/_action/send_goal")
+    }
+    found = client.node.get_service_names_and_types
+    client.eventually(lambda: wanted <= {name for name, _ in found()}, "the robots' nodes")
     return Planner(client, server)
 
 
@@ -136,6 +150,19 @@ def test_both_robots_drive_at_the_same_time(planner: Planner) -> None:
     for part in result.chains:
         assert part.outcome.code == Outcome.SUCCEEDED
         assert part.actual.duration == pytest.approx(part.predicted.duration, rel=0.1)
+
+
+def test_the_printed_round_is_driven(planner: Planner) -> None:
+    planner.reset()
+    (text,) = (
+        printed.text
+        for printed in commands()
+        if printed.page == "team.md" and printed.text.startswith("ros2 action send_goal")
+    )
+    words = shlex.split(text)[3:]
+    ran = run(sys.executable, str(ROOT / "examples" / "call.py"), *words, domain=planner.domain)
+    assert ran.returncode == 0, ran.stdout + ran.stderr
+    assert "steps of ann 1, bob 2" in ran.stdout
 
 
 def test_what_a_robot_leaves_the_other_one_does(
