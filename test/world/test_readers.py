@@ -338,6 +338,18 @@ def test_a_number_beyond_its_bounds_is_refused(value: float) -> None:
         readers.number(value, "here", low=-1.0, high=2.5, unit="m")
 
 
+@pytest.mark.parametrize(
+    ("value", "has_hint"),
+    [(math.nan, True), (5e-324, True), (math.inf, False), (2.0, False)],
+)
+def test_a_number_as_python_clients_send_whole_ones_has_a_hint(
+    value: float, has_hint: bool
+) -> None:
+    with pytest.raises(MessageError) as error:
+        readers.number(value, "x", low=-1.0, high=1.0)
+    assert ("must assign 2.0" in str(error.value)) == has_hint
+
+
 def test_positions_and_velocities_have_physical_bounds() -> None:
     assert readers.position(-1e8, "x") == -1e8
     assert readers.velocity(100.0, "v") == 100.0

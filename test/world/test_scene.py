@@ -106,3 +106,18 @@ def test_an_object_without_a_description_has_no_size_and_does_not_roll() -> None
     state = ObjectState(1.0, 1.0, 2.0, 0.0)
     assert (scene.radius("cup"), scene.radius("ghost")) == (CUP.radius, 0.0)
     assert scene.at_rest("ghost", state) is state
+
+
+@pytest.mark.parametrize("speed", [0.5, 1.0, 2.0])
+def test_an_object_comes_to_rest_where_its_energy_is_used_up(speed: float) -> None:
+    rolling = ObjectState(1.0, 2.0, 0.6 * speed, -0.8 * speed)
+    for deceleration in (0.5, 4.0):
+        there = dataclasses.replace(CUP, rolling_deceleration=deceleration).at_rest(rolling)
+        distance = speed**2 / (2.0 * deceleration)
+        assert (there.x, there.y) == pytest.approx((1.0 + 0.6 * distance, 2.0 - 0.8 * distance))
+        assert there.speed == 0.0
+
+
+def test_an_object_at_rest_stays() -> None:
+    here = ObjectState(1.0, 2.0)
+    assert CUP.at_rest(here) == here
