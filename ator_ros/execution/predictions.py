@@ -28,13 +28,13 @@ class Predictor:
 
     def __init__(self, robot: Robot, models: Mapping[str, PredictsPerformance]) -> None:
         self._robot = robot
-        self._models = models
+        self.models = models
 
     def chain(self, world: World, chain: TopChain) -> ChainPrediction | None:
         """Predict `chain` from the state `world`; None if an action has no model."""
-        if any(call.top.action not in self._models for call in chain.calls):
+        if any(call.top.action not in self.models for call in chain.calls):
             return None
-        return predict_chain(world, chain, self._models, self._robot)
+        return predict_chain(world, chain, self.models, self._robot)
 
     def action(self, world: World, chain: TopChain, step: int) -> Mapping[str, float] | None:
         """Predict one step (from 0) of `chain` from the state `world`; None if it has no model."""
@@ -76,10 +76,9 @@ class Forecast:
         NaN if unknown.
         """
         step = self._executor.index - self._step
-        records = self._executor.records
         if self._rest is None or step < 0:
             return math.nan
-        began = max(self._time, records[-1].end.time) if records else self._time
+        began = max(self._time, self._executor.changed_at)
         current, *rest = (action.get("duration", math.nan) for action in self._rest.actions[step:])
         return max(0.0, current - (now - began)) + sum(rest)
 

@@ -78,7 +78,10 @@ def test_the_robot_drives_on_where_it_passes(chains: ChainClient) -> None:
         end = action.end.robot.position
         assert abs(end.x - pose.x) <= 0.3
         assert abs(end.y - pose.y) <= 0.3
-        assert action.actual.accuracy == pytest.approx(math.hypot(end.x - pose.x, end.y - pose.y))
+        left = math.hypot(end.x - pose.x, end.y - pose.y)
+        # The robot still drives on when the next leg begins.
+        nearest = left if action.stopped else left - 0.1
+        assert action.actual.accuracy <= nearest + 1e-9
     assert all(action.start.vx > 0.2 for action in record.actions[1:])
     assert [call.passing for call in record.chain.calls] == [True, True, False]
 
@@ -143,3 +146,5 @@ def test_waypoints_leave_the_stops_open(
     client.eventually(lambda: chains.chains, "the record of the chain")
     names = [set(call.open) for call in chains.chains[-1].chain.calls]
     assert names == [{"yaw", "stop"} if opened else {"yaw"}, set()]
+    passing = [call.passing for call in chains.chains[-1].chain.calls]
+    assert passing == [opened and kind == "NavigateThroughPoses", False]
