@@ -6,7 +6,9 @@ it is independent of ator_ros and of ROS. Source: the configuration guide of Nav
 
 from __future__ import annotations
 
+import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -46,6 +48,9 @@ class Tuning:
     # for that time in s, as behind Nav2 a recovery does
     sharp_turn: float = 2.1
     held_up: float = 2.5
+    # of the default tree of NavigateThroughPoses, which plans again and removes passed poses: s, m
+    replanning_period: float = 3.0
+    passed_radius: float = 0.7
 
 
 class Pursuit:
@@ -79,7 +84,7 @@ class Pursuit:
 
     def step(self, state: State) -> tuple[float, float]:
         """Return the velocities (m/s, rad/s) for a state; `phase` is in `ENDED` after the end."""
-        self.distance = math.hypot(self._goal[0] - state.x, self._goal[1] - state.y)
+        self.distance = self._distance_left(state)
         v = 0.0
         if self._planner is not None and self._path is None and self.phase not in ENDED:
             points = self._planner((state.x, state.y), self._goal[:2])
@@ -102,6 +107,9 @@ class Pursuit:
         else:
             self._w = 0.0
         return v, self._w
+
+    def _distance_left(self, state: State) -> float:
+        return math.hypot(self._goal[0] - state.x, self._goal[1] - state.y)
 
     def _next_phase(self, state: State) -> Phase:
         tuning = self.tuning
@@ -159,6 +167,63 @@ class Pursuit:
         change = self.tuning.max_angular_accel / self.tuning.controller_frequency
         wanted = math.copysign(self.tuning.rotate_to_heading_angular_vel, angle)
         return max(self._w - change, min(self._w + change, wanted))
+
+
+class PursuitThrough(Pursuit):
+    """Drives through poses to the last one, as NavigateThroughPoses does with its default tree.
+
+    One path leads through all poses that are left. Passed poses are removed where the path is
+    planned again, every 3 s: the robot turns back to a pose that it has left by more than
+    `passed_radius` until then.
+    """
+
+    def __init__(
+        self,
+        goals: Sequence[tuple[float, float, float]],
+        planner: NavFn | None = None,
+    ) -> None:
+        super().__init__(goals[-1])
+        self._plan = planner or _straight
+        self._left = list(goals)
+        self._planned_at = -math.inf
+
+    def step(self, state: State) -> tuple[float, float]:
+        """Return the velocities (m/s, rad/s) for a state; `phase` is in `ENDED` after the end."""
+        if state.time - self._planned_at >= self.tuning.replanning_period:
+            self._planned_at = state.time
+            self._remove_passed(state)
+            self._plan_again(state)
+            self._interrupts = state.v > self.tuning.regulated_linear_scaling_min_speed
+        return super().step(state)
+
+    def _remove_passed(self, state: State) -> None:
+        while len(self._left) > 1:
+            x, y, _ = self._left[0]
+            if math.hypot(x - state.x, y - state.y) > self.tuning.passed_radius:
+                break
+            del self._left[0]
+
+    def _plan_again(self, state: State) -> None:
+        places = [(state.x, state.y), *(goal[:2] for goal in self._left)]
+        parts = [self._plan(start, end) for start, end in itertools.pairwise(places)]
+        found = [part for part in parts if part is not None]
+        if len(found) < len(parts):
+            self.phase = Phase.MISSED
+        else:
+            self._path = _Path(np.concatenate(found))
+
+    def _distance_left(self, state: State) -> float:
+        assert self._path is not None or self.phase is Phase.MISSED
+        straight = super()._distance_left(state)
+        if self._path is None or len(self._left) == 1:
+            return straight
+        return max(straight, self._path.remaining)
+
+
+def _straight(start: tuple[float, float], end: tuple[float, float]) -> Grid:
+    """Return points on a straight line, at most 5 cm apart, shape (n, 2)."""
+    count = 2 + math.ceil(math.dist(start, end) / 0.05)
+    return np.linspace(start, end, count)
 
 
 class _Path:
