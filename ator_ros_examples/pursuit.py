@@ -51,6 +51,8 @@ class Tuning:
     # of the default tree of NavigateThroughPoses, which plans again and removes passed poses: s, m
     replanning_period: float = 3.0
     passed_radius: float = 0.7
+    # not Nav2's: a corner of the path is cut by that distance in m
+    corner_dist: float = 0.25
 
 
 class Pursuit:
@@ -157,10 +159,13 @@ class Pursuit:
         sharpness = abs(curvature) * tuning.regulated_linear_scaling_min_radius
         v = tuning.desired_linear_vel / max(1.0, sharpness)
         v = max(v, tuning.regulated_linear_scaling_min_speed)
-        remaining = self.distance if self._path is None else self._path.remaining
-        approach = v * remaining / tuning.approach_velocity_scaling_dist
+        approach = v * self._approach_distance() / tuning.approach_velocity_scaling_dist
         v = min(v, max(approach, tuning.min_approach_linear_velocity))
         return v, v * curvature
+
+    def _approach_distance(self) -> float:
+        """Return the length in m of the path that is left."""
+        return self.distance if self._path is None else self._path.remaining
 
     def _rotate(self, angle: float) -> float:
         """Return the turn rate of a rotation in place, accelerated from the previous command."""
@@ -172,9 +177,9 @@ class Pursuit:
 class PursuitThrough(Pursuit):
     """Drives through poses to the last one, as NavigateThroughPoses does with its default tree.
 
-    One path leads through all poses that are left. Passed poses are removed where the path is
-    planned again, every 3 s: the robot turns back to a pose that it has left by more than
-    `passed_radius` until then.
+    A path leads from the robot through all poses that are left. Every 3 s those are removed that
+    are near, and the path is planned again. So the robot turns back to a pose that it has passed,
+    if it has left it by more than `passed_radius` until then.
     """
 
     def __init__(
@@ -186,38 +191,35 @@ class PursuitThrough(Pursuit):
         self._plan = planner or _straight
         self._left = list(goals)
         self._planned_at = -math.inf
+        self._parts: list[_Path] = []  # of the path, after the one that the robot follows
 
     def step(self, state: State) -> tuple[float, float]:
         """Return the velocities (m/s, rad/s) for a state; `phase` is in `ENDED` after the end."""
         if state.time - self._planned_at >= self.tuning.replanning_period:
             self._planned_at = state.time
-            self._remove_passed(state)
             self._plan_again(state)
-            self._interrupts = state.v > self.tuning.regulated_linear_scaling_min_speed
+        elif self._parts and super()._approach_distance() <= self.tuning.corner_dist:
+            self._path = self._parts.pop(0)
         return super().step(state)
 
-    def _remove_passed(self, state: State) -> None:
-        while len(self._left) > 1:
-            x, y, _ = self._left[0]
-            if math.hypot(x - state.x, y - state.y) > self.tuning.passed_radius:
-                break
-            del self._left[0]
-
     def _plan_again(self, state: State) -> None:
-        places = [(state.x, state.y), *(goal[:2] for goal in self._left)]
+        radius = self.tuning.passed_radius
+        here = (state.x, state.y)
+        while len(self._left) > 1 and math.dist(here, self._left[0][:2]) <= radius:
+            del self._left[0]
+        places = [here, *(goal[:2] for goal in self._left)]
         parts = [self._plan(start, end) for start, end in itertools.pairwise(places)]
-        found = [part for part in parts if part is not None]
-        if len(found) < len(parts):
+        self._parts = [_Path(part) for part in parts if part is not None]
+        if len(self._parts) < len(parts):
             self.phase = Phase.MISSED
         else:
-            self._path = _Path(np.concatenate(found))
+            self._path = self._parts.pop(0)
 
     def _distance_left(self, state: State) -> float:
-        assert self._path is not None or self.phase is Phase.MISSED
-        straight = super()._distance_left(state)
-        if self._path is None or len(self._left) == 1:
-            return straight
-        return max(straight, self._path.remaining)
+        return math.inf if self._parts else super()._distance_left(state)
+
+    def _approach_distance(self) -> float:
+        return math.inf if self._parts else super()._approach_distance()
 
 
 def _straight(start: tuple[float, float], end: tuple[float, float]) -> Grid:

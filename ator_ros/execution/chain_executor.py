@@ -38,6 +38,7 @@ from ator_ros.world.state import STOP, World
 STOPPING = "stopping, then starting the action"
 """Message of a step that waits until the robot stands."""
 _STAYED = 0.02  # m and rad up to which a robot has not moved
+_NEAR = 1.0  # m from a goal up to which a robot that drives through it may turn off
 _AWAY = 0.1  # m beyond its least distance from a goal at which a robot leaves it: above noise
 
 
@@ -254,7 +255,11 @@ class ChainExecutor:
                 step = self._follow(world)
                 continue
             missed = self._finish_passed(at_once=True)
-            self.records.append(self._run.close(world, _ENDINGS[status], step.message))
+            self.records.append(
+                self._run.close(
+                    world, _ENDINGS[status], step.message, stopped=not self._run.is_missed
+                )
+            )
             if self._run.is_missed or (missed is not None and status is Status.SUCCEEDED):
                 return self._stop_at(world, self.index if missed is None else missed)
             following = self._after(world, status)
@@ -461,6 +466,7 @@ class StepRun:
         self._index = index
         self._time_limit = time_limit
         self._takeover = takeover
+        self._nearest = math.inf  # m; least distance from the goal, of an action that drives on
         self.action: Action | None = None
         self.hands_over = self.is_missed = False
         self._start: World | None = None
@@ -526,7 +532,7 @@ class StepRun:
             return Step(None, Status.SUCCEEDED, f"{self.call.top.name} passed its goal")
         drives_on = self.action.drives_on
         done = self.action.step(world)
-        if drives_on and (done.status is Status.SUCCEEDED or self._next_is_near(world)):
+        if drives_on and (done.status is Status.SUCCEEDED or self._leaves_goal(world)):
             self.is_missed = True
             return Step(None, Status.FAILED, self.call.top.failure(self._unmet(world)))
         return self._confirmed(world, done)
@@ -536,10 +542,11 @@ class StepRun:
         distance = _distance(world, self.call, self._library.robot)
         return distance <= self._takeover or not self._unmet(world)
 
-    def _next_is_near(self, world: World) -> bool:
-        following = self._chain.calls[self._index + 1]
-        distance = _distance(world, following, self._library.robot)
-        return distance <= following.top.place_tolerance
+    def _leaves_goal(self, world: World) -> bool:
+        """Return whether the robot has come near the goal, and now leaves it."""
+        distance = _distance(world, self.call, self._library.robot)
+        self._nearest = min(self._nearest, distance)
+        return self._nearest <= _NEAR and distance > self._nearest + _AWAY
 
     def keeps_driving(self, world: World) -> bool:
         """Return whether the goal is not reached yet; no step takes over before it is."""

@@ -1,6 +1,6 @@
 """Chains whose steps pass their goals: the next action takes over while the robot drives."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import pytest
@@ -63,7 +63,10 @@ class Nearer:
 
 
 def executor(
-    *stops: tuple[float, bool], unreachable: float = 9.0, models: Mapping[str, Any] | None = None
+    *stops: tuple[float, bool],
+    unreachable: float = 9.0,
+    models: Mapping[str, Any] | None = None,
+    driver: type[Driver] = Driver,
 ) -> tuple[Any, list[str]]:
     """Return the executor of a chain of places (m) with whether the robot stops there."""
     events: list[str] = []
@@ -71,7 +74,7 @@ def executor(
         ROBOT,
         "default",
         tops=(VISIT,),
-        actions={"drive": lambda _: Driver(events, unreachable)},
+        actions={"drive": lambda _: driver(events, unreachable)},
         goal_variables={"drive": (STOPS,)},
     )
     calls = [
@@ -178,3 +181,44 @@ def test_a_goal_counts_as_missed_if_the_last_step_ends_without_it() -> None:
     run.step(World(1.0, RobotState(Pose(1.31, 0.0, 0.0), 0.6)))  # 1 cm beyond the tolerance
     assert run.index == 0
     assert [record.ending for record in run.records] == [Ending.FAILED, Ending.SUCCEEDED]
+
+
+class Through(Driver):
+    """A driver that drives through its goal and those that follow."""
+
+    _drives_on = False
+
+    def followed_by(self, goals: Sequence[Goal]) -> None:
+        self._drives_on = True
+        self._events.append(f"then {', '.join(f'{goal.pose.x:g}' for goal in goals)}")
+
+    @property
+    def drives_on(self) -> bool:
+        return self._drives_on
+
+
+def test_an_action_gets_the_goals_up_to_the_next_stop() -> None:
+    run, events = executor((1.0, False), (2.0, False), (3.0, True), (4.0, True), driver=Through)
+    run.step(state(0.0, 0.0))
+    assert events == ["start 1", "then 2, 3"]
+    run.step(state(1.0, 0.9))
+    assert events[2:] == ["start 2", "then 3", "2 takes over from 1", "end 1"]
+    run.step(state(2.0, 1.9))
+    assert events[6:] == ["start 3", "3 takes over from 2", "end 2"]
+
+
+@pytest.mark.parametrize(("nearest", "then"), [(0.5, 0.35), (1.5, 1.65), (0.0, 9.0)])
+def test_a_goal_is_missed_where_the_action_leaves_it_or_ends(nearest: float, then: float) -> None:
+    run, events = executor((1.0, False), (2.0, False), (9.0, True), driver=Through)
+    run.step(state(0.0, 0.0))
+    run.step(state(0.5, nearest))
+    assert run.index == 0
+    step = run.step(state(1.0, then))
+    if then == 9.0:
+        step = run.step(state(1.1, 1.05))
+    assert step.status is Status.RUNNING
+    assert step.command == STANDING
+    assert events[-1] == "end 1"
+    (record,) = run.records
+    assert (record.index, record.ending, record.stopped) == (0, Ending.FAILED, False)
+    assert [call.passing for call in run.chain.calls] == [False, True, False]

@@ -1,4 +1,7 @@
-"""Stations that are passed without a stop, with the nodes and the server of the domain patrol."""
+"""Stations that are passed without a stop, with the nodes and the server of the domain patrol.
+
+The server takes newer goals while it drives, or drives through several.
+"""
 
 import importlib
 import math
@@ -19,6 +22,7 @@ from ator_interfaces.msg import Outcome, TopCall
 from ator_ros.experience.table import read_experience
 from ator_ros.geometry import Pose
 from ator_ros.nodes.messages import pose_of
+from ator_ros.resources import resource_path
 from ator_ros.tools.collect import main
 
 pytestmark = [pytest.mark.node, pytest.mark.long]
@@ -27,18 +31,27 @@ START = Pose(-2.0, 0.0, 0.0)
 STATIONS = [Pose(0.0, 0.0, 3.0), Pose(1.5, 0.6, -2.0), Pose(3.0, 0.0, 0.0)]
 
 
+THROUGH = str(resource_path("config", "patrol", "through.yaml"))
+
+
+@pytest.fixture(scope="module", params=["patrol", THROUGH])
+def declared(request: pytest.FixtureRequest) -> str:
+    """Return the domain."""
+    return str(request.param)
+
+
 @pytest.fixture(scope="module")
-def nodes(shared: tuple[Processes, Client]) -> Iterator[tuple[Client, ChainClient]]:
+def nodes(shared: tuple[Processes, Client], declared: str) -> Iterator[tuple[Client, ChainClient]]:
     processes, client = shared
     with pytest.MonkeyPatch.context() as patch:
         provide_nav2_msgs(patch)
         started = {
             "simulating": processes.start(
-                "simulation", domain="patrol", real_time_factor=5.0, command_wait=0.5
+                "simulation", domain=declared, real_time_factor=5.0, command_wait=0.5
             ),
             "": processes.start("pursuit_server"),
-            "ready for chains": processes.start("executor", domain="patrol", odom_timeout=2.0),
-            "become chains": processes.start("waypoints", domain="patrol"),
+            "ready for chains": processes.start("executor", domain=declared, odom_timeout=2.0),
+            "become chains": processes.start("waypoints", domain=declared),
         }
         for words, node in started.items():
             client.eventually(
@@ -48,6 +61,7 @@ def nodes(shared: tuple[Processes, Client]) -> Iterator[tuple[Client, ChainClien
         client.eventually(lambda: client.robots, "odometry")
         chains.wait_for_publishers()
         yield client, chains
+    processes.kill()
 
 
 @pytest.fixture
@@ -104,11 +118,11 @@ def test_a_canceled_chain_stops_the_robot_that_drives_on(chains: ChainClient) ->
 
 
 def test_legs_of_both_kinds_are_collected_with_the_running_executor(
-    chains: ChainClient, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    chains: ChainClient, declared: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("ROS_DOMAIN_ID", str(chains.ros.domain))
     table = tmp_path / "legs.parquet"
-    words = ["--domain", "patrol", "--over-ros", "--attach", "--yes", "--seed", "3"]
+    words = ["--domain", declared, "--over-ros", "--attach", "--yes", "--seed", "3"]
     assert main([*words, "--episodes", "4", "--out", str(table)]) == 0
     legs = read_experience(table).frame
     assert legs["success"].all()
