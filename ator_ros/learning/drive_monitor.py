@@ -22,6 +22,7 @@ from ator_ros.learning.estimates import (
     DriveEstimator,
     Estimate,
     ObservedSpeeds,
+    Pace,
     direct_of_drives,
     drive_estimator,
 )
@@ -197,10 +198,7 @@ class DriveMonitor:
         if path is not None and made.success:
             self._paths.save(situation.robot.pose[:2], situation.goal.pose[:2], path)
             length = float(np.hypot(*np.diff(path, axis=0).T).sum())
-            greatest = math.nan
-            if made.samples is not None:
-                greatest = float(np.percentile(np.abs(made.samples[:, 4]), 98.0))
-            self.speeds.add(length, made.duration, greatest)
+            self.speeds.add(length, made.duration, _pace_of(made))
             if not is_learned:
                 drive = situation.robot, situation.goal.pose, made.duration
                 self._first_drives[goal.action].append(drive)
@@ -213,6 +211,14 @@ class DriveMonitor:
         self._in_a_row = self._in_a_row + 1 if is_late else 0
         is_held_up = is_late and self._in_a_row <= _MOST_IN_A_ROW
         return EndedDrive(goal, made, "", first, is_held_up)
+
+
+def _pace_of(drive: Episode) -> Pace:
+    """Return how a drive was driven at most; the speed is NaN where it is unknown."""
+    speed = math.nan
+    if drive.samples is not None:
+        speed = float(np.percentile(np.abs(drive.samples[:, 4]), 98.0))
+    return Pace(speed, drive.position_error, drive.heading_error)
 
 
 def driven_on(paths: WatchedPaths, domain: Domain) -> Domain:
