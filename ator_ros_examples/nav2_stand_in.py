@@ -45,7 +45,8 @@ from ator_ros_examples.stand_ins import navfn
 _TICK = 0.05  # s, of the simulated base and the control law
 _FEEDBACK_PERIOD = 0.5  # s, at 2 Hz as Nav2's
 _PLAN_PERIOD = 1.0  # s; Nav2's default tree plans again every second
-_START = Pose(-6.0, 0.0, 0.0)  # in the corridor
+START = Pose(-6.0, 0.0, 0.0)
+"""Where the robot begins: in the corridor."""
 PARAMETERS: dict[tuple[str, str], dict[str, Any]] = {
     ("bt_navigator", ""): {
         "global_frame": "map",
@@ -96,7 +97,7 @@ class Nav2StandIn(Node):
         assert self._robot.grid is not None
         self._planner = navfn(self._robot.grid, self._robot)
         self._simulation = Simulation(self._robot)
-        self._simulation.place_robot(_START)
+        self._simulation.place_robot(START)
         self._drive: _Drive | None = None
         self._odom = self.create_publisher(Odometry, "odom", 10)
         self._tf = self.create_publisher(TFMessage, "/tf", 100)

@@ -12,7 +12,7 @@ import numpy as np
 from ator_ros.bases.description import Robot
 from ator_ros.domains.domain import Domain
 from ator_ros.experience.server_drives import Watch
-from ator_ros.experience.server_goals import ServerGoal
+from ator_ros.experience.server_goals import ServerGoal, usual_values
 from ator_ros.experience.table import Episode
 from ator_ros.experience.watched_paths import WatchedPaths
 from ator_ros.geometry import Pose
@@ -133,7 +133,8 @@ class DriveMonitor:
         drives = self._first_drives[action]
         if model is None or model.is_learned or not drives:
             return
-        direct = direct_of_drives([drive[:2] for drive in drives])
+        values = usual_values(self.domain, action)
+        direct = direct_of_drives([drive[:2] for drive in drives], values)
         self._models[action] = corrected(model, direct, [duration for *_, duration in drives])
 
     def _basis(self, action: str) -> str:
@@ -171,6 +172,7 @@ class DriveMonitor:
             goal.first_path,
             model=self._models.get(goal.action) if goal.frame == self._frame else None,
             speeds=self.speeds,
+            values=usual_values(self.domain, goal.action),
             source=self._basis(goal.action),
         )
         self._estimators[goal.goal_id] = estimator

@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from types import MappingProxyType
 
 import numpy as np
 
+from ator_ros.actions.goal_variables import direct_name
 from ator_ros.bases.description import Robot
 from ator_ros.bases.direct import DIRECT_VARIABLES
 from ator_ros.bases.planned_routes import route_along
@@ -197,6 +199,7 @@ def drive_estimator(
     *,
     model: PerformanceModel | None,
     speeds: ObservedSpeeds,
+    values: Mapping[str, float] = MappingProxyType({}),
     source: str = "",
 ) -> DriveEstimator:
     """Return the estimator of a drive that starts on a path, shape (n, 2), in m.
@@ -211,6 +214,8 @@ def drive_estimator(
         Of the robot at the end.
     model : PerformanceModel or None
         Predicts the duration, unless the path is none of the map for it.
+    values : mapping
+        Of the goal variables that the action declares.
     source : str
         What the model is, for `basis`.
     """
@@ -219,7 +224,7 @@ def drive_estimator(
     if pace is None:
         pace = Pace(robot.greatest_speed(), _USUAL_SHORT, _USUAL_SHORT)
     shortest = length / pace.speed
-    predicted = None if model is None else _predicted(model, start, goal)
+    predicted = None if model is None else _predicted(model, start, goal, values)
     if predicted is not None:
         total, spread, bound = predicted
         basis = source
@@ -241,21 +246,27 @@ def drive_estimator(
     )
 
 
-def direct_of_drives(drives: Sequence[tuple[RobotState, Pose]]) -> dict[str, FloatArray]:
-    """Return the direct variables of n drives to a goal at rest, arrays of shape (n,)."""
+def direct_of_drives(
+    drives: Sequence[tuple[RobotState, Pose]], values: Mapping[str, float]
+) -> dict[str, FloatArray]:
+    """Return the direct variables of n drives to a goal at rest, arrays of shape (n,).
+
+    `values` are those of the goal variables that the action declares.
+    """
     rows = [(*start.pose, start.vx, start.w, start.vy, *goal, 0.0, 0.0) for start, goal in drives]
     columns = np.array(rows, dtype=float).T
-    return dict(zip(DIRECT_VARIABLES, columns, strict=True))
+    declared = {direct_name(name): np.full(len(rows), value) for name, value in values.items()}
+    return dict(zip(DIRECT_VARIABLES, columns, strict=True)) | declared
 
 
 def _predicted(
-    model: PerformanceModel, start: RobotState, goal: Pose
+    model: PerformanceModel, start: RobotState, goal: Pose, values: Mapping[str, float]
 ) -> tuple[float, float, float] | None:
     """Return duration, spread and bound in s; None where the model predicts none."""
-    direct = direct_of_drives([(start, goal)])
+    direct = direct_of_drives([(start, goal)], values)
     found = model.predict(direct, ("duration", "spread"))
-    values = [item for item in (found.duration, found.spread, found.bound) if item is not None]
-    numbers = [float(item[0]) for item in values]
+    columns = (found.duration, found.spread, found.bound)
+    numbers = [float(column[0]) for column in columns if column is not None]
     if len(numbers) < 3 or not all(map(math.isfinite, numbers)):
         return None
     return numbers[0], numbers[1], numbers[2]

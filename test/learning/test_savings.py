@@ -1,16 +1,21 @@
 """What rounds would have saved: by hand, for a model that turns, drives and turns."""
 
 import math
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from maps import hall, write_map
 from refinement_fakes import FakeModel
 
+from ator_ros.actions import DEFAULT_SET
+from ator_ros.domains.available_models import with_path_times
 from ator_ros.domains.domain import find_domain
 from ator_ros.experience.watched_paths import WatchedPaths
 from ator_ros.geometry import Pose, wrap_angles
+from ator_ros.learning.drive_monitor import driven_on
 from ator_ros.learning.savings import (
     LONGEST_ROUND,
     Round,
@@ -65,6 +70,31 @@ def test_another_order_saves_the_way_beyond_what_headings_save() -> None:
     assert found.headings.seconds == pytest.approx(0.0, abs=0.01)
     assert found.order.seconds == pytest.approx(4.0 + 2.0 * math.pi, abs=0.1)
     assert math.isnan(savings(*goals, knows_all=False).order.seconds)
+
+
+def test_passing_saves_the_stop_beyond_what_headings_save() -> None:
+    stop = 1.5  # s
+    patrol = find_domain("patrol")
+    model = FakeModel(lambda d: duration(d) + stop * d["stopg"], USED | {"stopg"})
+    stations = (Pose(2.0, 0.0, 0.0), Pose(4.0, 0.0, 0.0))
+    found = savings_of(
+        Round("pursue", START, stations),
+        patrol.library(patrol.robot()),
+        {"pursue": model},
+        may_pass=True,
+    )
+    assert found.headings.seconds == pytest.approx(0.0, abs=0.01)
+    short = 0.3  # m before the station where the robot passes it, and s at 1 m/s afterwards
+    assert found.passing.seconds == pytest.approx(stop - short, abs=0.1)
+
+
+def test_where_no_path_is_known_nothing_is(tmp_path: Path) -> None:
+    patrol = driven_on(WatchedPaths(), find_domain("patrol").on_map(write_map(tmp_path, hall())))
+    robot = patrol.robot()
+    models = with_path_times({}, patrol, robot, DEFAULT_SET)
+    goals = (Pose(2.0, 0.0, 0.0), Pose(-2.0, 1.0, 0.0), Pose(3.0, 1.0, 0.0))
+    found = savings_of(Round("pursue", START, goals), patrol.library(robot), models, may_pass=True)
+    assert all(math.isnan(each.seconds) for each in (found.headings, found.passing, found.order))
 
 
 def test_savings_of_several_rounds_add_up_with_their_intervals() -> None:
