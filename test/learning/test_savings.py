@@ -1,21 +1,16 @@
 """What rounds would have saved: by hand, for a model that turns, drives and turns."""
 
 import math
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
-from maps import hall, write_map
 from refinement_fakes import FakeModel
 
-from ator_ros.actions import DEFAULT_SET
-from ator_ros.domains.available_models import with_path_times
 from ator_ros.domains.domain import find_domain
 from ator_ros.experience.watched_paths import WatchedPaths
 from ator_ros.geometry import Pose, wrap_angles
-from ator_ros.learning.drive_monitor import driven_on
 from ator_ros.learning.savings import (
     LONGEST_ROUND,
     Round,
@@ -86,15 +81,6 @@ def test_passing_saves_the_stop_beyond_what_headings_save() -> None:
     assert found.headings.seconds == pytest.approx(0.0, abs=0.01)
     short = 0.3  # m before the station where the robot passes it, and s at 1 m/s afterwards
     assert found.passing.seconds == pytest.approx(stop - short, abs=0.1)
-
-
-def test_where_no_path_is_known_nothing_is(tmp_path: Path) -> None:
-    patrol = driven_on(WatchedPaths(), find_domain("patrol").on_map(write_map(tmp_path, hall())))
-    robot = patrol.robot()
-    models = with_path_times({}, patrol, robot, DEFAULT_SET)
-    goals = (Pose(2.0, 0.0, 0.0), Pose(-2.0, 1.0, 0.0), Pose(3.0, 1.0, 0.0))
-    found = savings_of(Round("pursue", START, goals), patrol.library(robot), models, may_pass=True)
-    assert all(math.isnan(each.seconds) for each in (found.headings, found.passing, found.order))
 
 
 def test_savings_of_several_rounds_add_up_with_their_intervals() -> None:
