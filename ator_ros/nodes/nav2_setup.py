@@ -1,6 +1,6 @@
 """Finds out what our nodes need to know of a running Nav2, and writes their files.
 
-    python3 -m ator_ros.nodes.nav2_setup --folder FOLDER --namespace robot_1
+    python3 -m ator_ros.start commands.nav2_setup --folder FOLDER --namespace robot_1
 
 It reads parameters of Nav2's nodes, and the map. It prints the folder that it wrote, a part of
 FOLDER: each set of the parameters that change how Nav2 drives has one of its own, since drives with
@@ -49,11 +49,6 @@ _SPEEDS = ("desired_linear_vel", "max_vel_x", "vx_max")  # of controllers, in m/
 # Defaults of Nav2's velocity smoother, where it does not run: m/s, rad/s, m/s^2, rad/s^2.
 _USUAL = (0.5, 2.5, 2.5, 3.2)
 _BESIDE = 0.05  # m and rad by which poses reached may be off beyond Nav2's tolerances
-# What only the simulator needs, which does not simulate this robot: kg, m, s; and a share.
-_MASS = 10.0
-_WHEEL_RADIUS = 0.05
-_MOTOR_TIME_CONSTANT = 0.1
-_TRACK = 0.8  # of the width
 _ANSWER = 5.0  # real s that an answer of a node may take
 _DISCOVERY = 3.0  # real s in which DDS finds a node, once it has found others of Nav2
 _SPIN = 0.1
@@ -251,11 +246,6 @@ def _robot(facts: Facts, extent: Sequence[float]) -> dict[str, Any]:
             "rear": round(facts.rear, 4),
             "half_width": round(facts.half_width, 4),
             "limits": {"v": v, "w": w, "a": a, "brake": a, "aw": aw},
-            "wheel_radius": _WHEEL_RADIUS,
-            "track": round(2.0 * _TRACK * facts.half_width, 4),
-            "mass": _MASS,
-            "wheel_torque": round(max(1.0, _MASS * a * _WHEEL_RADIUS), 4),
-            "motor_time_constant": _MOTOR_TIME_CONSTANT,
         },
         "scene": {
             "area": {
@@ -424,7 +414,3 @@ def main(argv: Sequence[str] | None = None) -> None:
     finally:
         rclpy.try_shutdown()
     sys.stdout.write(str(made))
-
-
-if __name__ == "__main__":
-    main()

@@ -135,7 +135,7 @@ class _Subgoal:
         }
 
 
-def _passing_of(call: TopCall, model: PredictsPerformance | None, robot: Robot) -> Passing:
+def _passing_of(call: TopCall, model: PredictsPerformance, robot: Robot) -> Passing:
     """Return how an action passes its goals.
 
     If no drive has shown that, it is at the tolerance of the position, at half the greatest speed.
@@ -191,7 +191,8 @@ class StepRows:
         columns = {name: after[..., column] for column, name in enumerate(self._free)}
         if self._changed is not None:
             columns.update(self._changed(before))
-        table = np.empty((len(self.names), *np.broadcast(*columns.values()).shape))
+        shape = np.broadcast(*columns.values()).shape
+        table = np.empty((len(self.names), *shape))
         table.T[:] = self._fixed
         for name, values in columns.items():
             table[self._row[name]] = values
@@ -220,8 +221,8 @@ def step_rows(
             world = projected(world, call, robot)
         if call.top.arrives:
             goal = call.goal
-            model = models.get(call.top.action)
-            arrival = model.arrival if model is not None and goal.point is Point.AXLE else None
+            model = models[call.top.action]
+            arrival = model.arrival if goal.point is Point.AXLE else None
             bearing = arrival_heading(place, goal.pose, robot)
             passing = _passing_of(call, model, robot)
             start = _Subgoal(goal, (), robot, arrival, bearing, passing).start(np.zeros(0))
@@ -256,7 +257,7 @@ def leg_rows(
     changes: list[Callable[[FloatArray], Mapping[str, Any]] | None] = [None]
     for call, free in zip(calls, names, strict=True):
         world = projected(world, call, robot)
-        passing = _passing_of(call, models.get(call.top.action), robot)
+        passing = _passing_of(call, models[call.top.action], robot)
         exact = _Subgoal(call.goal, free, robot, None, None, passing)
         starts.append(
             _Subgoal(call.goal, (), robot, None, None, passing).start(np.zeros(0))
@@ -284,8 +285,10 @@ def chain_situations(
 ) -> list[DirectTable]:
     """Return the direct variables of each action of `chain` with its own values."""
     rows = step_rows(world, chain, robot, [()] * len(chain.calls), models)
+    no_candidate = np.zeros(0)
+    tables = [step.values(no_candidate, no_candidate) for step in rows]
     return [
-        DirectTable(step.names, step.values(np.zeros(0), np.zeros(0))[:, None]) for step in rows
+        DirectTable(step.names, table[:, None]) for step, table in zip(rows, tables, strict=True)
     ]
 
 
@@ -300,10 +303,9 @@ class ChainPrediction:
     ----------
     actions : tuple of mapping
         For each action the predicted fields of `REPORTED`, as in `Prediction`, and those of the
-        objective. Fields that the model does not predict are left out; an action without a model
-        has none.
+        objective. Fields that the model does not predict are left out.
     cost : float
-        The objective summed over the actions that have a model.
+        The objective summed over the actions.
     error : float
         What the models may be wrong by in the summed duration, in s: the root mean square.
     held_up : tuple of HeldUp
@@ -317,8 +319,8 @@ class ChainPrediction:
 
     @property
     def duration(self) -> float:
-        """Sum of the durations in s; NaN where an action has no model."""
-        return sum(action.get("duration", math.nan) for action in self.actions)
+        """Sum of the durations in s."""
+        return sum(action["duration"] for action in self.actions)
 
     @property
     def spread(self) -> float:
@@ -331,11 +333,10 @@ class ChainPrediction:
 
     @property
     def bound(self) -> float:
-        """What nine of ten runs take at most, in s; NaN where an action has no model."""
-        duration = self.duration
-        if not math.isfinite(duration):
+        """What nine of ten runs take at most, in s; NaN as the duration."""
+        if math.isnan(self.duration):
             return math.nan
-        return bound_of_chain(duration, self.spread, self.held_up)
+        return bound_of_chain(self.duration, self.spread, self.held_up)
 
 
 class StepModel:
@@ -351,7 +352,7 @@ class StepModel:
         The free variables of each call; candidates have a column for each.
     robot : Robot
     models : mapping
-        Action name to performance model; a step without one costs nothing.
+        Action name to performance model.
     objective : Objective
         What a step costs.
     """
@@ -372,7 +373,7 @@ class StepModel:
         self._robot = robot
         self._routes = routes_of(robot)
         self._actions = [call.top.action for call in calls]
-        self._models = {action: models.get(action) for action in self._actions}
+        self._models = {action: models[action] for action in self._actions}
         self.objective = objective
 
     def step_costs(self, steps: Sequence[Pairs]) -> list[FloatArray]:
@@ -403,8 +404,6 @@ class StepModel:
         actions = [self._actions[index] for index, _ in tables]
         for action in dict.fromkeys(actions):
             model = self._models[action]
-            if model is None:  # it costs nothing
-                continue
             # One prediction for all steps of a model takes hardly longer than for one step.
             places = [place for place, other in enumerate(actions) if other == action]
             names = self.rows[tables[places[0]][0]].names

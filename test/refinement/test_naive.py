@@ -5,13 +5,12 @@ import math
 
 import pytest
 from maps import hall_map
-from refinement_fakes import ANGLE, BOTH, LIBRARY, ROBOT, call, models, world
+from refinement_fakes import ANGLE, BOTH, LIBRARY, ROBOT, call, world
 
 from ator_ros.actions.base import Goal
 from ator_ros.domains.domain import find_domain
 from ator_ros.geometry import Pose
 from ator_ros.refinement.naive import naive_on_paths
-from ator_ros.refinement.refiner import Refiner
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.conditions import Condition, Region
 from ator_ros.world.state import RobotState, World
@@ -61,10 +60,3 @@ def test_a_chain_that_opens_nothing_and_an_invalid_value_are_kept() -> None:
     found = naive_on_paths(world(), sent, ROBOT, LIBRARY.ranges)
     assert yaws(found) == pytest.approx([2.0, 0.0])
     assert not found.violations(world(), ROBOT)
-
-
-def test_without_a_model_the_reference_has_naive_headings() -> None:
-    sent = TopChain((call("goToPose", 0.0, 1.0, 2.0, ANGLE), call("goToPose", 1.0, 1.0, 2.0)))
-    found = Refiner(ROBOT, {"shoot": models()["shoot"]}).refine(world(), sent, placeholders=True)
-    assert not found.free
-    assert yaws(found.chain) == pytest.approx([math.pi / 4, 2.0])
