@@ -13,7 +13,8 @@ from nav_msgs.msg import OccupancyGrid
 from rclpy.action import GoalResponse
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
-from ator_ros_examples.drive_to_server import DriveToServer, serve, yaw_of
+from ator_ros.nodes.main_loop import run_node
+from ator_ros_examples.drive_to_server import DriveToServer, yaw_of
 from ator_ros_examples.navfn import NavFn
 from ator_ros_examples.pursuit import Pursuit
 
@@ -61,7 +62,7 @@ class PursuitServer(DriveToServer):
 
 def main(args: list[str] | None = None) -> None:
     """Run the server until Ctrl-C or SIGTERM."""
-    serve(PursuitServer, args)
+    run_node(PursuitServer, (), args)
 
 
 if __name__ == "__main__":

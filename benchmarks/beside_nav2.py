@@ -136,7 +136,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     factor = ("--ros-args", "-p", f"real_time_factor:={options.factor}")
     stand_in = (sys.executable, "-m", "ator_ros_examples.nav2_stand_in", *factor)
     processes = [start(*stand_in, log=work / "stand_in.log")]
-    setup = (sys.executable, "-m", "ator_ros.nodes.nav2_setup", "--folder", str(work))
+    setup = (sys.executable, "-m", "ator_ros.start", "commands.nav2_setup", "--folder", str(work))
     folder = subprocess.run(setup, capture_output=True, text=True, check=True).stdout
     words = ("--ros-args", "--params-file", f"{folder}/nav2.yaml")
     processes += [

@@ -1,6 +1,6 @@
 """Finds out what our nodes need to know of a running Nav2, and writes their files.
 
-    python3 -m ator_ros.nodes.nav2_setup --folder FOLDER --namespace robot_1
+    python3 -m ator_ros.start commands.nav2_setup --folder FOLDER --namespace robot_1
 
 It reads parameters of Nav2's nodes, the footprint of a costmap, and the map. It prints the folder
 that it wrote, a part of FOLDER: each set of the parameters that change how Nav2 drives has one of
@@ -470,7 +470,3 @@ def main(argv: Sequence[str] | None = None) -> None:
     finally:
         rclpy.try_shutdown()
     sys.stdout.write(str(made))
-
-
-if __name__ == "__main__":
-    main()
