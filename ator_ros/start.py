@@ -1,4 +1,4 @@
-"""Starts the programs, so that a signal ends them also while they import libraries.
+"""Starts the programs: a signal ends them also while they import libraries, of one thread each.
 
 Each of them is a console script (`setup.py`), or is started by a launch file:
 
@@ -14,6 +14,8 @@ from collections.abc import Callable
 from importlib import import_module
 from typing import Any
 
+# Matrices here are small. With a thread for each core a node takes twice the CPU time to start.
+_ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 INTERRUPTED = 130
 """The exit code of a tool after Ctrl-C or SIGTERM."""
 
@@ -37,6 +39,8 @@ class Programs:
                 if signal.getsignal(number) is not signal.SIG_IGN:
                     # an import may replace an exception by another, or print it and go on
                     signal.signal(number, lambda *_: os._exit(self._interrupted))
+            for name in _ONE_THREAD:
+                os.environ.setdefault(name, "1")
             return import_module(f"{self._package}.{module}").main()
 
         return run

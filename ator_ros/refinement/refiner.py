@@ -275,9 +275,9 @@ class Refiner:
                 break
             found.append(self._searched_from(world, candidate, reference, deadline, work))
             best = self._better(world, best, found[-1])
-        # On a map, where routes change at once, a search may end in a valley beside the best one:
-        # another start decides between orders that are nearly the best.
-        for each in found if self.robot.grid is not None else ():
+        # A search may end in a valley beside the best one, above all on a map, where routes change
+        # at once: another start decides between orders that are nearly the best.
+        for each in found:
             is_near = each.optimum.cost <= _NEAR * best.optimum.cost
             if not is_near or deadline() or any(call.passing for call in each.chain.calls):
                 continue
