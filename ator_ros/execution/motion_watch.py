@@ -16,8 +16,8 @@ import numpy as np
 from ator_ros.bases.description import Robot
 from ator_ros.bases.foresight import Foresight
 from ator_ros.bases.interface import Axis
+from ator_ros.execution.followers import LATE, ROUNDING, STEP, Commands, Response
 from ator_ros.execution.odometry_point import OdometryPoint
-from ator_ros.execution.response import LATE, ROUNDING, STEP, Commands, Response
 from ator_ros.geometry import FloatArray, wrap_angle
 from ator_ros.world.state import STOP, Command, RobotState
 
