@@ -98,8 +98,8 @@ def test_a_leg_that_passes_its_goal_without_a_route_is_unknown() -> None:
         return None
 
     domain = replace(DOMAIN.on_map(hall_map()), planner=lambda *_: without_routes)
-    names = ("route_length", "stopg")
-    features = [each for each in domain.candidates("pursue") if each.name in names]
+    known = {feature.name: feature for feature in domain.candidates("pursue")}
+    features = [known["route_length"], known["stopg"]]
     direct = {**LEG, "x": -2.0, "v": 0.4, "stopg": 0.0, "yawg": 0.0}
     ((length, _),) = feature_table(direct, domain.robot(), features)
     assert np.isnan(length)
