@@ -25,9 +25,11 @@ run: setup
 		{ echo "EXE=$(EXE): expected one of: $$(ls $(BIN) | tr '\n' ' ')" >&2; exit 2; }
 	@$(RUN) $(BIN)/$(EXE) $(ARGS)
 
-# Three workers on two cores, as nodes often wait. Each file on one worker, in the order that
-# test/conftest.py sets. Bytecode is kept, whatever the shell says, for the processes that are
-# started over and over.
+# Three workers on two cores, as nodes often wait; libraries of linear algebra have one thread each.
+# Each file on one worker, in the order that test/conftest.py sets. Bytecode is kept, whatever the
+# shell says, for the processes that are started over and over.
+test test-long bench: export OMP_NUM_THREADS = 1
+test test-long bench: export OPENBLAS_NUM_THREADS = 1
 test: setup
 	@PYTHONDONTWRITEBYTECODE= $(RUN) python -m pytest -n 3 --dist loadfile --no-loadscope-reorder -m 'not long' $(ARGS)
 

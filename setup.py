@@ -8,8 +8,8 @@ PACKAGE = "ator_ros"
 EXAMPLES = "ator_ros_examples"
 DATA_FOLDERS = ("config", "launch", "models", "rviz", "security", "urdf")
 EXECUTABLES = {
-    EXAMPLES: ("drive_to_server", "pursuit_server"),
-    f"{PACKAGE}.nodes": (
+    "examples": ("drive_to_server", "pursuit_server"),
+    "nodes": (
         "simulation",
         "executor",
         "refinement",
@@ -18,7 +18,7 @@ EXECUTABLES = {
         "waypoints",
         "watch",
     ),
-    f"{PACKAGE}.tools": (
+    "tools": (
         "collect",
         "train",
         "evaluate",
@@ -77,11 +77,11 @@ setup(
     entry_points={
         "console_scripts": [
             *(
-                f"{name} = {module}.{name}:main"
-                for module, names in EXECUTABLES.items()
+                f"{name} = {PACKAGE}.start:{group}.{name}"
+                for group, names in EXECUTABLES.items()
                 for name in names
             ),
-            f"round = {PACKAGE}.tools.round_of_places:main",  # `learning` has a module round
+            f"round = {PACKAGE}.start:tools.round_of_places",  # `learning` has a module round
         ],
         f"{PACKAGE}.domains": [f"{name} = {value}" for name, value in DOMAINS.items()],
         f"{PACKAGE}.action_sets": [f"{name} = {value}" for name, value in ACTION_SETS.items()],

@@ -7,21 +7,19 @@ by its stamp, so that it also works in a simulation that is faster than real tim
 from __future__ import annotations
 
 import math
-import signal
 from collections.abc import Callable
 from typing import Any
 
-import rclpy
 from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
-from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.task import Future
 
 from ator_interfaces.action import DriveTo
+from ator_ros.nodes.main_loop import run_node
 from ator_ros_examples.pursuit import Law, Pursuit
 from ator_ros_examples.rotate_drive_rotate import Phase, RotateDriveRotate, State
 
@@ -171,23 +169,9 @@ def yaw_of(q: Any) -> float:
     return math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
 
 
-def serve(make: Callable[[], Node], args: list[str] | None = None) -> None:
-    """Run a server until Ctrl-C or SIGTERM."""
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
-    rclpy.init(args=args)
-    node = make()
-    try:
-        rclpy.spin(node)
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
-    finally:
-        node.destroy_node()
-        rclpy.try_shutdown()
-
-
 def main(args: list[str] | None = None) -> None:
     """Run the server with its law until Ctrl-C or SIGTERM."""
-    serve(DriveToServer, args)
+    run_node(DriveToServer, (), args)
 
 
 if __name__ == "__main__":

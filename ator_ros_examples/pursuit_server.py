@@ -17,7 +17,8 @@ from rclpy.action.server import ServerGoalHandle
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from ator_interfaces.action import DriveTo
-from ator_ros_examples.drive_to_server import DriveToServer, place_of, serve, yaw_of
+from ator_ros.nodes.main_loop import run_node
+from ator_ros_examples.drive_to_server import DriveToServer, place_of, yaw_of
 from ator_ros_examples.navfn import NavFn
 from ator_ros_examples.pursuit import Pursuit, PursuitThrough
 
@@ -84,7 +85,7 @@ class PursuitServer(DriveToServer):
 
 def main(args: list[str] | None = None) -> None:
     """Run the server until Ctrl-C or SIGTERM."""
-    serve(PursuitServer, args)
+    run_node(PursuitServer, (), args)
 
 
 if __name__ == "__main__":

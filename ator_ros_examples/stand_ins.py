@@ -24,7 +24,8 @@ class DriveToStandIn(Action):
     """The stand-in for `drive_to_server`, whose control law is `RotateDriveRotate`.
 
     Its delays: the executor stops the robot, then sends the goal. The server publishes a command in
-    the same tick; the executor receives its result one tick after the last command.
+    the same tick; the executor receives its result one tick after the last command, and waits until
+    the robot stands.
     """
 
     name = "drive_to_stand_in"
@@ -62,6 +63,8 @@ class DriveToStandIn(Action):
         if not self._sent:
             return Step(STOP, Status.RUNNING, "stopping before the goal is sent")
         if self._law.phase is Phase.ARRIVED:
+            if not world.robot.is_standing:
+                return Step(STOP, Status.RUNNING, "arrived; stopping")
             return finished(Status.SUCCEEDED, "arrived")
         if self._law.phase in (Phase.MISSED, Phase.TOO_LONG):
             return finished(Status.FAILED, f"the server {self._law.phase.value}")

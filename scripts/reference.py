@@ -7,8 +7,9 @@ import inspect
 import json
 import re
 from collections.abc import Iterable, Iterator, Sequence
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import entry_points
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from rclpy.node import Node
@@ -40,13 +41,13 @@ def _escaped(text: str) -> str:
     return re.sub(r"([*<\[_])", r"\\\1", text)
 
 
-def programs(folder: str) -> list[EntryPoint]:
-    """List the executables of a folder of the package, by name."""
-    scripts = entry_points(group="console_scripts")
-    return sorted(
-        (script for script in scripts if script.module.startswith(f"ator_ros.{folder}.")),
-        key=lambda script: script.name,
-    )
+def programs(folder: str) -> dict[str, ModuleType]:
+    """Return the modules of the executables of a folder of the package, in the order of names."""
+    modules = {}
+    for script in sorted(entry_points(group="console_scripts"), key=lambda script: script.name):
+        if script.value.startswith(f"ator_ros.start:{folder}."):
+            modules[script.name] = importlib.import_module(f"ator_ros.{script.attr}")
+    return modules
 
 
 # ---- nodes ---------------------------------------------------------------------------------------
@@ -109,15 +110,14 @@ def nodes_page() -> str:
         "`real s` are seconds of the machine, `s` those of the stamps.\n"
         f"{OBJECT} is the name of an object of the domain, such as `ball`.\n"
     )
-    for script in programs("nodes"):
-        module = importlib.import_module(script.module)
+    for name, module in programs("nodes").items():
         rows = [parameter_row(item) for item in declared(module)]
         about = re.sub(
             r"^The node `\w+`: ",
             "",
             (module.__doc__ or "").strip().split("\n\n")[0],
         )
-        text += f"\n## {script.name}\n\n{about[:1].upper()}{about[1:]}\n\n"
+        text += f"\n## {name}\n\n{about[:1].upper()}{about[1:]}\n\n"
         text += f"```{{eval-rst}}\n{topics(module)}\n```\n\n"
         text += table(("parameter", "type", "default", "values", "changes", "meaning"), rows)
     return text
@@ -167,9 +167,8 @@ def tools_page() -> str:
         "# Command lines\n\n"
         "Run them with `ros2 run ator_ros NAME`, or `make run EXE=NAME ARGS='…'`.\n"
     )
-    for script in programs("tools"):
-        usage = importlib.import_module(script.module).arguments().format_help()
-        text += f"\n## {script.name}\n\n```text\n{usage}```\n"
+    for name, module in programs("tools").items():
+        text += f"\n## {name}\n\n```text\n{module.arguments().format_help()}```\n"
     return text
 
 

@@ -10,7 +10,7 @@ PAGES = (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").g
 TOOLS = tuple(
     script.name
     for script in entry_points(group="console_scripts")
-    if script.module.startswith("ator_ros.tools.")  # as setup.py lists them
+    if script.value.startswith("ator_ros.start:tools.")  # as setup.py lists them
 )
 _PROGRAMS = (
     *TOOLS,

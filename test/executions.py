@@ -8,6 +8,7 @@ from ator_ros.execution.fence import Fence
 from ator_ros.execution.predictions import Predictor
 from ator_ros.execution.supervisor import Deadlines, Supervisor
 from ator_ros.geometry import Pose
+from ator_ros.performance.path_times import path_time_model
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.delay import Delay
@@ -30,6 +31,14 @@ FORWARD = chain(("goToPose", Pose(1.0, 0.0, 0.0)))
 FORWARD_LEFT = chain(("goToPose", Pose(1.0, 1.0, 0.0)))
 
 
+def path_times(library: TopLibrary) -> Predictor:
+    models = {
+        name: path_time_model(name, library.action_set, library.robot)
+        for name in {top.action for top in library.values()}
+    }
+    return Predictor(library.robot, models)
+
+
 def execution(
     plan: TopChain,
     *others: TopChain,
@@ -49,7 +58,7 @@ def execution(
         refine=refine,
         again_after=again_after,
         now=now,
-        predictor=predictor or Predictor(library.robot, {}),
+        predictor=predictor or path_times(library),
         deadlines=deadlines or Deadlines(),
         fence=fence or Fence.around(library.robot),
         fetches=fetches,

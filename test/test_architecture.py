@@ -13,7 +13,7 @@ import pytest
 
 PACKAGE = Path(__file__).resolve().parents[1] / "ator_ros"
 LAYERS = [
-    "geometry", "printable", "resources", "schema", "files", "compiled", "world", "bases",
+    "start", "geometry", "printable", "resources", "schema", "files", "compiled", "world", "bases",
     "actions", "tops", "simulation", "experience", "performance", "refinement", "execution",
     "domains", "planning", "evaluation", "learning", "nodes", "view", "tools",
 ]  # fmt: skip

@@ -177,6 +177,7 @@ def test_the_lists_of_commands_are_valid() -> None:
 def workshop(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with the files of the printed commands."""
     folder = tmp_path_factory.mktemp("workshop")
+    (folder / "EMPTY").mkdir()
     shutil.copytree(ROOT / "models", folder / "models")
     for name in ("config", "my_config"):
         shutil.copytree(ROOT / "config", folder / name)

@@ -1,6 +1,5 @@
 """The site of `make docs`, and the reference that is generated for it."""
 
-import importlib
 import os
 import subprocess
 from pathlib import Path
@@ -17,9 +16,9 @@ def section(page: str, name: str, level: str = "##") -> str:
 
 def test_the_reference_has_all_parameters() -> None:
     page = reference.nodes_page()
-    for script in reference.programs("nodes"):
-        rows = section(page, script.name)
-        for item in reference.declared(importlib.import_module(script.module)):
+    for name, module in reference.programs("nodes").items():
+        rows = section(page, name)
+        for item in reference.declared(module):
             assert f"| `{item.name}` | {reference.type_of(item.default)} | " in rows
     simulation = section(page, "simulation")
     assert "cmd_vel (geometry_msgs/Twist)" in simulation

@@ -98,6 +98,11 @@ class Robot(Base):
             at_least("holder.gap", holder.gap, least, "the width of the held object")
             at_most("holder.gap", holder.gap, most, "as the fingers must hold the object")
 
+    @classmethod
+    def kind_for(cls, section: Mapping[str, Any]) -> type[Robot]:  # noqa: ARG003
+        """Return the class for the content of the section `robot` of a file."""
+        return cls
+
     def __hash__(self) -> int:
         """Hash the name only, as tables are looked up by the robot in every search."""
         return hash(self.name)
@@ -210,8 +215,8 @@ def load_robot(path: Path | str | None = None) -> Robot:
 def robot_of(content: Any) -> Robot:
     """Return the robot that the content of a file describes; raises SchemaError or ConfigError."""
     section = content.get("robot") if isinstance(content, Mapping) else None
-    drive = section.get("drive", DEFAULT_DRIVE) if isinstance(section, Mapping) else DEFAULT_DRIVE
-    kind = kind_of(drive)
+    described = section if isinstance(section, Mapping) else {}
+    kind = kind_of(described.get("drive", DEFAULT_DRIVE)).kind_for(described)
     read: Any = structured(content, _file_schema(kind))
     fields = {item.name: getattr(read.robot, item.name) for item in dataclasses.fields(read.robot)}
     del fields["drive"]

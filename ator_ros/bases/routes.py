@@ -240,7 +240,8 @@ class Routes:
         if self.grid.planner is not None:
             bends = self._paths.get(_path_key(*ends), np.empty((2, 2)))[1:-1]
             return np.concatenate([[ends[:2]], bends, [ends[2:]]])
-        starts, goals = self._places(*ends[:2, None]), self._places(*ends[2:, None])
+        starts = self._places(*ends[:2, None])
+        goals = self._places(*ends[2:, None])
         self._routes(starts, goals)
         cells = self._cells(np.concatenate([starts, goals]))
         level = int(_levels(self._nearest, self._component, cells[:1], cells[1:])[0])
@@ -315,7 +316,9 @@ class Routes:
                         int(level),
                     )
         if backward:
-            found[3], found[4] = found[4] + math.pi, found[3] + math.pi
+            departures = found[3] + math.pi
+            found[3] = found[4] + math.pi
+            found[4] = departures
         return found
 
     def _places(self, x: FloatArray, y: FloatArray) -> Places:

@@ -21,25 +21,19 @@ from ator_ros.world.state import ObjectState, RobotState, World
 
 
 class Predictor:
-    """Predicts chains and their actions.
-
-    `models` are performance models by action; chains with other actions are not predicted.
-    """
+    """Predicts chains and their actions by performance models, which are by action."""
 
     def __init__(self, robot: Robot, models: Mapping[str, PredictsPerformance]) -> None:
         self._robot = robot
         self.models = models
 
-    def chain(self, world: World, chain: TopChain) -> ChainPrediction | None:
-        """Predict `chain` from the state `world`; None if an action has no model."""
-        if any(call.top.action not in self.models for call in chain.calls):
-            return None
+    def chain(self, world: World, chain: TopChain) -> ChainPrediction:
+        """Predict `chain` from the state `world`."""
         return predict_chain(world, chain, self.models, self._robot)
 
-    def action(self, world: World, chain: TopChain, step: int) -> Mapping[str, float] | None:
-        """Predict one step (from 0) of `chain` from the state `world`; None if it has no model."""
-        predicted = self.chain(world, TopChain((chain.calls[step],)))
-        return None if predicted is None else predicted.actions[0]
+    def action(self, world: World, chain: TopChain, step: int) -> Mapping[str, float]:
+        """Predict one step (from 0) of `chain` from the state `world`."""
+        return self.chain(world, TopChain((chain.calls[step],))).actions[0]
 
 
 class Forecast:
@@ -51,7 +45,7 @@ class Forecast:
         self.begun = False
         """Whether the chain has started."""
         self.whole: ChainPrediction | None = None
-        """The prediction of the chain with which it started; None before, and without models."""
+        """The prediction of the chain with which it started; None before."""
         self._rest: ChainPrediction | None = None
         self._step = 0
         self._time = math.nan  # where and when (s) `_rest` begins
@@ -79,7 +73,7 @@ class Forecast:
         if self._rest is None or step < 0:
             return math.nan
         began = max(self._time, self._executor.changed_at)
-        current, *rest = (action.get("duration", math.nan) for action in self._rest.actions[step:])
+        current, *rest = (action["duration"] for action in self._rest.actions[step:])
         return max(0.0, current - (now - began)) + sum(rest)
 
 

@@ -12,7 +12,6 @@ from typing import Any
 from ator_ros.printable import quoted
 
 _LONGEST = 2000  # characters of the message of a process that failed
-_ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
 
 
 class RoundProcess:
@@ -28,7 +27,6 @@ class RoundProcess:
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
-            env=os.environ | _ONE_THREAD,
             start_new_session=True,  # Ctrl-C goes to the node only, which ends this process
         )
 

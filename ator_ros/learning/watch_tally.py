@@ -14,6 +14,7 @@ from ator_ros.files import DamagedFileError, load, save, set_aside
 from ator_ros.learning.drive_monitor import EndedDrive
 from ator_ros.learning.savings import RoundSavings, Saving
 from ator_ros.learning.sets import Count
+from ator_ros.refinement.gate import MeasuredGain
 from ator_ros.schema import Within
 
 KIND = "watched drives"
@@ -111,8 +112,11 @@ class Tally:
         """Mean absolute error in s of the server's own estimates; NaN without one."""
         return _mean(self.server_errors)
 
-    def summary(self, models: str) -> str:
-        """Return the drives and errors in a sentence; `models` is the digest of those in use."""
+    def summary(self, models: str, refined: MeasuredGain) -> str:
+        """Return in a sentence what drives have shown, and what refining chains has gained.
+
+        `models` is the digest of those in use, empty without any.
+        """
         others = {
             "held up": self.held_up,
             "with recoveries": self.recovered,
@@ -130,6 +134,8 @@ class Tally:
         gains = [f"{name} {values[0]:.0f} s" for name, values in self.saved.items()]
         if gains:
             text += f"; would have saved of {self.driven:.0f} s driven today: {', '.join(gains)}"
+        if refined.refined:
+            text += f"; measured gain per refined chain: {refined}"
         return f"{text}; {f'models {models}' if models else 'no model yet'}"
 
 

@@ -1,7 +1,7 @@
 """Values for the launch file: the configured domain, and a robot's URDF.
 
-python3 -m ator_ros.nodes.launch domain CONFIG_FOLDER
-python3 -m ator_ros.nodes.launch urdf ROBOT_FILE
+python3 -m ator_ros.start commands.launch domain CONFIG_FOLDER
+python3 -m ator_ros.start commands.launch urdf ROBOT_FILE
 """
 
 from __future__ import annotations
@@ -44,7 +44,3 @@ def main() -> None:
     """Print a value without a newline."""
     _, name, argument = sys.argv
     sys.stdout.write(urdf(argument) if name == "urdf" else configured_domain(argument))
-
-
-if __name__ == "__main__":
-    main()

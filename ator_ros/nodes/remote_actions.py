@@ -113,7 +113,9 @@ class RemoteAction(Action):
 
     The goal is sent once the robot was commanded to stop and stands, or at once if it takes over
     from a goal of a server that takes newer goals. From then on no velocity is commanded until the
-    server has ended. No method waits; the times of `Timeouts` are checked in each tick.
+    server has ended. Servers report success while the robot still turns, so an action whose goal
+    has no speed ends once it stands: the turn at its goal decides how long it stops. No method
+    waits; the times of `Timeouts` are checked in each tick.
 
     A run of goals that are passed is sent at once to the server `through` them: the next action
     takes over the sent goal.
@@ -229,9 +231,11 @@ class RemoteAction(Action):
         if sent.result is not None:
             self._result_at = self._result_at or (time.monotonic(), world.time)
             failure = failure_in(server.call, sent.status, sent.result)
-            if failure is None:
-                return finished(Status.SUCCEEDED, f"{name} succeeded")
-            return finished(Status.FAILED, f"{name} failed: {failure}")
+            if failure is not None:
+                return finished(Status.FAILED, f"{name} failed: {failure}")
+            if self._goals[-1].speed == 0.0 and not world.robot.is_standing:
+                return Step(STOP, Status.RUNNING, f"{name} succeeded; stopping")
+            return finished(Status.SUCCEEDED, f"{name} succeeded")
         if sent.accepted is False:
             return finished(Status.REFUSED, f"{name} rejected the goal")
         if server.lost():

@@ -43,7 +43,14 @@ from ator_ros.learning.watch_tally import read_tally, save_tally
 from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health, Warnings
 from ator_ros.nodes.main_loop import run_node
 from ator_ros.nodes.maps import FollowedMap
-from ator_ros.nodes.messages import call_of, performance_of, pose_of, situation_of, stamp_of
+from ator_ros.nodes.messages import (
+    call_of,
+    gain_of,
+    performance_of,
+    pose_of,
+    situation_of,
+    stamp_of,
+)
 from ator_ros.nodes.models import LEARNED, LearnedSets
 from ator_ros.nodes.nav2_setup import DRIVING_NODES
 from ator_ros.nodes.parameters import (
@@ -61,6 +68,7 @@ from ator_ros.nodes.qos import ALL_SENSOR_DATA, LATCHED, LATCHED_BY_MANY, RESULT
 from ator_ros.nodes.remote_messages import RemoteError, action_type
 from ator_ros.nodes.round_savings import RoundSavingsQueue
 from ator_ros.printable import one_line
+from ator_ros.refinement.gate import MeasuredGain
 from ator_ros.tops.chain import TopCall
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.readers import MessageError
@@ -154,7 +162,8 @@ class WatchNode(Node):
         self._servers |= {name: name for name in settings["others"]}
         self._libraries = self._libraries_on_map()
         self._sets = LearnedSets(self, self._monitor.domain, self._libraries, settings)
-        self._used: object = None
+        self._used: object = None  # models
+        self._reported: object = None  # gains
         self._map = FollowedMap(self, settings, domain, robot, self._take_map)
         self._estimates = self.create_publisher(DriveEstimate, "~/estimates", RESULTS)
         self._markers = self.create_publisher(MarkerArray, "~/markers", LATCHED)
@@ -177,7 +186,7 @@ class WatchNode(Node):
         servers = ", ".join(self._servers.values())
         self.get_logger().info(
             f"watching {servers} for {robot.name} (domain {domain.name}, ROS domain "
-            f"{self.context.get_domain_id()}); {self._tally.summary(self._digest)}"
+            f"{self.context.get_domain_id()}); {self._summary()}"
         )
 
     def _subscribe(self, odometry: str) -> None:
@@ -241,11 +250,21 @@ class WatchNode(Node):
     def _digest(self) -> str:
         return "" if self._sets.present[DEFAULT_SET].absent else self._sets.gains.models
 
+    @property
+    def _refined(self) -> MeasuredGain:
+        """What refining chains has gained with the present models."""
+        return self._sets.gains.of(DEFAULT_SET).measured
+
+    def _summary(self) -> str:
+        return one_line(self._tally.summary(self._digest, self._refined))
+
     def _use_models(self) -> None:
-        """Use the present models, if they are others."""
+        """Use the present models, and report their measured gain, if they are others."""
         present = self._sets.present[DEFAULT_SET]
-        if present is not self._used:
+        gains = self._sets.gains
+        if present is not self._used or gains is not self._reported:
             self._used = present
+            self._reported = gains
             self._monitor.use(present.models, self._digest)
             self._publish_tally()
 
@@ -323,7 +342,7 @@ class WatchNode(Node):
         self._save_tally()
         drives = self._tally.drives
         if drives > before and (drives in _LOGGED or drives % 10 == 0):
-            self.get_logger().info(one_line(self._tally.summary(self._digest)))
+            self.get_logger().info(self._summary())
         if drive.reason:
             self.get_logger().info(one_line(f"a drive is not learned from: {drive.reason}"))
 
@@ -393,6 +412,7 @@ class WatchNode(Node):
             estimate_error=tally.estimate_error,
             server_error=tally.server_error,
             driven=tally.driven,
+            refined=gain_of(measured=self._refined, models=self._digest),
         )
         savings = tally.savings
         message.headings = _saving_of(savings.headings)
@@ -414,7 +434,7 @@ class WatchNode(Node):
         elif math.isnan(self._monitor.watch.now):
             absent = "expected odometry, got none: check the parameters odometry and robot_from"
         values = self._sets.diagnostics()
-        values["drives"] = self._tally.summary(self._digest)
+        values["drives"] = self._summary()
         problems = (absent, self._changed, self._map.problem, self._sets.problem)
         return Health("; ".join(filter(None, problems)), values=values)
 

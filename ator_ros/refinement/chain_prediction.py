@@ -202,7 +202,8 @@ class StepRows:
         columns = {name: after[..., column] for column, name in enumerate(self._free)}
         if self._changed is not None:
             columns.update(self._changed(before))
-        table = np.empty((len(self.names), *np.broadcast(*columns.values()).shape))
+        shape = np.broadcast(*columns.values()).shape
+        table = np.empty((len(self.names), *shape))
         table.T[:] = self._fixed
         for name, values in columns.items():
             table[self._row[name]] = values
@@ -231,8 +232,8 @@ def step_rows(
             world = projected(world, call, robot)
         if call.top.arrives:
             goal = call.goal
-            model = models.get(call.top.action)
-            arrival = model.arrival if model is not None and goal.point is Point.AXLE else None
+            model = models[call.top.action]
+            arrival = model.arrival if goal.point is Point.AXLE else None
             bearing = arrival_heading(place, goal.pose, robot)
             takeover = takeover_of(call.top, model, robot)
             start = _Subgoal(goal, (), robot, arrival, bearing, takeover).start(np.zeros(0))
@@ -267,7 +268,7 @@ def leg_rows(
     changes: list[Callable[[FloatArray], Mapping[str, Any]] | None] = [None]
     for call, free in zip(calls, names, strict=True):
         world = projected(world, call, robot)
-        takeover = takeover_of(call.top, models.get(call.top.action), robot)
+        takeover = takeover_of(call.top, models[call.top.action], robot)
         exact = _Subgoal(call.goal, free, robot, None, None, takeover)
         starts.append(
             _Subgoal(call.goal, (), robot, None, None, takeover).start(np.zeros(0))
@@ -295,8 +296,10 @@ def chain_situations(
 ) -> list[DirectTable]:
     """Return the direct variables of each action of `chain` with its own values."""
     rows = step_rows(world, chain, robot, [()] * len(chain.calls), models)
+    no_candidate = np.zeros(0)
+    tables = [step.values(no_candidate, no_candidate) for step in rows]
     return [
-        DirectTable(step.names, step.values(np.zeros(0), np.zeros(0))[:, None]) for step in rows
+        DirectTable(step.names, table[:, None]) for step, table in zip(rows, tables, strict=True)
     ]
 
 
@@ -311,10 +314,9 @@ class ChainPrediction:
     ----------
     actions : tuple of mapping
         For each action the predicted fields of `REPORTED`, as in `Prediction`, and those of the
-        objective. Fields that the model does not predict are left out; an action without a model
-        has none.
+        objective. Fields that the model does not predict are left out.
     cost : float
-        The objective summed over the actions that have a model.
+        The objective summed over the actions.
     error : float
         What the models may be wrong by in the summed duration, in s: the root mean square.
     held_up : tuple of HeldUp
@@ -328,8 +330,8 @@ class ChainPrediction:
 
     @property
     def duration(self) -> float:
-        """Sum of the durations in s; NaN where an action has no model."""
-        return sum(action.get("duration", math.nan) for action in self.actions)
+        """Sum of the durations in s."""
+        return sum(action["duration"] for action in self.actions)
 
     @property
     def spread(self) -> float:
@@ -342,11 +344,10 @@ class ChainPrediction:
 
     @property
     def bound(self) -> float:
-        """What nine of ten runs take at most, in s; NaN where an action has no model."""
-        duration = self.duration
-        if not math.isfinite(duration):
+        """What nine of ten runs take at most, in s; NaN as the duration."""
+        if math.isnan(self.duration):
             return math.nan
-        return bound_of_chain(duration, self.spread, self.held_up)
+        return bound_of_chain(self.duration, self.spread, self.held_up)
 
 
 class StepModel:
@@ -362,7 +363,7 @@ class StepModel:
         The free variables of each call; candidates have a column for each.
     robot : Robot
     models : mapping
-        Action name to performance model; a step without one costs nothing.
+        Action name to performance model.
     objective : Objective
         What a step costs.
     """
@@ -383,7 +384,7 @@ class StepModel:
         self._robot = robot
         self._routes = routes_of(robot)
         self._actions = [call.top.action for call in calls]
-        self._models = {action: models.get(action) for action in self._actions}
+        self._models = {action: models[action] for action in self._actions}
         self.objective = objective
 
     def step_costs(self, steps: Sequence[Pairs]) -> list[FloatArray]:
@@ -414,8 +415,6 @@ class StepModel:
         actions = [self._actions[index] for index, _ in tables]
         for action in dict.fromkeys(actions):
             model = self._models[action]
-            if model is None:  # it costs nothing
-                continue
             # One prediction for all steps of a model takes hardly longer than for one step.
             places = [place for place, other in enumerate(actions) if other == action]
             names = self.rows[tables[places[0]][0]].names

@@ -120,7 +120,7 @@ def analyze(
     Parameters
     ----------
     models : mapping
-        Action name to performance model; an action may lack one.
+        Action name to performance model.
     ranges : mapping, optional
         Goal variable to its range; variables without one are never free.
     stops_decided : bool
@@ -206,11 +206,6 @@ def _why_unknown(
     if following and index + 1 < len(chain.calls):
         changed[index + 1] = following
     actions = {step: chain.calls[step].top.action for step in changed}
-    lacking = [step for step, action in actions.items() if action not in models]
-    if lacking:
-        step = lacking[0]
-        affected = f"step {chain.order[step] + 1} ({actions[step]})"
-        return f"of unknown effect: {affected}, which it may change, has no model"
     if any(changed[step] & models[actions[step]].used_variables for step in changed):
         return None
     return "used by no performance model of a neighboring action"
@@ -372,7 +367,8 @@ class Regions:
         if not rules:
             return []
         # A bound that does not depend on the candidates cannot limit them.
-        after, own = self._after(index, np.stack([np.zeros(count), np.ones(count)]))
+        two_candidates = np.stack([np.zeros(count), np.ones(count)])
+        after, own = self._after(index, two_candidates)
         return [rule for rule in rules if np.ndim(self._clearance(rule, index, after, own)) > 0]
 
     def _rules(self, index: int) -> Iterator[_Rule]:
@@ -476,7 +472,7 @@ def outside_experience(
     opened_before: frozenset[str] = frozenset()
     situations = chain_situations(world, chain, robot, models)
     for step, (call, direct) in enumerate(zip(chain.calls, situations, strict=True)):
-        known = experience_of(models.get(call.top.action))
+        known = experience_of(models[call.top.action])
         opened = frozenset(name for name in GOAL_VARIABLES if call.opens(name))
         values = _quantities(direct, robot)
         for name, label, unit, before, after in _QUANTITIES:
@@ -494,7 +490,8 @@ def outside_experience(
 
 def _quantities(direct: DirectTable, robot: Robot) -> dict[str, float]:
     """Return the values of `_QUANTITIES` in one situation."""
-    numbers = dict(zip(direct.names, direct.table[:, 0].tolist(), strict=True))
+    row = direct.table[:, 0].tolist()
+    numbers = dict(zip(direct.names, row, strict=True))
     ahead = robot.hold * numbers["hold"] if robot.holder is not None else 0.0
     start = Pose(numbers["x"], numbers["y"], numbers["yaw"]).ahead(ahead)
     way = math.hypot(numbers["xg"] - start.x, numbers["yg"] - start.y)
@@ -585,7 +582,8 @@ def allowed_changes(
         raise InvalidChainError("expected the steps of the question")
     bound = bindings(tuple(call.top for call in plan.calls))
     changes = []
-    for step, (old, new) in enumerate(zip(plan.calls, refined.calls, strict=True)):
+    pairs = zip(plan.calls, refined.calls, strict=True)
+    for step, (old, new) in enumerate(pairs):
         if old.goal.values.keys() != new.goal.values.keys():
             where = f"step {step + 1} ({old.top.name})"
             raise InvalidChainError(f"{where}: expected the goal variables of the question")

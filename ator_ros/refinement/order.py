@@ -115,8 +115,10 @@ class OrderSearch:
         found.
         """
         fine = _FINE if len(self._chain) < _MANY else _FINE_OF_MANY
-        grids = [[self._candidates(index, table) for index in range(len(self._chain))]
-                 for table in (_COARSE, fine)]  # fmt: skip
+        calls = range(len(self._chain))
+        coarse_grid = [self._candidates(index, _COARSE) for index in calls]
+        fine_grid = [self._candidates(index, fine) for index in calls]
+        grids = coarse_grid, fine_grid
         work.expected += sum(self._pairs(candidates) for candidates in grids)
         possible = None
         if depends_on_order(self._chain) and self._is_exact:
@@ -152,7 +154,8 @@ class OrderSearch:
         names = self._names[index]
         free = self._free[index]
         others = [name for name in free if name != STOP]
-        axes = [axis for name, axis in zip(free, self._axes[index], strict=True) if name != STOP]
+        named_axes = zip(free, self._axes[index], strict=True)
+        axes = [axis for name, axis in named_axes if name != STOP]
         points = np.array([[values[name] for name in others]])
         if others:
             count = counts[min(len(others), len(counts) - 1)]
@@ -163,7 +166,8 @@ class OrderSearch:
 
     def _pairs(self, candidates: Sequence[FloatArray]) -> int:
         counts = [1, *map(len, candidates)]
-        return sum(counts[origin + 1] * counts[end + 1] for origin, end in self._legs)
+        pairs = [counts[origin + 1] * counts[end + 1] for origin, end in self._legs]
+        return sum(pairs)
 
     def _table(
         self, candidates: Sequence[FloatArray], deadline: Deadline, work: Work
@@ -182,20 +186,17 @@ class OrderSearch:
                 continue
             if deadline():
                 return None
-            for (leg, first, second), cost in zip(
-                block, self._model.step_costs(block), strict=True
-            ):
+            found = self._model.step_costs(block)
+            for (leg, first, second), of_leg in zip(block, found, strict=True):
                 origin, end = self._legs[leg]
-                possible = self._possible(origin, end, candidates)
-                costs[origin + 1, : len(first), end, : len(second)] = np.where(
-                    possible, cost, np.inf
-                )
+                is_possible = self._possible(origin, end, candidates)
+                of_possible = np.where(is_possible, of_leg, np.inf)
+                costs[origin + 1, : len(first), end, : len(second)] = of_possible
             work.add(size)
             block = []
             size = 0
-        return _Table(
-            candidates, costs, costs_of_end(candidates, self._names, self._ordering, width)
-        )
+        costs_at_end = costs_of_end(candidates, self._names, self._ordering, width)
+        return _Table(candidates, costs, costs_at_end)
 
     def _possible(self, origin: int, end: int, candidates: Sequence[FloatArray]) -> BoolArray:
         """Return which pairs of candidates a leg may have, where the robot passes either call."""
@@ -256,8 +257,9 @@ class OrderSearch:
         """Return the chain in an order, with its candidates; its last call stops."""
         chain = self._chain
         for index, row in zip(found.order, found.rows, strict=True):
-            values = dict(zip(self._names[index], table.candidates[index][row], strict=True))
-            values = {name: values[name] for name in self._free[index]}
+            candidate = table.candidates[index][row]
+            columns = dict(zip(self._names[index], candidate, strict=True))
+            values = {name: columns[name] for name in self._free[index]}
             if STOP in values and index == found.order[-1]:
                 values[STOP] = 1.0
             if values:
@@ -269,7 +271,9 @@ def _legs(ordering: Ordering) -> Iterator[tuple[int, int]]:
     """Yield the legs (from, to) of all orders; -1 is the start."""
     previous: Sequence[int] = (-1,)
     for group in ordering.groups:
-        for origin, end in (*itertools.product(previous, group), *itertools.permutations(group, 2)):
+        into = itertools.product(previous, group)
+        within = itertools.permutations(group, 2)
+        for origin, end in (*into, *within):
             if origin < 0 or not ordering.before[end, origin]:
                 yield origin, end
         previous = group

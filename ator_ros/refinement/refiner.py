@@ -94,8 +94,6 @@ class Refinement:
     free, not_free
         The variables that were free, and those that the plan opens and that were not, with the
         reasons. Their subgoals, and those of `curves`, are the calls of the request.
-    without_model : tuple of int
-        The calls of the request (from 0) whose action has no performance model.
     complete : bool
         Whether the search was completed; otherwise `best` is the best found until the deadline.
     work : Work
@@ -115,7 +113,6 @@ class Refinement:
     after: ChainPrediction
     free: tuple[FreeVariable, ...] = ()
     not_free: tuple[NotFree, ...] = ()
-    without_model: tuple[int, ...] = ()
     curves: tuple[SubgoalCurve, ...] = ()
     complete: bool = True
     work: Work = field(default_factory=Work)
@@ -149,7 +146,7 @@ class Refiner:
     Parameters
     ----------
     models : mapping
-        Action name to performance model; an action may lack one.
+        Action name to performance model, such as those of `models_for`.
     gate : Gate, optional
         Decides from the predictions whether refinement pays; by default it always does.
     ranges : mapping, optional
@@ -186,8 +183,8 @@ class Refiner:
     ) -> Refinement:
         """Find the best free variables of `chain` from the state `world`; the gate decides.
 
-        Raises RefinementError if the chain is empty or too long, or no candidate has a finite
-        prediction.
+        Raises RefinementError if the chain is empty or too long, an action has no model, or no
+        candidate has a finite prediction.
 
         Parameters
         ----------
@@ -213,8 +210,7 @@ class Refiner:
         )
         reference = _Searched(chain, analysis, regions, model, unsearched(model.given, math.nan))
         may_pass = any(variable.name == STOP for variable in analysis.free)
-        is_open = ordering.is_open or may_pass
-        if is_open and len(self._without_model(chain)) < len(chain):
+        if ordering.is_open or may_pass:
             best = self._ordered(world, reference, ordering, deadline, work)
         elif analysis.free:
             best = self._searched(reference, deadline, work)
@@ -279,9 +275,9 @@ class Refiner:
                 break
             found.append(self._searched_from(world, candidate, reference, deadline, work))
             best = self._better(world, best, found[-1])
-        # On a map, where routes change at once, a search may end in a valley beside the best one:
-        # another start decides between orders that are nearly the best.
-        for each in found if self.robot.grid is not None else ():
+        # A search may end in a valley beside the best one, above all on a map, where routes change
+        # at once: another start decides between orders that are nearly the best.
+        for each in found:
             is_near = each.optimum.cost <= _NEAR * best.optimum.cost
             if not is_near or deadline() or any(call.passing for call in each.chain.calls):
                 continue
@@ -325,9 +321,8 @@ class Refiner:
         """Return the paper's reference: each subgoal is optimal for the action that leads to it.
 
         Free variables with a rest value (arrival speed: 0) take it, and `STOP` keeps its value. The
-        others take the value at which the action is predicted to be fastest. Where no model
-        predicts that, the value is that of `naive_on_paths`. Raises RefinementError as `refine`
-        does.
+        others take the value at which the action is predicted to be fastest. Where no model uses
+        them, the value is that of `naive_on_paths`. Raises RefinementError as `refine` does.
         """
         analysis, regions = self.bounded(world, chain)
         return self._fastest_alone(world, chain, analysis.free, regions, no_deadline, Work())
@@ -387,7 +382,8 @@ class Refiner:
                 raise RefinementError(
                     f"{chain.step_name(index)}: expected a finite prediction, got none"
                 )
-            chain = replaced(chain, index, dict(zip(names, optimum.values[0], strict=True)))
+            fastest = dict(zip(names, optimum.values[0], strict=True))
+            chain = replaced(chain, index, fastest)
         return chain
 
     def bounded(
@@ -396,11 +392,16 @@ class Refiner:
         """Return the free variables of `chain`, bounded by regions, and the regions.
 
         `stops_decided` is as for `analyze`. Raises RefinementError if the chain is empty or too
-        long.
+        long, or an action has no model.
         """
         if not 1 <= len(chain.calls) <= LONGEST_CHAIN:
             raise RefinementError(
                 f"chain: expected 1 to {LONGEST_CHAIN} actions, got {len(chain.calls)}"
+            )
+        if lacking := {call.top.action for call in chain.calls} - self.models.keys():
+            raise RefinementError(
+                f"expected a performance model of each action, found none of "
+                f"{', '.join(sorted(lacking))}"
             )
         analysis = analyze(chain, self.models, self.robot, self.ranges, stops_decided=stops_decided)
         outside = outside_experience(world, chain, self.models, self.robot)
@@ -469,7 +470,6 @@ class Refiner:
             after=after,
             free=free,
             not_free=not_free,
-            without_model=self._without_model(chain),
             curves=tuple(
                 SubgoalCurve(best.order[index], names, *curve)
                 for index, (names, curve) in enumerate(
@@ -502,27 +502,19 @@ class Refiner:
             before=prediction,
             after=prediction,
             not_free=_as_sent(analysis.not_free, chain.order),
-            without_model=self._without_model(chain),
-        )
-
-    def _without_model(self, chain: TopChain) -> tuple[int, ...]:
-        return tuple(
-            index
-            for index, call in zip(chain.order, chain.calls, strict=True)
-            if call.top.action not in self.models
         )
 
     def _not_learned(self, chain: TopChain) -> str:
         """Return a remark on the actions whose models predict path times; may be empty."""
         actions = dict.fromkeys(call.top.action for call in chain.calls)
         return path_times_remark(
-            name for name in actions if not getattr(self.models.get(name), "is_learned", True)
+            name for name in actions if not getattr(self.models[name], "is_learned", True)
         )
 
     def _not_varied(self, chain: TopChain) -> str:
         """Return a remark on features that no drive varied, after a semicolon; may be empty."""
         actions = dict.fromkeys(call.top.action for call in chain.calls)
-        by_action = {name: getattr(self.models.get(name), "not_varied", ()) for name in actions}
+        by_action = {name: getattr(self.models[name], "not_varied", ()) for name in actions}
         found = [f"{' and '.join(names)} of {name}" for name, names in by_action.items() if names]
         return f"; no drive varied {_listed(found)}" if found else ""
 
@@ -539,10 +531,6 @@ class Refiner:
         named = [each for each in not_free if each.name in chain.calls[each.subgoal].open]
         if named:
             text += f"; not free: {_described(chain, named)}"
-        if without_model := self._without_model(chain):
-            action = dict(zip(chain.order, (call.top.action for call in chain.calls), strict=True))
-            steps = _listed([f"step {step + 1} ({action[step]})" for step in without_model])
-            text += f"; no performance model for {steps}: neither predicted nor counted"
         if not_learned := self._not_learned(chain):
             text += f"; {not_learned}"
         if analysis.outside:
@@ -654,11 +642,9 @@ Judged = Refinement | str
 """One of several chains: its refinement, or why it was skipped."""
 
 
-def rank(judged: Judged) -> tuple[float, float]:
-    """Return the sort key of a chain: first the number of steps without a model, then the cost."""
-    if isinstance(judged, str):
-        return math.inf, math.inf
-    return float(len(judged.without_model)), judged.predicted.cost
+def rank(judged: Judged) -> float:
+    """Return the sort key of a chain: its cost; skipped ones come last."""
+    return math.inf if isinstance(judged, str) else judged.predicted.cost
 
 
 @dataclass(frozen=True, slots=True)

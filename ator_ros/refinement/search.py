@@ -223,7 +223,8 @@ def search(
             centers = curve.values.take(best, axis=0)
             kept = not window.has_new(number)
             if kept and kept_before:
-                known.append(path.costs[index].take(rows_before, axis=0).take(best, axis=1))
+                costs = path.costs[index].take(rows_before, axis=0)
+                known.append(costs.take(best, axis=1))
             else:
                 known.append(None)
             candidates.append(centers if kept else window.around(centers, number))

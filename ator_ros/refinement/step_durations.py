@@ -23,7 +23,7 @@ _FIELDS = ("duration", "spread", "success")
 
 
 class Durations(NamedTuple):
-    """Predictions for n situations and m steps; NaN if the action of the step has no model.
+    """Predictions for n situations and m steps.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class DurationTable:
     calls : sequence of TopCall
         The m steps, with their own goals; pre-conditions are not checked.
     models : mapping of str to PredictsPerformance
-        By action; an action may lack one.
+        By action.
     """
 
     def __init__(
@@ -104,14 +104,13 @@ class DurationTable:
         origins = self._origins[first:last]
         call = self._calls[column]
         found = Durations(*np.full((len(_FIELDS), len(origins)), np.nan))
-        model = self._models.get(call.top.action)
-        if model is None:
-            return found
+        model = self._models[call.top.action]
         states = [state for origin in origins for state in origin]
         headings = self._headings[column]
         if len(states) * len(headings) > len(origins):
             durations = _predicted(model, call, states, headings, ("duration",)).duration
-            fastest = _fastest(durations.reshape(len(states), -1), list(map(len, origins)))
+            sizes = [len(origin) for origin in origins]
+            fastest = _fastest(durations.reshape(len(states), -1), sizes)
             states = [states[row] for row, _ in fastest]
             headings = headings[[heading for _, heading in fastest]]
         prediction = _predicted(model, call, states, headings, _FIELDS, paired=True)
@@ -129,9 +128,8 @@ class DurationTable:
         """Return all predictions."""
         rows, columns = self.shape
         parts = [self.part(column, 0, rows) for column in range(columns)]
-        return Durations(
-            *(np.reshape(part, (columns, rows)).T for part in zip(*parts, strict=True))
-        )
+        by_field = zip(*parts, strict=True)
+        return Durations(*(np.reshape(part, (columns, rows)).T for part in by_field))
 
 
 def predict_durations(
@@ -173,7 +171,8 @@ def _predicted(
     }
     if not paired:
         start = {name: values[:, None] for name, values in start.items()}
-    rows = StepRows(dict.fromkeys(start, 0.0), call.goal, ("yaw",), lambda _: start)
+    at_origin = dict.fromkeys(start, 0.0)
+    rows = StepRows(at_origin, call.goal, ("yaw",), lambda _: start)
     table = rows.values(np.zeros(0), headings[:, None])
     direct = DirectTable(rows.names, table.reshape(len(rows.names), -1))
     return model.predict(direct, fields, None)
@@ -184,7 +183,8 @@ def _fastest(durations: FloatArray, sizes: Sequence[int]) -> list[tuple[int, int
     found = []
     first = 0
     for size in sizes:
-        part = np.nan_to_num(durations[first : first + size], nan=np.inf, posinf=np.inf)
+        part = durations[first : first + size]
+        part = np.nan_to_num(part, nan=np.inf, posinf=np.inf)
         row, column = np.unravel_index(int(part.argmin()), part.shape)
         found.append((first + int(row), int(column)))
         first += size

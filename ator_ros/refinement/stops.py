@@ -50,15 +50,16 @@ def with_passing(
     directions : int
         Number of candidates that pass it.
     """
-    free = [name for name in names if name != STOP][: points.shape[1]]
-    candidates = np.tile([values[name] for name in names], (len(points) + directions, 1))
-    for column, name in enumerate(free):
-        candidates[: len(points), names.index(name)] = points[:, column]
-    candidates[: len(points), names.index(STOP)] = 1.0
-    candidates[len(points) :, names.index(STOP)] = 0.0
+    given = np.array([values[name] for name in names])
+    stopping = np.tile(given, (len(points), 1))
+    others = [column for column, name in enumerate(names) if name != STOP]
+    stopping[:, others[: points.shape[1]]] = points
+    stopping[:, names.index(STOP)] = 1.0
+    passing = np.tile(given, (directions, 1))
+    passing[:, names.index(STOP)] = 0.0
     evenly = np.linspace(-math.pi, math.pi, directions, endpoint=False)
-    candidates[len(points) :, names.index("yaw")] = evenly
-    return candidates
+    passing[:, names.index("yaw")] = evenly
+    return np.vstack((stopping, passing))
 
 
 def passing_rows(candidates: FloatArray, names: tuple[str, ...]) -> BoolArray:

@@ -18,10 +18,10 @@ from ator_ros.evaluation.toolset import Toolset, ToolsetSource, tools_of
 from ator_ros.experience.parallel import BackendError, workers
 from ator_ros.files import FileError, portable_command
 from ator_ros.printable import ReadableError, one_line, quoted
+from ator_ros.start import INTERRUPTED
 from ator_ros.tops.library import TopLibrary
 
 _LONGEST_LINE = 600  # characters, as of the longest error
-INTERRUPTED = 130  # exit code after Ctrl-C or SIGTERM
 RESUMES = "the same command resumes from here"
 
 
@@ -67,15 +67,17 @@ def _first_warnings(program: str) -> Callable[..., None]:
 
 @contextlib.contextmanager
 def _interrupted_by_signals() -> Iterator[None]:
-    """Make SIGTERM and SIGHUP raise KeyboardInterrupt, like Ctrl-C."""
-    numbers = [n for n in (signal.SIGTERM, signal.SIGHUP) if signal.getsignal(n) is signal.SIG_DFL]
-    for number in numbers:
+    """Make SIGINT, SIGTERM and SIGHUP raise KeyboardInterrupt, unless they are ignored."""
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    previous = {number: signal.getsignal(number) for number in numbers}
+    changed = [number for number in numbers if previous[number] is not signal.SIG_IGN]
+    for number in changed:
         signal.signal(number, signal.default_int_handler)
     try:
         yield
     finally:
-        for number in numbers:
-            signal.signal(number, signal.SIG_DFL)
+        for number in changed:
+            signal.signal(number, previous[number])
 
 
 def add_setting(parser: argparse.ArgumentParser, *, action_set: bool = True) -> None:

@@ -292,8 +292,8 @@ class Page:
         self._times.content = times_text(answer, editor.runs)
         self._gate.content = gate_text(answer, editor.problem)
         self._verdict.content = editor.verdict
-        if answer is not None:
-            models = self._models.get(editor.draft.action_set, {})
+        models = self._models.get(editor.draft.action_set)
+        if answer is not None and models is not None:  # their files could be read
             self._rules.content = rules_text(editor.draft.world, answer.chain, self._robot, models)
         learned = f"Learned models in use: {plain(backend.learned)}." if backend.learned else ""
         self._history.content = f"{learned}\n\n{backend.history.report()}"
@@ -355,7 +355,6 @@ def rules_text(
     parts = []
     situations = chain_situations(world, chain, robot, models)
     for call, situation in zip(chain.calls, situations, strict=True):
-        model = models.get(call.top.action)
-        text = "no model" if model is None else model.explain(situation)
+        text = models[call.top.action].explain(situation)
         parts.append(f"**{plain(call.top.name)}**\n```\n{text}\n```")
     return "\n\n".join(parts)

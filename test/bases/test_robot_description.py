@@ -9,9 +9,11 @@ from robots import loaded
 
 from ator_ros.actions.base import Goal
 from ator_ros.bases.description import ConfigError, Robot, load_robot
+from ator_ros.domains.domain import find_domain
 from ator_ros.domains.soccer.soccer_domain import SOCCER
 from ator_ros.geometry import Pose
 from ator_ros.resources import resource_path
+from ator_ros.simulation.scene_simulation import Simulation
 from ator_ros.simulation.urdf import robot_urdf
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.world.state import RobotState, World
@@ -61,6 +63,30 @@ def test_a_described_build_is_simulated(tmp_path: Path) -> None:
     assert 'xyz="-0.19 0 0.0375"' in urdf
     assert '<mass value="0.5"/><inertia ixx="0.007"' in urdf
     assert '<mass value="8"/>' in urdf
+
+
+def test_a_robot_that_only_servers_drive_needs_no_wheels(tmp_path: Path) -> None:
+    data = load_robot(resource_path("config", "turtlebot4.yaml")).sections()
+    body = {
+        name: data["robot"].pop(name)
+        for name in ("wheel_radius", "track", "mass", "wheel_torque", "motor_time_constant")
+    }
+    robot = loaded(data, tmp_path)
+    domain = find_domain(str(resource_path("config", "nav2", "stations.yaml")))
+    assert [top.name for top in domain.library(robot).usable()] == ["visit"]
+    assert loaded(robot.sections(), tmp_path) == robot
+    missing = "expected the fields mass, motor_time_constant, track, wheel_radius, wheel_torque"
+    drives = find_domain("drive").library(robot)
+    for needs in (robot_urdf, Simulation, lambda _: drives.action(drives["goToPose"])):
+        with pytest.raises(ConfigError, match=missing):
+            needs(robot)
+
+    for name, value in body.items():
+        data["robot"][name] = value
+        if name != "motor_time_constant":  # the last
+            with pytest.raises(ConfigError, match="missing"):
+                loaded(data, tmp_path)
+    assert robot_urdf(loaded(data, tmp_path))
 
 
 def test_soccer_needs_a_ball_in_the_scene(tmp_path: Path) -> None:

@@ -71,12 +71,6 @@ def test_gains_are_reported_for_each_variable(tools: Toolset, trials: list[Trial
         )
 
 
-def test_an_action_without_a_model_is_reported(tools: Toolset, trials: list[Trial]) -> None:
-    models = {"goToPose": tools.models["goToPose"]}
-    yaw = found(dataclasses.replace(tools, models=models), trials)["yaw"]
-    assert yaw["explanation"].startswith("of unknown effect: step 2 (dribbleBall)")
-
-
 def test_a_gate_that_rejects_everything_is_reported(tools: Toolset, trials: list[Trial]) -> None:
     models = {name: uncertain(model) for name, model in tools.models.items()}
     yaw = found(dataclasses.replace(tools, models=models), trials)["yaw"]

@@ -36,6 +36,7 @@ def test_durations_agree_with_drives_of_nav2() -> None:
             before = simulation.time
             done = run_action(simulation, PursuitStandIn(ROBOT), Goal(goal))
             assert done.status is Status.SUCCEEDED
+            assert simulation.world().robot.is_standing
             errors.append(simulation.time - before - float(row["duration_s"]))
     assert np.mean(np.abs(errors)) < 0.2
 

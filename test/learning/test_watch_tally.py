@@ -12,6 +12,7 @@ from ator_ros.learning.drive_monitor import EndedDrive
 from ator_ros.learning.estimates import Estimate
 from ator_ros.learning.savings import RoundSavings, Saving
 from ator_ros.learning.watch_tally import REMEMBERED, Tally, read_tally, save_tally
+from ator_ros.refinement.gate import MeasuredGain
 
 DAY, NEXT = "2026-01-31", "2026-02-01"
 EPISODE: Any = SimpleNamespace()
@@ -55,9 +56,15 @@ def test_savings_are_those_of_a_day() -> None:
     for _ in range(2):
         tally.add_savings(RoundSavings(Saving(4.0, 1.0), order=Saving(30.0, 5.0)), DAY)
     assert tally.savings.headings == Saving(8.0, 2.0)
-    assert "headings 8 s, order 60 s" in tally.summary("")
+    assert "headings 8 s, order 60 s" in tally.summary("", MeasuredGain())
     tally.add(drive(), NEXT)
     assert math.isnan(tally.savings.headings.seconds)
+
+
+def test_the_summary_has_the_measured_gain_of_refined_chains() -> None:
+    assert "gain" not in Tally().summary("1f0c", MeasuredGain())
+    measured = MeasuredGain(12, 3, predicted=2.0, mean=1.5, low=0.5, high=2.5)
+    assert "refined chain: 1.50 s (0.50 to 2.50)" in Tally().summary("1f0c", measured)
 
 
 def test_it_survives_a_restart(tmp_path: Path) -> None:

@@ -76,7 +76,7 @@ def test_a_client_of_waypoints_is_served_and_its_drives_are_watched(
 ) -> None:
     module = (sys.executable, "-m", "ator_ros_examples.nav2_stand_in")
     programs.start("stand_in", *module)
-    setup = (sys.executable, "-m", "ator_ros.nodes.nav2_setup")
+    setup = (sys.executable, "-m", "ator_ros.start", "commands.nav2_setup")
     folder = programs.run(*setup, "--folder", str(tmp_path), "--namespace", NAMESPACE)
     assert Path(folder).parent == tmp_path / NAMESPACE
     for name in NODES:

@@ -142,6 +142,24 @@ def test_a_goal_is_sent_as_declared_once_the_robot_is_at_rest(bench: Bench) -> N
     assert server.goals[0].request.chain.action_set == "odom"
 
 
+def test_it_ends_once_the_robot_stands_unless_its_goal_has_a_speed(bench: Bench) -> None:
+    server = Server(bench.server_node)
+    bench.until(bench.server.present)
+    bench.action.start(bench.world(), dataclasses.replace(GOAL, speed=0.0))
+    bench.drive(lambda: server.goals)
+    server.finish()
+    bench.until(lambda: bench.tick(v=0.3).command == STOP)
+    assert bench.steps[-1].status is Status.RUNNING
+    assert bench.tick().status is Status.SUCCEEDED
+
+    bench.declare()
+    bench.begin()
+    bench.drive(lambda: len(server.goals) == 2)
+    server.finish()
+    bench.until(lambda: bench.tick(v=0.3).command == STOP)
+    assert bench.steps[-1].status is Status.SUCCEEDED
+
+
 @pytest.mark.parametrize(
     ("end", "expected"),
     [

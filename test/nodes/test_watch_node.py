@@ -1,6 +1,7 @@
 """The node `watch` beside an action server that another client commands."""
 
 import importlib
+import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from geometry_msgs.msg import PoseStamped
 from nav2_interfaces import provide_nav2_msgs
 from nav_msgs.msg import Odometry
 from nav_msgs.msg import Path as PathMessage
+from profiles import assert_profile
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterEvent
 from rclpy.action import ActionClient, ActionServer, CancelResponse
@@ -20,8 +22,11 @@ from rclpy.task import Future
 from ros_client import Client, SentGoal
 
 from ator_interfaces.msg import ActionPerformance, DriveEstimate, Outcome, WatchedDrives
+from ator_ros.actions import DEFAULT_SET
 from ator_ros.files import save
 from ator_ros.geometry import Pose
+from ator_ros.learning.gains import ChainGain, Gains, add_chains
+from ator_ros.learning.sets import digest_of_start
 from ator_ros.learning.watch_tally import KIND, Tally
 from ator_ros.nodes.messages import odometry_of, pose_of, stamp_of
 from ator_ros.nodes.qos import LATCHED, RESULTS
@@ -102,13 +107,20 @@ def test_drives_are_estimated_recorded_and_counted_but_never_commanded(
     records = client.listen(ActionPerformance, "watch/action", RESULTS)
     tallies = client.listen(WatchedDrives, "watch/drives", LATCHED)
     config = ROOT / "config"
-    (tmp_path / "models").mkdir()
+    models, learned = tmp_path / "models", tmp_path / "learned"
+    models.mkdir()
+    learned.mkdir()
     node = host(
         "watch", domain=config / "nav2" / "stations.yaml", watched=tmp_path,
-        models=tmp_path / "models", robot=config / "building" / "courier.yaml",
+        models=models, learned=learned, robot=config / "building" / "courier.yaml",
     )  # fmt: skip
     client.eventually(lambda: tallies, "a tally")
     assert tallies[-1].drives == 4  # of before the restart
+    assert math.isnan(tallies[-1].refined.measured)
+    chains = [ChainGain(refined, gain=2.0, excess=0.5) for refined in (True, True, False, False)]
+    add_chains(learned, Gains(digest_of_start(models, [DEFAULT_SET])), *chains)
+    client.eventually(lambda: tallies[-1].refined.refined == 2, "the gain of two chains")
+    assert tallies[-1].refined.measured == pytest.approx(2.0)
     topics = ("odom", "plan", "navigate_to_pose/_action/status")
     client.eventually(lambda: all(map(client.node.count_subscribers, topics)), "subscriptions")
     began = nav2.time
@@ -149,3 +161,12 @@ def test_drives_are_estimated_recorded_and_counted_but_never_commanded(
     assert nav2.goals == 2  # none but the client's
     names = [name for name, _ in node.node.get_client_names_and_types_by_node("watch", "/")]
     assert not names
+
+
+def test_it_uses_exactly_what_its_profile_allows(nav2: Nav2, client: Client, host: Host) -> None:
+    config = ROOT / "config"
+    host(
+        "watch", domain=config / "nav2" / "stations.yaml", planner="compute_path_to_pose",
+        robot=config / "building" / "courier.yaml", map="map", robot_from="tf",
+    )  # fmt: skip
+    assert_profile(client, "watch")

@@ -5,13 +5,12 @@ import math
 
 import pytest
 from maps import hall_map
-from refinement_fakes import ANGLE, BOTH, LIBRARY, ROBOT, call, models, world
+from refinement_fakes import ANGLE, BOTH, LIBRARY, ROBOT, call, world
 
 from ator_ros.actions.base import Goal
 from ator_ros.domains.domain import find_domain
 from ator_ros.geometry import Pose
 from ator_ros.refinement.naive import naive_on_paths
-from ator_ros.refinement.refiner import Refiner
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.conditions import Condition, Region
 from ator_ros.world.state import RobotState, World
@@ -63,8 +62,14 @@ def test_a_chain_that_opens_nothing_and_an_invalid_value_are_kept() -> None:
     assert not found.violations(world(), ROBOT)
 
 
-def test_without_a_model_the_reference_has_naive_headings() -> None:
-    sent = TopChain((call("goToPose", 0.0, 1.0, 2.0, ANGLE), call("goToPose", 1.0, 1.0, 2.0)))
-    found = Refiner(ROBOT, {"shoot": models()["shoot"]}).refine(world(), sent, placeholders=True)
-    assert not found.free
-    assert yaws(found.chain) == pytest.approx([math.pi / 4, 2.0])
+def test_a_value_is_kept_that_a_step_needs_after_another_step() -> None:
+    arrive = LIBRARY["goToPose"]
+    wait = dataclasses.replace(arrive, name="wait", post=Condition(()))  # moves nothing
+    watch = dataclasses.replace(arrive, pre=Condition((Region("robot.yaw", 2.0, -0.5, 0.5),)))
+    there = Goal(Pose(0.0, 1.0, 2.0))
+    sent = TopChain(
+        (TopCall(arrive, there, ANGLE), TopCall(wait, there), TopCall(watch, there, ANGLE))
+    )
+    assert yaws(naive_on_paths(world(), sent, ROBOT, LIBRARY.ranges))[0] == 2.0
+    free = TopChain(sent.calls[:2])
+    assert yaws(naive_on_paths(world(), free, ROBOT, LIBRARY.ranges))[0] != 2.0

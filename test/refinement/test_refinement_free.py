@@ -27,6 +27,7 @@ from ator_ros.domains.domain import find_domain
 from ator_ros.domains.soccer.soccer_domain import SOCCER
 from ator_ros.geometry import Pose
 from ator_ros.performance.model_file import load_models
+from ator_ros.refinement import RefinementError
 from ator_ros.refinement.free_variables import analyze
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.tops.chain import EVERYTHING, TopCall, TopChain
@@ -100,14 +101,10 @@ def test_an_unknown_goal_variable_is_reported() -> None:
     assert not_free.reason == "no goal variable, expected one of x, y, yaw, speed"
 
 
-def test_no_model_at_all_changes_nothing() -> None:
-    result = Refiner(ROBOT, {}).refine(world(), two_steps())
-    assert not result.refined
-    assert result.without_model == (0, 1)
-    assert result.reason.startswith(
-        "nothing is free: yaw of step 1 (goToBall) is of unknown effect: "
-    )
-    assert result.before.cost == 0.0
+def test_each_action_needs_a_model() -> None:
+    known = {"dribbleBall": models()["dribbleBall"]}
+    with pytest.raises(RefinementError, match=r"model of each action, found none of goToPose$"):
+        Refiner(ROBOT, known).refine(world(), two_steps())
 
 
 def test_ranges_are_of_robot_and_scene_unless_a_domain_sets_them() -> None:

@@ -44,7 +44,7 @@ from ator_ros.bases.direct import (
 from ator_ros.geometry import BoolArray, FloatArray, wrap_angles
 
 if TYPE_CHECKING:
-    from ator_ros.bases.differential.robot import DifferentialRobot
+    from ator_ros.bases.differential.robot import DifferentialBase
 
 _SPEED_QUANTILE = 0.995  # quantile of the speeds that counts as the greatest speed
 # quantile of the accelerations that counts as the greatest; lower, as their noise is larger
@@ -73,7 +73,7 @@ _PASSINGS = (0.0, 0.2, 0.3, 0.35, 0.4, 0.5)  # m
 _BETTER = 0.97  # share of the error that a change of run or passing must leave at most
 
 
-def observed_driving(rows: pd.DataFrame, robot: DifferentialRobot) -> DrivingStyle:
+def observed_driving(rows: pd.DataFrame, robot: DifferentialBase) -> DrivingStyle:
     """Return how an action drives.
 
     Where too little was observed, the limits of `robot` are assumed.
@@ -82,7 +82,7 @@ def observed_driving(rows: pd.DataFrame, robot: DifferentialRobot) -> DrivingSty
     ----------
     rows : pandas.DataFrame
         Rows of the action in an experience table.
-    robot : DifferentialRobot
+    robot : DifferentialBase
         The robot of the experience.
     """
     starts = rows[(rows["t"] == 0.0) & rows["success"]]
@@ -121,7 +121,7 @@ def observed_driving(rows: pd.DataFrame, robot: DifferentialRobot) -> DrivingSty
     return _best_approach(driving, starts[holding], robot) if holding.any() else driving
 
 
-def backward_above(starts: pd.DataFrame, robot: DifferentialRobot) -> float:
+def backward_above(starts: pd.DataFrame, robot: DifferentialBase) -> float:
     """Return the `angle_to_dest` in rad above which drives are backward.
 
     It is the border with the fewest drives on the wrong side, and pi if no angle separates forward
@@ -131,7 +131,7 @@ def backward_above(starts: pd.DataFrame, robot: DifferentialRobot) -> float:
     ----------
     starts : pandas.DataFrame
         First rows of episodes of an experience table.
-    robot : DifferentialRobot
+    robot : DifferentialBase
         The robot of the experience.
     """
     driven = starts["driven"].to_numpy(dtype=float)
@@ -157,7 +157,7 @@ def backward_above(starts: pd.DataFrame, robot: DifferentialRobot) -> float:
     return float(angles[border - 1 : border + 1].mean())
 
 
-def _ends(starts: pd.DataFrame, robot: DifferentialRobot) -> FloatArray:
+def _ends(starts: pd.DataFrame, robot: DifferentialBase) -> FloatArray:
     """Return both ends of the paths of the starts of episodes, see `fastest_paths`."""
     return ends_of(_legs(starts), robot.hold, robot.limits.aw)[0]
 
@@ -169,7 +169,7 @@ def _legs(starts: pd.DataFrame) -> FloatArray:
     ).table
 
 
-def _observed_limits(rows: pd.DataFrame, robot: DifferentialRobot) -> Limits:
+def _observed_limits(rows: pd.DataFrame, robot: DifferentialBase) -> Limits:
     """Return the greatest speeds and accelerations.
 
     Glitches count as at most the bounds of `Limits`.
@@ -305,7 +305,7 @@ def _rates(speeds: FloatArray, changes: FloatArray, turns: _Turns) -> TurnRates:
 def _best_approach(
     driving: DrivingStyle,
     starts: pd.DataFrame,
-    robot: DifferentialRobot,
+    robot: DifferentialBase,
 ) -> DrivingStyle:
     """Choose run and passing with which the times of paths predict durations best."""
     shapes = free_shapes(driving.limits, RUNS)
@@ -332,7 +332,7 @@ def _best_approach(
     return dataclasses.replace(approaching(best.run), passing=best.passing)
 
 
-def _error(driving: DrivingStyle, starts: pd.DataFrame, robot: DifferentialRobot) -> float:
+def _error(driving: DrivingStyle, starts: pd.DataFrame, robot: DifferentialBase) -> float:
     """Return the mean error in s of the durations as a linear function of the times of paths."""
     times = fastest_drives(_legs(starts), driving, robot.hold, robot.limits.aw)[0]
     table = np.column_stack([np.ones(len(times)), times])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 _MOST_WHEEL = 0.49  # greatest share of the robot's mass in one wheel
+_USUAL_LAG = 0.1  # s; of motors that are not described
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,51 +60,37 @@ class Build:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class DifferentialRobot(Robot):
-    """A robot with two driven wheels.
+class DifferentialBase(Robot):
+    """A robot with two driven wheels of which only limits are known.
 
-    Lengths in m from the middle of the axle, mass in kg, torque in N m, time in s. `grip` is the
-    centripetal acceleration in m/s^2 above which its wheels may slide: rubber on a hard floor holds
-    about 0.6 g, and two driven wheels carry about 0.7 of the weight.
+    That suffices where action servers drive it. Lengths in m from the middle of the axle. `grip` is
+    the centripetal acceleration in m/s^2 above which its wheels may slide: rubber on a hard floor
+    holds about 0.6 g, and two driven wheels carry about 0.7 of the weight.
     """
 
     drive: ClassVar[str] = DEFAULT_DRIVE
     driving: ClassVar[type[Driving]] = DrivingStyle
 
-    wheel_radius: Size
-    track: Size
-    mass: Mass
-    # Torques from a toy's to a 10 t vehicle's. A time constant of 0.1 ms is below the simulation's
-    # step, and with 10 s a base does not follow its commands. `grip` up to 10 g.
-    wheel_torque: Annotated[float, Within(0.001, 10_000.0)]
-    motor_time_constant: Annotated[float, Within(0.0001, 10.0)]
     limits: Limits
     holder: DifferentialHolder | None = None
     stop: StopBraking = field(default=StopBraking())
-    grip: Annotated[float, Within(0.01, 100.0)] = 4.0
-    build: Build = Build()
+    grip: Annotated[float, Within(0.01, 100.0)] = 4.0  # up to 10 g
 
     def __post_init__(self) -> None:
-        """Raise ConfigError if sizes, masses or torques contradict each other."""
+        """Raise ConfigError if the holder contradicts the base."""
         Robot.__post_init__(self)
-        build = self.build
-        caster = self.rear if build.caster_behind is None else build.caster_behind
-        width = 2.0 * self.half_width
-        torque = least_torque(self.mass, self.wheel_radius, self.limits)
         if self.holder is not None and self.holder.limits.v_back not in (None, self.limits.v_back):
             raise ConfigError(
                 "robot.holder.limits.v_back: expected none, as robot.limits.v_back holds with and "
                 f"without an object, got {self.holder.limits.v_back:g}"
             )
-        most_wheel = _MOST_WHEEL * self.mass
-        at_most("build.wheel_mass", build.wheel_mass, most_wheel, "as the body has a mass")
-        at_most("build.caster_behind", build.caster_behind, self.rear, "where the robot ends")
-        at_most("build.mass_behind", build.mass_behind, caster, "where the robot is supported")
-        why = f"which {self.mass:g} kg need to accelerate"
-        at_least("wheel_torque", self.wheel_torque, torque, why)
-        at_most("track", self.track, width, "the width of the robot with its wheels")
 
     __hash__ = Robot.__hash__
+
+    @classmethod
+    def kind_for(cls, section: Mapping[str, Any]) -> type[Robot]:
+        """Return the class of a robot whose wheels and motors are described, if any of them is."""
+        return DifferentialRobot if _BODY & set(section) else DifferentialBase
 
     @property
     def axes(self) -> tuple[Axis, ...]:
@@ -133,7 +120,7 @@ class DifferentialRobot(Robot):
     @property
     def lag(self) -> float:
         """Time constant of the motors in s."""
-        return self.motor_time_constant
+        return _USUAL_LAG
 
     def greatest_speed(self, *, holding: bool = False) -> float:
         """See `Base.greatest_speed`."""
@@ -223,14 +210,61 @@ class DifferentialRobot(Robot):
         return content
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DifferentialRobot(DifferentialBase):
+    """A robot whose wheels and motors are described, as simulation and planned actions need them.
+
+    Mass in kg, torque in N m, time in s.
+    """
+
+    wheel_radius: Size
+    track: Size
+    mass: Mass
+    # Torques from a toy's to a 10 t vehicle's. A time constant of 0.1 ms is below the simulation's
+    # step, and with 10 s a base does not follow its commands.
+    wheel_torque: Annotated[float, Within(0.001, 10_000.0)]
+    motor_time_constant: Annotated[float, Within(0.0001, 10.0)]
+    build: Build = Build()
+
+    def __post_init__(self) -> None:
+        """Raise ConfigError if sizes, masses or torques contradict each other."""
+        DifferentialBase.__post_init__(self)
+        build = self.build
+        caster = self.rear if build.caster_behind is None else build.caster_behind
+        width = 2.0 * self.half_width
+        torque = least_torque(self.mass, self.wheel_radius, self.limits)
+        most_wheel = _MOST_WHEEL * self.mass
+        at_most("build.wheel_mass", build.wheel_mass, most_wheel, "as the body has a mass")
+        at_most("build.caster_behind", build.caster_behind, self.rear, "where the robot ends")
+        at_most("build.mass_behind", build.mass_behind, caster, "where the robot is supported")
+        why = f"which {self.mass:g} kg need to accelerate"
+        at_least("wheel_torque", self.wheel_torque, torque, why)
+        at_most("track", self.track, width, "the width of the robot with its wheels")
+
+    __hash__ = Robot.__hash__
+
+    @property
+    def lag(self) -> float:
+        """Time constant of the motors in s."""
+        return self.motor_time_constant
+
+
+_BODY = {"wheel_radius", "track", "mass", "wheel_torque", "motor_time_constant", "build"}
+"""The fields of a description that only `DifferentialRobot` has."""
+
+
 def differential(robot: Robot) -> DifferentialRobot:
-    """Return a robot that has two driven wheels; raise ConfigError if it has none."""
-    if not isinstance(robot, DifferentialRobot):
+    """Return a robot with two driven wheels that are described; raise ConfigError for others."""
+    if isinstance(robot, DifferentialRobot):
+        return robot
+    if isinstance(robot, DifferentialBase):
         raise ConfigError(
-            f"robot.drive: expected {DEFAULT_DRIVE} for this simulation or action, "
-            f"got {robot.drive}"
+            f"robot: expected the fields {', '.join(sorted(_BODY - {'build'}))} for simulation, "
+            f"URDF and actions that drive the base themselves, robot {robot.name} has none"
         )
-    return robot
+    raise ConfigError(
+        f"robot.drive: expected {DEFAULT_DRIVE} for this simulation or action, got {robot.drive}"
+    )
 
 
 def driving_style(driving: Driving) -> DrivingStyle:
