@@ -19,6 +19,7 @@ from ator_ros.experience.server_goals import (
     ServerGoal,
     ServerGoals,
     remote_calls,
+    usual_values,
 )
 from ator_ros.experience.table import Episode
 from ator_ros.experience.track import DIGITS, WIDTH, Segment, Track
@@ -243,8 +244,9 @@ class Watch:
         if jump := track.jump(robot, goal.begin, goal.end):
             return jump
         start = track.world(goal.begin)
+        values = usual_values(self._domain, goal.action)
         situation = Situation(
-            goal.action, start.robot, start.objects, Goal(goal.pose, 0.0, top.point)
+            goal.action, start.robot, start.objects, Goal(goal.pose, 0.0, top.point, values)
         )
         episode = Episode(
             situation,

@@ -47,6 +47,13 @@ def remote_calls(domain: Vocabulary) -> dict[str, RemoteCall]:
     return {spec.name: spec.remote for spec in specs if spec.remote}
 
 
+def usual_values(domain: Vocabulary, action: str) -> dict[str, float]:
+    """Return usual values of the goal variables that an action declares; it stops at goals."""
+    specs = [spec for specs in domain.action_sets.values() for spec in specs]
+    declared = (spec.goal_variables for spec in specs if spec.name == action)
+    return {variable.name: variable.usual for variable in next(declared, ())}
+
+
 @dataclass(eq=False)
 class ServerGoal:
     """A goal of an action server.

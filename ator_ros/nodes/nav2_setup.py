@@ -2,9 +2,9 @@
 
     python3 -m ator_ros.start commands.nav2_setup --folder FOLDER --namespace robot_1
 
-It reads parameters of Nav2's nodes, and the map. It prints the folder that it wrote, a part of
-FOLDER: each set of the parameters that change how Nav2 drives has one of its own, since drives with
-other parameters take other times.
+It reads parameters of Nav2's nodes, the footprint of a costmap, and the map. It prints the folder
+that it wrote, a part of FOLDER: each set of the parameters that change how Nav2 drives has one of
+its own, since drives with other parameters take other times.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from typing import Any
 
 import rclpy
 import yaml
+from geometry_msgs.msg import PolygonStamped
 from nav_msgs.msg import OccupancyGrid
 from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
@@ -31,17 +32,19 @@ from ator_ros.bases.description import ConfigError, robot_of
 from ator_ros.files import read_yaml, write_text
 from ator_ros.geometry import Pose
 from ator_ros.nodes.messages import grid_from
-from ator_ros.nodes.qos import LATCHED
+from ator_ros.nodes.qos import LATCHED, RESULTS
+from ator_ros.nodes.subscriptions import TfListener
 from ator_ros.printable import ReadableError, one_line, quoted
 from ator_ros.resources import resource_path
 from ator_ros.world.grid_map import GridMap
-from ator_ros.world.readers import plain_frame
+from ator_ros.world.readers import plain_frame, seconds_from
 
 NAVIGATOR = "bt_navigator"
 CONTROLLER = "controller_server"
 SMOOTHER = "velocity_smoother"
 PLANNER = "planner_server"
 COSTMAP = "local_costmap/local_costmap"
+FOOTPRINT = "local_costmap/published_footprint"
 DRIVING_NODES = (CONTROLLER, SMOOTHER, PLANNER)
 """Nodes whose parameters change how Nav2 drives, and so how long drives take."""
 _OF_ROS = ("use_sim_time", "qos_overrides", "start_type_description_service")
@@ -52,6 +55,7 @@ _BESIDE = 0.05  # m and rad by which poses reached may be off beyond Nav2's tole
 _ANSWER = 5.0  # real s that an answer of a node may take
 _DISCOVERY = 3.0  # real s in which DDS finds a node, once it has found others of Nav2
 _SPIN = 0.1
+_DIGITS = 4  # of published corners in m: those of two starts differ by single precision only
 
 
 class Nav2Error(ReadableError):
@@ -112,8 +116,15 @@ class Facts:
     tolerances: tuple[float, float]
 
 
-def facts_of(parameters: Parameters, given: Given) -> Facts:
-    """Return what parameters say of the robot; raise Nav2Error for what neither says."""
+Outline = Sequence[tuple[float, float]]
+"""The corners of a footprint in m, in the frame of the robot."""
+
+
+def facts_of(parameters: Parameters, given: Given, footprint: Outline = ()) -> Facts:
+    """Return what is known of the robot; raise Nav2Error for what is unknown.
+
+    `footprint` is the one that a costmap publishes, if it does.
+    """
     navigator = parameters.get(NAVIGATOR, {})
     frame = given.frame or str(navigator.get("global_frame", ""))
     if not frame:
@@ -121,10 +132,10 @@ def facts_of(parameters: Parameters, given: Given) -> Facts:
             f"nav2: expected the parameter global_frame of {NAVIGATOR}, got none; start Nav2, or "
             "set frame:=map"
         )
-    front, rear, half_width = _size(parameters.get(COSTMAP, {}), given.radius)
+    front, rear, half_width = _size(parameters.get(COSTMAP, {}), given.radius, footprint)
     return Facts(
         plain_frame(frame),
-        plain_frame(str(navigator.get("robot_base_frame", "base_link"))),
+        _robot_frame(parameters),
         str(navigator.get("odom_topic", "odom")),
         front,
         rear,
@@ -134,13 +145,18 @@ def facts_of(parameters: Parameters, given: Given) -> Facts:
     )
 
 
-def _size(costmap: Mapping[str, Any], radius: float) -> tuple[float, float, float]:
-    """Return front, rear and half of the width in m, by the costmap's footprint or radius."""
-    try:
-        corners = yaml.safe_load(str(costmap.get("footprint", "")) or "[]")
-        outline = [(float(x), float(y)) for x, y in corners or ()]
-    except (TypeError, ValueError, yaml.YAMLError):
-        outline = []
+def _robot_frame(parameters: Parameters) -> str:
+    return plain_frame(str(parameters.get(NAVIGATOR, {}).get("robot_base_frame", "base_link")))
+
+
+def _size(
+    costmap: Mapping[str, Any], radius: float, footprint: Outline
+) -> tuple[float, float, float]:
+    """Return front, rear and half of the width in m.
+
+    They are given by a radius, by the published footprint, or by the costmap's parameters.
+    """
+    outline = footprint or _described_outline(costmap)
     if radius > 0.0 or len(outline) < 3:
         around = radius if radius > 0.0 else float(costmap.get("robot_radius", 0.0))
         outline = [(around, around), (-around, -around)]
@@ -149,10 +165,19 @@ def _size(costmap: Mapping[str, Any], radius: float) -> tuple[float, float, floa
     half_width = max(abs(y) for _, y in outline)
     if min(front, rear, half_width) <= 0.0:
         raise Nav2Error(
-            f"nav2: expected the parameter footprint or robot_radius of {COSTMAP}, got none; "
-            "start Nav2, or set radius:=METERS"
+            f"nav2: expected a footprint on {FOOTPRINT}, or the parameter footprint or "
+            f"robot_radius of {COSTMAP}, got none; start Nav2, or set radius:=METERS"
         )
     return front, rear, half_width
+
+
+def _described_outline(costmap: Mapping[str, Any]) -> Outline:
+    """Return the parameter footprint of a costmap; empty without a usable one."""
+    try:
+        corners = yaml.safe_load(str(costmap.get("footprint", "")) or "[]")
+        return [(float(x), float(y)) for x, y in corners or ()]
+    except (TypeError, ValueError, yaml.YAMLError):
+        return []
 
 
 def _limits(parameters: Parameters, speed: float) -> tuple[float, float, float, float]:
@@ -313,16 +338,46 @@ def _fence(extent: Sequence[float]) -> list[float]:
 
 
 class Finder(Node):
-    """Reads the parameters of Nav2's nodes and the map."""
+    """Reads the parameters of Nav2's nodes, the footprint and the map."""
 
     def __init__(self, namespace: str, topic: str) -> None:
-        super().__init__("nav2_setup", namespace=namespace, start_parameter_services=False)
+        super().__init__(
+            "nav2_setup",
+            namespace=namespace,
+            cli_args=["--ros-args", "-r", "/tf:=tf", "-r", "/tf_static:=tf_static"],
+            start_parameter_services=False,
+        )
         self._map: OccupancyGrid | None = None
+        self._footprint: PolygonStamped | None = None
+        self._tf = TfListener(self)
         self._topic = topic
         self.create_subscription(OccupancyGrid, topic, self._take_map, LATCHED)
+        self.create_subscription(PolygonStamped, FOOTPRINT, self._take_footprint, RESULTS)
 
     def _take_map(self, message: OccupancyGrid) -> None:
         self._map = message
+
+    def _take_footprint(self, message: PolygonStamped) -> None:
+        self._footprint = message
+
+    def footprint(self, robot_frame: str, wait: float) -> Outline:
+        """Return the published footprint; empty if it is not known within `wait` real s.
+
+        It is published where the robot is, so it needs the robot's pose in tf.
+        """
+        end = time.monotonic() + wait
+        while time.monotonic() < end:
+            rclpy.spin_once(self, timeout_sec=_SPIN)
+            message = self._footprint
+            if message is None:
+                continue
+            frame = plain_frame(message.header.frame_id)
+            pose = self._tf.pose_at(frame, robot_frame, seconds_from(message.header.stamp))
+            if pose is not None:
+                corners = [Pose(each.x, each.y, 0.0) for each in message.polygon.points]
+                local = [pose.relative(corner) for corner in corners]
+                return [(round(x, _DIGITS), round(y, _DIGITS)) for x, y, _ in local]
+        return ()
 
     def map(self, wait: float) -> GridMap:
         """Return the map; raise Nav2Error if none comes within `wait` real s."""
@@ -379,7 +434,8 @@ def set_up(namespace: str, folder: Path, given: Given, *, topic: str, wait: floa
     finder = Finder(namespace, topic)
     try:
         parameters = finder.parameters(wait)
-        facts = facts_of(parameters, given)
+        footprint = () if given.radius else finder.footprint(_robot_frame(parameters), _DISCOVERY)
+        facts = facts_of(parameters, given, footprint)
         grid = finder.map(wait)
     finally:
         finder.destroy_node()

@@ -62,11 +62,27 @@ def naive_on_paths(
         changed = with_values(call.goal, values) if values else call.goal
         if changed != call.goal:
             candidate = naive.with_goal(index, changed)
-            rest_of_plan = candidate.part(index)
-            if not (valid and rest_of_plan.violations(world, robot)):
+            affected = _affected_part(world, naive, candidate, index, robot)
+            if not (valid and affected.violations(world, robot)):
                 naive = candidate
         world = projected(world, naive.calls[index], robot)
     return naive
+
+
+def _affected_part(
+    world: World, chain: TopChain, changed: TopChain, index: int, robot: Robot
+) -> TopChain:
+    """Return the steps of `changed` whose start or goal differs, all from `index` (from 0) on.
+
+    The step at `index` starts in `world`.
+    """
+    before = after = world
+    for step in range(index, len(chain)):
+        before = projected(before, chain.calls[step], robot)
+        after = projected(after, changed.calls[step], robot)
+        if before == after and not changed.calls[step].passing:
+            return changed.part(index, step + 1)
+    return changed.part(index)
 
 
 def _arrival(

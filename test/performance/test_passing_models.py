@@ -1,13 +1,16 @@
 """Models of an action that passes its goals: what a stop costs, and what is unknown of it."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pandas as pd
 import pytest
 from experience_rows import synthetic_experience
+from maps import hall_map
 
 from ator_ros.domains.domain import find_domain
+from ator_ros.performance.features import feature_table
 from ator_ros.performance.model import Passing, PerformanceModel
 from ator_ros.performance.training import direct_of, train, without_errors
 
@@ -88,3 +91,15 @@ def test_actions_that_cannot_pass_have_no_further_features() -> None:
     names = [feature.name for feature in DOMAIN.candidates("pursue")]
     assert [feature.name for feature in pursuit] == names[: len(pursuit)]
     assert names[len(pursuit) :] == ["stopg", "rests", "moving_turn"]
+
+
+def test_a_leg_that_passes_its_goal_without_a_route_is_unknown() -> None:
+    def without_routes(*_: object) -> None:
+        return None
+
+    domain = replace(DOMAIN.on_map(hall_map()), planner=lambda *_: without_routes)
+    known = {feature.name: feature for feature in domain.candidates("pursue")}
+    features = [known["route_length"], known["stopg"]]
+    direct = {**LEG, "x": -2.0, "v": 0.4, "stopg": 0.0, "yawg": 0.0}
+    ((length, _),) = feature_table(direct, domain.robot(), features)
+    assert np.isnan(length)
