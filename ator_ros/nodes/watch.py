@@ -39,7 +39,7 @@ from ator_ros.files import FileError
 from ator_ros.learning.drive_monitor import DriveMonitor, EndedDrive
 from ator_ros.learning.estimates import Estimate
 from ator_ros.learning.savings import Round, Rounds, Saving
-from ator_ros.learning.watch_tally import read_tally, save_tally
+from ator_ros.learning.watch_tally import TALLY, read_tally, save_tally
 from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health, Warnings
 from ator_ros.nodes.main_loop import run_node
 from ator_ros.nodes.maps import FollowedMap
@@ -102,6 +102,11 @@ _OUTCOMES = {"succeeded": Outcome.SUCCEEDED, "aborted": Outcome.FAILED}
 _LOGGED = (1, 5, 10)  # drives after which the tally is logged, and after every ten
 
 
+def watched_folder(name: str) -> Path:
+    """Return the folder that the parameter `watched` names."""
+    return Path(name or _DEFAULT_FOLDER).expanduser()
+
+
 class WatchNode(Node):
     """Watches the drives of an action server such as Nav2's, whoever commands them.
 
@@ -138,12 +143,12 @@ class WatchNode(Node):
             raise SetupError(
                 f"parameter domain: expected an action of a server, {domain.name} has none"
             )
-        self._folder = Path(settings["watched"] or _DEFAULT_FOLDER).expanduser()
+        self._folder = watched_folder(settings["watched"])
         self._warn = Warnings(self)
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
             paths = WatchedPaths(self._folder / PATHS)
-            self._tally, damage = read_tally(self._folder / "watch.json")
+            self._tally, damage = read_tally(self._folder / TALLY)
         except (FileError, OSError) as error:
             raise SetupError(f"parameter watched: {error}") from error
         if damage:
@@ -348,7 +353,7 @@ class WatchNode(Node):
 
     def _save_tally(self) -> None:
         try:
-            save_tally(self._folder / "watch.json", self._tally)
+            save_tally(self._folder / TALLY, self._tally)
         except OSError as error:
             self._warn(f"watched: {error}")
         self._publish_tally()
