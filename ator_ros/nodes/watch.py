@@ -52,7 +52,7 @@ from ator_ros.nodes.messages import (
     stamp_of,
 )
 from ator_ros.nodes.models import LEARNED, LearnedSets
-from ator_ros.nodes.nav2_setup import DRIVING_NODES
+from ator_ros.nodes.nav2_setup import DRIVING_NODES, FOLDER
 from ator_ros.nodes.parameters import (
     FRAME,
     MODELS,
@@ -77,7 +77,7 @@ from ator_ros.world.state import RobotState, World
 WATCHED = Parameter(
     "watched",
     "",
-    "folder of the paths and the tally of watched drives; empty: ~/.ros/ator_ros/nav2",
+    f"folder of the paths and the tally of watched drives; empty: {FOLDER}",
 )
 PARAMETERS = (
     FRAME,
@@ -94,7 +94,6 @@ PARAMETERS = (
         "further action servers, whose goals are estimated by the length of their path",
     ),
 )
-_DEFAULT_FOLDER = "~/.ros/ator_ros/nav2"
 _PERIOD = 0.5  # real s between two estimates of a drive
 _TEXT_HEIGHT = 0.3  # m, of the estimate in RViz
 _TEXT_ABOVE = 0.5  # m above the floor
@@ -104,7 +103,7 @@ _LOGGED = (1, 5, 10)  # drives after which the tally is logged, and after every 
 
 def watched_folder(name: str) -> Path:
     """Return the folder that the parameter `watched` names."""
-    return Path(name or _DEFAULT_FOLDER).expanduser()
+    return Path(name or FOLDER).expanduser()
 
 
 class WatchNode(Node):
