@@ -319,7 +319,7 @@ class DeclaredAction:
     @property
     def all_variables(self) -> tuple[GoalVariable, ...]:
         """The goal variables of a remote action, with `STOP` if it can pass its goals."""
-        can_pass = self.remote is not None and self.remote.early
+        can_pass = self.remote is not None and self.remote.passes
         return (*self.goal_variables, STOPS) if can_pass else self.goal_variables
 
 

@@ -288,7 +288,7 @@ class WatchNode(Node):
             self._libraries[DEFAULT_SET],
             {} if present.absent else present.models,
             is_busy=bool(watch.active),
-            may_pass=any(call.early for call in self._calls.values()),
+            may_pass=any(call.passes for call in self._calls.values()),
         )
         if found is not None:
             self._tally.add_savings(found, _today())

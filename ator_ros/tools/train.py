@@ -94,9 +94,7 @@ def train(
         remarks += held_up_remark(action, model.held_up)
         remarks += few_drives_remark(model)
         if any(top.arrives for top in domain.tops if top.action == action):
-            remarks += unvaried(
-                action, examples[examples["success"] & (examples["t"] == 0.0)], robot
-            )
+            remarks += unvaried(model)
         for remark in (*without_errors(action, examples), *remarks):
             print(f"train: {one_line(remark)}", file=sys.stderr)
         starts = tests.frame[(tests.frame["action"] == action) & (tests.frame["t"] == 0.0)]
