@@ -103,6 +103,14 @@ def nav2(client: Client, monkeypatch: pytest.MonkeyPatch) -> Iterator[Nav2]:
     made.close()
 
 
+def await_watching(nav2: Nav2, client: Client) -> None:
+    """Wait until the node receives all topics: goals from before are no drives."""
+    topics = ("odom", "plan", "navigate_to_pose/_action/status")
+    client.eventually(lambda: all(map(client.node.count_subscribers, topics)), "subscriptions")
+    began = nav2.time
+    client.eventually(lambda: nav2.time > began + PACE, "a second of odometry")
+
+
 def test_drives_are_estimated_recorded_and_counted_but_never_commanded(
     nav2: Nav2, client: Client, host: Host, tmp_path: Path
 ) -> None:
@@ -125,11 +133,7 @@ def test_drives_are_estimated_recorded_and_counted_but_never_commanded(
     add_chains(learned, Gains(digest_of_start(models, [DEFAULT_SET])), *chains)
     client.eventually(lambda: tallies[-1].refined.refined == 2, "the gain of two chains")
     assert tallies[-1].refined.measured == pytest.approx(2.0)
-    topics = ("odom", "plan", "navigate_to_pose/_action/status")
-    client.eventually(lambda: all(map(client.node.count_subscribers, topics)), "subscriptions")
-    began = nav2.time
-    client.eventually(lambda: nav2.time > began + PACE, "a second of odometry")
-
+    await_watching(nav2, client)
     sent = nav2.send(4.0)
     goal = bytes(sent.handle.goal_id.uuid).hex()
     sent.response()
@@ -192,12 +196,12 @@ def test_the_page_finds_what_it_shows_by_the_node(
     monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
     page = watched_page.WatchClient(timeout=PATIENCE)
     try:
-        end = time.monotonic() + PATIENCE
+        end = time.monotonic() + 2.0 * PATIENCE
         while page.watched().report is None:
             assert time.monotonic() < end
             page.spin(0.1)
-        sent = nav2.send(4.0)
-        sent.response()
+        await_watching(nav2, client)
+        nav2.send(20.0)
         while not page.watched().estimates:
             assert time.monotonic() < end
             page.spin(0.1)
@@ -205,8 +209,8 @@ def test_the_page_finds_what_it_shows_by_the_node(
     finally:
         page.close()
     assert page.robot.name == "courier"
-    assert watched.report.drives in (4, 5)
-    assert watched.estimates[0].goal.pose.position.x == 4.0
-    assert watched.tally.estimate_errors[:2] == [0.5, 0.25]
+    assert watched.report.drives == 4
+    assert watched.estimates[0].goal.pose.position.x == 20.0
+    assert watched.tally.estimate_errors == [0.5, 0.25]
     assert watched.paths[0].tolist()[-1] == [2.0, 0.0]
     assert "navigate_to_pose:\ntime = " in watched.rules
