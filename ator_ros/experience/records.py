@@ -96,6 +96,10 @@ def episode_of(message: Any, domain: Vocabulary, robot: Robot) -> Episode:
         each if 0.0 < each <= message.actual.duration else math.nan for each in (first, last)
     )
     parts = DriveParts(first, last, driven if 0.0 < abs(driven) <= LARGEST else math.nan)
+    nearer = math.nan
+    if values.get(STOP) == 0.0:
+        end = world_from(message.end, where="end").robot.pose
+        nearer = max(0.0, end.distance(pose) - message.actual.accuracy)
     episode = Episode(
         situation=Situation(action, start.robot, start.objects, Goal(pose, speed, point, values)),
         duration=message.actual.duration,
@@ -104,6 +108,7 @@ def episode_of(message: Any, domain: Vocabulary, robot: Robot) -> Episode:
         position_error=message.actual.accuracy,
         heading_error=math.nan if values.get(STOP) == 0.0 else message.heading_error,
         parts=parts,
+        nearer=nearer,
     )
     if fault := fault_in(episode, top, robot):
         raise MessageError(fault)

@@ -18,6 +18,8 @@ from ator_ros.refinement.gate import MeasuredGain
 from ator_ros.schema import Within
 
 KIND = "watched drives"
+TALLY = "watch.json"
+"""The file in the folder of the node `watch`."""
 REMEMBERED = 50
 """Newest arrived drives whose errors count."""
 _DAY = 86_400.0  # s
@@ -26,7 +28,7 @@ Seconds = Annotated[float, Within(0.0, _DAY)]
 
 @dataclass
 class Tally:
-    """The fields of watch.json.
+    """The fields of the file `TALLY`.
 
     Attributes
     ----------

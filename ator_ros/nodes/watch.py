@@ -39,7 +39,7 @@ from ator_ros.files import FileError
 from ator_ros.learning.drive_monitor import DriveMonitor, EndedDrive
 from ator_ros.learning.estimates import Estimate
 from ator_ros.learning.savings import Round, Rounds, Saving
-from ator_ros.learning.watch_tally import read_tally, save_tally
+from ator_ros.learning.watch_tally import TALLY, read_tally, save_tally
 from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health, Warnings
 from ator_ros.nodes.main_loop import run_node
 from ator_ros.nodes.maps import FollowedMap
@@ -52,7 +52,7 @@ from ator_ros.nodes.messages import (
     stamp_of,
 )
 from ator_ros.nodes.models import LEARNED, LearnedSets
-from ator_ros.nodes.nav2_setup import DRIVING_NODES
+from ator_ros.nodes.nav2_setup import DRIVING_NODES, FOLDER
 from ator_ros.nodes.parameters import (
     FRAME,
     MODELS,
@@ -77,7 +77,7 @@ from ator_ros.world.state import RobotState, World
 WATCHED = Parameter(
     "watched",
     "",
-    "folder of the paths and the tally of watched drives; empty: ~/.ros/ator_ros/nav2",
+    f"folder of the paths and the tally of watched drives; empty: {FOLDER}",
 )
 PARAMETERS = (
     FRAME,
@@ -94,12 +94,16 @@ PARAMETERS = (
         "further action servers, whose goals are estimated by the length of their path",
     ),
 )
-_DEFAULT_FOLDER = "~/.ros/ator_ros/nav2"
 _PERIOD = 0.5  # real s between two estimates of a drive
 _TEXT_HEIGHT = 0.3  # m, of the estimate in RViz
 _TEXT_ABOVE = 0.5  # m above the floor
 _OUTCOMES = {"succeeded": Outcome.SUCCEEDED, "aborted": Outcome.FAILED}
 _LOGGED = (1, 5, 10)  # drives after which the tally is logged, and after every ten
+
+
+def watched_folder(name: str) -> Path:
+    """Return the folder that the parameter `watched` names."""
+    return Path(name or FOLDER).expanduser()
 
 
 class WatchNode(Node):
@@ -138,12 +142,12 @@ class WatchNode(Node):
             raise SetupError(
                 f"parameter domain: expected an action of a server, {domain.name} has none"
             )
-        self._folder = Path(settings["watched"] or _DEFAULT_FOLDER).expanduser()
+        self._folder = watched_folder(settings["watched"])
         self._warn = Warnings(self)
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
             paths = WatchedPaths(self._folder / PATHS)
-            self._tally, damage = read_tally(self._folder / "watch.json")
+            self._tally, damage = read_tally(self._folder / TALLY)
         except (FileError, OSError) as error:
             raise SetupError(f"parameter watched: {error}") from error
         if damage:
@@ -284,7 +288,7 @@ class WatchNode(Node):
             self._libraries[DEFAULT_SET],
             {} if present.absent else present.models,
             is_busy=bool(watch.active),
-            may_pass=any(call.early for call in self._calls.values()),
+            may_pass=any(call.passes for call in self._calls.values()),
         )
         if found is not None:
             self._tally.add_savings(found, _today())
@@ -348,7 +352,7 @@ class WatchNode(Node):
 
     def _save_tally(self) -> None:
         try:
-            save_tally(self._folder / "watch.json", self._tally)
+            save_tally(self._folder / TALLY, self._tally)
         except OSError as error:
             self._warn(f"watched: {error}")
         self._publish_tally()
