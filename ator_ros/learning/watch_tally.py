@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
@@ -10,7 +11,7 @@ from typing import Annotated
 
 import numpy as np
 
-from ator_ros.files import DamagedFileError, load, save, set_aside
+from ator_ros.files import DamagedFileError, FileError, load, save, set_aside
 from ator_ros.learning.drive_monitor import EndedDrive
 from ator_ros.learning.savings import RoundSavings, Saving
 from ator_ros.learning.sets import Count
@@ -153,6 +154,15 @@ def read_tally(file: Path) -> tuple[Tally, str]:
         return load(file, KIND, Tally), ""
     except DamagedFileError as error:
         return Tally(), f"{error}; renamed to {set_aside(file).name}"
+
+
+def drives_elsewhere(folder: Path) -> int:
+    """Return how many drives the folders beside a folder have, with other parameters of Nav2."""
+    found = 0
+    for file in folder.parent.glob(f"*/{TALLY}"):
+        with contextlib.suppress(FileError, OSError):
+            found += 0 if file.parent == folder else load(file, KIND, Tally).drives
+    return found
 
 
 def save_tally(file: Path, tally: Tally) -> None:
