@@ -3,9 +3,9 @@
     scripts/run python -m ator_ros_examples.nav2_stand_in --ros-args -p real_time_factor:=5.0
 
 It has the actions navigate_to_pose and compute_path_to_pose, their status and feedback, plan, map,
-odometry and tf, and those parameters of Nav2's nodes that the node `watch` needs. The control law
-and the planner are those of `pursuit_server`, which drives as Nav2 does; the base and the building
-are those of the domain `building`. It needs nav2_msgs.
+odometry, tf and footprint, and those parameters of Nav2's nodes that the node `watch` needs. The
+control law and the planner are those of `pursuit_server`, which drives as Nav2 does; the base and
+the building are those of the domain `building`. It needs nav2_msgs.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 import rclpy
-from geometry_msgs.msg import PoseStamped
+from geometry_msgs.msg import Point32, PolygonStamped, PoseStamped
 from nav_msgs.msg import OccupancyGrid, Odometry
 from nav_msgs.msg import Path as PathMessage
 from numpy.typing import NDArray
@@ -32,6 +32,7 @@ from tf2_msgs.msg import TFMessage
 from ator_ros.domains.domain import find_domain
 from ator_ros.geometry import Pose
 from ator_ros.nodes.messages import occupancy_grid_of, odometry_of, pose_of, stamp_of
+from ator_ros.nodes.nav2_setup import FOOTPRINT
 from ator_ros.nodes.qos import LATCHED
 from ator_ros.nodes.simulation import transform_of
 from ator_ros.simulation.scene_simulation import Simulation
@@ -44,7 +45,8 @@ from ator_ros_examples.stand_ins import navfn
 _TICK = 0.05  # s, of the simulated base and the control law
 _FEEDBACK_PERIOD = 0.5  # s, at 2 Hz as Nav2's
 _PLAN_PERIOD = 1.0  # s; Nav2's default tree plans again every second
-_START = Pose(-6.0, 0.0, 0.0)  # in the corridor
+START = Pose(-6.0, 0.0, 0.0)
+"""Where the robot begins: in the corridor."""
 PARAMETERS: dict[tuple[str, str], dict[str, Any]] = {
     ("bt_navigator", ""): {
         "global_frame": "map",
@@ -95,12 +97,13 @@ class Nav2StandIn(Node):
         assert self._robot.grid is not None
         self._planner = navfn(self._robot.grid, self._robot)
         self._simulation = Simulation(self._robot)
-        self._simulation.place_robot(_START)
+        self._simulation.place_robot(START)
         self._drive: _Drive | None = None
         self._odom = self.create_publisher(Odometry, "odom", 10)
         self._tf = self.create_publisher(TFMessage, "/tf", 100)
         fixed = self.create_publisher(TFMessage, "/tf_static", LATCHED)
         self._plan = self.create_publisher(PathMessage, "plan", 10)
+        self._footprint = self.create_publisher(PolygonStamped, FOOTPRINT, 10)
         map_publisher = self.create_publisher(OccupancyGrid, "map", LATCHED)
         map_publisher.publish(occupancy_grid_of(self._robot.grid, frame="map"))
         odom = transform_of(0.0, Pose(0.0, 0.0, 0.0), frame="map", child="odom")
@@ -161,6 +164,19 @@ class Nav2StandIn(Node):
         self._odom.publish(odometry_of(now, world.robot, frame="odom", child="base_link"))
         moved = transform_of(now, world.robot.pose, frame="odom", child="base_link")
         self._tf.publish(TFMessage(transforms=[moved]))
+        self._footprint.publish(self._footprint_at(now, world.robot.pose))
+
+    def _footprint_at(self, now: float, pose: Pose) -> PolygonStamped:
+        """Return the message of the robot's outline at a pose, as a costmap publishes it."""
+        robot = self._robot
+        message = PolygonStamped()
+        message.header.frame_id = "odom"
+        message.header.stamp = stamp_of(now)
+        for x in (robot.front, -robot.rear):
+            for y in (robot.half_width, -robot.half_width):
+                corner = pose.compose(Pose(x, y, 0.0))
+                message.polygon.points.append(Point32(x=corner.x, y=corner.y))
+        return message
 
     def _steer(self, drive: _Drive, speed: float) -> Command:
         """Return the command for a goal; publish its path and feedback."""

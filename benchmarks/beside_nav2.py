@@ -3,7 +3,8 @@
     scripts/run python benchmarks/beside_nav2.py --drives 70 --seed 1 --factor 5 --work beside
 
 It starts `ator_ros_examples.nav2_stand_in` (nav2_msgs must be installed), and beside it `watch` and
-`learning`, with what `nav2_setup` finds out. The goals are random places of the domain `building`.
+`learning`, with what `nav2_setup` finds out. The goals are random places of the domain `building`,
+with paths of at most 12 m.
 Errors are those of the estimate at the start of a drive, in s; the CPU time is that of `watch`.
 """
 
@@ -17,7 +18,8 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -30,13 +32,18 @@ from rclpy.action import ActionClient
 from rclpy.node import Node
 
 from ator_interfaces.msg import ActionPerformance, DriveEstimate, Outcome, WatchedDrives
+from ator_ros.actions.situation import Situation
 from ator_ros.domains.domain import find_domain
+from ator_ros.geometry import Pose
 from ator_ros.nodes.messages import pose_of
 from ator_ros.nodes.qos import LATCHED, RESULTS, SENSOR_DATA
 from ator_ros.nodes.remote_messages import action_type
 from ator_ros.performance.accuracy import mean_ci95
+from ator_ros_examples.nav2_stand_in import START
+from ator_ros_examples.stand_ins import navfn
 
 _PATIENCE = 60.0  # real s
+_LONGEST = 12.0  # m, of a path; drives take 15 s on average
 _TICKS = os.sysconf("SC_CLK_TCK")
 
 
@@ -93,6 +100,15 @@ def cpu_time(process: subprocess.Popen[bytes]) -> float:
     return (int(fields[11]) + int(fields[12])) / _TICKS
 
 
+def near_goal(draw: Callable[[], Situation], planner: Any, place: tuple[float, float]) -> Pose:
+    """Draw situations until their goal is not far from a place; return that goal."""
+    while True:
+        goal = draw().goal.pose
+        path = planner(place, goal[:2])
+        if path is not None and np.hypot(*np.diff(path, axis=0).T).sum() <= _LONGEST:
+            return goal
+
+
 def await_round(client: Client, log: Path) -> None:
     """Wait until a round of learning has ended after each ten records.
 
@@ -133,6 +149,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     robot = building.robot()
     rng = np.random.default_rng(options.seed)
     spec = building.actions()["pursue"]
+    assert robot.grid is not None
+    planner = navfn(robot.grid, robot)
+    place = START[:2]
     try:
         while not client.has_odometry:
             rclpy.spin_once(client, timeout_sec=0.1)
@@ -141,7 +160,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             rclpy.spin_once(client, timeout_sec=0.1)
         spent = took = 0.0
         for _ in range(options.drives):
-            goal = spec.situation(robot, rng).goal.pose
+            goal = near_goal(partial(spec.situation, robot, rng), planner, place)
+            place = goal[:2]
             begin = time.monotonic()
             used = cpu_time(processes[1])
             drives.append(client.drive(goal))

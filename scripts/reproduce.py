@@ -46,9 +46,9 @@ class Sizes:
     situations: int = 150  # of the dribble, whose gain is smallest
     chains: int = 60  # that are longer, or gain more
     tours: int = 40  # with models from few drives, or of other robots
-    rounds: int = 15  # in the building
+    rounds: int = 15  # of six stations, and tours in the building
     patrol_drives: int = 100
-    patrol_rounds: int = 200  # few of them may be slower
+    patrol_rounds: int = 40
     on_the_job: int = 100  # chains, while learning
     actions: int = 50
     study_episodes: int = 200
@@ -224,11 +224,11 @@ def steps(sizes: Sizes) -> Iterator[Step]:
         )
     # Six stations in any order, with models from few drives: docs/rounds.md.
     policies = "listed listed_refined nearest_refined straight_refined route_refined refined"
-    for domain, _, chains, _ in servers:
+    for domain, *_ in servers:
         models = f"few_drives/{domain}_{n.few[-1]}/models"
         yield Step(
             f"rounds:{domain}",
-            f"evaluate --domain {domain} --chain round --seed 2050 --situations {chains} "
+            f"evaluate --domain {domain} --chain round --seed 2050 --situations {n.rounds} "
             f"--policies {policies} --models {models} --out rounds/{domain}",
             (f"few_drives:{domain}",),
         )

@@ -5,7 +5,6 @@ Both clocks are passed in.
 
 from __future__ import annotations
 
-import bisect
 import enum
 import math
 from collections import deque
@@ -17,15 +16,13 @@ import numpy as np
 from ator_ros.bases.description import Robot
 from ator_ros.bases.foresight import Foresight
 from ator_ros.bases.interface import Axis
+from ator_ros.execution.followers import LATE, ROUNDING, STEP, Commands, Response
 from ator_ros.execution.odometry_point import OdometryPoint
-from ator_ros.geometry import clip, wrap_angle
+from ator_ros.geometry import FloatArray, wrap_angle
 from ator_ros.world.state import STOP, Command, RobotState
 
 # What a base that follows its commands may do:
-_LATE = 0.1  # s by which it may be later than `latency`: two messages at 20 Hz
 _EARLY = 0.15  # s by which it may be earlier: 0.1 s, and one message at 20 Hz
-_WEAK = 0.5  # share of the described change of speed that it reaches: with a load
-_STRONG = 2.0  # the same of a light base; multiple of the described lag of a sluggish one
 # share of a command backward below which the base stands: a blocked one may creep, or be noisy
 _STANDS = 0.15
 _QUARTER = 0.25  # least share of the expected motion: a slow base is no fault
@@ -37,7 +34,6 @@ _LEAST_REAL_TIME = 0.1  # s in which commands reach the base, however fast simul
 _SMOOTHING = 0.1  # s over which measured velocities are averaged: two messages at 20 Hz
 _LONG_GAP = 0.15  # s between two messages above which a base with a watchdog may have stopped
 _VERY_LONG_GAP = 0.3  # s; one message after such a gap counts in full
-_STEP = 0.025  # s; step of the prediction, half a tick
 _DEPARTS = 0.3  # s for which a base may depart from its commands: longer than a delayed response
 _CONSTANT = 0.25  # s, besides the lag, after which a speed responds to other commands
 _CONSTANT_PERSISTS = 0.06  # s after which a constant speed is a fault: two messages
@@ -61,10 +57,9 @@ _KEPT = 1.5  # s for which states and commands are kept: `_COMPARED` and `_LATES
 # shares of the commanded speed from which a base is said to be slow or fast
 _SLOW = 0.75
 _FAST = 1.05
-# share up to which the description is called implausible: `_WEAK`, and 10 % of noise and lag
+# share up to which the description is called implausible: a loaded base, and 10 % of noise and lag
 _IMPLAUSIBLE = 0.55
 _STEADY = 1.0  # s for which it must be so
-_ROUNDING = 1e-6
 _LEAST_TOLERANCE = {"m/s": 0.04, "rad/s": 0.1}  # noise and dead bands of small bases
 _PLACES = {"m/s": "position", "rad/s": "heading"}
 _VERBS = {"move": "drives", "turn": "turns"}  # of a base that is slower than commanded
@@ -116,114 +111,10 @@ class Debounce:
             return False
         self._since = min(self._since, gap.began)
         # One message says little about a gap above 0.1 s, unless the gap is very long.
-        is_very_long = gap.elapsed >= _VERY_LONG_GAP - _ROUNDING
+        is_very_long = gap.elapsed >= _VERY_LONG_GAP - ROUNDING
         self._seconds += gap.elapsed if is_very_long else min(gap.elapsed, 0.1)
-        in_real_time = gap.ended - self._since >= _LEAST_REAL_TIME - _ROUNDING
-        return self._seconds >= needed - _ROUNDING and in_real_time
-
-
-class Commands:
-    """The commands of one axis with the times in s from which they act."""
-
-    def __init__(self, limit: float) -> None:
-        self._limit = limit
-        self._times: list[float] = []
-        self._sent: list[float] = []
-
-    def add(self, acts: float, command: float) -> None:
-        """Add a command that acts from `acts` (s) on and replaces later ones."""
-        earlier = bisect.bisect_left(self._times, acts)
-        self._times[earlier:] = [acts]
-        self._sent[earlier:] = [clip(command, self._limit)]
-
-    def delay_last(self, seconds: float) -> None:
-        """Let the last command act later."""
-        if self._times:
-            self._times[-1] += seconds
-
-    def forget(self, time: float) -> None:
-        """Forget the commands that no longer act at `time` (s)."""
-        over = max(0, bisect.bisect_right(self._times, time) - 1)
-        del self._times[:over], self._sent[:over]
-
-    def at(self, time: float) -> float:
-        """Return the command that acts at a time in s; 0 before the first one."""
-        index = bisect.bisect_right(self._times, time + _ROUNDING)
-        return self._sent[index - 1] if index else 0.0
-
-    def between(self, since: float, until: float) -> list[float]:
-        """Return the commands that acted between two times in s; 0 before the first one."""
-        begin = bisect.bisect_right(self._times, since + _ROUNDING)
-        end = bisect.bisect_right(self._times, until + _ROUNDING)
-        return [self.at(since), *self._sent[begin:end]]
-
-
-class Follower:
-    """The speed of a base that follows the commands of one axis in its own way.
-
-    `delay` (s) is negative for a base that is early; `rate` and `stop` are its changes of speed per
-    s, `lag` (s) its time constant.
-    """
-
-    def __init__(self, delay: float, rate: float, stop: float, lag: float) -> None:
-        self._delay = delay
-        self._rate = rate
-        self._stop = stop
-        self._lag = lag
-        self.start(0.0)
-
-    def start(self, speed: float) -> None:
-        """Start at a speed in m/s or rad/s."""
-        self._setpoint = self.speed = speed
-
-    def advance(self, time: float, dt: float, commands: Commands) -> None:
-        """Follow the command of `time` (s) for `dt` s."""
-        command = commands.at(time - self._delay)
-        rate = self._stop if command == 0.0 else self._rate
-        self._setpoint += clip(command - self._setpoint, rate * dt)
-        self.speed += (self._setpoint - self.speed) * min(1.0, dt / max(self._lag, dt))
-
-
-class Response:
-    """The range of speeds of bases that follow the commands of one axis.
-
-    The most prompt base is early, without lag, and twice as strong as described; its speeds count
-    as long as a late one may be behind. A sluggish one is late and has twice the lag. A loaded one
-    is also half as strong, and does not stop faster than it brakes.
-    """
-
-    def __init__(self, axis: Axis, lag: float, early: float) -> None:
-        self._prompt = Follower(-early - _STEP, _STRONG * axis.rate, _STRONG * axis.stop, 0.0)
-        self._sluggish = Follower(_LATE, axis.rate, axis.stop, _STRONG * lag)
-        self._loaded = Follower(_LATE, _WEAK * axis.rate, _WEAK * axis.rate, _STRONG * lag)
-        self._followers = (self._prompt, self._sluggish, self._loaded)
-        self._spread = early + _LATE
-        self._recent: deque[tuple[float, float]] = deque()  # times in s and the most prompt speeds
-        self.low = self.high = 0.0
-        self.least = 0.0
-        """The slowest of the speeds that are expected; 0 if a base that follows may stand."""
-
-    def start(self, time: float, speed: float) -> None:
-        """Start at a speed in m/s or rad/s at `time` (s)."""
-        for follower in self._followers:
-            follower.start(speed)
-        self._recent.append((time, speed))
-
-    def advance(self, since: float, until: float, commands: Commands) -> None:
-        """Follow the commands between two times in s."""
-        steps = math.ceil((until - since) / _STEP - _ROUNDING)
-        for step in range(steps):
-            dt = (until - since) / steps
-            time = since + step * dt
-            for follower in self._followers:
-                follower.advance(time, dt, commands)
-            self._recent.append((time + dt, self._prompt.speed))
-        while len(self._recent) > 1 and self._recent[0][0] < until - self._spread - _ROUNDING:
-            self._recent.popleft()
-        speeds = [self._sluggish.speed, *(speed for _, speed in self._recent)]
-        self.low = min(self._loaded.speed, *speeds)
-        self.high = max(self._loaded.speed, *speeds)
-        self.least = min(speeds, key=abs) if self.low * self.high > 0.0 else 0.0
+        in_real_time = gap.ended - self._since >= _LEAST_REAL_TIME - ROUNDING
+        return self._seconds >= needed - ROUNDING and in_real_time
 
 
 @dataclass(frozen=True, slots=True)
@@ -253,7 +144,13 @@ class AxisWatch:
         self.commands = Commands(axis.limit)
         self._early = min(latency, _EARLY)
         self._lag = lag
-        self._response = Response(axis, lag, self._early)
+        earliest = -round(latency / _LATE_STEP)
+        late = range(earliest, round(_LATEST / _LATE_STEP) + 1)
+        self.delays = _LATE_STEP * np.array(late)
+        """Times in s by which the base may be later than `latency`, shape (n,)."""
+        self._is_prompt = (self.delays >= -self._early) & (self.delays <= LATE + ROUNDING)
+        self._response = Response(axis, lag, self._early, self.delays.tolist())
+        self._delayed: deque[tuple[float, FloatArray]] = deque()  # times in s and speeds
         self._speeds: deque[tuple[float, float]] = deque()  # times in s and mean speeds
         self._fault = Debounce()
         self._departure = _Departure(axis, self.tolerance)
@@ -267,11 +164,6 @@ class AxisWatch:
         """The share of the commanded speed if it has differed for a second, else 1."""
         return self._share.value
 
-    @property
-    def may_be_slow(self) -> bool:
-        """Whether the base is slow, or has been for less than the second that shows it."""
-        return self._share.is_low
-
     def most_different(self, speed: float, time: float) -> float:
         """Return the command of the last 0.3 s before `time` that differs most from a speed."""
         return max(self.commands.between(time - _DEPARTS, time), key=lambda sent: abs(sent - speed))
@@ -279,6 +171,15 @@ class AxisWatch:
     def start(self, time: float, speed: float) -> None:
         """Start at a speed at `time` (s)."""
         self._response.start(time, speed)
+        self._delayed.append((time, self._response.delayed))
+
+    def delayed(self, number: int) -> FloatArray:
+        """Return the speeds of bases that are late by `delays`, at the last messages.
+
+        The shape is (number, n).
+        """
+        speeds = [speeds for _, speeds in self._delayed]
+        return np.array(speeds[-number:])
 
     def update(self, measured: Measured, gap: Gap) -> Fault | None:
         """Process a speed; return the fault that persists."""
@@ -286,11 +187,15 @@ class AxisWatch:
         speed = measured.mean
         self._observe_change(time, measured.last)
         self._speeds.append((time, speed))
-        while self._speeds[0][0] < time - _CONSTANT - self._lag - _ROUNDING:
+        while self._speeds[0][0] < time - _CONSTANT - self._lag - ROUNDING:
             self._speeds.popleft()
         self._response.advance(time - gap.elapsed, time, self.commands)
-        recent = self.commands.between(time - _LATE, time + self._early)
-        self._share.update(speed, recent, gap)
+        self._delayed.append((time, self._response.delayed))
+        while self._delayed[0][0] < time - _KEPT:
+            self._delayed.popleft()
+        recent = self.commands.between(time - LATE, time + self._early)
+        described = self._response.delayed[self._is_prompt].tolist()
+        self._share.update(speed, described, gap)
         departs = self._departure.update(speed, recent, gap)
         fault = self._deviation(speed)
         if self._deviation(measured.by_pose) is None:
@@ -301,7 +206,7 @@ class AxisWatch:
             fault = Fault.CONSTANT
         needed = _CONSTANT_PERSISTS if fault is Fault.CONSTANT else _PERSISTS
         persists = self._fault.update(fault is not None, gap, needed)
-        behind = self.commands.between(time - _LATE - 2.0 * self._lag, time + self._early)
+        behind = self.commands.between(time - LATE - 2.0 * self._lag, time + self._early)
         if departs and is_agreed and 0.0 not in behind:
             fault = Fault.STILL
         elif not persists:
@@ -326,12 +231,12 @@ class AxisWatch:
         """Return whether the speed is constant and no known share of the commands."""
         since = self._speeds[0][0]
         speeds = [value for _, value in self._speeds]
-        if len(speeds) < _FEWEST or time - since < _CONSTANT + self._lag - 2.0 * _STEP - _ROUNDING:
+        if len(speeds) < _FEWEST or time - since < _CONSTANT + self._lag - 2.0 * STEP - ROUNDING:
             return False
         if max(speeds) - min(speeds) > 0.5 * self.tolerance:
             return False
         # The last commands cannot be the cause of a speed that was constant before.
-        sent = self.commands.between(since, time - _LATE + self._early)
+        sent = self.commands.between(since, time - LATE - self._lag + self._early)
         if min(sent) - self.tolerance < speed < max(sent) + self.tolerance:
             return False
         is_slower = all(command * speed >= speed * speed for command in sent)
@@ -351,7 +256,7 @@ class AxisWatch:
     def _observe_change(self, time: float, speed: float) -> None:
         """Record which shares of the commands the base reaches while its speed changes."""
         then, before = self._last_change
-        if time - then < 0.5 * _SMOOTHING - _ROUNDING:
+        if time - then < 0.5 * _SMOOTHING - ROUNDING:
             return
         self._last_change = time, speed
         if abs(speed - before) < 0.05 * self.tolerance:
@@ -359,7 +264,7 @@ class AxisWatch:
         if abs(speed - before) > 1.5 * self._axis.rate * (time - then) + self.tolerance:
             self._shares.clear()  # after a jump, earlier shares do not apply
         in_time = self.commands.at(time)
-        late = self.commands.at(time - _LATE)
+        late = self.commands.at(time - LATE)
         if in_time * late > 0.0 and min(abs(in_time), abs(late)) >= 2.0 * self.tolerance:
             self._shares.append((speed / in_time, speed / late))
 
@@ -400,7 +305,7 @@ class _Departure:
         self._expected += expected
         self._seconds += gap.elapsed
         least = max(2.0 * self._tolerance, self._expected + 0.5 * self._tolerance)
-        return self._departed >= least and self._seconds >= _DEPARTS - _ROUNDING
+        return self._departed >= least and self._seconds >= _DEPARTS - ROUNDING
 
 
 class _SteadyShare:
@@ -410,33 +315,27 @@ class _SteadyShare:
         self._least_command = 0.2 * axis.limit  # in slower motion, noise and dead bands count more
         self._seconds = 0.0
         self._mean = 1.0
-        self._is_low = False
 
     @property
     def value(self) -> float:
         """The share if it has differed from 1 for more than a second, else 1."""
         return self._mean if self._seconds >= _STEADY else 1.0
 
-    @property
-    def is_low(self) -> bool:
-        """Whether the last share was low, or has been low for more than a second."""
-        return self._is_low or self.value < _SLOW
-
-    def update(self, speed: float, recent: Sequence[float], gap: Gap) -> None:
-        """Process a speed and the recent commands."""
-        slowest = min(recent, key=abs)
+    def update(self, speed: float, described: Sequence[float], gap: Gap) -> None:
+        """Process a speed, and those of bases as described that react early to late."""
+        slowest = min(described, key=abs)
+        fastest = max(described, key=abs)
         if abs(slowest) < self._least_command:
-            self._is_low = False
             return
         share = speed / slowest
         if share > 1.0:
-            share = max(1.0, speed / max(recent, key=abs))
+            share = max(1.0, speed / fastest)
         passed = min(gap.elapsed, 0.1)
-        self._is_low = 0.0 < share < _SLOW
-        if self._is_low or _FAST <= share <= _GAIN:
+        if 0.0 < share < _SLOW or _FAST <= share <= _GAIN:
             self._mean += (share - self._mean) * passed / (self._seconds + passed)
             self._seconds = min(self._seconds + passed, 2.0 * _STEADY)
-        else:
+        # of a changing speed, nothing between theirs says that the base is no faster
+        elif self._mean < 1.0 or abs(fastest) < _FAST * abs(slowest):
             self._seconds = max(0.0, self._seconds - passed)
 
 
@@ -505,7 +404,7 @@ class MotionWatch:
         if any(watch.share < _IMPLAUSIBLE for watch in self._axes.values()):
             slow += ", so its description is implausible: `calibrate` measures its limits"
         delay = self._delay or (self._early_text() if self._is_early else "")
-        if any(watch.may_be_slow for watch in self._axes.values()):
+        if parts:
             delay = ""  # such a base only seems to be late
         return "; ".join(filter(None, (slow, delay, self._point.remark)))
 
@@ -646,28 +545,26 @@ class MotionWatch:
         Negative if it is earlier; 0 if no delay that it may have explains its motion much better.
         """
         recent = self._since(time - _COMPARED) or list(self._states)
-        times = [then for then, _ in recent]
         speeds = np.array([getattr(state, axis.name) for _, state in recent])
         if np.ptp(speeds) < 2.0 * watch.tolerance:
             return 0.0  # a base that does not move does not react later
-
-        def off(delay: float) -> float:
-            sent = [watch.share * watch.commands.at(then - delay) for then in times]
-            return float(np.abs(speeds - sent).mean())
-
-        earliest = -round(self._latency / _LATE_STEP)
-        delays = [_LATE_STEP * step for step in range(earliest, round(_LATEST / _LATE_STEP) + 1)]
-        latest = _LATE + self._robot.lag + _ROUNDING  # a speed lags behind its command
-        usual = [delay for delay in delays if -_EARLY <= delay <= latest]
-        best = min(delays, key=off)
-        self._early_in_a_row = self._early_in_a_row + 1 if best < 0.0 else 0
+        delayed = watch.delayed(len(recent))
+        squares = np.maximum((delayed**2).sum(axis=0), ROUNDING)
+        shares = np.clip(speeds @ delayed / squares, _QUARTER, 1.0)  # a slow base only seems late
+        off = np.abs(speeds[:, None] - shares * delayed).mean(axis=0)
+        latest = LATE + self._robot.lag + ROUNDING  # the described lag may be too short
+        is_usual = (watch.delays >= -_EARLY) & (watch.delays <= latest)
+        best = int(np.argmin(off))
+        delay = float(watch.delays[best])
+        is_early = delay < -_LATE_STEP - ROUNDING
+        self._early_in_a_row = self._early_in_a_row + 1 if is_early else 0
         self._is_early = self._is_early or self._early_in_a_row >= _FEWEST_EARLY
-        most = min(0.5 * min(map(off, usual)), 0.5 * float(np.abs(speeds).mean()), watch.tolerance)
-        return best if best not in usual and off(best) < most else 0.0
+        most = min(0.5 * off[is_usual].min(), 0.5 * np.abs(speeds).mean(), watch.tolerance)
+        return 0.0 if is_usual[best] or off[best] >= most else delay
 
     def _since(self, time: float) -> list[tuple[float, RobotState]]:
         """Return the states from the last one at or before `time` (s) on, if there is one."""
-        before = [index for index, (then, _) in enumerate(self._states) if then <= time + _ROUNDING]
+        before = [index for index, (then, _) in enumerate(self._states) if then <= time + ROUNDING]
         return list(self._states)[before[-1] :] if before else []
 
     def _message(self, axis: Axis, fault: Fault, robot: RobotState) -> str:

@@ -20,7 +20,7 @@ PATHS = "paths.jsonl"
 _MOST = 5000  # paths that are kept, as many as two weeks of 400 drives
 _LARGEST = 64_000_000  # bytes of the file; a path of 15 m needs 2 kB
 _STEP = 0.1  # m between the places of a path that are kept: a fifth of the look-ahead of routes
-_NEAR = 0.3  # m; servers stop up to 0.25 m from their goals
+_NEAR = 0.5  # m; servers stop up to 0.25 m from their goals, and pass them as far away
 _DIGITS = 3  # of places in m
 _Key = tuple[float, float, float, float]
 
@@ -62,6 +62,10 @@ class WatchedPaths:
         """
         found = self._paths.get(_key(start, goal))
         return self._near(start, goal) if found is None else found
+
+    def newest(self, most: int) -> list[FloatArray]:
+        """Return the newest paths, at most `most`, the oldest of them first."""
+        return list(self._paths.values())[-most:]
 
     def _near(self, start: tuple[float, float], goal: tuple[float, float]) -> FloatArray | None:
         """Return the newest path that begins and ends within `_NEAR` of two places."""

@@ -12,7 +12,7 @@ import numpy as np
 from ator_ros.bases.description import Robot
 from ator_ros.domains.domain import Domain
 from ator_ros.experience.server_drives import Watch
-from ator_ros.experience.server_goals import ServerGoal
+from ator_ros.experience.server_goals import ServerGoal, usual_values
 from ator_ros.experience.table import Episode
 from ator_ros.experience.watched_paths import WatchedPaths
 from ator_ros.geometry import Pose
@@ -22,6 +22,7 @@ from ator_ros.learning.estimates import (
     DriveEstimator,
     Estimate,
     ObservedSpeeds,
+    Pace,
     direct_of_drives,
     drive_estimator,
 )
@@ -132,7 +133,8 @@ class DriveMonitor:
         drives = self._first_drives[action]
         if model is None or model.is_learned or not drives:
             return
-        direct = direct_of_drives([drive[:2] for drive in drives])
+        values = usual_values(self.domain, action)
+        direct = direct_of_drives([drive[:2] for drive in drives], values)
         self._models[action] = corrected(model, direct, [duration for *_, duration in drives])
 
     def _basis(self, action: str) -> str:
@@ -170,6 +172,7 @@ class DriveMonitor:
             goal.first_path,
             model=self._models.get(goal.action) if goal.frame == self._frame else None,
             speeds=self.speeds,
+            values=usual_values(self.domain, goal.action),
             source=self._basis(goal.action),
         )
         self._estimators[goal.goal_id] = estimator
@@ -197,11 +200,8 @@ class DriveMonitor:
         if path is not None and made.success:
             self._paths.save(situation.robot.pose[:2], situation.goal.pose[:2], path)
             length = float(np.hypot(*np.diff(path, axis=0).T).sum())
-            greatest = math.nan
-            if made.samples is not None:
-                greatest = float(np.percentile(np.abs(made.samples[:, 4]), 98.0))
-            self.speeds.add(length, made.duration, greatest)
-            if not is_learned:
+            self.speeds.add(length, made.duration, _pace_of(made))
+            if not is_learned and not goal.is_passed:
                 drive = situation.robot, situation.goal.pose, made.duration
                 self._first_drives[goal.action].append(drive)
                 self._correct(goal.action)
@@ -213,6 +213,14 @@ class DriveMonitor:
         self._in_a_row = self._in_a_row + 1 if is_late else 0
         is_held_up = is_late and self._in_a_row <= _MOST_IN_A_ROW
         return EndedDrive(goal, made, "", first, is_held_up)
+
+
+def _pace_of(drive: Episode) -> Pace:
+    """Return how a drive was driven at most; the speed is NaN where it is unknown."""
+    speed = math.nan
+    if drive.samples is not None:
+        speed = float(np.percentile(np.abs(drive.samples[:, 4]), 98.0))
+    return Pace(speed, drive.position_error, drive.heading_error)
 
 
 def driven_on(paths: WatchedPaths, domain: Domain) -> Domain:

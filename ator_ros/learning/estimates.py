@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from types import MappingProxyType
 
 import numpy as np
 
+from ator_ros.actions.goal_variables import direct_name
 from ator_ros.bases.description import Robot
 from ator_ros.bases.direct import DIRECT_VARIABLES
 from ator_ros.bases.planned_routes import route_along
@@ -30,6 +32,7 @@ _FEWEST = 3  # drives that show the robot's speed
 _REMEMBERED = 50  # newest drives that count for it
 _AHEAD = 3.0  # m of its path that a robot drives between two estimates; it may cross itself later
 _USUAL_SPREAD = 0.4  # share of a duration by which that at the usual speed errs: 3 s of 8 s
+_USUAL_SHORT = 0.25  # m and rad from its goal, where Nav2 ends drives by default
 _BOUND = 1.2816  # standard deviations that nine of ten keep
 
 
@@ -61,18 +64,35 @@ class Estimate:
         return self.elapsed + self.remaining
 
 
+@dataclass(frozen=True)
+class Pace:
+    """How a server drives at most, which bounds the time that the rest of a path takes.
+
+    Attributes
+    ----------
+    speed : float
+        Greatest one in m/s.
+    short, short_turn : float
+        How far from its goal it ends drives at most, in m and rad.
+    """
+
+    speed: float
+    short: float
+    short_turn: float
+
+
 class ObservedSpeeds:
-    """Speeds of the newest drives that arrived: on the whole path, and the greatest on it."""
+    """Speeds of the newest drives that arrived: on the whole path, and how they drove at most."""
 
     def __init__(self) -> None:
         self._drives: deque[tuple[float, float]] = deque(maxlen=_REMEMBERED)
-        self._greatest: deque[float] = deque(maxlen=_REMEMBERED)
+        self._paces: deque[Pace] = deque(maxlen=_REMEMBERED)
 
-    def add(self, length: float, duration: float, greatest: float) -> None:
-        """Add a drive on a path of `length` m in `duration` s, at up to `greatest` m/s."""
+    def add(self, length: float, duration: float, pace: Pace) -> None:
+        """Add a drive on a path of `length` m in `duration` s."""
         if length > LOOK_AHEAD and duration > 0.0:
             self._drives.append((length, duration))
-            self._greatest.append(greatest)
+            self._paces.append(pace)
 
     @property
     def usual(self) -> float:
@@ -83,9 +103,15 @@ class ObservedSpeeds:
         return float(length / duration)
 
     @property
-    def greatest(self) -> float:
-        """The median of the greatest speeds in m/s; NaN before three drives."""
-        return math.nan if len(self._drives) < _FEWEST else float(np.median(self._greatest))
+    def pace(self) -> Pace | None:
+        """The median of the greatest speeds, and the greatest of the others; None before three."""
+        if len(self._paces) < _FEWEST:
+            return None
+        return Pace(
+            float(np.median([pace.speed for pace in self._paces])),
+            max(pace.short for pace in self._paces),
+            max(pace.short_turn for pace in self._paces),
+        )
 
 
 @dataclass
@@ -93,10 +119,10 @@ class DriveEstimator:
     """Estimates a running drive.
 
     At its start `total` s are predicted. The estimate keeps that total as long as the rest of the
-    path neither needs more time nor leaves less to do: what is left of the path takes at least its
-    length by the robot's greatest speed, and the turn at its end, and at most all the time beside
-    the length by the greatest speed that was predicted for the whole drive. So an estimate moves
-    only by what the rest of the path shows to be wrong.
+    path neither needs more time nor leaves less to do. What is left takes at least the length by
+    the greatest speed, and the turn at its end. It takes at most the length by the greatest speed,
+    and all the time beside that which was predicted, with its spread. These are bounds: what they
+    show to be wrong is wrong by at least as much as the estimate moves.
 
     Attributes
     ----------
@@ -104,26 +130,26 @@ class DriveEstimator:
         Predicted at the start, in s; `bound` is what nine of ten such drives take at most.
     basis : str
         What the prediction comes from.
-    greatest : float
-        Greatest speed in m/s at which the server drives.
+    pace : Pace
+        How the server drives at most.
+    turn_rate : float
+        The robot's greatest one in rad/s; that of drives without great turns is no bound.
     beside : float
         Predicted time in s beside that of the length by the greatest speed.
-    at_end : float
-        The part of it in s that is due at the end of the path: the turn to the goal's heading.
-    last_turn, goal_yaw : float
-        The angle of that turn, and the goal's heading, in rad.
+    goal_yaw : float
+        The goal's heading in rad, to which the robot turns at the end of the path.
     """
 
     total: float
     spread: float
     bound: float
     basis: str
-    greatest: float
+    pace: Pace
+    turn_rate: float
     beside: float
-    at_end: float
-    last_turn: float
     goal_yaw: float
     _near: int = field(default=0, init=False)
+    _last_turn: float = field(default=0.0, init=False)
     _path: FloatArray | None = field(default=None, init=False)
 
     def at_start(self) -> Estimate:
@@ -132,15 +158,16 @@ class DriveEstimator:
 
     def estimate(self, elapsed: float, place: Pose, path: FloatArray) -> Estimate:
         """Return the estimate after `elapsed` s at a place, on the newest path, shape (n, 2), m."""
+        pace = self.pace
         rest = self._rest_of(path, place)
-        shortest = rest / self.greatest
-        at_end = self.at_end
-        if rest < LOOK_AHEAD and self.last_turn > 0.0:
-            left = abs(wrap_angle(self.goal_yaw - place.yaw))
-            at_end *= min(1.0, left / self.last_turn)
-        least = shortest + at_end
-        most = shortest + self.beside
-        remaining = max(0.0, min(max(self.total - elapsed, least), most))
+        turn = self._last_turn
+        if rest < LOOK_AHEAD:
+            turn = min(turn, abs(wrap_angle(self.goal_yaw - place.yaw)))
+        driving = max(0.0, rest - pace.short) / pace.speed
+        turning = max(0.0, turn - pace.short_turn) / self.turn_rate
+        least = driving + turning
+        most = rest / pace.speed + self.beside + self.spread
+        remaining = max(least, min(self.total - elapsed, most))
         return self._estimate(elapsed, remaining)
 
     def _estimate(self, elapsed: float, remaining: float) -> Estimate:
@@ -152,6 +179,8 @@ class DriveEstimator:
         if path is not self._path:
             self._path = path
             self._near = 0
+            _, _, _, arrival, _ = route_along(path, LOOK_AHEAD)
+            self._last_turn = abs(wrap_angle(self.goal_yaw - arrival))
         left = path[self._near :]
         steps = np.hypot(*np.diff(left, axis=0).T)
         offsets = np.hypot(*(left - (place.x, place.y)).T)
@@ -170,6 +199,7 @@ def drive_estimator(
     *,
     model: PerformanceModel | None,
     speeds: ObservedSpeeds,
+    values: Mapping[str, float] = MappingProxyType({}),
     source: str = "",
 ) -> DriveEstimator:
     """Return the estimator of a drive that starts on a path, shape (n, 2), in m.
@@ -184,16 +214,17 @@ def drive_estimator(
         Of the robot at the end.
     model : PerformanceModel or None
         Predicts the duration, unless the path is none of the map for it.
+    values : mapping
+        Of the goal variables that the action declares.
     source : str
         What the model is, for `basis`.
     """
-    length, turn, departure, arrival, _ = route_along(path, LOOK_AHEAD)
-    first = abs(wrap_angle(departure - start.pose.yaw))
-    last = abs(wrap_angle(goal.yaw - arrival))
-    limit = robot.greatest_speed()
-    greatest = limit if math.isnan(speeds.greatest) else speeds.greatest
-    shortest = length / greatest
-    predicted = None if model is None else _predicted(model, start, goal)
+    length = float(np.hypot(*np.diff(path, axis=0).T).sum())
+    pace = speeds.pace
+    if pace is None:
+        pace = Pace(robot.greatest_speed(), _USUAL_SHORT, _USUAL_SHORT)
+    shortest = length / pace.speed
+    predicted = None if model is None else _predicted(model, start, goal, values)
     if predicted is not None:
         total, spread, bound = predicted
         basis = source
@@ -203,29 +234,39 @@ def drive_estimator(
         spread = _USUAL_SPREAD * total
         bound = total + _BOUND * spread
         basis = BY_SPEED if is_known else BY_LIMIT
-    beside = max(0.0, total - shortest)
-    angles = first + turn + last
-    at_end = beside * last / angles if angles > 0.0 else 0.0
     return DriveEstimator(
-        total, spread, bound, basis, greatest, beside, at_end, last_turn=last, goal_yaw=goal.yaw
+        total,
+        spread,
+        bound,
+        basis,
+        pace,
+        robot.greatest_turn_rate,
+        beside=max(0.0, total - shortest),
+        goal_yaw=goal.yaw,
     )
 
 
-def direct_of_drives(drives: Sequence[tuple[RobotState, Pose]]) -> dict[str, FloatArray]:
-    """Return the direct variables of n drives to a goal at rest, arrays of shape (n,)."""
+def direct_of_drives(
+    drives: Sequence[tuple[RobotState, Pose]], values: Mapping[str, float]
+) -> dict[str, FloatArray]:
+    """Return the direct variables of n drives to a goal at rest, arrays of shape (n,).
+
+    `values` are those of the goal variables that the action declares.
+    """
     rows = [(*start.pose, start.vx, start.w, start.vy, *goal, 0.0, 0.0) for start, goal in drives]
     columns = np.array(rows, dtype=float).T
-    return dict(zip(DIRECT_VARIABLES, columns, strict=True))
+    declared = {direct_name(name): np.full(len(rows), value) for name, value in values.items()}
+    return dict(zip(DIRECT_VARIABLES, columns, strict=True)) | declared
 
 
 def _predicted(
-    model: PerformanceModel, start: RobotState, goal: Pose
+    model: PerformanceModel, start: RobotState, goal: Pose, values: Mapping[str, float]
 ) -> tuple[float, float, float] | None:
     """Return duration, spread and bound in s; None where the model predicts none."""
-    direct = direct_of_drives([(start, goal)])
+    direct = direct_of_drives([(start, goal)], values)
     found = model.predict(direct, ("duration", "spread"))
-    values = [item for item in (found.duration, found.spread, found.bound) if item is not None]
-    numbers = [float(item[0]) for item in values]
+    columns = (found.duration, found.spread, found.bound)
+    numbers = [float(column[0]) for column in columns if column is not None]
     if len(numbers) < 3 or not all(map(math.isfinite, numbers)):
         return None
     return numbers[0], numbers[1], numbers[2]

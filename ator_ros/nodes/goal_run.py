@@ -15,6 +15,7 @@ from rclpy.task import Future
 
 from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import ActionPerformance, ChainPerformance, Outcome, Performance
+from ator_interfaces.msg import TopChain as TopChainMessage
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.execution.chain_executor import ActionRecord, Ending
 from ator_ros.execution.fence import Fence
@@ -314,7 +315,12 @@ def unstarted(handle: ServerGoalHandle, ending: Ending, reason: str, *, frame: s
 
 
 def concluded(result: Any, handle: ServerGoalHandle) -> Any:
-    """Put a goal into its final state and return its result."""
+    """Put a goal into its final state and return its result.
+
+    The request is emptied: rclpy keeps it as long as the result, and searches it for garbage.
+    """
+    handle.request.chain = TopChainMessage()
+    handle.request.alternatives = []
     if result.outcome.code == Outcome.SUCCEEDED:
         handle.succeed()
     elif result.outcome.code == Outcome.CANCELED and handle.is_cancel_requested:

@@ -2,9 +2,9 @@
 
     python3 -m ator_ros.start commands.nav2_setup --folder FOLDER --namespace robot_1
 
-It reads parameters of Nav2's nodes, and the map. It prints the folder that it wrote, a part of
-FOLDER: each set of the parameters that change how Nav2 drives has one of its own, since drives with
-other parameters take other times.
+It reads parameters of Nav2's nodes, the footprint of a costmap, and the map. It prints the folder
+that it wrote, a part of FOLDER: each set of the parameters that change how Nav2 drives has one of
+its own, since drives with other parameters take other times.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from typing import Any
 
 import rclpy
 import yaml
+from geometry_msgs.msg import PolygonStamped
 from nav_msgs.msg import OccupancyGrid
 from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
@@ -31,17 +32,24 @@ from ator_ros.bases.description import ConfigError, robot_of
 from ator_ros.files import read_yaml, write_text
 from ator_ros.geometry import Pose
 from ator_ros.nodes.messages import grid_from
-from ator_ros.nodes.qos import LATCHED
+from ator_ros.nodes.qos import LATCHED, RESULTS
+from ator_ros.nodes.subscriptions import TfListener
 from ator_ros.printable import ReadableError, one_line, quoted
 from ator_ros.resources import resource_path
-from ator_ros.world.grid_map import GridMap
-from ator_ros.world.readers import plain_frame
+from ator_ros.world.grid_map import GridMap, save_map
+from ator_ros.world.readers import plain_frame, seconds_from
 
+FOLDER = "~/.ros/ator_ros/nav2"
 NAVIGATOR = "bt_navigator"
 CONTROLLER = "controller_server"
 SMOOTHER = "velocity_smoother"
 PLANNER = "planner_server"
 COSTMAP = "local_costmap/local_costmap"
+ROBOT_FILE = "robot.yaml"
+DOMAIN_FILE = "stations.yaml"
+MAP_FILE = "map.yaml"
+"""Files in a folder that `set_up` returns."""
+FOOTPRINT = "local_costmap/published_footprint"
 DRIVING_NODES = (CONTROLLER, SMOOTHER, PLANNER)
 """Nodes whose parameters change how Nav2 drives, and so how long drives take."""
 _OF_ROS = ("use_sim_time", "qos_overrides", "start_type_description_service")
@@ -52,6 +60,7 @@ _BESIDE = 0.05  # m and rad by which poses reached may be off beyond Nav2's tole
 _ANSWER = 5.0  # real s that an answer of a node may take
 _DISCOVERY = 3.0  # real s in which DDS finds a node, once it has found others of Nav2
 _SPIN = 0.1
+_DIGITS = 4  # of published corners in m: those of two starts differ by single precision only
 
 
 class Nav2Error(ReadableError):
@@ -112,8 +121,15 @@ class Facts:
     tolerances: tuple[float, float]
 
 
-def facts_of(parameters: Parameters, given: Given) -> Facts:
-    """Return what parameters say of the robot; raise Nav2Error for what neither says."""
+Outline = Sequence[tuple[float, float]]
+"""The corners of a footprint in m, in the frame of the robot."""
+
+
+def facts_of(parameters: Parameters, given: Given, footprint: Outline = ()) -> Facts:
+    """Return what is known of the robot; raise Nav2Error for what is unknown.
+
+    `footprint` is the one that a costmap publishes, if it does.
+    """
     navigator = parameters.get(NAVIGATOR, {})
     frame = given.frame or str(navigator.get("global_frame", ""))
     if not frame:
@@ -121,10 +137,10 @@ def facts_of(parameters: Parameters, given: Given) -> Facts:
             f"nav2: expected the parameter global_frame of {NAVIGATOR}, got none; start Nav2, or "
             "set frame:=map"
         )
-    front, rear, half_width = _size(parameters.get(COSTMAP, {}), given.radius)
+    front, rear, half_width = _size(parameters.get(COSTMAP, {}), given.radius, footprint)
     return Facts(
         plain_frame(frame),
-        plain_frame(str(navigator.get("robot_base_frame", "base_link"))),
+        _robot_frame(parameters),
         str(navigator.get("odom_topic", "odom")),
         front,
         rear,
@@ -134,13 +150,18 @@ def facts_of(parameters: Parameters, given: Given) -> Facts:
     )
 
 
-def _size(costmap: Mapping[str, Any], radius: float) -> tuple[float, float, float]:
-    """Return front, rear and half of the width in m, by the costmap's footprint or radius."""
-    try:
-        corners = yaml.safe_load(str(costmap.get("footprint", "")) or "[]")
-        outline = [(float(x), float(y)) for x, y in corners or ()]
-    except (TypeError, ValueError, yaml.YAMLError):
-        outline = []
+def _robot_frame(parameters: Parameters) -> str:
+    return plain_frame(str(parameters.get(NAVIGATOR, {}).get("robot_base_frame", "base_link")))
+
+
+def _size(
+    costmap: Mapping[str, Any], radius: float, footprint: Outline
+) -> tuple[float, float, float]:
+    """Return front, rear and half of the width in m.
+
+    They are given by a radius, by the published footprint, or by the costmap's parameters.
+    """
+    outline = footprint or _described_outline(costmap)
     if radius > 0.0 or len(outline) < 3:
         around = radius if radius > 0.0 else float(costmap.get("robot_radius", 0.0))
         outline = [(around, around), (-around, -around)]
@@ -149,10 +170,19 @@ def _size(costmap: Mapping[str, Any], radius: float) -> tuple[float, float, floa
     half_width = max(abs(y) for _, y in outline)
     if min(front, rear, half_width) <= 0.0:
         raise Nav2Error(
-            f"nav2: expected the parameter footprint or robot_radius of {COSTMAP}, got none; "
-            "start Nav2, or set radius:=METERS"
+            f"nav2: expected a footprint on {FOOTPRINT}, or the parameter footprint or "
+            f"robot_radius of {COSTMAP}, got none; start Nav2, or set radius:=METERS"
         )
     return front, rear, half_width
+
+
+def _described_outline(costmap: Mapping[str, Any]) -> Outline:
+    """Return the parameter footprint of a costmap; empty without a usable one."""
+    try:
+        corners = yaml.safe_load(str(costmap.get("footprint", "")) or "[]")
+        return [(float(x), float(y)) for x, y in corners or ()]
+    except (TypeError, ValueError, yaml.YAMLError):
+        return []
 
 
 def _limits(parameters: Parameters, speed: float) -> tuple[float, float, float, float]:
@@ -212,24 +242,25 @@ def digest_of_driving(parameters: Parameters, facts: Facts) -> str:
 
 
 def write_files(facts: Facts, grid: GridMap, folder: Path, topic: str) -> None:
-    """Write robot.yaml, stations.yaml and nav2.yaml into a folder; raises OSError.
+    """Write the files `ROBOT_FILE` and so on, and nav2.yaml into a folder; raises OSError.
 
     `topic` is that of the map. Raises Nav2Error if the robot's sizes or limits are impossible.
     """
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "models").mkdir(exist_ok=True)  # those of the start: none
+    save_map(grid, folder)  # for tools
     extent = _extent(grid)
     robot = _robot(facts, extent)
     try:
         robot_of(robot)
     except ConfigError as error:
         raise Nav2Error(f"nav2: {error}; set radius:=METERS or speed:=METERS_PER_SECOND") from error
-    write_text(folder / "robot.yaml", yaml.safe_dump(robot, sort_keys=False))
+    write_text(folder / ROBOT_FILE, yaml.safe_dump(robot, sort_keys=False))
     domain = read_yaml(resource_path("config", "nav2", "stations.yaml"), largest=100_000)
     for term in domain["tops"][0]["post"]:
         turns = term["variable"] == "robot.yaw"
         term["tolerance"] = round(facts.tolerances[turns] + _BESIDE, 3)
-    write_text(folder / "stations.yaml", yaml.safe_dump(domain, sort_keys=False))
+    write_text(folder / DOMAIN_FILE, yaml.safe_dump(domain, sort_keys=False))
     write_text(
         folder / "nav2.yaml",
         yaml.safe_dump(_node_parameters(facts, extent, folder, topic), sort_keys=False),
@@ -283,8 +314,8 @@ def _node_parameters(
     }
     sections: dict[str, dict[str, Any]] = {
         "/**": {
-            "domain": str(folder / "stations.yaml"),
-            "robot": str(folder / "robot.yaml"),
+            "domain": str(folder / DOMAIN_FILE),
+            "robot": str(folder / ROBOT_FILE),
             "map": topic,
             "frame": facts.frame,
             "models": str(folder / "models"),
@@ -313,16 +344,46 @@ def _fence(extent: Sequence[float]) -> list[float]:
 
 
 class Finder(Node):
-    """Reads the parameters of Nav2's nodes and the map."""
+    """Reads the parameters of Nav2's nodes, the footprint and the map."""
 
     def __init__(self, namespace: str, topic: str) -> None:
-        super().__init__("nav2_setup", namespace=namespace, start_parameter_services=False)
+        super().__init__(
+            "nav2_setup",
+            namespace=namespace,
+            cli_args=["--ros-args", "-r", "/tf:=tf", "-r", "/tf_static:=tf_static"],
+            start_parameter_services=False,
+        )
         self._map: OccupancyGrid | None = None
+        self._footprint: PolygonStamped | None = None
+        self._tf = TfListener(self)
         self._topic = topic
         self.create_subscription(OccupancyGrid, topic, self._take_map, LATCHED)
+        self.create_subscription(PolygonStamped, FOOTPRINT, self._take_footprint, RESULTS)
 
     def _take_map(self, message: OccupancyGrid) -> None:
         self._map = message
+
+    def _take_footprint(self, message: PolygonStamped) -> None:
+        self._footprint = message
+
+    def footprint(self, robot_frame: str, wait: float) -> Outline:
+        """Return the published footprint; empty if it is not known within `wait` real s.
+
+        It is published where the robot is, so it needs the robot's pose in tf.
+        """
+        end = time.monotonic() + wait
+        while time.monotonic() < end:
+            rclpy.spin_once(self, timeout_sec=_SPIN)
+            message = self._footprint
+            if message is None:
+                continue
+            frame = plain_frame(message.header.frame_id)
+            pose = self._tf.pose_at(frame, robot_frame, seconds_from(message.header.stamp))
+            if pose is not None:
+                corners = [Pose(each.x, each.y, 0.0) for each in message.polygon.points]
+                local = [pose.relative(corner) for corner in corners]
+                return [(round(x, _DIGITS), round(y, _DIGITS)) for x, y, _ in local]
+        return ()
 
     def map(self, wait: float) -> GridMap:
         """Return the map; raise Nav2Error if none comes within `wait` real s."""
@@ -374,16 +435,36 @@ class Finder(Node):
         return future.result() if future.done() else None
 
 
-def set_up(namespace: str, folder: Path, given: Given, *, topic: str, wait: float) -> Path:
-    """Find out about Nav2, and return the folder with the files; raises Nav2Error and OSError."""
-    finder = Finder(namespace, topic)
+def set_up(
+    namespace: str = "",
+    folder: str = FOLDER,
+    given: Given = Given(),
+    *,
+    topic: str = "map",
+    wait: float = 60.0,
+) -> Path:
+    """Find out about the Nav2 of a namespace, and return the folder with the files.
+
+    That is a part of `folder`, which has one for each robot and way to drive. `topic` is that of
+    the map, `wait` are the real s in which Nav2 must answer. Raises Nav2Error, OSError, and
+    ValueError for a name that ROS does not allow.
+    """
+    rclpy.init(args=[])
     try:
-        parameters = finder.parameters(wait)
-        facts = facts_of(parameters, given)
-        grid = finder.map(wait)
+        finder = Finder(namespace, topic)
+        try:
+            parameters = finder.parameters(wait)
+            footprint: Outline = ()
+            if not given.radius:
+                footprint = finder.footprint(_robot_frame(parameters), _DISCOVERY)
+            facts = facts_of(parameters, given, footprint)
+            grid = finder.map(wait)
+        finally:
+            finder.destroy_node()
     finally:
-        finder.destroy_node()
-    part = folder / digest_of_driving(parameters, facts)
+        rclpy.try_shutdown()
+    whole = Path(folder).expanduser() / (namespace.strip("/") or "robot")
+    part = whole / digest_of_driving(parameters, facts)
     write_files(facts, grid, part, topic)
     return part
 
@@ -391,7 +472,7 @@ def set_up(namespace: str, folder: Path, given: Given, *, topic: str, wait: floa
 def main(argv: Sequence[str] | None = None) -> None:
     """Print the folder with the files, without a newline; end with one line if that fails."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--folder", default="~/.ros/ator_ros/nav2")
+    parser.add_argument("--folder", default=FOLDER)
     parser.add_argument("--namespace", default="")
     parser.add_argument("--map", default="map", help="topic of the map")
     parser.add_argument("--frame", default="")
@@ -403,14 +484,9 @@ def main(argv: Sequence[str] | None = None) -> None:
     if not all(map(math.isfinite, numbers)):
         sys.exit("nav2: expected finite numbers as radius, speed and tolerance")
     given = Given(options.radius, options.speed, options.tolerance, options.frame)
-    folder = Path(options.folder).expanduser() / (options.namespace.strip("/") or "robot")
-    rclpy.init(args=[])
+    wait = max(0.0, options.wait)
     try:
-        made = set_up(
-            options.namespace, folder, given, topic=options.map, wait=max(0.0, options.wait)
-        )
+        made = set_up(options.namespace, options.folder, given, topic=options.map, wait=wait)
     except (Nav2Error, OSError, ValueError) as error:
         sys.exit(one_line(error))
-    finally:
-        rclpy.try_shutdown()
     sys.stdout.write(str(made))

@@ -83,6 +83,12 @@ class TfListener:
         found = self.transforms.latest(plain_frame(frame), plain_frame(other))
         return None if found is None else pose_from_placement(found[1], f"{quoted(other)} in tf")
 
+    def pose_at(self, frame: str, child: str, time: float) -> Pose | None:
+        """Return the pose of `child` in `frame` at a time in s; None if it is unknown."""
+        self._subscribe()
+        found = self.transforms.at(frame, child, time)
+        return None if found is None else pose_from_placement(found, f"{quoted(child)} in tf")
+
     def follow(self, frame: str, child: str, take: Take) -> None:
         """Pass on each update of the pose of `child` in `frame`.
 

@@ -14,7 +14,6 @@ import pandas as pd
 
 from ator_ros.actions.situation import Sampler, Situation
 from ator_ros.bases.description import Robot
-from ator_ros.bases.direct import NEAR_GOAL
 from ator_ros.experience.table import Episode
 from ator_ros.geometry import FloatArray
 from ator_ros.performance.features import (
@@ -26,15 +25,29 @@ from ator_ros.performance.features import (
     Feature,
     feature_table,
 )
+from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.training import direct_of
 
 # Models of 40 drives that arrived straight err by 1.4 s at random headings; with so many drives to
 # random headings besides, by 0.08 s, as of 60 random drives by 0.05 s.
 _ENOUGH = 20
-_TURNED = math.radians(10.0)  # beyond which a drive is turned
-_LEAST_TURNED = 3  # drives that are turned, and their least share
-_LEAST_SHARE = 0.05
-_LEAST_RATIO = 1.5  # of the lengths of long and short drives
+_BEGAN = "began turned by more than {:.0f}°: {} drives to random places are enough"
+_ENDED = (
+    "ended turned by more than {:.0f}°: headings cannot be chosen yet; "
+    "{} drives to random headings are enough"
+)
+_LONG = "was longer than {:.2g} m, or much shorter; {} drives to random places are enough"
+_LACKS = {
+    "dist": _LONG,
+    "route_length": _LONG,
+    "angle_to_dest": _BEGAN,
+    "angle_to_straight": _BEGAN,
+    "route_angle_to": _BEGAN,
+    "angle_at_dest": _ENDED,
+    "angle_after_straight": _ENDED,
+    "route_angle_at": _ENDED,
+}
+"""What no drive did, by feature; with its greatest value in degrees or m, and drives to add."""
 _NEW = 0.5  # m, rad or m/s from the nearest drive, beyond which a situation is new
 _DRAWS = 50
 
@@ -46,45 +59,20 @@ def _features(robot: Robot) -> list[Feature]:
     return [*path, GENERAL["v"], GENERAL["speedg"]]
 
 
-def unvaried(action: str, starts: pd.DataFrame, robot: Robot) -> list[str]:
-    """Return a remark on each quantity that drives never varied, with what is missing.
-
-    Parameters
-    ----------
-    action : str
-        Name of the action.
-    starts : pandas.DataFrame
-        First rows of its drives that succeeded, see `ator_ros.experience.table`.
-    robot : Robot
-        The robot of the drives.
-    """
-    table = feature_table(direct_of(starts), robot, _features(robot))
-    drives = table[np.isfinite(table).all(axis=1) & (table[:, 0] > NEAR_GOAL)]
-    if not len(drives):
+def unvaried(model: PerformanceModel) -> list[str]:
+    """Return a remark on each feature that the drives of a model hardly varied."""
+    errors = model.errors
+    if errors is None:
         return []
-    length, departure, arrival, *_ = drives.T
-    random = f"{_ENOUGH} drives to random"
-    remarks = [
-        f"{_turned(departure, 'began')}: {random} places are enough",
-        f"{_turned(arrival, 'ended')}: headings cannot be chosen yet; {random} headings are enough",
-    ]
-    short, long = np.quantile(length, (0.05, 0.95))
-    if long < _LEAST_RATIO * short:
-        remarks.append(
-            f"drives were {length.min():.2g} to {length.max():.2g} m long: others cannot be "
-            f"compared yet; {random} places are enough"
-        )
-    return [f"{action}: {remark}" for remark in remarks if not remark.startswith(":")]
-
-
-def _turned(angles: FloatArray, end: str) -> str:
-    """Return that hardly any drive began or ended turned by some angle (rad); empty if many did."""
-    turned = int((angles > _TURNED).sum())
-    if turned >= max(_LEAST_TURNED, _LEAST_SHARE * len(angles)):
-        return ""
-    most = math.ceil(math.degrees(_TURNED if turned else angles.max()))
-    which = f"only {turned} of {len(angles)} drives" if turned else "no drive"
-    return f"{which} {end} turned by more than {most}°"
+    remarks = []
+    for name in errors.not_varied:
+        at = errors.features.index(name)
+        most = errors.center[at] + errors.scale[at] * max(point[at] for point in errors.points)
+        if model.features[name].unit == "rad":
+            most = math.ceil(math.degrees(most))
+        lacks = _LACKS.get(name, f"varied {name}: {{1}} random drives are enough")
+        remarks.append(f"{model.action}: no drive {lacks.format(most, _ENOUGH)}")
+    return remarks
 
 
 class Coverage:

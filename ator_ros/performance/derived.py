@@ -244,7 +244,8 @@ def _headed(direct: DirectTable, robot: Robot) -> DirectTable:
     routes = routes_of(robot)
     if routes is not None:
         route = routes.between(x, y, to_x, to_y)
-        bearing = np.where(route.straight, bearing, route.arrival)
+        has_bends = ~route.straight & np.isfinite(route.arrival)  # there may be no route
+        bearing = np.where(has_bends, route.arrival, bearing)
     table[YAWG, passing] = bearing
     return DirectTable(direct.names, table)
 

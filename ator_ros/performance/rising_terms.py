@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Container, Mapping, Sequence
+from types import MappingProxyType
 
 import numpy as np
 import pandas as pd
@@ -74,6 +75,8 @@ _ROUNDS = 3
 # s between the rows of drives: smaller residuals are never clipped, and lengths that differ by less
 # than a robot drives in it show no slope
 _SAMPLING = 0.1
+# Share of the deviations of slopes of turns: straights depend less on the angles at their ends.
+_OF_STRAIGHT = 0.1
 _ROUNDING = 1e-9  # slopes, and ranges of segments, that are rounded zeros
 # A segment is driven if so many drives reach so far into it, in rad, or half through it.
 _DRIVES = 3
@@ -112,7 +115,8 @@ def rising_terms(
     """Return the terms that fit the durations of drives best, without the constant.
 
     The terms of each part are found alone: fifty drives then show beyond which angle an action
-    turns on the spot, whatever else makes durations vary.
+    turns on the spot, whatever else makes durations vary. A straight may take less time after a
+    larger turn, as it begins with less of a curve, but the whole drive may not.
 
     Parameters
     ----------
@@ -124,20 +128,21 @@ def rising_terms(
     prior : mapping of str to Slope
         How durations are assumed to depend on the features.
     """
-    rising = rising_in(table.columns)
-    length, *_, first, last = rising
-    features_of_parts: tuple[dict[str, FloatArray], ...] = (rising,)
-    of_path = [set(rising) - set(_NOT_OF_PATHS)]
-    if parts.shape[1] > 1:
-        features_of_parts = ({first: _TURN_ANGLES}, rising, {last: _TURN_ANGLES})
-        of_path = [{first}, {length}, {last}]
+    rising = dict(rising_in(table.columns))
+    *_, first, last = rising
+    expected = {name: prior[name] for name in rising}
+    for name in _NOT_OF_PATHS:
+        if name in expected:
+            expected[name] = prior[name]._replace(time=0.0)
     slopes: Counter[_Bend] = Counter()
-    for features, times, names in zip(features_of_parts, parts.T, of_path, strict=True):
-        expected = {}
-        for name in features:
-            slope = prior[name]
-            expected[name] = slope if name in names else slope._replace(time=0.0)
-        slopes.update(_fitted(table, features, times, expected))  # Counter.update adds
+    whole = parts[:, 0]
+    if parts.shape[1] > 1:
+        first_turns, whole, last_turns = parts.T
+        for name, times in ((first, first_turns), (last, last_turns)):
+            slopes.update(_fitted(table, {name: _TURN_ANGLES}, times, expected))
+            rising[name] = np.union1d(rising[name], [above for of, above in slopes if of == name])
+            expected[name] = Slope(0.0, _OF_STRAIGHT * prior[name].deviation)
+    slopes.update(_fitted(table, rising, whole, expected, turns=slopes))  # Counter.update adds
     terms = [Hinge(*bend, slope) for bend, slope in slopes.items() if abs(slope) > _ROUNDING]
     order = list(rising)
     terms.sort(key=lambda term: (order.index(term.feature), term.above))
@@ -152,13 +157,14 @@ def _fitted(
     rising: dict[str, FloatArray],
     durations: FloatArray,
     expected: Mapping[str, Slope],
+    turns: Mapping[_Bend, float] = MappingProxyType({}),
 ) -> dict[_Bend, float]:
     """Return the changes of slope that fit durations (n,) in s best.
 
-    It is a non-negative least-squares fit on the segments between bends, with a further row for the
-    slope `expected` of each. Bends are removed, those first that are worth
-    least, while the corrected error of M5' does not grow; none between segments that are driven and
-    others.
+    It is a least-squares fit on the segments between bends, with a further row for the slope
+    `expected` of each. The sums of slopes and those of `turns` are not negative. Bends are removed,
+    those first that are worth least, while the corrected error of M5' does not grow; none between
+    segments that are driven and others.
     """
     by_feature = []
     begins: list[_Bend] = []
@@ -167,6 +173,7 @@ def _fitted(
     slopes_expected: list[float] = []
     deviations: list[float] = []
     least_noise: list[float] = []
+    lowest: list[float] = []
     for name, bends in rising.items():
         segments = _segments(table[name].to_numpy(), bends)
         by_feature.append(segments)
@@ -178,6 +185,10 @@ def _fitted(
         groups.append(_runs(first, is_driven))
         slopes_expected += [expected[name].time] * len(bends)
         deviations += [expected[name].deviation] * len(bends)
+        lowest += [
+            -sum(slope for (of, above), slope in turns.items() if of == name and above <= bend)
+            for bend in bends
+        ]
         least_noise += [_SAMPLING if len(bends) == 1 else TIMING] * len(bends)
     all_segments = np.hstack(by_feature)
     centered = all_segments - all_segments.mean(axis=0)
@@ -188,7 +199,7 @@ def _fitted(
         weights = np.maximum(noise, least_noise) / deviations
         rows = np.vstack([centered, np.diag(weights)])
         wanted = np.append(target, weights * slopes_expected)
-        fitted = centered @ nnls(rows, wanted)[0]
+        fitted = centered @ _bounded(rows, wanted, np.array(lowest))[0]
         error = target - fitted
         noise = robust_spread(error)
         most = max(_CLIPPED_AT * noise, _SAMPLING)
@@ -200,9 +211,9 @@ def _fitted(
     rows = np.vstack([centered, np.diag(weights)])
     wanted = np.append(target, weights * slopes_expected)
     factor: FloatArray = np.asarray(np.linalg.qr(np.column_stack([rows, wanted]), mode="r"))
-    error, slopes = _fit(groups, factor, len(target))
+    error, slopes = _fit(groups, factor, len(target), lowest)
     while candidates := _merged(groups, driven):
-        fits = [_fit(merged, factor, len(target)) for merged in candidates]
+        fits = [_fit(merged, factor, len(target), lowest) for merged in candidates]
         best = min(range(len(fits)), key=lambda number: fits[number][0])
         least, its_slopes = fits[best]
         if least[0] > error[0]:
@@ -251,17 +262,25 @@ def _fit(
     groups: _Groups,
     factor: FloatArray,
     count: int,
+    lowest: Sequence[float],
 ) -> tuple[tuple[float, float], FloatArray]:
     """Return corrected error (may be infinite) and plain error, to sort by, and the slopes."""
     all_runs = [run for runs in groups for run in runs]
     columns = [factor[:, run].sum(axis=1) for run in all_runs]
     table = np.column_stack(columns)
-    slopes, residual = nnls(table, factor[:, -1])
+    lowest_of_runs = [max(lowest[segment] for segment in run) for run in all_runs]
+    slopes, residual = _bounded(table, factor[:, -1], np.array(lowest_of_runs))
     terms = np.array([1.0 + _TERM_COST * len(slopes)])
     squared = np.array([residual**2])
     samples = np.array([float(count)])
     error = corrected_error(squared, samples, terms)
     return (float(error[0]), float(residual)), slopes
+
+
+def _bounded(rows: FloatArray, wanted: FloatArray, lowest: FloatArray) -> tuple[FloatArray, float]:
+    """Return the slopes of the least squared error, not below the lowest ones, and its root."""
+    above, residual = nnls(rows, wanted - rows @ lowest)
+    return above + lowest, residual
 
 
 def _changes(

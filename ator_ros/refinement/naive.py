@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from ator_ros.actions.goal_variables import with_values
+from ator_ros.actions.goal_variables import STOP, with_values
 from ator_ros.bases.description import Robot
 from ator_ros.bases.routes import arrival_heading
 from ator_ros.geometry import Pose
@@ -29,8 +29,9 @@ def naive_on_paths(
     Where such a heading is not allowed, the nearest allowed one takes its place.
 
     These are the fastest headings of a path that turns, drives and turns, for each action alone.
-    Open variables with a rest value (arrival speed: 0) take it. The others keep their values, and
-    so do all variables of a step for which its naive values would make the plan invalid.
+    Open variables with a rest value (arrival speed: 0) take it. `STOP` and the others keep their
+    values, and so do all variables of a step for which its naive values would make the plan
+    invalid.
 
     Parameters
     ----------
@@ -54,6 +55,7 @@ def naive_on_paths(
             if call.opens(name)
             and (index, name) not in bound
             and (domain := call.range_of(name, robot, ranges)) is not None
+            and name != STOP
         }
         values = {name: domain.rest for name, domain in opened.items() if domain.rest is not None}
         if "yaw" in opened and "yaw" not in values:
@@ -62,11 +64,27 @@ def naive_on_paths(
         changed = with_values(call.goal, values) if values else call.goal
         if changed != call.goal:
             candidate = naive.with_goal(index, changed)
-            rest_of_plan = candidate.part(index)
-            if not (valid and rest_of_plan.violations(world, robot)):
+            affected = _affected_part(world, naive, candidate, index, robot)
+            if not (valid and affected.violations(world, robot)):
                 naive = candidate
         world = projected(world, naive.calls[index], robot)
     return naive
+
+
+def _affected_part(
+    world: World, chain: TopChain, changed: TopChain, index: int, robot: Robot
+) -> TopChain:
+    """Return the steps of `changed` whose start or goal differs, all from `index` (from 0) on.
+
+    The step at `index` starts in `world`.
+    """
+    before = after = world
+    for step in range(index, len(chain)):
+        before = projected(before, chain.calls[step], robot)
+        after = projected(after, changed.calls[step], robot)
+        if before == after and not changed.calls[step].passing:
+            return changed.part(index, step + 1)
+    return changed.part(index)
 
 
 def _arrival(

@@ -166,14 +166,22 @@ class Transforms:
         path = self._path(frame, child)
         if path is None:
             return None
-        rising, falling = path
         moving = (link.newest for _, link in self._named_links(path) if not link.fixed)
         time = min(moving, default=self.present)
+        placement = self.at(frame, child, time)
+        return None if placement is None else (time, placement)
+
+    def at(self, frame: str, child: str, time: float) -> Placement | None:
+        """Return the placement of `child` in `frame` at a time in s; None if it is unknown."""
+        path = self._path(frame, child)
+        if path is None:
+            return None
+        rising, falling = path
         there = self._in_ancestor(rising, time)
         back = self._in_ancestor(falling, time)
         if there is None or back is None:
             return None
-        return time, back.inverse().compose(there)
+        return back.inverse().compose(there)
 
     def second_parent(self, frame: str, child: str) -> tuple[str, str, str] | None:
         """Return a frame between two frames whose parent alternates, and its two parents.

@@ -37,6 +37,9 @@ CRAWLER = dataclasses.replace(
     TURTLEBOT, name="crawler", limits=Limits(v=0.05, w=0.3, a=0.1, brake=0.1, aw=0.6)
 )
 ROBOTS = {robot.name: robot for robot in (PIONEER, TURTLEBOT, HEAVY, CRAWLER)}
+# s; the speeds of a base that fails and of one that follows, perhaps half as strong, then differ by
+# what odometry shows, which takes a heavy base as much longer as it accelerates less
+LONGEST = {"pioneer_lx": 0.5 * PIONEER.limits.a / HEAVY.limits.a}
 
 
 def go(robot: Robot, pose: Pose) -> TopChain:
@@ -145,7 +148,7 @@ def test_each_failure_is_detected_at_each_moment(name: str) -> None:
     worst = stops(robot, (0.5, 1.0), ("bend", "ahead", "turn"))
     for key, (time, case) in sorted(worst.items()):
         print(f"{name} {key:22} {time:.2f} s  {case[:90]}")
-    assert slow(robot, worst, 0.5) == ""
+    assert slow(robot, worst, LONGEST.get(name, 0.5)) == ""
 
 
 def test_a_dribbling_base_that_stops_turning_is_stopped() -> None:
@@ -227,11 +230,15 @@ def test_a_slow_base_is_not_called_late_before_its_share_is_known(share: float) 
     assert "description is implausible" in watch.remark
 
 
-def test_a_base_at_half_speed_is_reported() -> None:
-    base = KinematicBase(PIONEER, Pose(0.0, 0.0, 0.0), share=0.5)
-    done = execute(SOCCER.library(PIONEER), go(PIONEER, Pose(2.0, 0.0, 0.0)), base)
-    assert done.ending is not Ending.BASE_FAULT
-    assert "drives at about 50 % of the commanded speed" in done.watch.remark
+@pytest.mark.parametrize("name", ["pioneer_3dx", "turtlebot4", "pioneer_lx"])
+@pytest.mark.parametrize("share", [0.5, 0.6])
+def test_a_base_slower_than_described_arrives_late_and_is_named(name: str, share: float) -> None:
+    robot = ROBOTS[name]
+    for pose in (Pose(3.5, 0.0, 0.0), Pose(-2.0, 0.5, 0.0)):
+        base = KinematicBase(robot, Pose(0.0, 0.0, 0.0), share=share)
+        done = execute(SOCCER.library(robot), go(robot, pose), base)
+        assert done.ending is Ending.SUCCEEDED, done.execution.reason
+        assert f"drives at about {100 * share:.0f} % of the commanded speed" in done.watch.remark
 
 
 @pytest.mark.parametrize("since", [0.5, 1.0, 1.5, 2.0])
@@ -314,17 +321,42 @@ def test_a_high_latency_does_not_hide_a_fault(axis: str, kind: str) -> None:
     assert "latency" not in done.execution.reason
 
 
+@pytest.mark.parametrize("name", ["turtlebot4", "pioneer_lx"])
 @pytest.mark.parametrize("axis", ["vx", "w"])
 @pytest.mark.parametrize("kind", ["stuck", "reversed"])
-def test_a_fault_of_a_base_with_slow_motors_is_not_called_a_delay(axis: str, kind: str) -> None:
-    for since in (0.4, 0.8, 1.2):
+def test_a_fault_of_a_base_with_slow_motors_is_not_called_a_delay(
+    name: str, axis: str, kind: str
+) -> None:
+    robot = ROBOTS[name]
+    for since in (0.4, 1.2, 2.4, 3.4):
         base = KinematicBase(
-            TURTLEBOT, Pose(0.0, 0.0, 0.0), failure=Failure(kind, axis, since, "motion")
+            robot, Pose(0.0, 0.0, 0.0), failure=Failure(kind, axis, since, "motion")
         )
-        chain = go(TURTLEBOT, Pose(2.0, 1.0, 1.57))
-        done = execute(SOCCER.library(TURTLEBOT), chain, base, longest=6.0, until_stood=False)
+        chain = go(robot, Pose(2.0, 1.0, 1.57))
+        done = execute(SOCCER.library(robot), chain, base, longest=8.0, until_stood=False)
         assert done.ending is Ending.BASE_FAULT
         assert "latency" not in done.execution.reason
+
+
+@pytest.mark.parametrize("rate", [20.0, 30.0])
+@pytest.mark.parametrize("name", ["pioneer_3dx", "turtlebot4", "pioneer_lx"])
+def test_a_base_as_described_is_called_neither_late_nor_slow_nor_fast(
+    name: str, rate: float
+) -> None:
+    robot = ROBOTS[name]
+    for pose in (Pose(2.0, 1.0, 1.57), Pose(3.5, 0.0, 0.0)):
+        base = KinematicBase(robot, Pose(0.0, 0.0, 0.0))
+        done = execute(SOCCER.library(robot), go(robot, pose), base, rate=rate)
+        assert done.ending is Ending.SUCCEEDED
+        assert done.watch.remark == ""
+
+
+@pytest.mark.parametrize("share", [0.8, 0.9])
+def test_a_base_that_is_a_little_slow_is_not_called_late(share: float) -> None:
+    base = KinematicBase(HEAVY, Pose(0.0, 0.0, 0.0), share=share)
+    done = execute(SOCCER.library(HEAVY), go(HEAVY, Pose(3.5, 0.0, 0.0)), base)
+    assert done.ending is Ending.SUCCEEDED
+    assert "latency" not in done.watch.remark
 
 
 @pytest.mark.parametrize("late", [6, 7, 8, 10])

@@ -23,7 +23,7 @@ def test_a_path_is_kept_with_its_ends_and_its_length(tmp_path: Path) -> None:
 def test_other_places_have_no_path() -> None:
     paths = WatchedPaths()
     paths.add(*ENDS, BEND)
-    assert paths((0.0, 0.0), (3.0, 2.4)) is None
+    assert paths((0.0, 0.0), (3.0, 2.6)) is None
     assert paths(*reversed(ENDS)) is None
 
 

@@ -11,10 +11,12 @@ from domain_files import changed, file_of
 from watched_robot import SPEED, SUCCEEDED, Robot
 
 from ator_ros.actions import DEFAULT_SET
+from ator_ros.actions.goal_variables import STOP
 from ator_ros.domains.available_models import with_path_times
 from ator_ros.domains.domain import find_domain
 from ator_ros.experience.watched_paths import PATHS, WatchedPaths
 from ator_ros.learning.drive_monitor import DriveMonitor, EndedDrive
+from ator_ros.learning.estimates import BY_PATH_TIME
 
 DURATION = 1.0 / SPEED
 
@@ -32,8 +34,10 @@ class Learned:
 class Watched:
     """A monitor and the robot that it watches."""
 
-    def __init__(self, folder: Path, frame: str = "odom") -> None:
-        domain = find_domain(str(file_of(folder, changed("tops.0.pre", []))))
+    def __init__(self, folder: Path, frame: str = "odom", *, early: bool = False) -> None:
+        content = changed("tops.0.pre", [])
+        content["actions"][0]["remote"]["early"] = early
+        domain = find_domain(str(file_of(folder, content)))
         self.file = folder / PATHS
         self.monitor = DriveMonitor(ROBOT, domain, frame, WatchedPaths(self.file))
         self.robot = Robot(self.monitor.watch)
@@ -84,6 +88,17 @@ def test_a_drive_that_takes_much_longer_is_held_up_unless_all_do(watched: Watche
     assert watched.drive(2, waits=4.0).is_held_up
     slow = [watched.drive(3 + number, waits=4.0).is_held_up for number in range(4)]
     assert slow == [True, True, False, False]
+
+
+def test_drives_of_a_server_that_can_pass_goals_stop_at_them(tmp_path: Path) -> None:
+    watched = Watched(tmp_path, early=True)
+    watched.monitor.use(with_path_times({}, watched.domain, ROBOT, DEFAULT_SET), "")
+    for number in range(2):  # the second one is predicted by the first
+        drive = watched.drive(number)
+        assert drive.first is not None
+        assert drive.first.basis.startswith(BY_PATH_TIME)
+        assert drive.episode is not None
+        assert drive.episode.situation.goal.values == {STOP: 1.0}
 
 
 def test_paths_of_drives_survive_a_restart(watched: Watched) -> None:

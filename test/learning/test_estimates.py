@@ -13,21 +13,23 @@ from ator_ros.learning.estimates import (
     BY_SPEED,
     DriveEstimator,
     ObservedSpeeds,
+    Pace,
     drive_estimator,
 )
 from ator_ros.world.state import RobotState
 
 ROBOT = find_domain("pursuit").robot()
 LENGTH, SPEED, TURN = 8.0, 0.5, 3.0
+PACE = Pace(0.5, 0.1, 0.1)
 PATH = np.stack([np.linspace(0.0, LENGTH, 81), np.zeros(81)], axis=1)
 """A straight path along x; the robot turns for 3 s at its end."""
 
 
 def estimator(total: float = LENGTH / SPEED + TURN) -> DriveEstimator:
+    pace = Pace(SPEED, 0.0, 0.0)
     return DriveEstimator(
-        total, 0.5, total + 1.0, "model", SPEED, total - LENGTH / SPEED, TURN,
-        last_turn=1.5, goal_yaw=1.5,
-    )  # fmt: skip
+        total, 0.5, total + 1.0, "model", pace, 1.5 / TURN, total - LENGTH / SPEED, goal_yaw=1.5
+    )
 
 
 def place_at(time: float, waits: float = 0.0, since: float = 0.0) -> Pose:
@@ -63,11 +65,28 @@ def test_an_estimate_moves_by_no_more_than_its_error() -> None:
         assert (moves <= errors[:-1] + 0.05).all()
 
 
+@pytest.mark.parametrize("predicted", [12.0, 16.0, 18.0, 20.0, 24.0])
+def test_nor_does_that_of_a_server_that_ends_drives_short_of_the_goal(predicted: float) -> None:
+    short, short_turn = 0.2, 0.3
+    found = estimator(predicted)
+    found.pace = Pace(SPEED, short, short_turn)
+    duration = (LENGTH - short) / SPEED + (1.5 - short_turn) * TURN / 1.5
+    times = np.arange(0.0, duration, 0.5)
+    turned = np.clip((times - (LENGTH - short) / SPEED) / TURN * 1.5, 0.0, None)
+    estimated = [
+        found.estimate(time, Pose(min(SPEED * time, LENGTH - short), 0.0, yaw), PATH).total
+        for time, yaw in zip(times.tolist(), turned.tolist(), strict=True)
+    ]
+    errors = np.abs(np.array(estimated) - duration)
+    moves = np.abs(np.diff(estimated))
+    assert (moves <= errors[:-1] + 1e-6).all()
+
+
 def test_a_longer_path_takes_longer_by_its_length() -> None:
     found = estimator()
     before = found.estimate(4.0, Pose(2.0, 0.0, 0.0), PATH)
     assert before.total == pytest.approx(19.0)
-    around = np.array([(2.0, 0.0), (2.0, 3.0), (8.0, 3.0), (8.0, 0.0)])
+    around = np.array([(2.0, 0.0), (2.0, 3.0), (7.0, 3.0), (7.0, 0.0), (8.0, 0.0)])
     after = found.estimate(4.5, Pose(2.0, 0.0, 0.0), around)
     assert after.total - before.total == pytest.approx(6.0 / SPEED + 0.5)
 
@@ -75,7 +94,9 @@ def test_a_longer_path_takes_longer_by_its_length() -> None:
 def test_the_rest_of_a_path_that_crosses_itself_is_not_cut() -> None:
     loop = np.array([(0.0, 0.0), (4.0, 0.0), (4.0, 4.0), (2.0, 4.0), (2.0, -4.0)])
     fine = np.concatenate([np.linspace(*ends, 41)[:-1] for ends in itertools.pairwise(loop)])
-    found = DriveEstimator(0.0, 0.5, 1.0, "model", 1.0, 100.0, 0.0, last_turn=0.0, goal_yaw=0.0)
+    found = DriveEstimator(
+        0.0, 0.5, 1.0, "model", Pace(1.0, 0.0, 0.0), 1.0, 100.0, goal_yaw=-math.pi / 2.0
+    )
     for x in np.arange(0.0, 2.6, 0.5):
         rest = found.estimate(0.0, Pose(x, 0.0, 0.0), fine).remaining
     assert rest == pytest.approx(18.0 - 2.5, abs=0.5)
@@ -94,7 +115,7 @@ def test_without_a_model_it_is_length_by_speed_and_says_so() -> None:
     assert first.total == pytest.approx(LENGTH / ROBOT.greatest_speed())
     assert first.basis == BY_LIMIT
     for _ in range(3):
-        speeds.add(4.0, 10.0, 0.5)
+        speeds.add(4.0, 10.0, PACE)
     later = start(speeds)
     assert later.total == pytest.approx(LENGTH / 0.4)
     assert later.basis == BY_SPEED
@@ -102,6 +123,13 @@ def test_without_a_model_it_is_length_by_speed_and_says_so() -> None:
 
 def test_speeds_are_unknown_before_three_drives() -> None:
     speeds = ObservedSpeeds()
-    speeds.add(4.0, 10.0, 0.5)
+    speeds.add(4.0, 10.0, PACE)
     assert math.isnan(speeds.usual)
-    assert math.isnan(speeds.greatest)
+    assert speeds.pace is None
+
+
+def test_the_pace_is_bounded_by_all_drives() -> None:
+    speeds = ObservedSpeeds()
+    for number in range(5):
+        speeds.add(4.0, 10.0, Pace(0.5, 0.1 * number, 0.2))
+    assert speeds.pace == Pace(0.5, pytest.approx(0.4), 0.2)

@@ -67,6 +67,22 @@ def test_another_order_saves_the_way_beyond_what_headings_save() -> None:
     assert math.isnan(savings(*goals, knows_all=False).order.seconds)
 
 
+def test_passing_saves_the_stop_beyond_what_headings_save() -> None:
+    stop = 1.5  # s
+    patrol = find_domain("patrol")
+    model = FakeModel(lambda d: duration(d) + stop * d["stopg"], USED | {"stopg"})
+    stations = (Pose(2.0, 0.0, 0.0), Pose(4.0, 0.0, 0.0))
+    found = savings_of(
+        Round("pursue", START, stations),
+        patrol.library(patrol.robot()),
+        {"pursue": model},
+        may_pass=True,
+    )
+    assert found.headings.seconds == pytest.approx(0.0, abs=0.01)
+    short = 0.3  # m before the station where the robot passes it, and s at 1 m/s afterwards
+    assert found.passing.seconds == pytest.approx(stop - short, abs=0.1)
+
+
 def test_savings_of_several_rounds_add_up_with_their_intervals() -> None:
     total = RoundSavings(Saving(1.0, 0.2)).plus(
         RoundSavings(Saving(2.0, 0.3), order=Saving(4.0, 1))

@@ -5,24 +5,36 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import rclpy
 import yaml
+from geometry_msgs.msg import Point32, PolygonStamped
 from maps import hall_map
+from process import PATIENCE
+from ros_client import Client
+from tf2_msgs.msg import TFMessage
 
 from ator_ros.bases.description import load_robot
 from ator_ros.domains.domain import find_domain
+from ator_ros.geometry import Pose
+from ator_ros.nodes.messages import stamp_of
 from ator_ros.nodes.nav2_setup import (
     CONTROLLER,
     COSTMAP,
+    FOOTPRINT,
     NAVIGATOR,
     SMOOTHER,
+    Finder,
     Given,
     Nav2Error,
     digest_of_driving,
     facts_of,
     write_files,
 )
+from ator_ros.nodes.qos import RESULTS
+from ator_ros.nodes.simulation import transform_of
 from ator_ros_examples.nav2_stand_in import PARAMETERS
 
+CLIENT = {"silent": True}
 NAV2: dict[str, dict[str, Any]] = {
     (f"{namespace}/{name}" if namespace else name): dict(values)
     for (name, namespace), values in PARAMETERS.items()
@@ -51,6 +63,56 @@ def test_the_footprint_is_that_of_the_costmap() -> None:
     outline = "[[0.4, 0.25], [0.4, -0.25], [-0.2, -0.25], [-0.2, 0.25]]"
     facts = facts_of(nav2(COSTMAP, footprint=outline), Given())
     assert (facts.front, facts.rear, facts.half_width) == (0.4, 0.2, 0.25)
+
+
+OUTLINE = [(0.4, 0.25), (0.4, -0.25), (-0.2, -0.25), (-0.2, 0.25)]
+
+
+def test_a_published_footprint_counts_before_parameters_and_after_an_argument() -> None:
+    facts = facts_of(nav2(), Given(), OUTLINE)
+    assert (facts.front, facts.rear, facts.half_width) == (0.4, 0.2, 0.25)
+    assert facts_of(nav2(), Given(radius=0.3), OUTLINE).front == 0.3
+    facts_of(nav2(COSTMAP, robot_radius=None), Given(), OUTLINE)
+
+
+class Driven:
+    """Publishes the footprint of a robot that drives a curve, and a little later its pose."""
+
+    def __init__(self, client: Client) -> None:
+        node = client.node
+        self._tf = node.create_publisher(TFMessage, "robot_1/tf", RESULTS)
+        self._footprint = node.create_publisher(PolygonStamped, f"robot_1/{FOOTPRINT}", RESULTS)
+        self._time = 100.0
+        node.create_timer(0.05, self._tick)
+
+    def _tick(self) -> None:
+        self._time += 0.05
+        driven = self._time - 100.0
+        pose = Pose(20.0 + 0.5 * driven, -30.0, 0.7 * driven)
+        corners = [pose.compose(Pose(*corner, 0.0)) for corner in OUTLINE]
+        message = PolygonStamped()
+        message.header.frame_id, message.header.stamp = "odom", stamp_of(self._time)
+        message.polygon.points = [Point32(x=each.x, y=each.y) for each in corners]
+        self._footprint.publish(message)
+        moved = transform_of(self._time, pose, frame="odom", child="base_link")
+        self._tf.publish(TFMessage(transforms=[moved]))
+
+
+@pytest.mark.node
+def test_the_footprint_is_found_in_a_namespace_while_the_robot_drives(
+    domain: int, client: Client
+) -> None:
+    Driven(client)
+    rclpy.init(args=[], domain_id=domain)
+    finder = Finder("robot_1", "map")
+    try:
+        found = finder.footprint("base_link", PATIENCE)
+        missing = finder.footprint("elsewhere", 0.1)
+    finally:
+        finder.destroy_node()
+        rclpy.shutdown()
+    assert found == OUTLINE  # to the digit: a digest of it names a folder
+    assert not missing
 
 
 def test_without_a_velocity_smoother_the_speed_is_that_of_the_controller() -> None:

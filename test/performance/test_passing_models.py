@@ -1,13 +1,16 @@
 """Models of an action that passes its goals: what a stop costs, and what is unknown of it."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pandas as pd
 import pytest
 from experience_rows import synthetic_experience
+from maps import hall_map
 
 from ator_ros.domains.domain import find_domain
+from ator_ros.performance.features import feature_table
 from ator_ros.performance.model import Passing, PerformanceModel
 from ator_ros.performance.training import direct_of, train, without_errors
 
@@ -28,7 +31,8 @@ def legs(episodes: int, seed: int, *, passing: bool) -> pd.DataFrame:
     stops = 2.0 - moves - passes
     rows["duration"] = 0.3 + 1.7 * np.hypot(dx, dy) + STOP_TIME * stops
     rows["time_to_go"], rows["success"] = rows["duration"], True
-    rows["position_error"] = np.where(passes, 0.3, 0.1)
+    rows["position_error"] = 0.1
+    rows["nearer"] = np.where(passes, rng.uniform(0.2, 0.3, episodes), np.nan)
     rows["heading_error"] = np.where(passes, np.nan, 0.02)
     return rows
 
@@ -55,7 +59,7 @@ def leg(
 
 def test_drives_of_both_kinds_show_what_stops_cost() -> None:
     model = learned(passing=True)
-    assert model.passing == Passing(pytest.approx(0.3), pytest.approx(0.4))
+    assert model.passing == Passing(pytest.approx(0.2, abs=0.01), pytest.approx(0.4))
     assert model.arrival is not None
     assert model.arrival.dist == pytest.approx(0.1)
     slow, _ = leg(model, v=0.0, stop=1.0)
@@ -88,3 +92,15 @@ def test_actions_that_cannot_pass_have_no_further_features() -> None:
     names = [feature.name for feature in DOMAIN.candidates("pursue")]
     assert [feature.name for feature in pursuit] == names[: len(pursuit)]
     assert names[len(pursuit) :] == ["stopg", "rests", "moving_turn"]
+
+
+def test_a_leg_that_passes_its_goal_without_a_route_is_unknown() -> None:
+    def without_routes(*_: object) -> None:
+        return None
+
+    domain = replace(DOMAIN.on_map(hall_map()), planner=lambda *_: without_routes)
+    known = {feature.name: feature for feature in domain.candidates("pursue")}
+    features = [known["route_length"], known["stopg"]]
+    direct = {**LEG, "x": -2.0, "v": 0.4, "stopg": 0.0, "yawg": 0.0}
+    ((length, _),) = feature_table(direct, domain.robot(), features)
+    assert np.isnan(length)

@@ -14,6 +14,7 @@ from ator_ros.domains.trials import random_trial
 from ator_ros.performance.features import CANDIDATES
 from ator_ros.performance.model import Arrival, PerformanceModel
 from ator_ros.performance.prior import prior_slopes
+from ator_ros.performance.rising_terms import rising_terms, sum_of
 from ator_ros.performance.training import direct_of, duration_tree, features_of, train
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.tops.chain import TopChain
@@ -103,6 +104,19 @@ def test_straights_that_depend_on_both_turns_are_learned_with_them() -> None:
     parts[:, 1] += 4.0 * ((table["angle_to_dest"] > 1.5) & (table["angle_at_dest"] > 1.5))
     _, errors = duration_tree(table, parts.sum(axis=1), prior, parts)
     assert np.abs(errors).mean() < 0.6
+
+
+def test_straights_may_be_slower_after_a_smaller_turn() -> None:
+    rows, _ = whole_drives(200, seed=4, noise=0.05)
+    starts = rows[rows["t"] == 0.0]
+    table, parts = features_of(starts, ROBOT, CANDIDATES, None), part_times(starts)
+    turned_on_the_spot = table["angle_to_dest"] > np.pi / 4
+    parts[:, 1] += np.where(turned_on_the_spot, 0.0, 0.2)  # it begins with a curve
+    base = rising_terms(table, parts, prior_slopes(CANDIDATES, ROBOT, None))
+    late = parts.sum(axis=1) - sum_of(base, table)
+    assert late[~turned_on_the_spot].mean() == pytest.approx(
+        late[turned_on_the_spot].mean(), abs=0.05
+    )
 
 
 def test_accidental_drives_backward_are_not_where_an_action_begins_to_drive_backward() -> None:

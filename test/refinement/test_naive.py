@@ -60,3 +60,16 @@ def test_a_chain_that_opens_nothing_and_an_invalid_value_are_kept() -> None:
     found = naive_on_paths(world(), sent, ROBOT, LIBRARY.ranges)
     assert yaws(found) == pytest.approx([2.0, 0.0])
     assert not found.violations(world(), ROBOT)
+
+
+def test_a_value_is_kept_that_a_step_needs_after_another_step() -> None:
+    arrive = LIBRARY["goToPose"]
+    wait = dataclasses.replace(arrive, name="wait", post=Condition(()))  # moves nothing
+    watch = dataclasses.replace(arrive, pre=Condition((Region("robot.yaw", 2.0, -0.5, 0.5),)))
+    there = Goal(Pose(0.0, 1.0, 2.0))
+    sent = TopChain(
+        (TopCall(arrive, there, ANGLE), TopCall(wait, there), TopCall(watch, there, ANGLE))
+    )
+    assert yaws(naive_on_paths(world(), sent, ROBOT, LIBRARY.ranges))[0] == 2.0
+    free = TopChain(sent.calls[:2])
+    assert yaws(naive_on_paths(world(), free, ROBOT, LIBRARY.ranges))[0] != 2.0
