@@ -8,14 +8,16 @@ inserted again where they cost least, many times (ruin and recreate, Schrimpf et
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse.csgraph import connected_components
 
-from ator_ros.geometry import BoolArray, FloatArray, IntArray
+from ator_ros.geometry import BoolArray, FloatArray
 from ator_ros.tops.ordering import Ordering
 
 MOST_EXACT = 10
@@ -23,6 +25,8 @@ MOST_EXACT = 10
 _ROUNDS = 400  # removals of steps: more of them hardly shorten rounds of 30 steps
 _REMOVED = 0.4  # greatest share of the steps that are removed at once
 _SAME = 1e-9  # share by which sums of the same times may differ
+_NOTHING = 0  # the empty set of steps, as bits
+_NONE_FOUND = "expected a division that keeps the precedences, got none"
 
 
 class DivisionError(ValueError):
@@ -43,6 +47,20 @@ class Division:
 
     orders: tuple[tuple[int, ...], ...]
     times: tuple[float, ...]
+
+    @classmethod
+    def of(
+        cls,
+        orders: Sequence[Sequence[int]],
+        tables: Sequence[FloatArray],
+    ) -> Division:
+        """Return the division with its times, by the tables of the robots."""
+        times = []
+        for order, table in zip(orders, tables, strict=True):
+            rows = [0, *(step + 1 for step in order[:-1])]
+            legs = table[rows[: len(order)], list(order)]
+            times.append(float(legs.sum()))
+        return cls(tuple(map(tuple, orders)), tuple(times))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,7 +91,12 @@ class Steps:
         return cls(ordering.before, earlier_group | ordering.before)
 
 
-def divide(tables: Sequence[FloatArray], steps: Steps, *, total: bool = False) -> Division:
+def divide(
+    tables: Sequence[FloatArray],
+    steps: Steps,
+    *,
+    total: bool = False,
+) -> Division:
     """Divide m steps among robots so that the last of them ends as early as possible.
 
     Of the divisions in which it does, the one with the least sum of times is taken.
@@ -105,109 +128,156 @@ def divide(tables: Sequence[FloatArray], steps: Steps, *, total: bool = False) -
 # Exact
 
 
-def _exact(tables: Sequence[FloatArray], steps: Steps, *, total: bool) -> Division:
+def _exact(
+    tables: Sequence[FloatArray],
+    steps: Steps,
+    *,
+    total: bool,
+) -> Division:
     swept = [_times_of_sets(table, steps) for table in tables]
-    times = np.array([sweep.min(axis=1) for sweep in swept])
-    times[:, 0] = 0.0
+    times = np.stack([sweep.min(axis=1) for sweep in swept])
+    times[:, _NOTHING] = 0.0
     if not total:
-        last = _best_split(times, np.maximum)[0][-1]
-        times = np.where(times <= last * (1.0 + _SAME), times, np.inf)
-    sums, choices = _best_split(times, np.add)
-    if not math.isfinite(sums[-1]):
-        raise DivisionError("expected a division that keeps the precedences, got none")
-    left = len(sums) - 1
-    sets: list[int] = []
-    for choice in reversed(choices):
-        sets.insert(0, int(choice[left]))
-        left ^= sets[0]
-    orders = [_order_of(own, *pair) for own, *pair in zip(sets, swept, tables, strict=True)]
-    return Division(
-        tuple(orders), tuple(float(own[done]) for own, done in zip(times, sets, strict=True))
-    )
+        earliest = _best_split(times, np.maximum).cost
+        times[times > earliest * (1.0 + _SAME)] = np.inf
+    split = _best_split(times, np.add)
+    if not math.isfinite(split.cost):
+        raise DivisionError(_NONE_FOUND)
+    orders = []
+    for part, own_times, table in zip(split.parts, swept, tables, strict=True):
+        orders.append(_order_of(part, own_times, table))
+    return Division.of(orders, tables)
 
 
-def _times_of_sets(table: FloatArray, steps: Steps) -> FloatArray:
+def _times_of_sets(
+    table: FloatArray,
+    steps: Steps,
+) -> FloatArray:
     """Return the least time of each set of steps (as bits) by its last step, shape (2**m, m)."""
     count = table.shape[1]
-    bits = 1 << np.arange(count)
+    numbers = np.arange(count)
+    bits = 1 << numbers
     needed = (steps.before * bits[:, None]).sum(axis=0)
-    later = (steps.after.T * bits[:, None]).sum(axis=0)
+    later = (steps.after * bits[None, :]).sum(axis=1)
     times = np.full((1 << count, count), np.inf)
-    times[bits, np.arange(count)] = np.where(needed == 0, table[0], np.inf)
+    may_be_first = needed == 0
+    times[bits, numbers] = np.where(may_be_first, table[0], np.inf)
     for done in range(1, 1 << count):
-        arrived = (times[done, :, None] + table[1:]).min(axis=0)
-        may_follow = (done & bits == 0) & (needed & ~done == 0) & (later & done == 0)
-        for step in np.flatnonzero(may_follow).tolist():
-            times[done | 1 << step, step] = arrived[step]
+        is_new = done & bits == 0
+        is_ready = needed & ~done == 0
+        is_in_time = later & done == 0
+        arrivals = times[done][:, None] + table[1:]
+        for step in np.flatnonzero(is_new & is_ready & is_in_time):
+            times[done | bits[step], step] = arrivals[:, step].min()
     return times
 
 
-def _best_split(times: FloatArray, combined: np.ufunc) -> tuple[FloatArray, list[IntArray]]:
-    """Return the least combined time of each set, and for each robot the part that it executes.
+class _Split(NamedTuple):
+    """The best division of all steps: its cost, and the set of steps of each robot as bits."""
 
-    `times` are those of each robot and set, shape (r, 2**m). The first robots divide the rest.
+    cost: float
+    parts: tuple[int, ...]
+
+
+def _best_split(
+    times: FloatArray,
+    combined: np.ufunc,
+) -> _Split:
+    """Return the division with the least combined time.
+
+    `times` are those of each robot and set of steps, shape (r, 2**m).
     """
-    every = np.arange(times.shape[1])
-    best = np.where(every == 0, 0.0, np.inf)
+    sets = np.arange(times.shape[1])
+    best = np.where(sets == _NOTHING, 0.0, np.inf)  # of each set, divided among the robots so far
     choices = []
-    for own in times:
-        least = np.full(len(every), np.inf)
-        choice = np.zeros(len(every), dtype=np.intp)
-        for part in every:
-            if not np.isfinite(own[part]):
-                continue
-            whole = every[every & part == part]
-            sums = combined(best[whole ^ part], own[part])
-            better = sums < least[whole]
-            least[whole[better]] = sums[better]
-            choice[whole[better]] = part
+    for own_times in times:
+        least = np.full(len(sets), np.inf)
+        choice = np.full(len(sets), _NOTHING)
+        for part in np.flatnonzero(np.isfinite(own_times)):
+            supersets = sets[sets & part == part]
+            rest = supersets ^ part
+            costs = combined(best[rest], own_times[part])
+            is_better = costs < least[supersets]
+            improved = supersets[is_better]
+            least[improved] = costs[is_better]
+            choice[improved] = part
         best = least
         choices.append(choice)
-    return best, choices
+    left = len(sets) - 1
+    parts: list[int] = []
+    for choice in reversed(choices):
+        own_part = int(choice[left])
+        parts.insert(0, own_part)
+        left ^= own_part
+    return _Split(float(best[-1]), tuple(parts))
 
 
-def _order_of(done: int, times: FloatArray, table: FloatArray) -> tuple[int, ...]:
-    """Return the best order of a set of steps."""
+def _order_of(
+    part: int,
+    times: FloatArray,
+    table: FloatArray,
+) -> list[int]:
+    """Return the best order of a set of steps, from its end."""
     order: list[int] = []
-    while done:
-        sums = times[done] if not order else times[done] + table[1:, order[0]]
-        order.insert(0, int(sums.argmin()))
-        done ^= 1 << order[0]
-    return tuple(order)
+    while part:
+        sums = times[part]
+        if order:
+            sums = sums + table[1:, order[0]]
+        last = int(sums.argmin())
+        order.insert(0, last)
+        part ^= 1 << last
+    return order
 
 
 # Many steps
 
 
-def _improved(tables: Sequence[FloatArray], steps: Steps, *, total: bool) -> Division:
+def _improved(
+    tables: Sequence[FloatArray],
+    steps: Steps,
+    *,
+    total: bool,
+) -> Division:
     """Return the best of many divisions, each made by removing and inserting steps."""
     rng = np.random.default_rng(len(steps.before))  # the same request has the same answer
     blocks = _blocks(steps)
-    orders = _inserted(tables, steps, [[] for _ in tables], blocks, total=total)
-    cost = _cost(tables, orders, total=total)
     most = max(1, round(_REMOVED * len(blocks)))
+    orders: list[list[int]] = [[] for _ in tables]
+    orders = _inserted(tables, steps, orders, blocks, total=total)
+    cost = _cost(tables, orders, total=total)
     for _ in range(_ROUNDS):
-        chosen = rng.permutation(len(blocks))[: rng.integers(1, most + 1)]
-        removed = [blocks[number] for number in chosen]
-        gone = {step for block in removed for step in block}
-        kept = [[step for step in order if step not in gone] for order in orders]
+        shuffled = rng.permutation(len(blocks))
+        count = rng.integers(1, most + 1)
+        removed = [blocks[number] for number in shuffled[:count]]
+        kept = [_without(order, removed) for order in orders]
         tried = _inserted(tables, steps, kept, removed, total=total)
-        found = _cost(tables, tried, total=total)
-        if found <= cost:
+        cost_of_tried = _cost(tables, tried, total=total)
+        if cost_of_tried <= cost:
             orders = tried
-            cost = found
-    times = [_time(table, order) for table, order in zip(tables, orders, strict=True)]
-    if not all(map(math.isfinite, times)):
-        raise DivisionError("expected a division that keeps the precedences, found none")
-    return Division(tuple(map(tuple, orders)), tuple(times))
+            cost = cost_of_tried
+    if not all(map(math.isfinite, cost)):
+        raise DivisionError(_NONE_FOUND)
+    return Division.of(orders, tables)
 
 
 def _blocks(steps: Steps) -> list[list[int]]:
     """Return the steps that one robot must execute together, each after those that it needs."""
-    count, numbers = connected_components(steps.before, directed=False)
-    blocks = [np.flatnonzero(numbers == number) for number in range(count)]
-    depth = steps.before.sum(axis=0)
-    return [block[np.argsort(depth[block], kind="stable")].tolist() for block in blocks]
+    count, block_of = connected_components(steps.before, directed=False)
+    needed = steps.before.sum(axis=0)
+    blocks = []
+    for number in range(count):
+        block = np.flatnonzero(block_of == number)
+        ordered = np.argsort(needed[block], kind="stable")
+        blocks.append(block[ordered].tolist())
+    return blocks
+
+
+def _without(
+    order: Sequence[int],
+    removed: Sequence[Sequence[int]],
+) -> list[int]:
+    gone = set(itertools.chain.from_iterable(removed))
+    return [step for step in order if step not in gone]
 
 
 def _inserted(
@@ -223,37 +293,41 @@ def _inserted(
     for block in blocks:
         options = []
         for robot, table in enumerate(tables):
-            tried = list(found)
+            order = found[robot]
             for step in block:
-                tried[robot] = _with_step(table, steps, tried[robot], step)
-            options.append(tried)
-        found = min(options, key=lambda tried: _cost(tables, tried, total=total))
+                order = _with_step(table, steps, order, step)
+            options.append([*found[:robot], order, *found[robot + 1 :]])
+        found = min(options, key=lambda option: _cost(tables, option, total=total))
     return found
 
 
-def _with_step(table: FloatArray, steps: Steps, order: list[int], step: int) -> list[int]:
+def _with_step(
+    table: FloatArray,
+    steps: Steps,
+    order: list[int],
+    step: int,
+) -> list[int]:
     """Return the order with a step at the place where it costs least; there always is one."""
     places = np.array(order, dtype=np.intp)
     origins = np.append(0, places + 1)
     costs = table[origins, step]
-    costs[:-1] += table[step + 1, places] - table[origins[:-1], places]
+    costs[:-1] += table[step + 1, places]
+    costs[:-1] -= table[origins[:-1], places]
     must_follow = np.flatnonzero(steps.after[places, step])
     must_precede = np.flatnonzero(steps.after[step, places])
     first = int(must_follow[-1]) + 1 if len(must_follow) else 0
     last = int(must_precede[0]) if len(must_precede) else len(order)
-    place = first + int(np.nan_to_num(costs[first : last + 1], nan=np.inf).argmin())
+    allowed = costs[first : last + 1]
+    known = np.where(np.isnan(allowed), np.inf, allowed)  # where a leg is impossible
+    place = first + int(known.argmin())
     return [*order[:place], step, *order[place:]]
-
-
-def _time(table: FloatArray, order: Sequence[int]) -> float:
-    """Return the time in s of an order."""
-    origins = [0, *(step + 1 for step in order[:-1])]
-    return float(table[origins[: len(order)], list(order)].sum())
 
 
 def _cost(
     tables: Sequence[FloatArray], orders: Sequence[Sequence[int]], *, total: bool
 ) -> tuple[float, float]:
     """Return what is minimized, first and second."""
-    times = [_time(table, order) for table, order in zip(tables, orders, strict=True)]
-    return (math.fsum(times), max(times)) if total else (max(times), math.fsum(times))
+    times = Division.of(orders, tables).times
+    whole = math.fsum(times)
+    last = max(times)
+    return (whole, last) if total else (last, whole)
