@@ -65,7 +65,7 @@ class Tally:
         self._begin(day)
         if math.isfinite(drive.duration):
             self.driven = min(self.driven + max(0.0, drive.duration), _DAY)
-        if goal.status in ("canceled", "aborted"):
+        if goal.status in ("canceled", "aborted") and not goal.is_passed:
             self.ended_early += 1
         elif goal.is_recovered:
             self.recovered += 1
@@ -73,7 +73,8 @@ class Tally:
             self.held_up += 1
         elif drive.episode is not None:
             self.drives += 1
-            self._add_errors(drive)
+            if not goal.is_passed:  # estimates were for a stop
+                self._add_errors(drive)
 
     def _begin(self, day: str) -> None:
         if day != self.day:

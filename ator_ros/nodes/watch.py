@@ -386,7 +386,7 @@ class WatchNode(Node):
                 "spread": first.spread,
                 "bound": first.bound,
             }
-        code = _OUTCOMES[drive.goal.status]
+        code = Outcome.SUCCEEDED if episode.success else _OUTCOMES[drive.goal.status]
         actual = {
             "duration": duration,
             "spread": 0.0,
@@ -406,6 +406,7 @@ class WatchNode(Node):
             end=ended,
             predicted=performance_of(predicted),
             actual=performance_of(actual),
+            stopped=not drive.goal.is_passed,
             **parts,
             heading_error=episode.heading_error,
             outcome=Outcome(code=code, reason=episode.reason),
