@@ -6,6 +6,8 @@ import math
 from collections.abc import Mapping
 from typing import Any, Protocol
 
+import numpy as np
+
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.actions.base import Goal, Point
 from ator_ros.actions.goal_variables import STOP, STOPS, GoalVariable
@@ -99,7 +101,7 @@ def episode_of(message: Any, domain: Vocabulary, robot: Robot) -> Episode:
     nearer = math.nan
     if values.get(STOP) == 0.0:
         end = world_from(message.end, where="end").robot.pose
-        nearer = max(0.0, end.distance(pose) - message.actual.accuracy)
+        nearer = float(np.maximum(0.0, end.distance(pose) - message.actual.accuracy))
     episode = Episode(
         situation=Situation(action, start.robot, start.objects, Goal(pose, speed, point, values)),
         duration=message.actual.duration,

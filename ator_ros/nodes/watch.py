@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -39,7 +40,7 @@ from ator_ros.files import FileError
 from ator_ros.learning.drive_monitor import DriveMonitor, EndedDrive
 from ator_ros.learning.estimates import Estimate
 from ator_ros.learning.savings import Round, Rounds, Saving
-from ator_ros.learning.watch_tally import TALLY, read_tally, save_tally
+from ator_ros.learning.watch_tally import TALLY, drives_elsewhere, read_tally, save_tally
 from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health, Warnings
 from ator_ros.nodes.main_loop import run_node
 from ator_ros.nodes.maps import FollowedMap
@@ -192,6 +193,11 @@ class WatchNode(Node):
             f"watching {servers} for {robot.name} (domain {domain.name}, ROS domain "
             f"{self.context.get_domain_id()}); {self._summary()}"
         )
+        former = drives_elsewhere(self._folder)
+        if former and not self._tally.drives:
+            self.get_logger().warning(
+                f"Nav2 has other parameters than before: its {former} former drives do not count"
+            )
 
     def _subscribe(self, odometry: str) -> None:
         """Subscribe to all inputs: first to the status of goals, which must come before paths."""
@@ -330,9 +336,11 @@ class WatchNode(Node):
         except OSError as error:
             self._warn(f"watched: {error}")
             return
+        if self._changed:
+            ended = [replace(drive, episode=None, reason=self._changed) for drive in ended]
         for drive in ended:
             self._published.discard(drive.goal.goal_id)
-            if drive.episode is not None and not drive.is_held_up and not self._changed:
+            if drive.episode is not None and not drive.is_held_up:
                 self._records.publish(self._record(drive, drive.episode))
             self._count(drive)
         if ended and not self._monitor.watch.active:
@@ -378,7 +386,7 @@ class WatchNode(Node):
                 "spread": first.spread,
                 "bound": first.bound,
             }
-        code = _OUTCOMES[drive.goal.status]
+        code = Outcome.SUCCEEDED if episode.success else _OUTCOMES[drive.goal.status]
         actual = {
             "duration": duration,
             "spread": 0.0,
@@ -398,6 +406,7 @@ class WatchNode(Node):
             end=ended,
             predicted=performance_of(predicted),
             actual=performance_of(actual),
+            stopped=not drive.goal.is_passed,
             **parts,
             heading_error=episode.heading_error,
             outcome=Outcome(code=code, reason=episode.reason),

@@ -115,7 +115,7 @@ class Passing:
     Attributes
     ----------
     nearer : float
-        By how much in m the robot nearly always comes nearer to the goal after that.
+        By how much in m the robot nearly always comes nearer to the goal after that; 0 if unknown.
     speed : float
         Its usual speed in m/s at that time.
     """

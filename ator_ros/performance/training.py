@@ -564,9 +564,11 @@ def observed_passing(starts: pd.DataFrame) -> Passing | None:
         return None
     nearer = starts["nearer"].dropna()
     speeds = starts.loc[starts["v"] > DRIVES_ON, "v"]
-    if min(len(nearer), len(speeds)) < _LEAST_PASSING:
+    if len(speeds) < _LEAST_PASSING:
         return None
-    return Passing(float(nearer.quantile(_NEARLY_NONE)), float(speeds.median()))
+    is_known = len(nearer) >= _LEAST_PASSING
+    least = float(nearer.quantile(_NEARLY_NONE)) if is_known else 0.0
+    return Passing(least, float(speeds.median()))
 
 
 def _is_at_rest(rows: pd.DataFrame) -> bool:

@@ -165,10 +165,33 @@ def test_drives_are_estimated_recorded_and_counted_but_never_commanded(
     events.publish(event)
     warning = "controller_server: FollowPath.desired_linear_vel was changed: drives may take other"
     client.eventually(lambda: warning in node.output, "a warning")
+    nav2.send(nav2.x + 2.0).response()
+    reason = "a drive is not learned from: controller_server: FollowPath.desired_linear_vel"
+    client.eventually(lambda: reason in node.output, "a drive with other parameters")
+    assert (tallies[-1].drives, len(records)) == (5, 1)
 
-    assert nav2.goals == 2  # none but the client's
+    assert nav2.goals == 3  # none but the client's
     names = [name for name, _ in node.node.get_client_names_and_types_by_node("watch", "/")]
     assert not names
+
+
+def test_former_drives_with_other_parameters_do_not_count(
+    nav2: Nav2, client: Client, host: Host, tmp_path: Path
+) -> None:
+    former, now = tmp_path / "1f0c", tmp_path / "2e1d"
+    for folder in (former, now):
+        folder.mkdir()
+    save(former / "watch.json", KIND, Tally(drives=70))
+    tallies = client.listen(WatchedDrives, "watch/drives", LATCHED)
+    config = ROOT / "config"
+    node = host(
+        "watch", domain=config / "nav2" / "stations.yaml", watched=now,
+        robot=config / "building" / "courier.yaml",
+    )  # fmt: skip
+    text = "Nav2 has other parameters than before: its 70 former drives do not count"
+    client.eventually(lambda: text in node.output, "a warning")
+    client.eventually(lambda: tallies, "a tally")
+    assert tallies[-1].drives == 0
 
 
 def test_it_uses_exactly_what_its_profile_allows(nav2: Nav2, client: Client, host: Host) -> None:
