@@ -200,7 +200,7 @@ class DriveMonitor:
         if path is not None and made.success:
             self._paths.save(situation.robot.pose[:2], situation.goal.pose[:2], path)
             length = float(np.hypot(*np.diff(path, axis=0).T).sum())
-            if math.isfinite(made.position_error):  # else it has passed its goal
+            if not goal.is_passed:
                 self.speeds.add(length, made.duration, _pace_of(made))
             if not is_learned and not goal.is_passed:
                 drive = situation.robot, situation.goal.pose, made.duration
