@@ -41,6 +41,7 @@ ACTION_SETS = {"soccer.bezier": f"{EXAMPLES}.bezier:ACTIONS"}
 STAND_INS = {
     "drive_to": f"{EXAMPLES}.stand_ins:DriveToStandIn",
     "pursue": f"{EXAMPLES}.stand_ins:PursuitStandIn",
+    "pursue_through": f"{EXAMPLES}.stand_ins:PursuitThroughStandIn",
 }
 PLANNERS = {"navfn": f"{EXAMPLES}.stand_ins:navfn"}
 

@@ -35,14 +35,9 @@ LawOf = Callable[[tuple[float, float, float]], Law]
 class _Drive:
     """An active goal."""
 
-    def __init__(
-        self,
-        handle: ServerGoalHandle,
-        law: LawOf,
-    ) -> None:
+    def __init__(self, handle: ServerGoalHandle, law: Law) -> None:
         self.handle = handle
-        pose = handle.request.goal.pose
-        self.law = law((pose.position.x, pose.position.y, yaw_of(pose.orientation)))
+        self.law = law
         self.ended = Future()
         self.feedback_at = -math.inf  # s, by the stamps
 
@@ -88,8 +83,7 @@ class DriveToServer(Node):
         """Accept a pose in the frame of odometry."""
         pose = request.goal.pose
         frame = request.goal.header.frame_id
-        place = (pose.position.x, pose.position.y, yaw_of(pose.orientation))
-        finite = all(map(math.isfinite, place))
+        finite = all(map(math.isfinite, place_of(pose)))
         known = not self._frame or frame in ("", self._frame)
         if finite and known:
             return GoalResponse.ACCEPT
@@ -99,8 +93,12 @@ class DriveToServer(Node):
         return GoalResponse.REJECT
 
     async def _execute(self, handle: ServerGoalHandle) -> Any:
-        """Start the drive with the newest odometry; return when later odometry has ended it."""
-        drive = _Drive(handle, self._law)
+        code, text = await self.driven(handle, self._law(place_of(handle.request.goal.pose)))
+        return DriveTo.Result(error_code=code, error_msg=text)
+
+    async def driven(self, handle: ServerGoalHandle, law: Law) -> tuple[int, str]:
+        """Drive by a law; return code and text of the result when odometry has ended it."""
+        drive = _Drive(handle, law)
         former = self._drive
         self._drive = drive
         if former is not None:
@@ -111,7 +109,7 @@ class DriveToServer(Node):
         code, text = await drive.ended
         ends = {DriveTo.Result.NONE: handle.succeed, DriveTo.Result.CANCELED: handle.canceled}
         ends.get(code, handle.abort)()
-        return DriveTo.Result(error_code=code, error_msg=text)
+        return code, text
 
     def _take_odom(self, message: Odometry) -> None:
         pose = message.pose.pose
@@ -146,8 +144,10 @@ class DriveToServer(Node):
         self._commands.publish(command)
         if state.time - drive.feedback_at >= _FEEDBACK_PERIOD and self._drive is not None:
             drive.feedback_at = state.time
-            feedback = DriveTo.Feedback(distance_remaining=drive.law.distance, phase=phase.value)
-            drive.handle.publish_feedback(feedback)
+            if isinstance(drive.handle.request, DriveTo.Goal):
+                distance = drive.law.distance
+                feedback = DriveTo.Feedback(distance_remaining=distance, phase=phase.value)
+                drive.handle.publish_feedback(feedback)
 
     def _end(
         self,
@@ -157,6 +157,11 @@ class DriveToServer(Node):
     ) -> None:
         self._drive = None
         drive.ended.set_result((code, text))
+
+
+def place_of(pose: Any) -> tuple[float, float, float]:
+    """Return x, y (m) and yaw (rad) of a pose."""
+    return pose.position.x, pose.position.y, yaw_of(pose.orientation)
 
 
 def yaw_of(q: Any) -> float:

@@ -6,7 +6,9 @@ it is independent of ator_ros and of ROS. Source: the configuration guide of Nav
 
 from __future__ import annotations
 
+import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -46,6 +48,12 @@ class Tuning:
     # for that time in s, as behind Nav2 a recovery does
     sharp_turn: float = 2.1
     held_up: float = 2.5
+    # of the default tree of NavigateThroughPoses: s between plans; poses nearer than that in m are
+    # removed before
+    replanning_period: float = 3.0
+    passed_radius: float = 0.7
+    # not Nav2's: a corner of the path is cut by that distance in m
+    corner_dist: float = 0.25
 
 
 class Pursuit:
@@ -79,7 +87,7 @@ class Pursuit:
 
     def step(self, state: State) -> tuple[float, float]:
         """Return the velocities (m/s, rad/s) for a state; `phase` is in `ENDED` after the end."""
-        self.distance = math.hypot(self._goal[0] - state.x, self._goal[1] - state.y)
+        self.distance = self._distance_left(state)
         v = 0.0
         if self._planner is not None and self._path is None and self.phase not in ENDED:
             points = self._planner((state.x, state.y), self._goal[:2])
@@ -102,6 +110,9 @@ class Pursuit:
         else:
             self._w = 0.0
         return v, self._w
+
+    def _distance_left(self, state: State) -> float:
+        return math.hypot(self._goal[0] - state.x, self._goal[1] - state.y)
 
     def _next_phase(self, state: State) -> Phase:
         tuning = self.tuning
@@ -149,16 +160,73 @@ class Pursuit:
         sharpness = abs(curvature) * tuning.regulated_linear_scaling_min_radius
         v = tuning.desired_linear_vel / max(1.0, sharpness)
         v = max(v, tuning.regulated_linear_scaling_min_speed)
-        remaining = self.distance if self._path is None else self._path.remaining
-        approach = v * remaining / tuning.approach_velocity_scaling_dist
+        approach = v * self._approach_distance() / tuning.approach_velocity_scaling_dist
         v = min(v, max(approach, tuning.min_approach_linear_velocity))
         return v, v * curvature
+
+    def _approach_distance(self) -> float:
+        """Return the length in m of the path that is left."""
+        return self.distance if self._path is None else self._path.remaining
 
     def _rotate(self, angle: float) -> float:
         """Return the turn rate of a rotation in place, accelerated from the previous command."""
         change = self.tuning.max_angular_accel / self.tuning.controller_frequency
         wanted = math.copysign(self.tuning.rotate_to_heading_angular_vel, angle)
         return max(self._w - change, min(self._w + change, wanted))
+
+
+class PursuitThrough(Pursuit):
+    """Drives through poses to the last one, as NavigateThroughPoses does with its default tree.
+
+    A path leads from the robot through all poses that are left. Every 3 s those are removed that
+    are near, and the path is planned again. So the robot turns back to a pose that it has passed,
+    if it has left it by more than `passed_radius` until then.
+    """
+
+    def __init__(
+        self,
+        goals: Sequence[tuple[float, float, float]],
+        planner: NavFn | None = None,
+    ) -> None:
+        super().__init__(goals[-1])
+        self._plan = planner or _straight
+        self._left = list(goals)
+        self._planned_at = -math.inf
+        self._parts: list[_Path] = []  # of the path, after the one that the robot follows
+
+    def step(self, state: State) -> tuple[float, float]:
+        """Return the velocities (m/s, rad/s) for a state; `phase` is in `ENDED` after the end."""
+        if state.time - self._planned_at >= self.tuning.replanning_period:
+            self._planned_at = state.time
+            self._plan_again(state)
+        elif self._parts and super()._approach_distance() <= self.tuning.corner_dist:
+            self._path = self._parts.pop(0)
+        return super().step(state)
+
+    def _plan_again(self, state: State) -> None:
+        radius = self.tuning.passed_radius
+        here = (state.x, state.y)
+        while len(self._left) > 1 and math.dist(here, self._left[0][:2]) <= radius:
+            del self._left[0]
+        places = [here, *(goal[:2] for goal in self._left)]
+        parts = [self._plan(start, end) for start, end in itertools.pairwise(places)]
+        self._parts = [_Path(part) for part in parts if part is not None]
+        if len(self._parts) < len(parts):
+            self.phase = Phase.MISSED
+        else:
+            self._path = self._parts.pop(0)
+
+    def _distance_left(self, state: State) -> float:
+        return math.inf if self._parts else super()._distance_left(state)
+
+    def _approach_distance(self) -> float:
+        return math.inf if self._parts else super()._approach_distance()
+
+
+def _straight(start: tuple[float, float], end: tuple[float, float]) -> Grid:
+    """Return points on a straight line, at most 5 cm apart, shape (n, 2)."""
+    count = 2 + math.ceil(math.dist(start, end) / 0.05)
+    return np.linspace(start, end, count)
 
 
 class _Path:

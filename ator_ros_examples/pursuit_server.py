@@ -6,17 +6,21 @@ map. If `map` has a publisher, goals are rejected until the first map was receiv
 
 from __future__ import annotations
 
+import importlib
+import importlib.util
 from typing import Any
 
 import numpy as np
 from nav_msgs.msg import OccupancyGrid
-from rclpy.action import GoalResponse
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.action.server import ServerGoalHandle
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
+from ator_interfaces.action import DriveTo
 from ator_ros.nodes.main_loop import run_node
-from ator_ros_examples.drive_to_server import DriveToServer, yaw_of
+from ator_ros_examples.drive_to_server import DriveToServer, place_of, yaw_of
 from ator_ros_examples.navfn import NavFn
-from ator_ros_examples.pursuit import Pursuit
+from ator_ros_examples.pursuit import Pursuit, PursuitThrough
 
 _FREE = 25  # percent
 
@@ -24,6 +28,8 @@ _FREE = 25  # percent
 class PursuitServer(DriveToServer):
     """Drives on a map, if one is published; the parameter robot_radius is in m.
 
+    Also has the action server
+        pursue_through (nav2_msgs/NavigateThroughPoses), if nav2_msgs is installed.
     Also subscribes to
         map (nav_msgs/OccupancyGrid, transient local), in the frame of odom.
     """
@@ -39,6 +45,23 @@ class PursuitServer(DriveToServer):
             self._take_map,
             latched,
         )
+        if importlib.util.find_spec("nav2_msgs") is not None:
+            self._through_kind = importlib.import_module("nav2_msgs.action").NavigateThroughPoses
+            self._through = ActionServer(
+                self, self._through_kind, "pursue_through", self._execute_through,
+                goal_callback=self._consider_poses,
+                cancel_callback=lambda _: CancelResponse.ACCEPT,
+            )  # fmt: skip
+
+    def _consider_poses(self, request: Any) -> GoalResponse:
+        goals = [DriveTo.Goal(goal=pose) for pose in request.poses]
+        accepted = [self._consider(goal) == GoalResponse.ACCEPT for goal in goals]
+        return GoalResponse.ACCEPT if goals and all(accepted) else GoalResponse.REJECT
+
+    async def _execute_through(self, handle: ServerGoalHandle) -> Any:
+        places = [place_of(pose.pose) for pose in handle.request.poses]
+        code, text = await self.driven(handle, PursuitThrough(places, self._planner))
+        return self._through_kind.Result(error_code=code, error_msg=text)
 
     def _take_map(self, message: OccupancyGrid) -> None:
         info = message.info

@@ -8,6 +8,7 @@ a remote action are collected and evaluated without ROS, in much less time.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from functools import lru_cache
 
 from ator_ros.actions.base import Action, Goal, Status, Step, finished
@@ -15,7 +16,7 @@ from ator_ros.bases.description import Robot
 from ator_ros.world.grid_map import GridMap
 from ator_ros.world.state import STOP, Command, World
 from ator_ros_examples.navfn import NavFn
-from ator_ros_examples.pursuit import Law, Pursuit
+from ator_ros_examples.pursuit import Law, Pursuit, PursuitThrough
 from ator_ros_examples.rotate_drive_rotate import Phase, RotateDriveRotate, State
 
 
@@ -91,6 +92,41 @@ class PursuitStandIn(DriveToStandIn):
         """Return the control law for a goal: x, y (m) and yaw (rad)."""
         grid = self.robot.grid
         return Pursuit(goal, None if grid is None else navfn(grid, self.robot))
+
+
+class PursuitThroughStandIn(PursuitStandIn):
+    """A stand-in that drives through goals that are passed, by the law `PursuitThrough`."""
+
+    name = "pursue_through_stand_in"
+
+    def __init__(self, robot: Robot) -> None:
+        super().__init__(robot)
+        self._goals: tuple[Goal, ...] = ()
+
+    def start(self, world: World, goal: Goal) -> None:
+        """Commit to `goal`."""
+        super().start(world, goal)
+        self._goals = (goal,)
+
+    def followed_by(self, goals: Sequence[Goal]) -> None:
+        """Drive through all goals."""
+        self._goals += tuple(goals)
+        grid = self.robot.grid
+        poses = [goal.robot_pose(self.robot) for goal in self._goals]
+        self._law = PursuitThrough(poses, None if grid is None else navfn(grid, self.robot))
+
+    @property
+    def drives_on(self) -> bool:
+        """Whether it drives through its goal."""
+        return len(self._goals) > 1
+
+    def take_over(self, former: Action) -> None:
+        """Drive on, on the same path if that leads to the same goals."""
+        if isinstance(former, PursuitThroughStandIn) and former._goals[1:] == self._goals:
+            self._law = former._law
+            self._sent = True
+        else:
+            super().take_over(former)
 
 
 def navfn(grid: GridMap, robot: Robot) -> NavFn:

@@ -38,7 +38,8 @@ def synthetic_experience(action: str, *, episodes: int = 300, seed: int = 1) -> 
         "speedg": 0.0,
         "hold": 0, "time_to_go": duration, "duration": duration,
         "success": rng.random(episodes) > 0.1 * dist, "reason": "made up",
-        "position_error": 0.01 * dist, "heading_error": 0.02, **DriveParts()._asdict(),
+        "position_error": 0.01 * dist, "nearer": math.nan, "heading_error": 0.02,
+        **DriveParts()._asdict(),
     })  # fmt: skip
     return frame[list(columns(SOCCER.objects))]
 

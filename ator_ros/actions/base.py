@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import enum
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar
 
@@ -119,6 +119,22 @@ class Action(ABC):
         ActionError
             The action cannot be executed from here, or the goal is not one of this action's.
         """
+
+    def followed_by(self, goals: Sequence[Goal]) -> None:  # noqa: B027
+        """Take the goals to which the robot drives on after passing this one, up to its next stop.
+
+        Called after `start`.
+
+        Raises
+        ------
+        ActionError
+            The action cannot be executed.
+        """
+
+    @property
+    def drives_on(self) -> bool:
+        """Whether the robot drives on to the goals of `followed_by` without a further command."""
+        return False
 
     def take_over(self, former: Action) -> None:  # noqa: B027
         """Continue from an action whose goal is passed, so that the robot need not stop.

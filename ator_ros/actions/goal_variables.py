@@ -104,6 +104,16 @@ def passes(goal: Goal) -> bool:
     return goal.values.get(STOP) == 0.0
 
 
+def goals_to_stop(goals: Iterable[Goal]) -> tuple[Goal, ...]:
+    """Return the first goals up to the first at which the robot stops."""
+    found = []
+    for goal in goals:
+        found.append(goal)
+        if not passes(goal):
+            break
+    return tuple(found)
+
+
 def drawn_values(
     declared: Iterable[GoalVariable],
     rng: np.random.Generator,

@@ -17,7 +17,7 @@ from ator_ros.schema import Within, require
 from ator_ros.world.state import World
 
 Scalar = bool | int | float | str
-_SOURCES = ("goal", *(f"goal.{name}" for name in GOAL_VARIABLES), "frame")
+_SOURCES = ("goal", *(f"goal.{name}" for name in GOAL_VARIABLES), "goals", "frame")
 _TYPE = re.compile(r"[a-z]\w*/action/[A-Z]\w*")
 LONGEST = 86_400.0
 """Greatest timeout in s: a day, longer than a robot drives on one charge."""
@@ -33,11 +33,11 @@ class Filling:
     field : str
         Names joined by dots. [0] makes the only item of a sequence, as in poses[0].pose.
     source : str or None
-        "goal" (its pose), "goal.NAME" (one of its variables, also one that the action declares), or
-        "frame".
+        "goal" (its pose), "goals" (a list of poses, see `RemoteCall.through`), "goal.NAME" (one of
+        its variables, also one that the action declares), or "frame".
     frame : str or None
-        With the source "goal": the pose's frame; None: the frame in which the node estimates the
-        state.
+        With the source "goal" or "goals": the frame of the poses; None: the frame in which the node
+        estimates the state.
     """
 
     field: str
@@ -60,11 +60,11 @@ class Filling:
             f"one of {', '.join(_SOURCES)}, or goal.NAME",
             self.source,
         )
-        framed = self.frame is None or self.source == "goal"
+        framed = self.frame is None or self.source in ("goal", "goals")
         require(
             framed,
             "frame",
-            "none without `source: goal`",
+            "none without `source: goal` or `goals`",
             self.frame,
         )
 
@@ -123,8 +123,10 @@ class Timeouts:
 class RemoteCall:
     """An action server, and the meaning of its goal and result.
 
-    `early` declares that it takes a newer goal while it drives, without a stop: then goals can be
-    passed, see `ator_ros.actions.goal_variables.STOP`.
+    Two declarations mean that goals can be passed, see `ator_ros.actions.goal_variables.STOP`:
+    `early`, that it takes a newer goal while it drives, without a stop; or `through`, another
+    server that drives through a list of poses. Goals that are passed, and the one that ends such a
+    run, are one goal of that server.
     """
 
     server: str  # name, relative to the node's namespace, or absolute
@@ -135,8 +137,25 @@ class RemoteCall:
     # other action servers, all goals of which are canceled if this server is gone or hangs
     cancel_too: tuple[str, ...] = ()
     early: bool = False
+    through: RemoteCall | None = None
+
+    @property
+    def servers(self) -> tuple[RemoteCall, ...]:
+        """The server itself, and the one that drives through poses, if there is one."""
+        return (self,) if self.through is None else (self, self.through)
+
+    @property
+    def passes(self) -> bool:
+        """Whether goals can be passed."""
+        return self.early or self.through is not None
 
     def __post_init__(self) -> None:
+        if self.through is not None:
+            sources = [filling.source for filling in self.through.goal]
+            require(not self.early, "through", "none beside `early`", self.through.server)
+            require("goals" in sources, "through.goal", "a field with `source: goals`", sources)
+            nested = self.through.passes
+            require(not nested, "through", "neither `early` nor `through` in it", nested)
         require(
             bool(_TYPE.fullmatch(self.type)),
             "type",

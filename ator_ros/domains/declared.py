@@ -9,7 +9,7 @@ import re
 import shlex
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from pathlib import Path
 from typing import Annotated, Literal, TypeVar
 
@@ -25,7 +25,7 @@ from ator_ros.files import is_name
 from ator_ros.geometry import Pose
 from ator_ros.refinement.refiner import LONGEST_CHAIN
 from ator_ros.schema import NAME, NOT_EMPTY, Within, require
-from ator_ros.tops.chain import Top, TopCall, TopChain
+from ator_ros.tops.chain import AllowedRange, Top, TopCall, TopChain
 from ator_ros.tops.conditions import Condition, Region, Term
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.ranges import USUAL_RANGES, Range
@@ -166,6 +166,19 @@ class DeclaredDrives:
 
 
 @dataclass(frozen=True, slots=True)
+class DeclaredAllowed:
+    """A range of an open goal variable (m, rad, m/s), see `AllowedRange`."""
+
+    name: str
+    low: float
+    high: float
+
+    def __post_init__(self) -> None:
+        both = (self.low, self.high)
+        require(self.low <= self.high, "low, high", "low not above high", both)
+
+
+@dataclass(frozen=True, slots=True)
 class DeclaredStep:
     """Consecutive steps of a chain with the same TOP."""
 
@@ -175,8 +188,11 @@ class DeclaredStep:
     # numbers of the entries of `steps` (from 0) whose steps must be executed before these
     after: tuple[int, ...] = ()
     times: tuple[int, ...] = (1,)  # the number of steps, or the least and the greatest
+    allowed: tuple[DeclaredAllowed, ...] = ()  # where open variables may lie
 
     def __post_init__(self) -> None:
+        for each in self.allowed:
+            require(each.name in self.open, "allowed.name", "an open variable", each.name)
         times = self.times
         good = (
             len(times) in (1, 2) and 0 <= times[0] <= times[-1] and 1 <= times[-1] <= LONGEST_CHAIN
@@ -246,7 +262,10 @@ class DeclaredChain:
                 before = _drawn(step.goal, rng, apart=apart, before=before)
                 was_fixed = is_fixed
                 top = library[step.top]
-                calls.append(TopCall(top, library.goal(top, before), frozenset(step.open)))
+                goal = library.goal(top, before)
+                allowed = tuple(AllowedRange(*astuple(each)) for each in step.allowed)
+                call = TopCall(top, goal, frozenset(step.open), allowed=allowed)
+                calls.append(call.within_allowed(library.robot, library.ranges))
             drawn.append(range(first, len(calls)))
         for step, own in zip(self.steps, drawn, strict=True):
             after = tuple(sorted(itertools.chain(*(drawn[number] for number in step.after))))
@@ -319,7 +338,7 @@ class DeclaredAction:
     @property
     def all_variables(self) -> tuple[GoalVariable, ...]:
         """The goal variables of a remote action, with `STOP` if it can pass its goals."""
-        can_pass = self.remote is not None and self.remote.early
+        can_pass = self.remote is not None and self.remote.passes
         return (*self.goal_variables, STOPS) if can_pass else self.goal_variables
 
 

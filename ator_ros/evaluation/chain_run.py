@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
 from ator_ros.actions import TIME_LIMIT
 from ator_ros.actions.base import Status, Step
 from ator_ros.bases.description import Robot
 from ator_ros.execution.chain_executor import ChainExecutor, Ending
 from ator_ros.execution.rolling import Rolling
+from ator_ros.refinement.chain_prediction import PredictsPerformance
 from ator_ros.simulation.run import judge, place, run
 from ator_ros.simulation.scene_simulation import CONTROL_RATE, Simulation
 from ator_ros.tops.chain import TopChain
@@ -50,6 +53,7 @@ def run_chain(
     chain: TopChain,
     *,
     time_limit: float = TIME_LIMIT,
+    models: Mapping[str, PredictsPerformance] = MappingProxyType({}),
     executor: ChainExecutor | None = None,
 ) -> ChainRun:
     """Execute a chain in a new simulation.
@@ -66,12 +70,16 @@ def run_chain(
         The chain.
     time_limit : float
         Greatest duration in s.
+    models : mapping, optional
+        See `ChainExecutor`.
     executor : ChainExecutor, optional
         Executes the chain; by default a new one.
     """
     rolling = Rolling(library.robot)
     if executor is None:
-        executor = ChainExecutor(library, chain, time_limit=time_limit, rolling=rolling)
+        executor = ChainExecutor(
+            library, chain, time_limit=time_limit, rolling=rolling, models=models
+        )
 
     def steered(world: World) -> Step:
         rolling.observe(world)

@@ -73,7 +73,9 @@ class Executions:
 
     def __init__(self, tools: Toolset, library: TopLibrary, trial: Trial) -> None:
         limit = tools.domain.time_limit
-        self._run = partial(run_chain, tools.robot, library, trial.world, time_limit=limit)
+        self._run = partial(
+            run_chain, tools.robot, library, trial.world, time_limit=limit, models=tools.models
+        )
         self.runs: dict[tuple[Goal, ...], ChainRun] = {}
 
     def __call__(self, chain: TopChain) -> ChainRun:

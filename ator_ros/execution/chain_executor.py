@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import dataclasses
 import enum
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 
 from ator_ros.actions import TIME_LIMIT
 from ator_ros.actions.base import Action, ActionError, Status, Step
-from ator_ros.actions.goal_variables import goal_values
+from ator_ros.actions.goal_variables import goal_values, goals_to_stop
+from ator_ros.bases.description import Robot
 from ator_ros.bases.drive_parts import DriveParts, parts_of_drive
 from ator_ros.execution.rolling import Rolling
 from ator_ros.geometry import FloatArray
+from ator_ros.refinement.chain_prediction import PredictsPerformance, takeover_of
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.conditions import state_of
 from ator_ros.tops.library import TopLibrary
@@ -33,6 +38,8 @@ from ator_ros.world.state import STOP, World
 STOPPING = "stopping, then starting the action"
 """Message of a step that waits until the robot stands."""
 _STAYED = 0.02  # m and rad up to which a robot has not moved
+_NEAR = 1.0  # m from a goal up to which a robot that drives through it may turn off
+_AWAY = 0.1  # m beyond its least distance from a goal at which a robot leaves it: above noise
 
 
 class Ending(enum.Enum):
@@ -79,11 +86,11 @@ class ActionRecord:
     end: World
     ending: Ending
     reason: str  # a sentence on the ending
-    position_error: float  # m; distance from the goal at the end
+    position_error: float  # m; distance from the goal at the end, the least one where it passed
     heading_error: float  # rad
     parts: DriveParts  # by odometry
     lost: str | None = None  # the object whose loss made the action fail
-    stopped: bool = True  # False: it passed its goal, and the next action took over
+    stopped: bool = True  # False: the next action took over at the end, before it passed its goal
 
     @property
     def top(self) -> str:
@@ -94,6 +101,46 @@ class ActionRecord:
     def duration(self) -> float:
         """Time from start to end in s."""
         return self.end.time - self.start.time
+
+
+class PassedStep:
+    """A step from which the next one has taken over, until the robot has passed its goal.
+
+    `record` ends at the takeover.
+    """
+
+    def __init__(self, record: ActionRecord, robot: Robot) -> None:
+        self._record = record
+        self._robot = robot
+        self._call = record.chain.calls[record.index]
+        self._nearest = math.inf
+        self._reason = ""
+        self.is_missed = True
+        """Whether the post-condition has not held yet."""
+        self.is_over = False
+        """Whether the robot leaves the goal."""
+
+    @property
+    def began(self) -> float:
+        """Time in s at which the next step took over."""
+        return self._record.end.time
+
+    def watch(self, world: World) -> None:
+        """Process a newer state."""
+        distance = _distance(world, self._call, self._robot)
+        if self.is_missed and distance <= self._nearest:
+            unmet = self._call.top.unmet(world, self._call.goal, self._robot)
+            self._reason = f"passed too far from its goal: {'; '.join(unmet)}"
+            self.is_missed = bool(unmet)
+        self._nearest = min(self._nearest, distance)
+        self.is_over = distance > self._nearest + _AWAY
+
+    def record(self) -> ActionRecord:
+        """Return the record with how near the robot has come to the goal."""
+        near = dataclasses.replace(self._record, position_error=self._nearest)
+        if not self.is_missed:
+            return near
+        return dataclasses.replace(near, ending=Ending.FAILED, reason=self._reason)
 
 
 class ChainExecutor:
@@ -121,6 +168,8 @@ class ChainExecutor:
     rolling : Rolling, optional
         Observed deceleration of rolling objects, updated by the caller and used by steps that start
         standing.
+    models : mapping, optional
+        Performance models by action; they know how far before a goal the next step can take over.
     """
 
     def __init__(
@@ -131,6 +180,7 @@ class ChainExecutor:
         time_limit: float = TIME_LIMIT,
         fetches: int = 0,
         rolling: Rolling | None = None,
+        models: Mapping[str, PredictsPerformance] = MappingProxyType({}),
     ) -> None:
         self._described = library
         self._rolling = rolling
@@ -140,6 +190,8 @@ class ChainExecutor:
         self.chain = chain
         self._time_limit = time_limit
         self._fetches = fetches
+        self._models = models
+        self._passed: list[PassedStep] = []  # oldest first; their records are not complete
         self._began: float | None = None  # s; first tick
         self._replanned_at = -math.inf  # s; when the active step was last planned with another goal
         self.elapsed = 0.0
@@ -147,12 +199,12 @@ class ChainExecutor:
         self.records: list[ActionRecord] = []
         self.fetch_count = 0
         self.index = 0
-        self._run = self._new_run(chain)
+        self._run = self._new_run(chain, 0)
 
     def choose(self, chain: TopChain) -> None:
         """Execute `chain` instead; only before the first tick."""
         self.chain = chain
-        self._run = self._new_run(chain)
+        self._run = self._new_run(chain, self.index)
 
     def fall_back_to(self, chain: TopChain) -> bool:
         """Execute `chain` instead if the first one failed before the robot moved.
@@ -172,7 +224,7 @@ class ChainExecutor:
             return False
         self.chain = chain
         self.index = 0
-        self._run = self._new_run(chain, standing_first=True)
+        self._run = self._new_run(chain, self.index, standing_first=True)
         return True
 
     def step(self, world: World) -> Step:
@@ -182,29 +234,41 @@ class ChainExecutor:
         """
         self._began = world.time if self._began is None else self._began
         self.elapsed = world.time - self._began
+        for passed in self._passed:
+            passed.watch(world)
         step = self._next(world)
         self.released = step.command is None
         return step
 
     def _next(self, world: World) -> Step:
-        step = self._follow(world)
+        missed = self._finish_passed()
+        step = self._follow(world) if missed is None else self._stop_at(world, missed)
         while step is None:
             was_waiting = not self._run.begun
             step = self._run.step(world)
             status = step.status
             if status is Status.RUNNING:
                 break
-            if self._run.passed and self._take_over(world, step.message):
+            if self._run.hands_over and (
+                self._take_over(world, step.message) or self._run.keeps_driving(world)
+            ):
                 step = self._follow(world)
                 continue
-            self.records.append(self._run.close(world, _ENDINGS[status], step.message))
+            missed = self._finish_passed(at_once=True)
+            self.records.append(
+                self._run.close(
+                    world, _ENDINGS[status], step.message, stopped=not self._run.is_missed
+                )
+            )
+            if self._run.is_missed or (missed is not None and status is Status.SUCCEEDED):
+                return self._stop_at(world, self.index if missed is None else missed)
             following = self._after(world, status)
             if following is None:
                 return Step(STOP, status, step.message)
             self.index, standing_first = following
             if standing_first and self._rolling is not None:
                 self._library = self._rolling.library(self._described)
-            self._run = self._new_run(self.chain, standing_first=standing_first)
+            self._run = self._new_run(self.chain, self.index, standing_first=standing_first)
             if standing_first:
                 step = Step(STOP, Status.RUNNING, STOPPING)
             elif was_waiting or self._replanned_at == world.time:  # an action planned in this tick
@@ -215,6 +279,12 @@ class ChainExecutor:
 
     def interrupt(self, world: World, ending: Ending, why: str) -> None:
         """Record the active action, if any, as ended by `ending` in the state `world`."""
+        for passed in self._passed:
+            record = passed.record()
+            if passed.is_missed:
+                record = dataclasses.replace(record, ending=ending, reason=why)
+            self.records.append(record)
+        self._passed.clear()
         if self._run.begun and self._run.stage is not Stage.OVER:
             self.records.append(self._run.close(world, ending, why))
 
@@ -236,7 +306,9 @@ class ChainExecutor:
         """
         if chain.calls[self.index] != self._run.call:
             standing_first = self._run.stage is Stage.STANDING
-            run = self._new_run(chain, standing_first=standing_first, since=self._run.since)
+            run = self._new_run(
+                chain, self.index, standing_first=standing_first, since=self._run.since
+            )
             if self._run.stage is Stage.SETTLING:
                 return False
             if self._run.begun:
@@ -263,31 +335,61 @@ class ChainExecutor:
         chain = self.chain.with_goal(self.index, at_object(call.goal, resting, name))
         if self.switch_to(world, chain):
             return None
-        self._replace_run(world, self._new_run(chain, standing_first=True, since=self._run.since))
+        self._replace_run(
+            world, self._new_run(chain, self.index, standing_first=True, since=self._run.since)
+        )
         self.chain = chain
         return Step(STOP, Status.RUNNING, STOPPING)
 
     def _replace_run(self, world: World, run: StepRun) -> None:
-        if self._run.begun:
+        if self._run.begun and self._run.stage is not Stage.OVER:
             self.records.append(self._run.close(world, Ending.PREEMPTED, "another goal took over"))
         self._run = run
 
+    @property
+    def changed_at(self) -> float:
+        """Time in s at which the last step ended, or was taken over from; -inf before."""
+        if self._passed:
+            return self._passed[-1].began
+        return self.records[-1].end.time if self.records else -math.inf
+
     def _take_over(self, world: World, message: str) -> bool:
-        """Let the next action take over from the one that passes its goal; return whether it can.
+        """Let the next action take over before the goal is passed; return whether it can.
 
         The next one starts first, so that there is always one that cancels a server's goal.
         """
         if self.index + 1 >= len(self.chain):
             return False
         former = self._run
-        run = StepRun(self._library, self.chain, self.index + 1, self._time_limit)
-        run.since = world.time
+        run = self._new_run(self.chain, self.index + 1, since=world.time)
         if run.begin(world, former.action) is not None:
             return False
-        self.records.append(former.close(world, Ending.SUCCEEDED, message, stopped=False))
+        record = former.close(world, Ending.SUCCEEDED, message, stopped=False)
+        self._passed.append(PassedStep(record, self._library.robot))
+        self._passed[-1].watch(world)
         self.index += 1
         self._run = run
         return True
+
+    def _finish_passed(self, *, at_once: bool = False) -> int | None:
+        """Record the steps whose goals were passed; return the first that was missed, or None.
+
+        `at_once`: also those whose goals the robot has not left yet.
+        """
+        while self._passed and (self._passed[0].is_over or at_once):
+            passed = self._passed.pop(0)
+            self.records.append(passed.record())
+            if passed.is_missed:
+                self._passed.clear()
+                return self.records[-1].index
+        return None
+
+    def _stop_at(self, world: World, index: int) -> Step:
+        """Drive to the goal of step `index` (from 0), which was missed, with a stop there."""
+        self.index = index
+        self.chain = self.chain.with_stop(index, world.robot.pose)
+        self._replace_run(world, self._new_run(self.chain, index, standing_first=True))
+        return Step(STOP, Status.RUNNING, STOPPING)
 
     def _after(self, world: World, status: Status) -> tuple[int, bool] | None:
         """Return the next step and whether the robot must first stand.
@@ -311,17 +413,24 @@ class ChainExecutor:
         return None
 
     def _new_run(
-        self, chain: TopChain, *, standing_first: bool = False, since: float | None = None
+        self,
+        chain: TopChain,
+        index: int,
+        *,
+        standing_first: bool = False,
+        since: float | None = None,
     ) -> StepRun:
-        """Return a run of the present step of `chain`.
+        """Return a run of step `index` (from 0) of `chain`.
 
         `since` keeps the time limit of a former run.
         """
+        top = chain.calls[index].top
         return StepRun(
             self._library,
             chain,
-            self.index,
+            index,
             self._time_limit,
+            takeover=takeover_of(top, self._models.get(top.action), self._library.robot).dist,
             standing_first=standing_first,
             since=since,
         )
@@ -330,7 +439,10 @@ class ChainExecutor:
 class StepRun:
     """One action of a chain with one goal, from its pre-condition to its post-condition.
 
-    `action` is the action while it runs, and `passed` is whether it has passed its goal.
+    `action` is the action while it runs. `takeover` is the distance in m from a goal that is passed
+    at which the next step can take over; `hands_over` is whether it shall do so now. `is_missed` is
+    whether the action drives on by itself and has not passed the goal.
+
     `time_limit` (s) includes a stop before the action. It counts from `since` (s), which is that of
     the replaced run if only the goal has changed.
     """
@@ -342,6 +454,7 @@ class StepRun:
         index: int,
         time_limit: float,
         *,
+        takeover: float = 0.0,
         standing_first: bool = False,
         since: float | None = None,
     ) -> None:
@@ -352,8 +465,10 @@ class StepRun:
         self._chain = chain
         self._index = index
         self._time_limit = time_limit
+        self._takeover = takeover
+        self._nearest = math.inf  # m; least distance from the goal, of an action that drives on
         self.action: Action | None = None
-        self.passed = False
+        self.hands_over = self.is_missed = False
         self._start: World | None = None
         self._speeds: list[tuple[float, float]] = []  # times (s) and speeds (m/s) since the start
         self._settling = math.inf  # time in s since which the step waits for the action's effect
@@ -375,6 +490,9 @@ class StepRun:
         try:
             action = self._library.action(call.top)
             action.start(world, call.goal)
+            if call.passing:
+                following = (each.goal for each in self._chain.calls[self._index + 1 :])
+                action.followed_by(goals_to_stop(following))
         except ActionError as error:
             return str(error)
         if former is not None:
@@ -409,10 +527,32 @@ class StepRun:
             return self._confirmed(
                 world, Step(STOP, Status.SUCCEEDED, f"{self.call.top.name} has settled")
             )
-        if self.call.passing and not self._unmet(world):
-            self.passed = True
+        if self.call.passing and self._is_near(world):
+            self.hands_over = True
             return Step(None, Status.SUCCEEDED, f"{self.call.top.name} passed its goal")
-        return self._confirmed(world, self.action.step(world))
+        drives_on = self.action.drives_on
+        done = self.action.step(world)
+        if drives_on and (done.status is Status.SUCCEEDED or self._leaves_goal(world)):
+            self.is_missed = True
+            return Step(None, Status.FAILED, self.call.top.failure(self._unmet(world)))
+        return self._confirmed(world, done)
+
+    def _is_near(self, world: World) -> bool:
+        """Return whether the next step can take over from one that passes its goal."""
+        distance = _distance(world, self.call, self._library.robot)
+        return distance <= self._takeover or not self._unmet(world)
+
+    def _leaves_goal(self, world: World) -> bool:
+        """Return whether the robot has come near the goal, and now leaves it."""
+        distance = _distance(world, self.call, self._library.robot)
+        self._nearest = min(self._nearest, distance)
+        return self._nearest <= _NEAR and distance > self._nearest + _AWAY
+
+    def keeps_driving(self, world: World) -> bool:
+        """Return whether the goal is not reached yet; no step takes over before it is."""
+        self.hands_over = False
+        self._takeover = 0.0
+        return bool(self._unmet(world))
 
     def _confirmed(self, world: World, step: Step) -> Step:
         """Return `step`; a failure or a stop if it succeeded without its post-condition."""
@@ -448,7 +588,6 @@ class StepRun:
         """End the step in the state `world`; return its record."""
         self.end(reason)
         robot = self._library.robot
-        pose = world.robot.pose
         goal = self.call.goal.robot_pose(robot)
         held = kept(self.call.top) if self.begun else held_first(self.call.top)
         lost = ending is Ending.FAILED and held is not None and is_lost(world, robot, held)
@@ -464,9 +603,14 @@ class StepRun:
             end=world,
             ending=ending,
             reason=reason,
-            position_error=pose.distance(goal),
-            heading_error=abs(pose.relative(goal).yaw),
+            position_error=_distance(world, self.call, robot),
+            heading_error=abs(world.robot.pose.relative(goal).yaw),
             parts=parts,
             lost=held if lost else None,
             stopped=stopped,
         )
+
+
+def _distance(world: World, call: TopCall, robot: Robot) -> float:
+    """Return the distance in m between the robot and the goal of a step."""
+    return world.robot.pose.distance(call.goal.robot_pose(robot))

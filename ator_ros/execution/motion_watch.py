@@ -236,7 +236,7 @@ class AxisWatch:
         if max(speeds) - min(speeds) > 0.5 * self.tolerance:
             return False
         # The last commands cannot be the cause of a speed that was constant before.
-        sent = self.commands.between(since, time - LATE + self._early)
+        sent = self.commands.between(since, time - LATE - self._lag + self._early)
         if min(sent) - self.tolerance < speed < max(sent) + self.tolerance:
             return False
         is_slower = all(command * speed >= speed * speed for command in sent)

@@ -25,11 +25,11 @@ class Predictor:
 
     def __init__(self, robot: Robot, models: Mapping[str, PredictsPerformance]) -> None:
         self._robot = robot
-        self._models = models
+        self.models = models
 
     def chain(self, world: World, chain: TopChain) -> ChainPrediction:
         """Predict `chain` from the state `world`."""
-        return predict_chain(world, chain, self._models, self._robot)
+        return predict_chain(world, chain, self.models, self._robot)
 
     def action(self, world: World, chain: TopChain, step: int) -> Mapping[str, float]:
         """Predict one step (from 0) of `chain` from the state `world`."""
@@ -70,10 +70,9 @@ class Forecast:
         NaN if unknown.
         """
         step = self._executor.index - self._step
-        records = self._executor.records
         if self._rest is None or step < 0:
             return math.nan
-        began = max(self._time, records[-1].end.time) if records else self._time
+        began = max(self._time, self._executor.changed_at)
         current, *rest = (action["duration"] for action in self._rest.actions[step:])
         return max(0.0, current - (now - began)) + sum(rest)
 

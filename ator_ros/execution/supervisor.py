@@ -138,7 +138,12 @@ class Supervisor:
         self.may_stall = False
         self._gaps = list[float]()  # s; gaps in odometry in which the robot had to stand
         self.executor = ChainExecutor(
-            library, chain, time_limit=deadlines.action, fetches=fetches, rolling=rolling
+            library,
+            chain,
+            time_limit=deadlines.action,
+            fetches=fetches,
+            rolling=rolling,
+            models=predictor.models,
         )
         plans = (chain, *alternatives)
         self.refining = Refining(

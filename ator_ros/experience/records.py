@@ -6,6 +6,8 @@ import math
 from collections.abc import Mapping
 from typing import Any, Protocol
 
+import numpy as np
+
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.actions.base import Goal, Point
 from ator_ros.actions.goal_variables import STOP, STOPS, GoalVariable
@@ -96,6 +98,10 @@ def episode_of(message: Any, domain: Vocabulary, robot: Robot) -> Episode:
         each if 0.0 < each <= message.actual.duration else math.nan for each in (first, last)
     )
     parts = DriveParts(first, last, driven if 0.0 < abs(driven) <= LARGEST else math.nan)
+    nearer = math.nan
+    if values.get(STOP) == 0.0:
+        end = world_from(message.end, where="end").robot.pose
+        nearer = float(np.maximum(0.0, end.distance(pose) - message.actual.accuracy))
     episode = Episode(
         situation=Situation(action, start.robot, start.objects, Goal(pose, speed, point, values)),
         duration=message.actual.duration,
@@ -104,6 +110,7 @@ def episode_of(message: Any, domain: Vocabulary, robot: Robot) -> Episode:
         position_error=message.actual.accuracy,
         heading_error=math.nan if values.get(STOP) == 0.0 else message.heading_error,
         parts=parts,
+        nearer=nearer,
     )
     if fault := fault_in(episode, top, robot):
         raise MessageError(fault)

@@ -7,6 +7,7 @@ from collections.abc import Collection
 from typing import Any
 
 from ator_ros.actions.base import Goal, Point
+from ator_ros.actions.goal_variables import STOP
 from ator_ros.actions.situation import Situation
 from ator_ros.bases.description import Robot
 from ator_ros.experience.records import Vocabulary, fault_in
@@ -25,6 +26,7 @@ from ator_ros.experience.table import Episode
 from ator_ros.experience.track import DIGITS, WIDTH, Segment, Track
 from ator_ros.geometry import Pose, wrap_angle
 from ator_ros.printable import printable, quoted
+from ator_ros.tops.chain import Top
 from ator_ros.world.readers import (
     MessageError,
     OdometryReader,
@@ -169,9 +171,10 @@ class Watch:
         else:
             newest = self.segments[-1]
             robot = self.robot_in(self.frame)
-            self._ended += self._goals.add_status(
-                self.servers[role], message, newest, self.now, robot
-            )
+            ended = self._goals.add_status(self.servers[role], message, newest, self.now, robot)
+            for goal in ended:
+                goal.is_passed = self._passes(goal)
+            self._ended += ended
 
     def _is_of_drive(self, message: Any) -> bool:
         """Return whether a path begins at the robot, as far as that is known.
@@ -183,6 +186,19 @@ class Watch:
             return True
         place = message.poses[0].pose.position
         return math.dist(robot.pose[:2], (place.x, place.y)) <= _NEAR_ROBOT
+
+    def _top(self, goal: ServerGoal) -> Top | None:
+        return next((top for top in self._domain.tops if top.action == goal.action), None)
+
+    def _passes(self, goal: ServerGoal) -> bool:
+        """Return whether another goal took over where the robot passes this one."""
+        top = self._top(goal)
+        can_pass = STOP in usual_values(self._domain, goal.action)
+        if not can_pass or not goal.is_preempted or top is None:
+            return False
+        if goal.pose is None or goal.final_pose is None:
+            return False
+        return goal.final_pose.distance(goal.pose) <= top.place_tolerance
 
     def take_ended(self) -> list[ServerGoal]:
         """Return the goals that have ended since the last call."""
@@ -231,12 +247,12 @@ class Watch:
             return "odometry was interrupted"
         if goal.end - goal.begin > LONGEST:
             return TOO_LONG
-        top = next((top for top in self._domain.tops if top.action == goal.action), None)
+        top = self._top(goal)
         if top is None or goal.pose is None or goal.odom_pose is None:
             return "no TOP calls the action"
         track = (track or Track(segment)).seen_from(goal.odom_pose)
         errors = (math.nan, math.nan)
-        if goal.final_pose is not None:
+        if goal.final_pose is not None and not goal.is_passed:
             reached = (
                 robot.hold_point(goal.final_pose) if top.point is Point.HOLD else goal.final_pose
             )
@@ -245,13 +261,15 @@ class Watch:
             return jump
         start = track.world(goal.begin)
         values = usual_values(self._domain, goal.action)
+        if goal.is_passed:
+            values[STOP] = 0.0
         situation = Situation(
             goal.action, start.robot, start.objects, Goal(goal.pose, 0.0, top.point, values)
         )
         episode = Episode(
             situation,
             round(goal.end - goal.begin, DIGITS),
-            goal.status == "succeeded",
+            goal.is_passed or goal.status == "succeeded",
             f"recorded: its server reported {goal.status}",
             *errors,
             samples=track.samples(goal.begin, goal.end, start.objects),

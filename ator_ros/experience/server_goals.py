@@ -83,6 +83,9 @@ class ServerGoal:
         Whether the server accepted it before the recording began.
     preempted : bool
         Whether the server accepted another goal before this one ended.
+    is_passed : bool
+        Whether the other one was accepted within the tolerance of this one's pose, so that the
+        robot has passed it. Set by `Watch`.
     from_goal_pose : bool
         Whether the pose is that of a goal_pose, which no plan replaces.
     first_path, path : ndarray of shape (n, 2), or None
@@ -106,6 +109,7 @@ class ServerGoal:
     final_pose: Pose | None = None
     before_recording: bool = False
     preempted: bool = False
+    is_passed: bool = False
     from_goal_pose: bool = False
     first_path: FloatArray | None = None
     path: FloatArray | None = None
@@ -148,13 +152,18 @@ class ServerGoal:
         """Whether it arrived after recoveries of its server, which take time of their own."""
         return self.status == "succeeded" and self.recoveries > 0
 
+    @property
+    def is_preempted(self) -> bool:
+        """Whether another goal ended it."""
+        return self.preempted and self.status == "aborted"
+
     def rejection(self) -> str:
         """Return why the goal is no episode; empty if it is one."""
         reasons = {
             "accepted before the recording began": self.before_recording,
             "its end was not recorded": not self.status,
             "canceled": self.status == "canceled",
-            "preempted by another goal": self.preempted and self.status == "aborted",
+            "preempted by another goal": self.is_preempted and not self.is_passed,
             "its start was not recorded": math.isnan(self.begin),
             "odometry was interrupted": not self.begin <= self.end,
             f"no {PLAN} or {GOAL_POSE} was recorded with it": self.pose is None,

@@ -13,16 +13,25 @@ import pandas as pd
 
 from ator_ros.actions import TIME_LIMIT
 from ator_ros.actions.base import Action, ActionError, Goal, Status, Step
-from ator_ros.actions.goal_variables import STOPS, passes, wrong_values
+from ator_ros.actions.goal_variables import (
+    STOP,
+    STOPS,
+    goals_to_stop,
+    passes,
+    with_values,
+    wrong_values,
+)
 from ator_ros.actions.situation import ActionSpec, Situation
 from ator_ros.bases.description import Robot
 from ator_ros.experience.parallel import run_tasks
 from ator_ros.experience.table import Episode, ExperienceError, sample_of
+from ator_ros.geometry import FloatArray
 from ator_ros.simulation.run import SimulatedWorld, judge, place, run
 from ator_ros.simulation.scene_simulation import CONTROL_RATE, Simulation
 from ator_ros.tops.chain import Top
 from ator_ros.tops.library import top_of
-from ator_ros.world.state import STOP, World
+from ator_ros.world.state import STOP as STANDING
+from ator_ros.world.state import World
 
 _TICKS_PER_SAMPLE = 2  # of 1/20 s: the paper's 10 Hz
 _LEGS = 4  # episodes that follow each other: three of four may begin in passing
@@ -56,17 +65,24 @@ def run_episode(
 
 
 class Drives:
-    """Executes actions one after another; one whose goal is passed hands over to the next one."""
+    """Executes actions one after another; one whose goal is passed hands over to the next one.
+
+    `places` are the positions of the robot in the last drive, shape (n, 2), in m.
+    """
 
     def __init__(self, simulation: SimulatedWorld, time_limit: float) -> None:
         self._simulation = simulation
         self._ticks = round(time_limit * CONTROL_RATE)
         self._passed: Action | None = None  # it has passed its goal, and is not ended
+        self.places = np.empty((0, 2))
 
-    def run(self, action: Action, situation: Situation, top: Top) -> Episode:
+    def run(
+        self, action: Action, situation: Situation, top: Top, following: Sequence[Goal] = ()
+    ) -> Episode:
         """Execute `action` toward the goal of a situation, until it ends or passes the goal.
 
-        It takes over from an action that has passed its goal.
+        It takes over from an action that has passed its goal. `following` are the goals to which
+        the robot drives on then.
         """
         simulation = self._simulation
         start = simulation.time
@@ -80,15 +96,16 @@ class Drives:
             return action.step(world)
 
         try:
-            self._start(action, situation.goal)
+            self._start(action, situation.goal, following)
             done = run(simulation, observed, ticks=self._ticks)
         except ActionError as error:
-            done = Step(STOP, Status.RUNNING, f"not started: {error}")
+            done = Step(STANDING, Status.RUNNING, f"not started: {error}")
         else:
             reason = f"time limit of {self._ticks / CONTROL_RATE:g} s reached"
-            done = done or Step(STOP, Status.RUNNING, reason)
+            done = done or Step(STANDING, Status.RUNNING, reason)
             if self._passed is None:
                 action.end(done.message)
+        self.places = np.array([world.robot.pose[:2] for world in worlds])
         duration = simulation.time - start
         judgment = judge(simulation, top, situation.goal, done.status, done.message)
         seen = [sample_of(world, start, situation.objects) for world in worlds[::_TICKS_PER_SAMPLE]]
@@ -103,11 +120,13 @@ class Drives:
             np.array(samples, dtype=float) if samples else None,
         )
 
-    def _start(self, action: Action, goal: Goal) -> None:
+    def _start(self, action: Action, goal: Goal, following: Sequence[Goal]) -> None:
         action.setup()
         former = self._passed
         try:
             action.start(self._simulation.world(), goal)
+            if following:
+                action.followed_by(following)
             if former is not None:
                 action.take_over(former)
         finally:
@@ -142,24 +161,48 @@ def _run(
     # Bullet keeps contact caches when bodies are replaced: in a used simulation, episodes with
     # contacts would differ in the sixth digit. A new simulation costs 11 ms.
     spec, keys = task
-    frames = []
+    numbers = [number for _, number in keys]
+    situations = [
+        spec.situation(robot, episode_generator(spec.name, seed, number)) for number in numbers
+    ]
+    for situation in situations:
+        if wrong := wrong_values(situation.goal, spec.goal_variables):
+            raise ExperienceError(f"situation of {spec.name}: goal: {wrong}")
+    goals = _ending_in_a_stop([situation.goal for situation in situations])
+    episodes: list[Episode] = []
     with Simulation(robot) as simulation:
         drives = Drives(simulation, time_limit)
-        continues = False
-        for _, number in keys:
-            situation = spec.situation(robot, episode_generator(spec.name, seed, number))
-            if wrong := wrong_values(situation.goal, spec.goal_variables):
-                raise ExperienceError(f"situation of {spec.name}: goal: {wrong}")
+        for index, (drawn, goal) in enumerate(zip(situations, goals, strict=True)):
+            situation = replace(drawn, goal=goal)
+            continues = bool(episodes) and episodes[-1].success
             if continues:
                 situation = replace(situation, robot=simulation.world().robot)
             else:
                 place(simulation, World(0.0, situation.robot, situation.objects))
             top = top_of(situation, tops, robot)
-            episode = drives.run(spec.factory(robot), situation, top)
-            continues = episode.success
-            frames.append(episode.rows(number, objects))
+            following = goals_to_stop(goals[index:])[1:]
+            episode = drives.run(spec.factory(robot), situation, top, following)
+            if continues and passes(goals[index - 1]):
+                episodes[-1] = _passed(episodes[-1], drives.places)
+            episodes.append(episode)
         drives.end()
-    return frames
+    return [each.rows(number, objects) for each, number in zip(episodes, numbers, strict=True)]
+
+
+def _ending_in_a_stop(goals: list[Goal]) -> list[Goal]:
+    """Return goals the last of which is not passed."""
+    *others, last = goals
+    return [*others, with_values(last, {STOP: 1.0}) if passes(last) else last]
+
+
+def _passed(episode: Episode, places: FloatArray) -> Episode:
+    """Return the episode of a goal that was passed, with how near the robot has come to it.
+
+    `places` (n, 2) are those of the robot in the next episode, in m.
+    """
+    distances = np.hypot(*(places - episode.situation.goal.pose[:2]).T)
+    nearest = float(distances.min())
+    return replace(episode, position_error=nearest, nearer=float(distances[0]) - nearest)
 
 
 def groups(keys: Iterable[Key], actions: Iterable[ActionSpec]) -> list[list[Key]]:

@@ -97,7 +97,13 @@ _AFTER = {
     ),
     "reason": Column("how the episode ended"),
     **_PARTS,
-    "position_error": Column("m, at the end", 0.0, may_be_nan=True),
+    "position_error": Column("m, at the end; where it passed the least one", 0.0, may_be_nan=True),
+    "nearer": Column(
+        "m by which it still came nearer to a goal that it passed after the next action took over; "
+        "NaN of others",
+        0.0,
+        may_be_nan=True,
+    ),
     "heading_error": Column(
         "rad, at the end; NaN where the heading does not matter",
         0.0,
@@ -179,6 +185,9 @@ class Episode:
         start is known.
     parts : DriveParts or None
         By odometry; None: computed from `samples`.
+    nearer : float
+        By how much in m it still came nearer to a goal that it passed after the next action took
+        over; NaN: unknown, or it stopped.
     """
 
     situation: Situation
@@ -189,6 +198,7 @@ class Episode:
     heading_error: float
     samples: FloatArray | None = None
     parts: DriveParts | None = None
+    nearer: float = math.nan
 
     def rows(self, number: int, objects: Iterable[str]) -> pd.DataFrame:
         """Return its rows in a table, as the episode with this number within its action.
@@ -219,6 +229,7 @@ class Episode:
             success=self.success,
             reason=self.reason,
             position_error=self.position_error,
+            nearer=self.nearer,
             heading_error=self.heading_error,
             **{direct_name(name): value for name, value in start.goal.values.items()},
             **parts._asdict(),
@@ -267,6 +278,8 @@ def checked_rows(source: Path | str, frame: pd.DataFrame, action_set: object) ->
         frame = frame.assign(**DriveParts()._asdict())
     if "vy" not in frame:  # as in tables of version 0.1
         frame = frame.assign(vy=0.0)
+    if "nearer" not in frame:
+        frame = frame.assign(nearer=math.nan)
     if missing := [name for name in wanted if name not in frame.columns]:
         raise ExperienceError(
             f"{source}: expected the columns {', '.join(wanted)}; missing: {', '.join(missing)}"

@@ -63,6 +63,10 @@ class WatchedPaths:
         found = self._paths.get(_key(start, goal))
         return self._near(start, goal) if found is None else found
 
+    def newest(self, most: int) -> list[FloatArray]:
+        """Return the newest paths, at most `most`, the oldest of them first."""
+        return list(self._paths.values())[-most:]
+
     def _near(self, start: tuple[float, float], goal: tuple[float, float]) -> FloatArray | None:
         """Return the newest path that begins and ends within `_NEAR` of two places."""
         if not self._paths:

@@ -201,7 +201,7 @@ class DriveMonitor:
             self._paths.save(situation.robot.pose[:2], situation.goal.pose[:2], path)
             length = float(np.hypot(*np.diff(path, axis=0).T).sum())
             self.speeds.add(length, made.duration, _pace_of(made))
-            if not is_learned:
+            if not is_learned and not goal.is_passed:
                 drive = situation.robot, situation.goal.pose, made.duration
                 self._first_drives[goal.action].append(drive)
                 self._correct(goal.action)

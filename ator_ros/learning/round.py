@@ -143,7 +143,7 @@ def _improved(
         driving=driving,
         errors=errors,
         arrival=observed_arrival(from_rest_to_rest(succeeded), robot),
-        passing=observed_passing(succeeded) or current.passing,
+        passing=observed_passing(rows) or current.passing,
         held_up=held_up,
     )
 

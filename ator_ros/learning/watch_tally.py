@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
@@ -10,7 +11,7 @@ from typing import Annotated
 
 import numpy as np
 
-from ator_ros.files import DamagedFileError, load, save, set_aside
+from ator_ros.files import DamagedFileError, FileError, load, save, set_aside
 from ator_ros.learning.drive_monitor import EndedDrive
 from ator_ros.learning.savings import RoundSavings, Saving
 from ator_ros.learning.sets import Count
@@ -18,6 +19,8 @@ from ator_ros.refinement.gate import MeasuredGain
 from ator_ros.schema import Within
 
 KIND = "watched drives"
+TALLY = "watch.json"
+"""The file in the folder of the node `watch`."""
 REMEMBERED = 50
 """Newest arrived drives whose errors count."""
 _DAY = 86_400.0  # s
@@ -26,7 +29,7 @@ Seconds = Annotated[float, Within(0.0, _DAY)]
 
 @dataclass
 class Tally:
-    """The fields of watch.json.
+    """The fields of the file `TALLY`.
 
     Attributes
     ----------
@@ -62,7 +65,7 @@ class Tally:
         self._begin(day)
         if math.isfinite(drive.duration):
             self.driven = min(self.driven + max(0.0, drive.duration), _DAY)
-        if goal.status in ("canceled", "aborted"):
+        if goal.status in ("canceled", "aborted") and not goal.is_passed:
             self.ended_early += 1
         elif goal.is_recovered:
             self.recovered += 1
@@ -70,7 +73,8 @@ class Tally:
             self.held_up += 1
         elif drive.episode is not None:
             self.drives += 1
-            self._add_errors(drive)
+            if not goal.is_passed:  # estimates were for a stop
+                self._add_errors(drive)
 
     def _begin(self, day: str) -> None:
         if day != self.day:
@@ -150,6 +154,15 @@ def read_tally(file: Path) -> tuple[Tally, str]:
         return load(file, KIND, Tally), ""
     except DamagedFileError as error:
         return Tally(), f"{error}; renamed to {set_aside(file).name}"
+
+
+def drives_elsewhere(folder: Path) -> int:
+    """Return how many drives the folders beside a folder have, with other parameters of Nav2."""
+    found = 0
+    for file in folder.parent.glob(f"*/{TALLY}"):
+        with contextlib.suppress(FileError, OSError):
+            found += 0 if file.parent == folder else load(file, KIND, Tally).drives
+    return found
 
 
 def save_tally(file: Path, tally: Tally) -> None:

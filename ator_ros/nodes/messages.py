@@ -277,7 +277,7 @@ def _call_from(call: msg.TopCall, library: TopLibrary, frame: str, where: str) -
     elif call.passing:
         raise MessageError(
             f"{where}.passing: expected false, as {top.action} cannot pass its goal: its server "
-            "does not declare `early`, or it has an arrival speed instead"
+            "declares neither `early` nor `through`, or it has an arrival speed instead"
         )
     goal = Goal(pose, speed, top.point, values)
     if wrong := wrong_values(goal, declared):

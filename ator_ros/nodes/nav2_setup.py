@@ -36,14 +36,19 @@ from ator_ros.nodes.qos import LATCHED, RESULTS
 from ator_ros.nodes.subscriptions import TfListener
 from ator_ros.printable import ReadableError, one_line, quoted
 from ator_ros.resources import resource_path
-from ator_ros.world.grid_map import GridMap
+from ator_ros.world.grid_map import GridMap, save_map
 from ator_ros.world.readers import plain_frame, seconds_from
 
+FOLDER = "~/.ros/ator_ros/nav2"
 NAVIGATOR = "bt_navigator"
 CONTROLLER = "controller_server"
 SMOOTHER = "velocity_smoother"
 PLANNER = "planner_server"
 COSTMAP = "local_costmap/local_costmap"
+ROBOT_FILE = "robot.yaml"
+DOMAIN_FILE = "stations.yaml"
+MAP_FILE = "map.yaml"
+"""Files in a folder that `set_up` returns."""
 FOOTPRINT = "local_costmap/published_footprint"
 DRIVING_NODES = (CONTROLLER, SMOOTHER, PLANNER)
 """Nodes whose parameters change how Nav2 drives, and so how long drives take."""
@@ -237,24 +242,25 @@ def digest_of_driving(parameters: Parameters, facts: Facts) -> str:
 
 
 def write_files(facts: Facts, grid: GridMap, folder: Path, topic: str) -> None:
-    """Write robot.yaml, stations.yaml and nav2.yaml into a folder; raises OSError.
+    """Write the files `ROBOT_FILE` and so on, and nav2.yaml into a folder; raises OSError.
 
     `topic` is that of the map. Raises Nav2Error if the robot's sizes or limits are impossible.
     """
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "models").mkdir(exist_ok=True)  # those of the start: none
+    save_map(grid, folder)  # for tools
     extent = _extent(grid)
     robot = _robot(facts, extent)
     try:
         robot_of(robot)
     except ConfigError as error:
         raise Nav2Error(f"nav2: {error}; set radius:=METERS or speed:=METERS_PER_SECOND") from error
-    write_text(folder / "robot.yaml", yaml.safe_dump(robot, sort_keys=False))
+    write_text(folder / ROBOT_FILE, yaml.safe_dump(robot, sort_keys=False))
     domain = read_yaml(resource_path("config", "nav2", "stations.yaml"), largest=100_000)
     for term in domain["tops"][0]["post"]:
         turns = term["variable"] == "robot.yaw"
         term["tolerance"] = round(facts.tolerances[turns] + _BESIDE, 3)
-    write_text(folder / "stations.yaml", yaml.safe_dump(domain, sort_keys=False))
+    write_text(folder / DOMAIN_FILE, yaml.safe_dump(domain, sort_keys=False))
     write_text(
         folder / "nav2.yaml",
         yaml.safe_dump(_node_parameters(facts, extent, folder, topic), sort_keys=False),
@@ -308,8 +314,8 @@ def _node_parameters(
     }
     sections: dict[str, dict[str, Any]] = {
         "/**": {
-            "domain": str(folder / "stations.yaml"),
-            "robot": str(folder / "robot.yaml"),
+            "domain": str(folder / DOMAIN_FILE),
+            "robot": str(folder / ROBOT_FILE),
             "map": topic,
             "frame": facts.frame,
             "models": str(folder / "models"),
@@ -429,17 +435,36 @@ class Finder(Node):
         return future.result() if future.done() else None
 
 
-def set_up(namespace: str, folder: Path, given: Given, *, topic: str, wait: float) -> Path:
-    """Find out about Nav2, and return the folder with the files; raises Nav2Error and OSError."""
-    finder = Finder(namespace, topic)
+def set_up(
+    namespace: str = "",
+    folder: str = FOLDER,
+    given: Given = Given(),
+    *,
+    topic: str = "map",
+    wait: float = 60.0,
+) -> Path:
+    """Find out about the Nav2 of a namespace, and return the folder with the files.
+
+    That is a part of `folder`, which has one for each robot and way to drive. `topic` is that of
+    the map, `wait` are the real s in which Nav2 must answer. Raises Nav2Error, OSError, and
+    ValueError for a name that ROS does not allow.
+    """
+    rclpy.init(args=[])
     try:
-        parameters = finder.parameters(wait)
-        footprint = () if given.radius else finder.footprint(_robot_frame(parameters), _DISCOVERY)
-        facts = facts_of(parameters, given, footprint)
-        grid = finder.map(wait)
+        finder = Finder(namespace, topic)
+        try:
+            parameters = finder.parameters(wait)
+            footprint: Outline = ()
+            if not given.radius:
+                footprint = finder.footprint(_robot_frame(parameters), _DISCOVERY)
+            facts = facts_of(parameters, given, footprint)
+            grid = finder.map(wait)
+        finally:
+            finder.destroy_node()
     finally:
-        finder.destroy_node()
-    part = folder / digest_of_driving(parameters, facts)
+        rclpy.try_shutdown()
+    whole = Path(folder).expanduser() / (namespace.strip("/") or "robot")
+    part = whole / digest_of_driving(parameters, facts)
     write_files(facts, grid, part, topic)
     return part
 
@@ -447,7 +472,7 @@ def set_up(namespace: str, folder: Path, given: Given, *, topic: str, wait: floa
 def main(argv: Sequence[str] | None = None) -> None:
     """Print the folder with the files, without a newline; end with one line if that fails."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--folder", default="~/.ros/ator_ros/nav2")
+    parser.add_argument("--folder", default=FOLDER)
     parser.add_argument("--namespace", default="")
     parser.add_argument("--map", default="map", help="topic of the map")
     parser.add_argument("--frame", default="")
@@ -459,14 +484,9 @@ def main(argv: Sequence[str] | None = None) -> None:
     if not all(map(math.isfinite, numbers)):
         sys.exit("nav2: expected finite numbers as radius, speed and tolerance")
     given = Given(options.radius, options.speed, options.tolerance, options.frame)
-    folder = Path(options.folder).expanduser() / (options.namespace.strip("/") or "robot")
-    rclpy.init(args=[])
+    wait = max(0.0, options.wait)
     try:
-        made = set_up(
-            options.namespace, folder, given, topic=options.map, wait=max(0.0, options.wait)
-        )
+        made = set_up(options.namespace, options.folder, given, topic=options.map, wait=wait)
     except (Nav2Error, OSError, ValueError) as error:
         sys.exit(one_line(error))
-    finally:
-        rclpy.try_shutdown()
     sys.stdout.write(str(made))

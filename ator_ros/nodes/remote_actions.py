@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 import uuid
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from itertools import chain
 from typing import Any
@@ -62,11 +62,13 @@ class RemoteServers:
         self._domain = domain
         callers: dict[RemoteCall, set[str]] = {}
         for spec in chain.from_iterable(domain.action_sets.values()):
-            if spec.remote is not None:
-                callers.setdefault(spec.remote, set()).add(spec.name)
+            for call in () if spec.remote is None else spec.remote.servers:
+                callers.setdefault(call, set()).add(spec.name)
         self._servers = {
             call: RemoteServer(node, call, frame, warn) for call in sorted(callers, key=repr)
         }
+        for call, server in self._servers.items():
+            server.through = self._servers.get(call.through) if call.through else None
         self.problem = "; ".join(
             f"{server.fault}; without it {', '.join(sorted(callers[call]))} cannot be executed"
             for call, server in self._servers.items()
@@ -113,6 +115,9 @@ class RemoteAction(Action):
     server has ended. Servers report success while the robot still turns, so an action whose goal
     has no speed ends once it stands: the turn at its goal decides how long it stops. No method
     waits; the times of `Timeouts` are checked in each tick.
+
+    A run of goals that are passed is sent at once to the server `through` them: the next action
+    takes over the sent goal.
     """
 
     name = "remote"
@@ -120,7 +125,7 @@ class RemoteAction(Action):
     def __init__(self, robot: Robot, server: RemoteServer) -> None:
         super().__init__(robot)
         self._server = server
-        self._goal: Goal | None = None
+        self._goals: tuple[Goal, ...] = ()  # that are sent at once
         self._sent: RemoteGoal | None = None
         # the goal that this one takes over from, until it is over
         self._former: RemoteGoal | None = None
@@ -134,12 +139,38 @@ class RemoteAction(Action):
         """Commit to `goal`; it is sent in a later tick."""
         if self._server.fault:
             raise ActionError(self._server.fault)
-        self._goal = goal
+        self._goals = (goal,)
         self._since = time.monotonic()
 
+    def followed_by(self, goals: Sequence[Goal]) -> None:
+        """Drive through the goals if there is a server for that."""
+        through = self._server.through
+        if through is None:
+            return
+        if through.fault:
+            raise ActionError(through.fault)
+        self._server = through
+        self._goals += tuple(goals)
+
+    @property
+    def drives_on(self) -> bool:
+        """Whether the server has been sent the goals that follow, too."""
+        return len(self._goals) > 1
+
     def take_over(self, former: Action) -> None:
-        """Let the server drive on until it has this goal, if it takes newer goals."""
-        if self._server.call.early and isinstance(former, RemoteAction):
+        """Let the server drive on until it has this goal, if it takes newer goals.
+
+        It may have it already, as one of a run.
+        """
+        if not isinstance(former, RemoteAction):
+            return
+        if former._sent is not None and former._goals[1:] == self._goals:
+            self._server = former._server
+            self._sent = former._sent
+            self._former = former._former
+            former._sent = former._former = None
+        elif former.drives_on or self._server.call.early:
+            self._server = former._server
             self._former = former.hand_over(self._server)
 
     def hand_over(self, server: RemoteServer) -> RemoteGoal | None:
@@ -187,8 +218,7 @@ class RemoteAction(Action):
                 if late
                 else Step(command, Status.RUNNING, unusable)
             )
-        assert self._goal is not None
-        self._sent = server.send(self._goal)
+        self._sent = server.send(self._goals)
         self._since = now
         return Step(None, Status.RUNNING, f"sent to {server.name}")
 
@@ -202,8 +232,7 @@ class RemoteAction(Action):
             failure = failure_in(server.call, sent.status, sent.result)
             if failure is not None:
                 return finished(Status.FAILED, f"{name} failed: {failure}")
-            assert self._goal is not None
-            if self._goal.speed == 0.0 and not world.robot.is_standing:
+            if self._goals[-1].speed == 0.0 and not world.robot.is_standing:
                 return Step(STOP, Status.RUNNING, f"{name} succeeded; stopping")
             return finished(Status.SUCCEEDED, f"{name} succeeded")
         if sent.accepted is False:
@@ -233,7 +262,8 @@ class RemoteAction(Action):
 class RemoteServer:
     """Sends goals to one action server, and tracks a canceled goal until it is over.
 
-    `fault` is why the server cannot be used, as without its type; empty if it can.
+    `fault` is why the server cannot be used, as without its type; empty if it can. `through` is the
+    server that drives through several goals, if there is one.
     """
 
     def __init__(
@@ -243,6 +273,7 @@ class RemoteServer:
         self.name = call.server
         self.timeouts = call.timeouts
         self.fault = ""
+        self.through: RemoteServer | None = None
         self._node = node
         self._present_at = -math.inf  # real s
         self._released: RemoteGoal | None = None
@@ -290,9 +321,9 @@ class RemoteServer:
             else ""
         )
 
-    def send(self, goal: Goal) -> RemoteGoal:
-        """Send a goal."""
-        message = self._interface.written(goal)
+    def send(self, goals: Sequence[Goal]) -> RemoteGoal:
+        """Send a goal, or several as one."""
+        message = self._interface.written(goals)
         return RemoteGoal(self._client, message, self._cancel, self.timeouts.silence)
 
     def release(self, sent: RemoteGoal) -> None:

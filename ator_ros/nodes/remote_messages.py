@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import importlib
 import re
-from collections.abc import Callable
-from functools import partial
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -47,11 +46,14 @@ class RemoteInterface:
         if call.success.reason is not None:
             _type_at(self.kind.Result, call.success.reason, "success.reason")
 
-    def written(self, goal: Goal) -> Any:
-        """Return the message for `goal`."""
+    def written(self, goals: Sequence[Goal]) -> Any:
+        """Return the message for a goal, or for several ones of a server that drives through them.
+
+        Fields with one value have that of the last one.
+        """
         message = self.kind.Goal()
         for path, value in self._writers:
-            _put(message, path, value(goal))
+            _put(message, path, value(goals))
         return message
 
 
@@ -69,8 +71,8 @@ def action_type(name: str) -> Any:
         raise RemoteError(f"type: expected an action of {package}, got {quoted(kind)}") from error
 
 
-def _writer(filling: Filling, kind: Any, frame: str, where: str) -> Callable[[Goal], Any]:
-    """Return the function from a goal to the value of a field."""
+def _writer(filling: Filling, kind: Any, frame: str, where: str) -> Callable[[Sequence[Goal]], Any]:
+    """Return the function from goals to the value of a field."""
     slot = _type_at(kind, filling.field, where)
     source = filling.source
     if source is None:
@@ -78,14 +80,20 @@ def _writer(filling: Filling, kind: Any, frame: str, where: str) -> Callable[[Go
         return lambda _: constant
     if source == "goal":
         _require(slot in _POSES, where, "a field of type geometry_msgs/Pose or PoseStamped", slot)
-        return partial(_pose, slot, filling.frame or frame)
+        return lambda goals: _pose(slot, filling.frame or frame, goals[-1])
+    if source == "goals":
+        sequence = _SEQUENCE.fullmatch(slot)
+        item = sequence[1] if sequence else slot
+        listed = sequence is not None and item in _POSES
+        _require(listed, where, "a list of geometry_msgs/Pose or PoseStamped", slot)
+        return lambda goals: [_pose(item, filling.frame or frame, goal) for goal in goals]
     if source == "frame":
         _require(slot.startswith(_TEXTS), where, "a field for a text", slot)
         return lambda _: frame
     _require(slot in _FLOATS, where, "a field for a float", slot)
     variable = filling.goal_variable
     assert variable is not None
-    return lambda goal: float(goal_values(goal)[variable])
+    return lambda goals: float(goal_values(goals[-1])[variable])
 
 
 def _pose(slot: str, frame: str, goal: Goal) -> Any:

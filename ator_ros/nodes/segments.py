@@ -63,13 +63,14 @@ class Label:
 def station_labels(chain: TopChain) -> list[Label]:
     """Return the number of each station of a round as sent, and its place in the order chosen.
 
-    Empty for a chain whose order is not open.
+    Those that are passed are marked. Empty for a chain whose order is not open and without any.
     """
-    if not any(ORDER in call.open for call in chain.calls):
+    if not any(ORDER in call.open or call.passing for call in chain.calls):
         return []
     labels = []
     for place, (index, call) in enumerate(zip(chain.order, chain.calls, strict=True)):
         text = str(index + 1) if place == index else f"{index + 1} ({_ordinal(place + 1)})"
+        text += " passed" if call.passing else ""
         labels.append(Label(f"station{index}", text, *call.goal.pose[:2]))
     return labels
 

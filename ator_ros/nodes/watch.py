@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -39,7 +40,7 @@ from ator_ros.files import FileError
 from ator_ros.learning.drive_monitor import DriveMonitor, EndedDrive
 from ator_ros.learning.estimates import Estimate
 from ator_ros.learning.savings import Round, Rounds, Saving
-from ator_ros.learning.watch_tally import read_tally, save_tally
+from ator_ros.learning.watch_tally import TALLY, drives_elsewhere, read_tally, save_tally
 from ator_ros.nodes.diagnostics import STEADY, Diagnostics, Health, Warnings
 from ator_ros.nodes.main_loop import run_node
 from ator_ros.nodes.maps import FollowedMap
@@ -52,7 +53,7 @@ from ator_ros.nodes.messages import (
     stamp_of,
 )
 from ator_ros.nodes.models import LEARNED, LearnedSets
-from ator_ros.nodes.nav2_setup import DRIVING_NODES
+from ator_ros.nodes.nav2_setup import DRIVING_NODES, FOLDER
 from ator_ros.nodes.parameters import (
     FRAME,
     MODELS,
@@ -77,7 +78,7 @@ from ator_ros.world.state import RobotState, World
 WATCHED = Parameter(
     "watched",
     "",
-    "folder of the paths and the tally of watched drives; empty: ~/.ros/ator_ros/nav2",
+    f"folder of the paths and the tally of watched drives; empty: {FOLDER}",
 )
 PARAMETERS = (
     FRAME,
@@ -94,12 +95,16 @@ PARAMETERS = (
         "further action servers, whose goals are estimated by the length of their path",
     ),
 )
-_DEFAULT_FOLDER = "~/.ros/ator_ros/nav2"
 _PERIOD = 0.5  # real s between two estimates of a drive
 _TEXT_HEIGHT = 0.3  # m, of the estimate in RViz
 _TEXT_ABOVE = 0.5  # m above the floor
 _OUTCOMES = {"succeeded": Outcome.SUCCEEDED, "aborted": Outcome.FAILED}
 _LOGGED = (1, 5, 10)  # drives after which the tally is logged, and after every ten
+
+
+def watched_folder(name: str) -> Path:
+    """Return the folder that the parameter `watched` names."""
+    return Path(name or FOLDER).expanduser()
 
 
 class WatchNode(Node):
@@ -138,12 +143,12 @@ class WatchNode(Node):
             raise SetupError(
                 f"parameter domain: expected an action of a server, {domain.name} has none"
             )
-        self._folder = Path(settings["watched"] or _DEFAULT_FOLDER).expanduser()
+        self._folder = watched_folder(settings["watched"])
         self._warn = Warnings(self)
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
             paths = WatchedPaths(self._folder / PATHS)
-            self._tally, damage = read_tally(self._folder / "watch.json")
+            self._tally, damage = read_tally(self._folder / TALLY)
         except (FileError, OSError) as error:
             raise SetupError(f"parameter watched: {error}") from error
         if damage:
@@ -188,6 +193,11 @@ class WatchNode(Node):
             f"watching {servers} for {robot.name} (domain {domain.name}, ROS domain "
             f"{self.context.get_domain_id()}); {self._summary()}"
         )
+        former = drives_elsewhere(self._folder)
+        if former and not self._tally.drives:
+            self.get_logger().warning(
+                f"Nav2 has other parameters than before: its {former} former drives do not count"
+            )
 
     def _subscribe(self, odometry: str) -> None:
         """Subscribe to all inputs: first to the status of goals, which must come before paths."""
@@ -284,7 +294,7 @@ class WatchNode(Node):
             self._libraries[DEFAULT_SET],
             {} if present.absent else present.models,
             is_busy=bool(watch.active),
-            may_pass=any(call.early for call in self._calls.values()),
+            may_pass=any(call.passes for call in self._calls.values()),
         )
         if found is not None:
             self._tally.add_savings(found, _today())
@@ -326,9 +336,11 @@ class WatchNode(Node):
         except OSError as error:
             self._warn(f"watched: {error}")
             return
+        if self._changed:
+            ended = [replace(drive, episode=None, reason=self._changed) for drive in ended]
         for drive in ended:
             self._published.discard(drive.goal.goal_id)
-            if drive.episode is not None and not drive.is_held_up and not self._changed:
+            if drive.episode is not None and not drive.is_held_up:
                 self._records.publish(self._record(drive, drive.episode))
             self._count(drive)
         if ended and not self._monitor.watch.active:
@@ -348,7 +360,7 @@ class WatchNode(Node):
 
     def _save_tally(self) -> None:
         try:
-            save_tally(self._folder / "watch.json", self._tally)
+            save_tally(self._folder / TALLY, self._tally)
         except OSError as error:
             self._warn(f"watched: {error}")
         self._publish_tally()
@@ -374,7 +386,7 @@ class WatchNode(Node):
                 "spread": first.spread,
                 "bound": first.bound,
             }
-        code = _OUTCOMES[drive.goal.status]
+        code = Outcome.SUCCEEDED if episode.success else _OUTCOMES[drive.goal.status]
         actual = {
             "duration": duration,
             "spread": 0.0,
@@ -394,6 +406,7 @@ class WatchNode(Node):
             end=ended,
             predicted=performance_of(predicted),
             actual=performance_of(actual),
+            stopped=not drive.goal.is_passed,
             **parts,
             heading_error=episode.heading_error,
             outcome=Outcome(code=code, reason=episode.reason),

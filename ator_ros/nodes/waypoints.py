@@ -22,7 +22,7 @@ from rclpy.task import Future
 from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import Outcome
 from ator_interfaces.msg import TopChain as ChainMessage
-from ator_ros.actions.goal_variables import ORDER, STOP, STOPS
+from ator_ros.actions.goal_variables import ORDER, STOP, STOPS, with_values
 from ator_ros.bases.description import Robot
 from ator_ros.domains.domain import Domain
 from ator_ros.geometry import Pose
@@ -477,8 +477,11 @@ class WaypointsNode(Node):
             raise MessageError(violation)
         return pose
 
-    def _call(self, pose: Pose, opened: Iterable[str] = ()) -> TopCall:
-        return TopCall(self._top, self._library.goal(self._top, pose), frozenset(opened))
+    def _call(self, pose: Pose, opened: Iterable[str] = (), *, passes: bool = False) -> TopCall:
+        goal = self._library.goal(self._top, pose)
+        if passes:
+            goal = with_values(goal, {STOP: 0.0})
+        return TopCall(self._top, goal, frozenset(opened))
 
     def _kept_headings(self, goal: WaypointGoal) -> set[int]:
         """Return the indices of the waypoints that keep their heading in each round."""
@@ -510,15 +513,17 @@ class WaypointsNode(Node):
         kept = self._kept_headings(goal)
         for leg in legs:
             opened = set()
+            passes = False
             if not self._is_kept(goal, leg):
                 if goal.waypoint_index(leg) not in kept:
                     opened.add("yaw")
                     if self._may_pass(goal):
                         opened.add(STOP)
+                        passes = leg != legs[-1] and not goal.is_follow_waypoints
                 keeps_place = leg == goal.end - 1 and self._settings["keep_last"]
                 if self._is_open and not keeps_place:
                     opened.add(ORDER)
-            calls.append(self._call(goal.target(leg), opened))
+            calls.append(self._call(goal.target(leg), opened, passes=passes))
         return chain_of(TopChain(tuple(calls)), action_set="", frame=self._frame)
 
     async def _execute_chains(self, goal: WaypointGoal) -> tuple[int, str]:

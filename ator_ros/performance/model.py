@@ -110,15 +110,17 @@ class Arrival:
 
 @dataclass(frozen=True)
 class Passing:
-    """How an action usually passes its goals.
+    """How an action passes its goals, when the next one takes over before.
 
     Attributes
     ----------
-    dist, speed : float
-        Distance in m from the goal, and speed in m/s, at which the next action takes over.
+    nearer : float
+        By how much in m the robot nearly always comes nearer to the goal after that; 0 if unknown.
+    speed : float
+        Its usual speed in m/s at that time.
     """
 
-    dist: Annotated[float, Within(0.0)]
+    nearer: Annotated[float, Within(0.0)]
     speed: Annotated[float, Within(0.0)]
 
 

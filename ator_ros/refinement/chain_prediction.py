@@ -11,7 +11,7 @@ import itertools
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -25,7 +25,7 @@ from ator_ros.performance.held_up import NOT_HELD_UP, HeldUp, bound_of_chain
 from ator_ros.performance.model import Arrival, Passing
 from ator_ros.refinement.objective import Objective
 from ator_ros.refinement.search import Pairs, StepCosts
-from ator_ros.tops.chain import TopCall, TopChain, projected
+from ator_ros.tops.chain import Top, TopCall, TopChain, projected
 from ator_ros.world.state import World
 
 REPORTED = ("duration", "spread", "noise", "bound", "success", "accuracy")
@@ -81,7 +81,7 @@ def columns_after(
 class _Subgoal:
     """A subgoal, the names of its free variables, and how the next action starts there.
 
-    `arrival` is how far short of the subgoal the robot stops, None: not at all; `passing` is where
+    `arrival` is how far short of the subgoal the robot stops, None: not at all; `takeover` is where
     the next action takes over if the robot passes it. `bearing` is the direction in rad in which it
     comes there; None: that of the goal's heading.
     """
@@ -93,7 +93,7 @@ class _Subgoal:
         robot: Robot,
         arrival: Arrival | None,
         bearing: float | None,
-        passing: Passing,
+        takeover: Takeover,
     ) -> None:
         self._values = goal_values(goal)  # once, as `start` is called for each block of candidates
         self._point = goal.point
@@ -101,7 +101,7 @@ class _Subgoal:
         self._robot = robot
         self._arrival = arrival
         self._bearing = bearing
-        self._passing = passing
+        self._takeover = takeover
 
     def start(self, candidates: FloatArray) -> dict[str, Any]:
         """Return the start variables of the next action for candidates (..., k) of this subgoal."""
@@ -128,20 +128,31 @@ class _Subgoal:
         bearing = start["yaw"] if self._bearing is None else self._bearing
         return {
             **start,
-            "x": start["x"] - self._passing.dist * np.cos(bearing),
-            "y": start["y"] - self._passing.dist * np.sin(bearing),
+            "x": start["x"] - self._takeover.dist * np.cos(bearing),
+            "y": start["y"] - self._takeover.dist * np.sin(bearing),
             "yaw": bearing + 0.0 * start["yaw"],
-            "v": self._passing.speed + 0.0 * start["yaw"],
+            "v": self._takeover.speed + 0.0 * start["yaw"],
         }
 
 
-def _passing_of(call: TopCall, model: PredictsPerformance, robot: Robot) -> Passing:
-    """Return how an action passes its goals.
+class Takeover(NamedTuple):
+    """Where an action takes over from one that passes its goal: distance to it (m), speed (m/s)."""
 
-    If no drive has shown that, it is at the tolerance of the position, at half the greatest speed.
+    dist: float
+    speed: float
+
+
+def takeover_of(top: Top, model: PredictsPerformance | None, robot: Robot) -> Takeover:
+    """Return where the next action takes over from one that passes its goal.
+
+    It is the farthest place from which the robot passes within the tolerance of the position, as
+    far as drives have shown how much nearer it still comes. Without such drives the speed is half
+    the robot's greatest one.
     """
     observed: Passing | None = getattr(model, "passing", None)
-    return observed or Passing(call.top.place_tolerance, 0.5 * robot.greatest_speed())
+    if observed is None:
+        return Takeover(top.place_tolerance, 0.5 * robot.greatest_speed())
+    return Takeover(top.place_tolerance + observed.nearer, observed.speed)
 
 
 def with_candidates(
@@ -224,9 +235,9 @@ def step_rows(
             model = models[call.top.action]
             arrival = model.arrival if goal.point is Point.AXLE else None
             bearing = arrival_heading(place, goal.pose, robot)
-            passing = _passing_of(call, model, robot)
-            start = _Subgoal(goal, (), robot, arrival, bearing, passing).start(np.zeros(0))
-            subgoal = _Subgoal(goal, free, robot, arrival, bearing, passing)
+            takeover = takeover_of(call.top, model, robot)
+            start = _Subgoal(goal, (), robot, arrival, bearing, takeover).start(np.zeros(0))
+            subgoal = _Subgoal(goal, free, robot, arrival, bearing, takeover)
             changed = subgoal.start if free else None
             there = start if call.passing else columns_after(goal_values(goal), goal.point, robot)
             place = (float(there["x"]), float(there["y"]))
@@ -257,10 +268,10 @@ def leg_rows(
     changes: list[Callable[[FloatArray], Mapping[str, Any]] | None] = [None]
     for call, free in zip(calls, names, strict=True):
         world = projected(world, call, robot)
-        passing = _passing_of(call, models[call.top.action], robot)
-        exact = _Subgoal(call.goal, free, robot, None, None, passing)
+        takeover = takeover_of(call.top, models[call.top.action], robot)
+        exact = _Subgoal(call.goal, free, robot, None, None, takeover)
         starts.append(
-            _Subgoal(call.goal, (), robot, None, None, passing).start(np.zeros(0))
+            _Subgoal(call.goal, (), robot, None, None, takeover).start(np.zeros(0))
             if call.top.arrives
             else _present(world)
         )

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from ator_ros.actions.goal_variables import with_values
+from ator_ros.actions.goal_variables import STOP, with_values
 from ator_ros.bases.description import Robot
 from ator_ros.bases.routes import arrival_heading
 from ator_ros.geometry import Pose
@@ -29,8 +29,9 @@ def naive_on_paths(
     Where such a heading is not allowed, the nearest allowed one takes its place.
 
     These are the fastest headings of a path that turns, drives and turns, for each action alone.
-    Open variables with a rest value (arrival speed: 0) take it. The others keep their values, and
-    so do all variables of a step for which its naive values would make the plan invalid.
+    Open variables with a rest value (arrival speed: 0) take it. `STOP` and the others keep their
+    values, and so do all variables of a step for which its naive values would make the plan
+    invalid.
 
     Parameters
     ----------
@@ -54,6 +55,7 @@ def naive_on_paths(
             if call.opens(name)
             and (index, name) not in bound
             and (domain := call.range_of(name, robot, ranges)) is not None
+            and name != STOP
         }
         values = {name: domain.rest for name, domain in opened.items() if domain.rest is not None}
         if "yaw" in opened and "yaw" not in values:

@@ -320,9 +320,9 @@ class Refiner:
     def naive(self, world: World, chain: TopChain) -> TopChain:
         """Return the paper's reference: each subgoal is optimal for the action that leads to it.
 
-        Free variables with a rest value (arrival speed: 0) take it. The others take the value at
-        which the action is predicted to be fastest. Where no model uses them, the value is that of
-        `naive_on_paths`. Raises RefinementError as `refine` does.
+        Free variables with a rest value (arrival speed: 0) take it, and `STOP` keeps its value. The
+        others take the value at which the action is predicted to be fastest. Where no model uses
+        them, the value is that of `naive_on_paths`. Raises RefinementError as `refine` does.
         """
         analysis, regions = self.bounded(world, chain)
         return self._fastest_alone(world, chain, analysis.free, regions, no_deadline, Work())
@@ -339,7 +339,7 @@ class Refiner:
         """Return `chain` with naive values of its open variables, by models until the deadline."""
         chain = naive_on_paths(world, chain, self.robot, self.ranges)
         for variable in free:
-            if variable.domain.rest is not None:
+            if variable.domain.rest is not None and variable.name != STOP:
                 chain = replaced(chain, variable.subgoal, {variable.name: variable.domain.rest})
         searched = [
             v

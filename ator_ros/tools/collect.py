@@ -39,6 +39,7 @@ from ator_ros.printable import one_line, quoted
 from ator_ros.tools.command_line import (
     RESUMES,
     add_factor,
+    add_nav2,
     add_parallel_options,
     add_setting,
     destination,
@@ -255,6 +256,7 @@ def arguments() -> argparse.ArgumentParser:
     """Return the command line of `collect`."""
     parser = argparse.ArgumentParser(prog="collect", description=__doc__)
     add_setting(parser)
+    add_nav2(parser)
     parser.add_argument(
         "--actions", nargs="+", default=[], metavar="NAME", help="default: all of the domain"
     )

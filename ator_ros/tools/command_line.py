@@ -13,10 +13,10 @@ from pathlib import Path
 
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.compiled import is_cached
-from ator_ros.domains.domain import Domain, DomainError, domain_for
+from ator_ros.domains.domain import Domain, domain_for
 from ator_ros.evaluation.toolset import Toolset, ToolsetSource, tools_of
 from ator_ros.experience.parallel import BackendError, workers
-from ator_ros.files import FileError, portable_command
+from ator_ros.files import portable_command
 from ator_ros.printable import ReadableError, one_line, quoted
 from ator_ros.start import INTERRUPTED
 from ator_ros.tops.library import TopLibrary
@@ -101,6 +101,24 @@ def add_setting(parser: argparse.ArgumentParser, *, action_set: bool = True) -> 
         )  # fmt: skip
 
 
+def add_nav2(parser: argparse.ArgumentParser) -> None:
+    """Add the option that finds out robot, domain and map; `run_tool` uses it."""
+    parser.add_argument(
+        "--nav2", nargs="?", const="", metavar="NAMESPACE",
+        help="robot, domain and map as nav2.launch.xml finds them out of a running Nav2",
+    )  # fmt: skip
+
+
+def _find_nav2(options: argparse.Namespace) -> None:
+    """Set the options that are not given to what a running Nav2 shows; raises ReadableError."""
+    from ator_ros.nodes import nav2_setup  # needs ROS
+
+    made = nav2_setup.set_up(options.nav2)
+    options.robot = options.robot or str(made / nav2_setup.ROBOT_FILE)
+    options.domain = options.domain or str(made / nav2_setup.DOMAIN_FILE)
+    options.map = options.map or str(made / nav2_setup.MAP_FILE)
+
+
 def add_models(parser: argparse.ArgumentParser) -> None:
     """Add the option for the performance models."""
     parser.add_argument(
@@ -158,8 +176,10 @@ def run_tool(
             file=sys.stderr,
         )
     try:
+        if getattr(options, "nav2", None) is not None:
+            _find_nav2(options)
         domain = domain_for(options.domain, options.robot).on_map(options.map)
-    except (DomainError, FileError) as error:
+    except (ReadableError, OSError, ValueError) as error:
         # parser.error would print the usage, which does not help with an error in a domain's file.
         parser.exit(2, f"{parser.prog}: error: {one_line(error, _LONGEST_LINE)}\n")
     options.domain = options.domain or domain.name

@@ -23,7 +23,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import Outcome
-from ator_ros.actions.goal_variables import ORDER
+from ator_ros.actions.goal_variables import ORDER, STOP, STOPS, with_values
 from ator_ros.bases.description import Robot
 from ator_ros.domains.domain import Domain
 from ator_ros.execution.fence import Fence
@@ -47,12 +47,13 @@ from ator_ros.tools.command_line import (
     source_of,
 )
 from ator_ros.tools.floor_plan import BLUE, draw_floor, draw_stations
-from ator_ros.tops.chain import TopCall, TopChain
+from ator_ros.tops.chain import AllowedRange, TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.readers import FARTHEST
 from ator_ros.world.state import RobotState, World
 
 _coordinate = number(-FARTHEST, FARTHEST)
+_angle = number(-math.tau, math.tau)
 _LARGEST = 100_000  # bytes of a file of places
 _DISCOVERY = 3.0  # real s in which DDS finds a running executor
 
@@ -91,14 +92,24 @@ def _round(
 ) -> TopChain:
     """Return the chain to all places, and to `home` if it is given."""
     top = driving_top(library)
+    can_pass = options.passing and STOPS in library.goal_variables(top)
+    fixed_end = home is not None or options.as_listed or options.keep_last
     calls = []
     for index, (x, y, *yaw) in enumerate(places, start=1):
         opened = set() if yaw else {"yaw"}
+        if options.passing and not yaw:
+            opened.add(STOP)
         keeps_place = options.as_listed or (options.keep_last and index == len(places))
         if not keeps_place:
             opened.add(ORDER)
         goal = library.goal(top, Pose(x, y, *(yaw or [0.0])))
-        calls.append(TopCall(top, goal, frozenset(opened)))
+        is_end = home is None and index == len(places)
+        if can_pass and not yaw and fixed_end and not is_end:
+            goal = with_values(goal, {STOP: 0.0})
+        headings = [] if yaw else options.headings
+        allowed = tuple(AllowedRange("yaw", low, high) for low, high in headings)
+        call = TopCall(top, goal, frozenset(opened), allowed=allowed)
+        calls.append(call.within_allowed(library.robot, library.ranges))
     if home is not None:
         calls.append(TopCall(top, library.goal(top, home)))
     return TopChain(tuple(calls))
@@ -112,8 +123,9 @@ def _table(found: Refinement, places: int) -> str:
         name = str(index + 1) if index < places else "home"
         x, y, yaw = call.goal.pose
         degrees = math.degrees(math.remainder(yaw, math.tau))
+        heading = "passed" if call.passing else f"{degrees:.0f}°"
         time = action.get("duration", math.nan)
-        lines.append(f"{name:>5} {x:7.2f} {y:7.2f} {degrees:7.0f}° {time:6.1f} s")
+        lines.append(f"{name:>5} {x:7.2f} {y:7.2f} {heading:>8} {time:6.1f} s")
     before = found.before.duration
     lines.append(
         f"{found.after.duration:.1f} s predicted; {before:.1f} s as listed, naive headings"
@@ -191,6 +203,14 @@ def arguments() -> argparse.ArgumentParser:
     parser.add_argument("--as-listed", action="store_true", help="keep the order of the places")
     parser.add_argument("--keep-last", action="store_true", help="end at the last place")
     parser.add_argument("--return-home", action="store_true", help="end where the robot is")
+    parser.add_argument(
+        "--passing", action="store_true", help="the robot need not stop at places without a heading"
+    )
+    parser.add_argument(
+        "--headings", nargs=2, type=_angle, action="append", default=[], metavar=("LOW", "HIGH"),
+        help="rad, from LOW counter-clockwise to HIGH; headings at places without one lie within "
+        "one of these ranges",
+    )  # fmt: skip
     parser.add_argument(
         "--execute", action="store_true",
         help="send the round to the running executor, with the order and headings printed",

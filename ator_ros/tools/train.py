@@ -38,7 +38,7 @@ from ator_ros.performance.training import (
 )
 from ator_ros.performance.training import train as train_model
 from ator_ros.printable import one_line, printable
-from ator_ros.tools.command_line import add_setting, run_tool
+from ator_ros.tools.command_line import add_nav2, add_setting, run_tool
 
 _FORCE = "--force"
 _ROLES = {ODOM: "odometry", CMD_VEL: "velocity commands"}
@@ -185,6 +185,7 @@ def arguments() -> argparse.ArgumentParser:
         help="other episodes, on which accuracy is measured",
     )  # fmt: skip
     add_setting(parser, action_set=False)
+    add_nav2(parser)
     parser.add_argument(
         "--planner", type=_topic, metavar="ACTION",
         help="running action server of nav2_msgs/ComputePathToPose, whose paths are the routes on "

@@ -34,6 +34,7 @@ from ator_ros.view.editor import Editor
 from ator_ros.world.readers import plain_frame
 
 _PERIOD = 1.0 / 25.0  # s
+_WATCHED_PERIOD = 0.5  # s; estimates come twice a second
 # a busy machine must not change a chain, whatever the simulation's speed
 _SIMULATED = {"lockstep": True}
 _EXECUTED = {"odom_timeout": 60.0}  # real s, the greatest allowed: the longest pause of a chain
@@ -88,13 +89,33 @@ def serve(options: argparse.Namespace, words: Sequence[str]) -> None:
         closing.callback(page.server.stop)
         # viser warns of messages to a page that is closed
         closing.callback(warnings.simplefilter, "ignore")
-        address = f"http://{options.host}:{page.server.get_port()}"
-        print(f"view: open {address} in a browser; Ctrl-C stops the view", flush=True)
+        _print_address(options.host, page.server.get_port())
         while True:
             for backend in backends.values():
                 backend.spin(_PERIOD / len(backends))
             editor.step(page.take_commands())
             page.update(time.monotonic())
+
+
+def serve_watched(options: argparse.Namespace, words: Sequence[str]) -> None:
+    """Serve the page of a node `watch` until KeyboardInterrupt, as `serve` does for chains."""
+    from ator_ros.view.watched import WatchClient, WatchedPage  # needs viser
+
+    stay_on_this_machine(os.environ)
+    with contextlib.ExitStack() as closing:
+        client = WatchClient(words)
+        closing.callback(client.close)
+        page = WatchedPage(client.domain, client.robot, host=options.host, port=options.port)
+        closing.callback(page.server.stop)
+        closing.callback(warnings.simplefilter, "ignore")
+        _print_address(options.host, page.server.get_port())
+        while True:
+            client.spin(_WATCHED_PERIOD)
+            page.update(client.watched())
+
+
+def _print_address(host: str, port: int) -> None:
+    print(f"view: open http://{host}:{port} in a browser; Ctrl-C stops the view", flush=True)
 
 
 def _models(
@@ -133,6 +154,10 @@ def arguments() -> argparse.ArgumentParser:
         "--attach", action="store_true", help="use running nodes instead of starting nodes"
     )
     parser.add_argument(
+        "--watched", action="store_true",
+        help="show what the node watch has learned from running drives, as beside Nav2",
+    )  # fmt: skip
+    parser.add_argument(
         "--robots", nargs="+", type=_namespace, default=[], metavar="NAMESPACE",
         help="with --attach: namespaces of the robots to show; the page selects one",
     )  # fmt: skip
@@ -156,6 +181,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     def run() -> None:
         with contextlib.suppress(KeyboardInterrupt):  # the usual end
-            serve(options, ros)
+            if options.watched:
+                serve_watched(options, ros)
+            else:
+                serve(options, ros)
 
     return guarded("view", run)

@@ -304,6 +304,11 @@ class TopChain:
         calls[index] = dataclasses.replace(calls[index], goal=goal)
         return dataclasses.replace(self, calls=tuple(calls))
 
+    def with_stop(self, index: int, start: Pose) -> TopChain:
+        """Return the chain in which step `index` (from 0) stops, coming from `start`."""
+        goal = _passed(self.calls[index].goal, start)
+        return self.with_goal(index, with_values(goal, {STOP: 1.0}))
+
     def violations(
         self,
         world: World,

@@ -107,6 +107,25 @@ def test_paths_lead_to_fields_and_to_the_only_item_of_a_sequence() -> None:
     assert value_at(message, "d[0].c") is None
 
 
+POSES = call(server="through", goal=(Filling("poses", source="goals"),))
+
+
+@pytest.mark.parametrize(
+    ("fields", "expected"),
+    [
+        ({"through": POSES, "early": True}, "through: expected none beside `early`"),
+        ({"through": call()}, "through.goal: expected a field with `source: goals`"),
+        ({"through": call(goal=POSES.goal, early=True)}, "neither `early` nor `through` in it"),
+    ],
+)
+def test_goals_are_passed_in_one_way(fields: dict[str, Any], expected: str) -> None:
+    assert [each.passes for each in (call(), call(early=True), call(through=POSES))] == [
+        False, True, True,
+    ]  # fmt: skip
+    with pytest.raises(SchemaError, match=expected):
+        call(**fields)
+
+
 # ---- results -------------------------------------------------------------------------------------
 
 

@@ -11,7 +11,13 @@ import pytest
 
 from ator_ros.actions.base import Point
 from ator_ros.actions.situation import SHORT, NoPlaceError, Situation
-from ator_ros.domains.declared import DeclaredChain, DeclaredDrives, DeclaredPlace, DeclaredStep
+from ator_ros.domains.declared import (
+    DeclaredAllowed,
+    DeclaredChain,
+    DeclaredDrives,
+    DeclaredPlace,
+    DeclaredStep,
+)
 from ator_ros.domains.domain import find_domain
 from ator_ros.schema import SchemaError
 from ator_ros.tops.ordering import ordering_of
@@ -98,3 +104,21 @@ def test_a_chain_may_leave_its_order_open_under_precedences() -> None:
     assert ordering_of(drawn).groups == ((0, 1, 2), (3,))
     with pytest.raises(SchemaError, match="after: expected numbers of entries of steps, 0 to 0"):
         DeclaredChain("round", HALL, (dataclasses.replace(delivery, after=(1,)),))
+
+
+def test_headings_of_steps_lie_within_the_allowed_ranges() -> None:
+    ranges = (DeclaredAllowed("yaw", -0.1, 0.1), DeclaredAllowed("yaw", 3.0, 3.2))
+    step = DeclaredStep("visit", HALL, open=("yaw",), allowed=ranges, times=(3,))
+    chain = DeclaredChain("round", HALL, (step,))
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        _, drawn = chain.sample(ROBOT, LIBRARY, rng, time_limit=60.0)
+        for call in drawn.calls:
+            yaw = call.goal.pose.yaw
+            assert any(
+                low - 1e-9 <= yaw - turn <= high + 1e-9
+                for _, low, high in call.allowed
+                for turn in (0.0, -2.0 * np.pi)
+            )
+    with pytest.raises(SchemaError, match="expected an open variable; got 'yaw'"):
+        DeclaredStep("visit", HALL, allowed=ranges)

@@ -73,7 +73,7 @@ def test_the_file_for_nav2_matches_its_types(monkeypatch: pytest.MonkeyPatch) ->
     remote = find_domain(str(NAV2)).actions()["navigate_to_pose"].remote
     types = SimpleNamespace(NavigateToPose=SimpleNamespace(Goal=GOAL, Result=RESULT))
     monkeypatch.setitem(sys.modules, "nav2_msgs.action", types)
-    sent = RemoteInterface(remote, "map").written(Goal(Pose(1.0, 2.0, 0.0)))
+    sent = RemoteInterface(remote, "map").written((Goal(Pose(1.0, 2.0, 0.0)),))
     assert (sent.pose.header.frame_id, sent.pose.pose.position.y, sent.behavior_tree) == (
         "map",
         2.0,

@@ -1,6 +1,7 @@
 """The control law of the domain `pursuit`, and its durations compared with drives of Nav2."""
 
 import csv
+import itertools
 import math
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from ator_ros.geometry import Pose
 from ator_ros.simulation.run import place, run_action
 from ator_ros.simulation.scene_simulation import Simulation
 from ator_ros.world.state import RobotState, World
-from ator_ros_examples.pursuit import Pursuit
+from ator_ros_examples.pursuit import Pursuit, PursuitThrough
 from ator_ros_examples.rotate_drive_rotate import Phase, State
 from ator_ros_examples.stand_ins import PursuitStandIn
 
@@ -79,3 +80,45 @@ def test_it_fails_if_the_robot_stays_where_it_is() -> None:
     for tick in range(202):
         command = law.step(State(0.05 * tick, 0.0, 0.0, 0.0))
     assert (law.phase, command) == (Phase.TOO_LONG, (0.0, 0.0))
+
+
+def drive(law: Pursuit, start: tuple[float, float, float]) -> np.ndarray:
+    """Return the places (n, 2) of an ideal robot, every 0.05 s, until the law ends."""
+    x, y, yaw = start
+    v = 0.0
+    places = []
+    while law.phase is not Phase.ARRIVED:
+        assert len(places) < 2000
+        places.append((x, y))
+        v, w = law.step(State(0.05 * len(places), x, y, yaw, v, 0.0))
+        x += 0.05 * v * math.cos(yaw)
+        y += 0.05 * v * math.sin(yaw)
+        yaw += 0.05 * w
+    return np.array(places)
+
+
+def nearest(places: np.ndarray, pose: tuple[float, float, float]) -> float:
+    return float(np.hypot(*(places - pose[:2]).T).min())
+
+
+POSES = [(1.8, 0.0, 0.0), (3.5, 0.6, 0.0), (5.0, 1.0, 1.0)]
+
+
+def test_it_drives_through_poses_without_a_stop_and_ends_at_the_last_one() -> None:
+    places = drive(PursuitThrough(POSES), (0.0, 0.0, 0.0))
+    assert all(nearest(places, pose) <= 0.3 for pose in POSES[:2])
+    assert nearest(places, POSES[2]) <= 0.15
+    steps = np.hypot(*np.diff(places, axis=0).T)
+    assert steps[: len(steps) // 2].min() > 0.2 * 0.05
+    starts = [(0.0, 0.0, 0.0), *POSES]
+    legs = [drive(Pursuit(goal), start) for start, goal in itertools.pairwise(starts)]
+    assert len(places) < sum(map(len, legs))
+
+
+def test_it_turns_back_to_a_pose_that_it_has_left_before_it_plans_again() -> None:
+    """It plans after 1.8 m: 0.9 m beyond the first pose, or 0.1 m."""
+    left, removed = (
+        drive(PursuitThrough([(x, 0.0, 0.0), (6.0, 0.0, 0.0)]), (0.0, 0.0, 0.0)) for x in (0.9, 1.7)
+    )
+    assert np.diff(left[:, 0]).min() < -0.01
+    assert np.diff(removed[:, 0]).min() >= 0.0

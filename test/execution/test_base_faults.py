@@ -230,11 +230,15 @@ def test_a_slow_base_is_not_called_late_before_its_share_is_known(share: float) 
     assert "description is implausible" in watch.remark
 
 
-def test_a_base_at_half_speed_is_reported() -> None:
-    base = KinematicBase(PIONEER, Pose(0.0, 0.0, 0.0), share=0.5)
-    done = execute(SOCCER.library(PIONEER), go(PIONEER, Pose(2.0, 0.0, 0.0)), base)
-    assert done.ending is not Ending.BASE_FAULT
-    assert "drives at about 50 % of the commanded speed" in done.watch.remark
+@pytest.mark.parametrize("name", ["pioneer_3dx", "turtlebot4", "pioneer_lx"])
+@pytest.mark.parametrize("share", [0.5, 0.6])
+def test_a_base_slower_than_described_arrives_late_and_is_named(name: str, share: float) -> None:
+    robot = ROBOTS[name]
+    for pose in (Pose(3.5, 0.0, 0.0), Pose(-2.0, 0.5, 0.0)):
+        base = KinematicBase(robot, Pose(0.0, 0.0, 0.0), share=share)
+        done = execute(SOCCER.library(robot), go(robot, pose), base)
+        assert done.ending is Ending.SUCCEEDED, done.execution.reason
+        assert f"drives at about {100 * share:.0f} % of the commanded speed" in done.watch.remark
 
 
 @pytest.mark.parametrize("since", [0.5, 1.0, 1.5, 2.0])

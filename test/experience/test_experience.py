@@ -161,6 +161,7 @@ def test_an_episode_of_which_only_the_start_is_known_has_one_row() -> None:
     (row,) = episode.rows(3, ("ball", "box")).to_dict("records")
     assert math.isnan(row.pop("ball_x"))
     assert math.isnan(row.pop("ball_y"))
+    assert math.isnan(row.pop("nearer"))
     assert row == {
         "action": "push", "episode": 3, "t": 0.0, "x": 1.0, "y": 2.0, "yaw": 0.5, "v": 0.1,
         "w": 0.2, "vy": 0.0, "box_x": 5.0, "box_y": 6.0, "xg": 3.0, "yg": 4.0, "yawg": 0.6,

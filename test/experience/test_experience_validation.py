@@ -92,6 +92,7 @@ def test_a_seed_that_is_no_whole_number_is_rejected(tmp_path: Path, seed: object
         ("success", [2, -1]),
         ("position_error", [-0.1, np.inf]),
         ("heading_error", [-0.1]),
+        ("nearer", [-0.1]),
         ("driven", [2e9]),
         ("action", [None, "a b"]),
     ],

@@ -36,6 +36,11 @@ def test_collected_legs_continue_where_the_one_before_has_passed_its_goal() -> N
     assert not passed.all()
     within = np.abs(starts[["xg", "yg"]].to_numpy()[:3] - starts[["x", "y"]].to_numpy()[1:4])
     assert (within <= 0.3).all()
+    took_over = np.hypot(*within.T)[passed]
+    nearest = starts["position_error"].to_numpy()[:3][passed]
+    assert starts["nearer"].to_numpy()[:3][passed] == pytest.approx(took_over - nearest)
+    assert (nearest < took_over).all()
+    assert starts["nearer"][starts["stopg"] == 1.0].isna().all()
     assert starts["heading_error"].isna().tolist() == (starts["stopg"] == 0.0).tolist()
 
 
@@ -61,6 +66,10 @@ def test_records_say_whether_the_robot_stopped(passing: bool, stopped: bool, sto
     message.call.top = "visit"
     message.call.passing = passing
     message.stopped = stopped
+    message.end.robot.position.x = 1.0
+    message.end.robot.position.y = 0.5
     episode = episode_of(message, DOMAIN, ROBOT)
     assert episode.situation.goal.values == {"stop": stop}
     assert math.isnan(episode.heading_error) is (stop == 0.0)
+    nearer = 0.5 - episode.position_error if stop == 0.0 else math.nan
+    assert episode.nearer == pytest.approx(nearer, nan_ok=True)

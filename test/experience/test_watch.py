@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from bags import ROBOT
 from domain_files import changed, file_of
-from watched_robot import ABORTED, CANCELED, EXECUTING, SUCCEEDED, Robot
+from watched_robot import ABORTED, CANCELED, EXECUTING, SUCCEEDED, TICK, Robot
 
 from ator_ros.domains.domain import find_domain
 from ator_ros.experience.server_drives import Watch
@@ -57,6 +57,28 @@ def test_a_preempted_drive_is_no_failure(robot: Robot) -> None:
     robot.set_state(1, ABORTED)
     (goal,) = robot.watch.take_ended()
     assert episode_of(robot, goal) == "preempted by another goal"
+
+
+@pytest.mark.parametrize(("place", "passes"), [(0.9, True), (0.6, False), (1.25, True)])
+def test_a_drive_that_is_preempted_at_its_goal_has_passed_it(
+    tmp_path: Path, place: float, passes: bool
+) -> None:
+    fields = changed("tops.0.pre", [])
+    fields["actions"][0]["remote"]["early"] = True
+    robot = Robot(Watch(ROBOT, find_domain(str(file_of(tmp_path, fields)))))
+    robot.start(1)
+    for _ in range(round(place / (0.5 * TICK))):
+        robot.odometry(0.5)
+    robot.set_state(2, EXECUTING)
+    robot.set_state(1, ABORTED)
+    (goal,) = robot.watch.take_ended()
+    episode = episode_of(robot, goal)
+    assert goal.is_passed is passes
+    if passes:
+        assert episode.success
+        assert episode.situation.goal.values == {"stop": 0.0}
+    else:
+        assert episode == "preempted by another goal"
 
 
 def test_an_aborted_drive_is_a_failure(robot: Robot) -> None:

@@ -42,14 +42,21 @@ class Server(ActionServer):
     """
 
     def __init__(
-        self, node: Node, name: str = NAME, *, accepts: bool = True, cancels: bool = True
+        self,
+        node: Node,
+        name: str = NAME,
+        *,
+        kind: Any = ExecuteChain,
+        accepts: bool = True,
+        cancels: bool = True,
     ) -> None:
         self.goals: list[ServerGoalHandle] = []
         self.canceled: list[ServerGoalHandle] = []
         self._cancels = cancels
+        self._kind = kind
         super().__init__(
             node,
-            ExecuteChain,
+            kind,
             name,
             self.goals.append,
             goal_callback=lambda _: GoalResponse.ACCEPT if accepts else GoalResponse.REJECT,
@@ -68,8 +75,9 @@ class Server(ActionServer):
         self, state: str = "succeed", *, code: int = 1, reason: str = "", number: int = -1
     ) -> None:
         """End the latest goal, or another one: succeed, abort or canceled."""
-        handle, result = self.goals[number], ExecuteChain.Result()
-        result.outcome.code, result.outcome.reason = code, reason
+        handle, result = self.goals[number], self._kind.Result()
+        if self._kind is ExecuteChain:
+            result.outcome.code, result.outcome.reason = code, reason
         getattr(handle, state)()
         super().notify_execute(handle, lambda _: result)
 

@@ -14,10 +14,10 @@ from process import PATIENCE, environment, executable
 from rclpy.action import ActionClient
 from ros_client import Client, SentGoal
 
-from ator_interfaces.msg import WatchedDrives
+from ator_interfaces.msg import ActionPerformance, WatchedDrives
 from ator_ros.geometry import Pose
 from ator_ros.nodes.messages import pose_of
-from ator_ros.nodes.qos import LATCHED
+from ator_ros.nodes.qos import LATCHED, RESULTS
 
 NAMESPACE = "robot_1"
 NODES = ("watch", "refinement", "executor", "waypoints")
@@ -99,6 +99,20 @@ def test_a_client_of_waypoints_is_served_and_its_drives_are_watched(
         result = SentGoal(client, sender, kind.Goal(poses=poses)).response().result
         assert (result.error_code, result.error_msg) == (0, "")
         client.eventually(lambda: tallies and tallies[-1].drives == len(poses), "three drives")
+
+        records = client.listen(ActionPerformance, "performance/action", RESULTS)
+        kind = importlib.import_module("nav2_msgs.action").NavigateThroughPoses
+        sender = ActionClient(client.node, kind, "waypoints/navigate_through_poses")
+        assert sender.wait_for_server(PATIENCE)
+        for pose, x in zip(poses, (-3.0, -1.5, 0.0), strict=True):
+            pose.pose.position.x = x
+        result = SentGoal(client, sender, kind.Goal(poses=poses)).response().result
+        assert (result.error_code, result.error_msg) == (0, "")
+        client.eventually(lambda: len(records) == len(poses), "three records")
+        assert [record.stopped for record in records] == [False, False, True]
+        assert all(record.actual.accuracy < 0.2 for record in records)
+        # those that were preempted where the robot passed are learned from, too
+        client.eventually(lambda: tallies[-1].drives == 2 * len(poses), "six drives")
     finally:
         client.close()
     for name in NODES:

@@ -1,6 +1,7 @@
 """Actions on external servers: valid servers, and each fault that ends an action."""
 
 import dataclasses
+import importlib
 import time
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -9,12 +10,14 @@ import pytest
 import rclpy
 from action_msgs.srv import CancelGoal
 from action_servers import Server, SilentServer, declared
+from nav2_interfaces import provide_nav2_msgs
 from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from ator_interfaces.action import ExecuteChain
 from ator_ros.actions.base import Goal, Status, Step
+from ator_ros.actions.remote import Filling, Success
 from ator_ros.bases.description import load_robot
 from ator_ros.geometry import Pose
 from ator_ros.nodes.remote_actions import RemoteAction, RemoteServer
@@ -398,3 +401,97 @@ def test_a_server_that_does_not_declare_it_is_stopped_between_goals(bench: Bench
     assert bench.tick(v=0.6).command == STOP
     bench.until(lambda: len(server.canceled) == 1)
     assert len(server.goals) == 1
+
+
+def at(x: float) -> Goal:
+    return Goal(Pose(x, 0.0, 0.0))
+
+
+class Run:
+    """Actions that drive through three goals, with the server that does so."""
+
+    def __init__(self, bench: Bench) -> None:
+        kind = importlib.import_module("nav2_msgs.action").NavigateThroughPoses
+        through = declared(
+            server="through",
+            type="nav2_msgs/action/NavigateThroughPoses",
+            goal=(Filling("poses", source="goals", frame="map"),),
+            success=Success(),
+        )
+        timeouts = dataclasses.replace(through.timeouts, result=600.0)
+        through = dataclasses.replace(through, timeouts=timeouts)
+        self.bench = bench
+        self.single = Server(bench.server_node)
+        self.server = Server(bench.server_node, "through", kind=kind)
+        bench.declare()
+        bench.server.through = RemoteServer(
+            bench.client_node, through, "odom", bench.warnings.append
+        )
+        bench.action = RemoteAction(ROBOT, bench.server)
+        bench.until(bench.server.through.present)
+        self.start(at(1.0), at(2.0), at(3.0))
+        bench.drive(lambda: self.server.goals)
+
+    def start(self, goal: Goal, *following: Goal) -> None:
+        self.bench.action.start(self.bench.world(), goal)
+        if following:
+            self.bench.action.followed_by(following)
+
+    def next(self, goal: Goal, *following: Goal) -> None:
+        """Let an action to the next goal take over."""
+        former = self.bench.action
+        self.bench.action = RemoteAction(ROBOT, self.bench.server)
+        self.start(goal, *following)
+        self.bench.action.take_over(former)
+        former.end("passed")
+
+    def sent(self) -> list[list[float]]:
+        goals = [handle.request.poses for handle in self.server.goals]
+        return [[pose.pose.position.x for pose in poses] for poses in goals]
+
+
+@pytest.fixture
+def through(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> Run:
+    provide_nav2_msgs(monkeypatch)
+    return Run(bench)
+
+
+def test_a_run_of_passed_goals_is_one_goal_of_the_server_that_drives_through(through: Run) -> None:
+    assert through.sent() == [[1.0, 2.0, 3.0]]
+    assert through.server.goals[0].request.poses[0].header.frame_id == "map"
+    assert through.bench.action.drives_on
+    through.next(at(2.0), at(3.0))
+    drive_for(through.bench, 0.2)
+    through.next(at(3.0))
+    assert not through.bench.action.drives_on
+    drive_for(through.bench, 0.2)
+    through.server.finish()
+    assert through.bench.outcome()[0].status is Status.SUCCEEDED
+    assert (len(through.sent()), through.server.canceled, through.single.goals) == (1, [], [])
+
+
+def test_the_rest_of_a_run_is_sent_again_if_it_has_changed(through: Run) -> None:
+    through.next(at(2.5), at(3.0))
+    assert through.bench.tick(v=0.6).command is None
+    through.bench.drive(lambda: len(through.server.goals) == 2)
+    through.next(at(3.5))
+    through.bench.drive(lambda: len(through.server.goals) == 3)
+    assert through.sent()[1:] == [[2.5, 3.0], [3.5]]
+    assert not through.single.goals
+
+
+def test_a_run_is_canceled_in_its_middle(through: Run) -> None:
+    through.next(at(2.0), at(3.0))
+    drive_for(through.bench, 0.1)
+    through.bench.action.end("canceled by the client")
+    assert through.bench.server.through is not None
+    assert through.bench.server.through.ending()
+    through.bench.until(lambda: through.server.canceled)
+
+
+def test_a_server_that_hangs_in_the_middle_of_a_run_is_detected(through: Run) -> None:
+    drive_for(through.bench, 1.2)  # longer than `silence`: the server responds
+    through.next(at(2.0), at(3.0))
+    through.bench.freeze()
+    step, _ = through.bench.outcome()
+    assert "is gone or hangs" in step.message

@@ -18,7 +18,7 @@ SUCCEEDED, ABORTED = 4, 6
 
 
 def written(*fillings: Filling) -> ExecuteChain.Goal:
-    return RemoteInterface(declared(goal=fillings), "odom").written(GOAL)
+    return RemoteInterface(declared(goal=fillings), "odom").written((GOAL,))
 
 
 def test_poses_have_the_frame_of_the_states_unless_declared() -> None:

@@ -10,7 +10,7 @@ from view.in_process import InProcessBackend
 from visualization_msgs.msg import Marker
 
 from ator_ros.actions.base import Goal
-from ator_ros.actions.goal_variables import ORDER
+from ator_ros.actions.goal_variables import ORDER, STOP, with_values
 from ator_ros.domains.drive import DRIVE
 from ator_ros.domains.soccer.soccer_domain import SOCCER
 from ator_ros.geometry import Pose
@@ -97,7 +97,10 @@ def test_stations_have_their_numbers_as_sent_and_their_places_in_the_order() -> 
     assert [label.text for label in labels[:4]] == ["2 (1st)", "1 (2nd)", "4 (3rd)", "5 (4th)"]
     assert [label.text for label in (labels[10], labels[-1])] == ["3 (11th)", "12 (23rd)"]
     assert [(label.name, label.x) for label in labels[:2]] == [("station1", 1.0), ("station0", 0.0)]
-    assert station_labels(sent.part(0)) == []  # its order is not open
+    given = sent.part(0)
+    assert station_labels(given) == []  # its order is not open
+    passing = given.with_goal(1, with_values(given.calls[1].goal, {STOP: 0.0}))
+    assert [label.text for label in station_labels(passing)][:3] == ["1", "2 passed", "3"]
 
 
 def test_a_label_is_a_text_above_its_place() -> None:

@@ -2,10 +2,12 @@
 
 import importlib
 import math
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from conftest import Host
 from documentation import ROOT
@@ -13,6 +15,7 @@ from geometry_msgs.msg import PoseStamped
 from nav2_interfaces import provide_nav2_msgs
 from nav_msgs.msg import Odometry
 from nav_msgs.msg import Path as PathMessage
+from process import PATIENCE
 from profiles import assert_profile
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterEvent
@@ -23,6 +26,7 @@ from ros_client import Client, SentGoal
 
 from ator_interfaces.msg import ActionPerformance, DriveEstimate, Outcome, WatchedDrives
 from ator_ros.actions import DEFAULT_SET
+from ator_ros.experience.watched_paths import PATHS, WatchedPaths
 from ator_ros.files import save
 from ator_ros.geometry import Pose
 from ator_ros.learning.gains import ChainGain, Gains, add_chains
@@ -99,6 +103,14 @@ def nav2(client: Client, monkeypatch: pytest.MonkeyPatch) -> Iterator[Nav2]:
     made.close()
 
 
+def await_watching(nav2: Nav2, client: Client) -> None:
+    """Wait until the node receives all topics: goals from before are no drives."""
+    topics = ("odom", "plan", "navigate_to_pose/_action/status")
+    client.eventually(lambda: all(map(client.node.count_subscribers, topics)), "subscriptions")
+    began = nav2.time
+    client.eventually(lambda: nav2.time > began + PACE, "a second of odometry")
+
+
 def test_drives_are_estimated_recorded_and_counted_but_never_commanded(
     nav2: Nav2, client: Client, host: Host, tmp_path: Path
 ) -> None:
@@ -121,11 +133,7 @@ def test_drives_are_estimated_recorded_and_counted_but_never_commanded(
     add_chains(learned, Gains(digest_of_start(models, [DEFAULT_SET])), *chains)
     client.eventually(lambda: tallies[-1].refined.refined == 2, "the gain of two chains")
     assert tallies[-1].refined.measured == pytest.approx(2.0)
-    topics = ("odom", "plan", "navigate_to_pose/_action/status")
-    client.eventually(lambda: all(map(client.node.count_subscribers, topics)), "subscriptions")
-    began = nav2.time
-    client.eventually(lambda: nav2.time > began + PACE, "a second of odometry")
-
+    await_watching(nav2, client)
     sent = nav2.send(4.0)
     goal = bytes(sent.handle.goal_id.uuid).hex()
     sent.response()
@@ -157,10 +165,33 @@ def test_drives_are_estimated_recorded_and_counted_but_never_commanded(
     events.publish(event)
     warning = "controller_server: FollowPath.desired_linear_vel was changed: drives may take other"
     client.eventually(lambda: warning in node.output, "a warning")
+    nav2.send(nav2.x + 2.0).response()
+    reason = "a drive is not learned from: controller_server: FollowPath.desired_linear_vel"
+    client.eventually(lambda: reason in node.output, "a drive with other parameters")
+    assert (tallies[-1].drives, len(records)) == (5, 1)
 
-    assert nav2.goals == 2  # none but the client's
+    assert nav2.goals == 3  # none but the client's
     names = [name for name, _ in node.node.get_client_names_and_types_by_node("watch", "/")]
     assert not names
+
+
+def test_former_drives_with_other_parameters_do_not_count(
+    nav2: Nav2, client: Client, host: Host, tmp_path: Path
+) -> None:
+    former, now = tmp_path / "1f0c", tmp_path / "2e1d"
+    for folder in (former, now):
+        folder.mkdir()
+    save(former / "watch.json", KIND, Tally(drives=70))
+    tallies = client.listen(WatchedDrives, "watch/drives", LATCHED)
+    config = ROOT / "config"
+    node = host(
+        "watch", domain=config / "nav2" / "stations.yaml", watched=now,
+        robot=config / "building" / "courier.yaml",
+    )  # fmt: skip
+    text = "Nav2 has other parameters than before: its 70 former drives do not count"
+    client.eventually(lambda: text in node.output, "a warning")
+    client.eventually(lambda: tallies, "a tally")
+    assert tallies[-1].drives == 0
 
 
 def test_it_uses_exactly_what_its_profile_allows(nav2: Nav2, client: Client, host: Host) -> None:
@@ -170,3 +201,39 @@ def test_it_uses_exactly_what_its_profile_allows(nav2: Nav2, client: Client, hos
         robot=config / "building" / "courier.yaml", map="map", robot_from="tf",
     )  # fmt: skip
     assert_profile(client, "watch")
+
+
+def test_the_page_finds_what_it_shows_by_the_node(
+    nav2: Nav2, client: Client, host: Host, domain: int, tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    watched_page = pytest.importorskip("ator_ros.view.watched", reason="needs viser")
+    save(tmp_path / "watch.json", KIND, Tally(drives=4, estimate_errors=[0.5, 0.25]))
+    WatchedPaths(tmp_path / PATHS).save((0.0, 0.0), (2.0, 0.0), np.array([(0.0, 0.0), (2.0, 0.0)]))
+    config = ROOT / "config"
+    (tmp_path / "models").mkdir()
+    host(
+        "watch", domain=config / "nav2" / "stations.yaml", watched=tmp_path,
+        models=tmp_path / "models", robot=config / "building" / "courier.yaml",
+    )  # fmt: skip
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+    page = watched_page.WatchClient(timeout=PATIENCE)
+    try:
+        end = time.monotonic() + 2.0 * PATIENCE
+        while page.watched().report is None:
+            assert time.monotonic() < end
+            page.spin(0.1)
+        await_watching(nav2, client)
+        nav2.send(20.0)
+        while not page.watched().estimates:
+            assert time.monotonic() < end
+            page.spin(0.1)
+        watched = page.watched()
+    finally:
+        page.close()
+    assert page.robot.name == "courier"
+    assert watched.report.drives == 4
+    assert watched.estimates[0].goal.pose.position.x == 20.0
+    assert watched.tally.estimate_errors == [0.5, 0.25]
+    assert watched.paths[0].tolist()[-1] == [2.0, 0.0]
+    assert "navigate_to_pose:\ntime = " in watched.rules

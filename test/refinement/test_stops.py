@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from refinement_fakes import ROBOT, USED, FakeModel, call, models, world
+from refinement_fakes import LIBRARY, ROBOT, USED, FakeModel, call, models, world
 
 from ator_ros.actions.goal_variables import ORDER, STOP, STOPS, with_values
 from ator_ros.geometry import Pose, wrap_angles
@@ -22,6 +22,7 @@ from ator_ros.tops.ranges import USUAL_RANGES, declared_ranges
 from ator_ros.world.state import RobotState, World
 
 PASSING = Passing(0.2, 0.5)
+TAKEOVER = LIBRARY["goToPose"].place_tolerance + PASSING.nearer
 START = world()
 
 
@@ -88,7 +89,7 @@ def test_the_next_leg_begins_where_the_robot_passes() -> None:
     first, second = chain_situations(start, plan, ROBOT, MODELS)
     assert first["stopg"][0] == 0.0
     begin = [second[name][0] for name in ("x", "y", "yaw", "v", "w")]
-    assert begin == pytest.approx([0.0, 2.0 - PASSING.dist, math.pi / 2.0, PASSING.speed, 0.0])
+    assert begin == pytest.approx([0.0, 2.0 - TAKEOVER, math.pi / 2.0, PASSING.speed, 0.0])
 
 
 def test_stops_that_the_plan_fixes_are_kept_and_have_no_heading() -> None:
@@ -122,3 +123,12 @@ def test_stop_opens_the_arrival_speed_of_an_action_that_has_one() -> None:
     calls = [call("goToPose", x, 0.0, 0.0, frozenset({STOP})) for x in (1.0, 2.0)]
     found = refiner.refine(START, chain(*calls), placeholders=True)
     assert [(each.subgoal, each.name) for each in found.free] == [(0, "speed"), (1, "speed")]
+
+
+def test_the_reference_passes_where_the_plan_does() -> None:
+    back = [station(x, 0.0, STOP, stop=stop) for x, stop in ((2.0, 0.0), (1.0, 0.0), (-1.0, 1.0))]
+    found = REFINER.refine(START, chain(*back), placeholders=True)
+    assert stops(found.original) == [0.0, 0.0, 1.0]
+    assert stops(found.best) == [1.0, 0.0, 1.0]
+    unaware = Refiner(ROBOT, models(), ranges={**USUAL_RANGES, **declared_ranges([STOPS])})
+    assert stops(unaware.refine(START, chain(*back), placeholders=True).best) == [0.0, 0.0, 1.0]

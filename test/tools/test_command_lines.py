@@ -1,5 +1,6 @@
 """Command lines end with a one-line error that states what was expected, also after signals."""
 
+import argparse
 import importlib
 import io
 import os
@@ -11,10 +12,15 @@ from pathlib import Path
 
 import numba
 import pytest
+from documentation import ROOT
 from domain_files import CHAIN, PLACE, TOUR, file_of
+from maps import hall_map
 
+from ator_ros.domains.domain import Domain
+from ator_ros.nodes import nav2_setup
 from ator_ros.tools import train
-from ator_ros.tools.command_line import INTERRUPTED, guarded
+from ator_ros.tools.command_line import INTERRUPTED, add_nav2, add_setting, guarded, run_tool
+from ator_ros_examples.nav2_stand_in import PARAMETERS
 
 BARE = """
 name: bare
@@ -210,3 +216,35 @@ def test_an_error_of_several_lines_is_reported_in_one(capsys: pytest.CaptureFixt
 
     assert guarded("tool", work) == 1
     assert capsys.readouterr().err == "tool: expected a file; got none; start again\n"
+
+
+def test_robot_domain_and_map_are_those_of_a_running_nav2_unless_given(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    parameters = {
+        "/".join(filter(None, reversed(node))): values for node, values in PARAMETERS.items()
+    }
+    nav2_setup.write_files(
+        nav2_setup.facts_of(parameters, nav2_setup.Given()), hall_map(), tmp_path, "map"
+    )
+    namespaces: list[str] = []
+
+    def found(namespace: str) -> Path:
+        namespaces.append(namespace)
+        return tmp_path
+
+    monkeypatch.setattr(nav2_setup, "set_up", found)
+    parser = argparse.ArgumentParser(prog="tool")
+    add_setting(parser)
+    add_nav2(parser)
+    read: list[tuple[Domain, str]] = []
+    given = str(ROOT / "config" / "turtlebot4.yaml")
+    for words in (["--nav2"], ["--nav2", "robot_1", "--robot", given], ["--domain", "drive"]):
+        code = run_tool(
+            parser, lambda options, domain, _: read.append((domain, options.robot)), words
+        )
+        assert code == 0
+    assert [domain.name for domain, _ in read] == ["stations", "stations", "drive"]
+    assert [domain.grid is not None for domain, _ in read] == [True, True, False]
+    assert [robot for _, robot in read] == [str(tmp_path / "robot.yaml"), given, ""]
+    assert namespaces == ["", "robot_1"]

@@ -1,5 +1,6 @@
 """The tool `round`: order, headings and predicted times of a list of places."""
 
+import math
 from pathlib import Path
 
 import pytest
@@ -36,6 +37,18 @@ def test_the_ends_of_a_round_can_be_fixed(capsys: pytest.CaptureFixture[str]) ->
     assert order("--as-listed") == ["1", "2", "3"]
     assert order("--keep-last")[-1] == "3"
     assert order("--return-home")[-1] == "home"
+
+
+def test_places_may_be_passed_and_headings_limited(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main((*IN_LINE, "--place", "1", "0", "--headings", "1.0", "1.2")) == 0
+    rows = [line.split() for line in capsys.readouterr().out.splitlines()[1:-1]]
+    limits = [math.degrees(1.0) - 0.5, math.degrees(1.2) + 0.5]
+    assert all(limits[0] <= float(row[3].strip("°")) <= limits[1] for row in rows[:-1])
+    words = ("--domain", "patrol", "--passing", "--as-listed")
+    assert main((*words, "--place", "1", "0", "--place", "2", "0")) == 0
+    headings = [line.split()[3] for line in capsys.readouterr().out.splitlines()[1:3]]
+    assert headings[0] == "passed"
+    assert headings[1] != "passed"
 
 
 def test_a_domain_without_drives_has_a_round_by_path_times(

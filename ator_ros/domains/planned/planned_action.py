@@ -24,7 +24,8 @@ POSITION_TOLERANCE = 0.05
 """Distance in m from the goal at which a robot has arrived: 1 cm less than that of the TOPs."""
 HEADING_TOLERANCE = 0.1
 """Angle in rad from the goal's heading at which a robot has arrived: less than that of the TOPs."""
-_REPLANS = 20  # plans after which an action fails: a drive that is undisturbed needs one
+# plans that bring the robot no nearer, after which an action fails: an undisturbed drive needs one
+_REPLANS = 20
 _LATE = 0.4  # s that a robot weaker than its description may be late at a goal with a speed
 
 
@@ -52,6 +53,7 @@ class PlannedAction(Action):
         self.goal = goal
         self._arrival_speed = goal.speed
         self._replans = 0
+        self._nearest = self._off(world)[0]  # m from the goal, when `_replans` was 0
         self._tracker: Tracker | None = None
         self._stopping = False  # because there is no path to the goal from a state in motion
         if not self.is_done(world):
@@ -133,7 +135,14 @@ class PlannedAction(Action):
         )
 
     def replan(self, world: World, why: str, *, counts: bool = True) -> Step:
-        """Plan again from here, or fail after too many plans for which `counts` is true."""
+        """Plan again from here, or fail after too many plans for which `counts` is true.
+
+        A base slower than described comes nearer, and arrives late.
+        """
+        distance, _ = self._off(world)
+        if distance < self._nearest - DISTURBED_DISTANCE:
+            self._nearest = distance
+            self._replans = 0
         self._replans += counts
         if self._replans > _REPLANS:
             return finished(Status.FAILED, f"{why}; gave up after {_REPLANS} new plans")

@@ -1,0 +1,280 @@
+"""The page beside Nav2: map, watched drives, rules, errors and savings, from the node `watch`."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import parameter_value_to_python
+from rclpy.parameter_client import AsyncParameterClient
+
+from ator_interfaces.msg import DriveEstimate, WatchedDrives
+from ator_ros.actions import DEFAULT_SET
+from ator_ros.bases.description import Robot
+from ator_ros.domains.domain import Domain
+from ator_ros.experience.watched_paths import PATHS, WatchedPaths
+from ator_ros.files import FileError, load
+from ator_ros.geometry import FloatArray, Pose
+from ator_ros.learning.watch_tally import KIND, TALLY, Tally
+from ator_ros.nodes.maps import FollowedMap
+from ator_ros.nodes.models import LearnedSets
+from ator_ros.nodes.network import NodesError
+from ator_ros.nodes.parameters import SetupError, domain_and_robot
+from ator_ros.nodes.qos import LATCHED, RESULTS
+from ator_ros.nodes.segments import BLUE, ORANGE, Label, polyline
+from ator_ros.nodes.subscriptions import TfListener
+from ator_ros.nodes.watch import watched_folder
+from ator_ros.view.floor import LOOPBACK, Canvas, Movable, serve
+from ator_ros.view.runs import plain
+from ator_ros.world.readers import seconds_from
+
+_PARAMETERS = ("domain", "robot", "map", "frame", "models", "learned", "watched")
+_ROBOT_FRAME = "base_link"  # REP-105
+_SHOWN = 50  # newest drives on the floor
+_WIDTH = 0.03  # m, of their lines
+_OLD = 2.0  # s after which an estimate is no longer shown: a drive has two a second
+_SPIN = 0.1  # real s
+_SAVINGS = ("headings", "passing", "order")
+
+
+@dataclass
+class Watched:
+    """What the page shows.
+
+    Attributes
+    ----------
+    robot : Pose or None
+        In the frame of the map; None: unknown.
+    report : WatchedDrives or None
+        The newest one.
+    estimates : list of DriveEstimate
+        Of running drives.
+    paths : list of ndarray of shape (n, 2)
+        The newest drives, in m, oldest first.
+    tally : Tally
+        Its errors are those of the newest drives.
+    rules : str
+        Those of all models.
+    """
+
+    robot: Pose | None = None
+    report: WatchedDrives | None = None
+    estimates: list[DriveEstimate] = field(default_factory=list)
+    paths: list[FloatArray] = field(default_factory=list)
+    tally: Tally = field(default_factory=Tally)
+    rules: str = ""
+
+
+class WatchClient:
+    """Client of a node `watch` on this machine: what it publishes, and the folders that it names.
+
+    Raises NodesError if the node, or its map, is not there in time.
+
+    Parameters
+    ----------
+    arguments : sequence of str
+        ROS arguments, such as the namespace of the node.
+    timeout : float
+        Real s for its parameters, and for the map.
+    """
+
+    def __init__(self, arguments: Sequence[str] = (), *, timeout: float = 20.0) -> None:
+        self._timeout = timeout
+        self._context = rclpy.Context()
+        self._context.init(args=list(arguments))
+        self._node = Node("view", context=self._context)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self._node)
+        self._report: WatchedDrives | None = None
+        self._estimates: dict[str, DriveEstimate] = {}
+        self._now = 0.0  # s, of the newest estimate
+        self._place: tuple[Domain, Robot] | None = None  # on its map
+        settings = self._settings()
+        self._frame = settings["frame"]
+        self._folder = watched_folder(settings["watched"])
+        try:
+            domain, robot = domain_and_robot(settings)
+            followed = FollowedMap(self._node, settings, domain, robot, self._take_place)
+        except SetupError as error:
+            raise NodesError(f"watch: {error}; start view on its machine") from error
+        if not followed.is_missing:
+            self._take_place(domain, robot)
+        self._until(lambda: self._place is not None, "a map as `watch` uses it")
+        self.domain, self.robot = self._place or (domain, robot)
+        libraries = {name: self.domain.library(self.robot, name) for name in domain.action_sets}
+        self._models = LearnedSets(self._node, self.domain, libraries, settings)
+        self._tf = TfListener(self._node)
+        subscribe = self._node.create_subscription
+        subscribe(WatchedDrives, "watch/drives", self._take_report, LATCHED)
+        subscribe(DriveEstimate, "watch/estimates", self._take_estimate, RESULTS)
+        self._watched = Watched()
+        self._read_at = -math.inf  # real s
+
+    def close(self) -> None:
+        """Destroy the node."""
+        self._executor.shutdown()
+        self._node.destroy_node()
+        self._context.try_shutdown()
+
+    def spin(self, seconds: float) -> None:
+        """Process messages for some real s."""
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            self._executor.spin_once(timeout_sec=seconds)
+
+    def _until(self, condition: Any, what: str) -> None:
+        end = time.monotonic() + self._timeout
+        while not condition():
+            if time.monotonic() > end:
+                raise NodesError(f"expected {what} within {self._timeout:g} s, got none")
+            self._executor.spin_once(timeout_sec=_SPIN)
+
+    def _settings(self) -> dict[str, Any]:
+        """Return the parameters of the node `watch`."""
+        client = AsyncParameterClient(self._node, "watch")
+        self._until(client.services_are_ready, "the node `watch`, as nav2.launch.xml starts it,")
+        future = client.get_parameters(list(_PARAMETERS))
+        self._until(future.done, "the parameters of `watch`")
+        values = map(parameter_value_to_python, future.result().values)
+        return dict(zip(_PARAMETERS, values, strict=True))
+
+    def _take_place(self, domain: Domain, robot: Robot) -> None:
+        self._place = domain, robot
+
+    def _take_report(self, message: WatchedDrives) -> None:
+        self._report = message
+        self._read_at = -math.inf  # the files have changed, too
+
+    def _take_estimate(self, message: DriveEstimate) -> None:
+        self._now = seconds_from(message.header.stamp)
+        self._estimates[message.goal_id] = message
+
+    def watched(self) -> Watched:
+        """Return what the page shows."""
+        found = self._watched
+        if self._read_at == -math.inf:
+            self._read_at = time.monotonic()
+            with contextlib.suppress(FileError, OSError):
+                found.paths = WatchedPaths(self._folder / PATHS).newest(_SHOWN)
+                found.tally = load(self._folder / TALLY, KIND, Tally)
+        found.report = self._report
+        self._estimates = {
+            name: each
+            for name, each in self._estimates.items()
+            if self._now - seconds_from(each.header.stamp) < _OLD
+        }
+        found.estimates = list(self._estimates.values())
+        found.robot = self._tf.base(self._frame, _ROBOT_FRAME)
+        models = self._models.present[DEFAULT_SET].models
+        found.rules = "\n\n".join(f"{name}:\n{model.rules()}" for name, model in models.items())
+        return found
+
+
+class WatchedPage:
+    """Serves the page; `update` shows something new. By default only this machine can reach it."""
+
+    def __init__(
+        self, domain: Domain, robot: Robot, *, host: str = LOOPBACK, port: int = 8080
+    ) -> None:
+        self.server = server = serve(domain, robot, host=host, port=port)
+        area = robot.scene.area
+        self._drives = Canvas(server, "/drives", area)
+        self._goals = Canvas(server, "/goals", area)
+        self._robot = Movable(server, "/robot", area)
+        radius = 0.5 * (robot.front + robot.rear)
+        server.scene.add_cylinder("/robot/body", radius, 0.2, ORANGE, position=(0.0, 0.0, 0.1))
+        nose = (radius, 0.0, 0.1)
+        server.scene.add_icosphere("/robot/nose", 0.25 * radius, ORANGE, position=nose)
+        gui = server.gui
+        self._report = gui.add_markdown("waiting for the node `watch`")
+        with gui.add_folder("Errors of the first estimates in s"):
+            self._errors = gui.add_uplot(
+                errors_over_time(Tally()),
+                (
+                    {"label": "drive"},
+                    {"label": "estimates", "stroke": "#2060d0", "width": 2},
+                    {"label": "server's own", "stroke": "#d07020", "width": 2},
+                ),
+                scales={"x": {"time": False}},
+                aspect=1.6,
+            )
+        with gui.add_folder("Rules of the models"):
+            self._rules = gui.add_markdown("")
+
+    def update(self, watched: Watched) -> None:
+        """Show what is watched."""
+        # In viser's thread, because changing a handle sets asyncio events.
+        loop = self.server.get_event_loop()
+        asyncio.run_coroutine_threadsafe(self._update(watched), loop).result()
+
+    async def _update(self, watched: Watched) -> None:
+        with self.server.atomic():
+            self._robot.show(watched.robot)
+            lines = (
+                polyline(f"drive{number}", path.tolist(), BLUE, _WIDTH)
+                for number, path in enumerate(watched.paths)
+            )
+            self._drives.draw(lines)
+            self._goals.label(map(_label, watched.estimates))
+            if watched.report is not None:
+                self._report.content = report_text(watched.report)
+            self._errors.data = errors_over_time(watched.tally)
+            self._rules.content = f"```\n{watched.rules or 'no model yet'}\n```"
+
+
+def _label(estimate: DriveEstimate) -> Label:
+    place = estimate.goal.pose.position
+    text = f"{estimate.remaining:.0f} s ± {estimate.spread:.0f} s"
+    return Label(f"goal{estimate.goal_id}", text, place.x, place.y)
+
+
+def errors_over_time(tally: Tally) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return numbers of the newest drives, the errors of their estimates, and of the server's.
+
+    All have the shape (n,), in s; those that are unknown are NaN. The last number is the number of
+    drives.
+    """
+    lists = tally.estimate_errors, tally.server_errors
+    count = max(1, *map(len, lists))
+    numbers = np.arange(count, dtype=float) + 1.0 + max(0, tally.drives - count)
+    ours, theirs = (np.array([math.nan] * (count - len(each)) + each) for each in lists)
+    return numbers, ours, theirs
+
+
+def report_text(report: WatchedDrives) -> str:
+    """Return the newest report in Markdown."""
+    lines = [
+        f"**{plain(report.server)}: {report.drives} drives to learn from**; {report.held_up} held "
+        f"up, {report.recovered} with recoveries, {report.ended_early} ended early",
+        f"First estimates of the last {report.estimated} were wrong by "
+        f"{_seconds(report.estimate_error)} on average, the server's own on the way by "
+        f"{_seconds(report.server_error)}.",
+        f"Models: {plain(report.models) or 'none yet'}. Measured gain of {report.refined.refined} "
+        f"refined chains: {_seconds(report.refined.measured)} "
+        f"({_between(report.refined.measured_low, report.refined.measured_high)}).",
+        f"Driven today: {report.driven / 60.0:.0f} min. What would have been saved:",
+        "| | s | 95 % |\n|---|---|---|\n" + "\n".join(_saved(report, name) for name in _SAVINGS),
+    ]
+    return "\n\n".join(lines)
+
+
+def _saved(report: WatchedDrives, name: str) -> str:
+    saving = getattr(report, name)
+    return f"| {name} | {_seconds(saving.saving)} | {_between(saving.low, saving.high)} |"
+
+
+def _seconds(value: float) -> str:
+    return "unknown" if math.isnan(value) else f"{value:.2f} s"
+
+
+def _between(low: float, high: float) -> str:
+    return "-" if math.isnan(low) else f"{low:.2f} to {high:.2f}"
