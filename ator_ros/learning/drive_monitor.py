@@ -202,7 +202,7 @@ class DriveMonitor:
         is_learned = model is not None and model.is_learned
         if path is not None and made.success:
             self._paths.save(situation.robot.pose[:2], situation.goal.pose[:2], path)
-            if math.isfinite(made.position_error):  # else it has passed its goal
+            if not goal.is_passed:
                 limit = time_at_limits(self._robot, situation.robot, situation.goal.pose, path)
                 self.speeds.add(limit, made.duration, _pace_of(made))
             if not is_learned and not goal.is_passed:

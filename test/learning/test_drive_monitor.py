@@ -107,17 +107,24 @@ def test_drives_that_pass_their_goals_bound_no_other_drive(tmp_path: Path) -> No
     watched.monitor.use({"navigate": Learned()}, "")  # type: ignore[dict-item]
     robot.odometry(0.0)
     robot.start(0)
+
+    def drive_on(ticks: int) -> None:
+        for _ in range(ticks):
+            robot.odometry(SPEED * 2.0)  # 0.05 m
+
+    drive_on(5)
     for number in range(4):
-        for _ in range(18):
-            robot.odometry(SPEED * 2.0)  # 0.9 m of 1 m
+        drive_on(13)  # 0.9 m of 1 m
         robot.set_state(number + 1, EXECUTING)
         robot.set_state(number, ABORTED)
-        (drive,) = watched.monitor.ended()
-        assert drive.goal.is_passed
-        assert drive.episode is not None
         robot.plan((robot.x, 0.0), (robot.x + 1.0, 0.0))
         ((_, estimate),) = watched.monitor.estimates()
         assert estimate.remaining == pytest.approx(DURATION)
+        assert watched.monitor.ended() == []
+        drive_on(5)  # beyond the goal
+        (drive,) = watched.monitor.ended()
+        assert drive.goal.is_passed
+        assert drive.episode is not None
     assert watched.monitor.speeds.pace is None
 
 
