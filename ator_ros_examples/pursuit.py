@@ -48,11 +48,10 @@ class Tuning:
     # for that time in s, as behind Nav2 a recovery does
     sharp_turn: float = 2.1
     held_up: float = 2.5
-    # of the default tree of NavigateThroughPoses: s between plans, before which passed poses are
-    # removed
+    # of the default tree of NavigateThroughPoses: s between plans; poses nearer than that in m are
+    # removed before
     replanning_period: float = 3.0
-    # m, not Nav2's 0.7: in recorded rounds no pose was passed in more than 0.32 m
-    passed_radius: float = 0.3
+    passed_radius: float = 0.7
     # not Nav2's: a corner of the path is cut by that distance in m
     corner_dist: float = 0.25
 

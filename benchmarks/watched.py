@@ -28,7 +28,7 @@ from ator_ros.experience.store import RecordStore, StoreInfo
 from ator_ros.experience.watched_paths import PATHS, WatchedPaths
 from ator_ros.geometry import FloatArray
 from ator_ros.learning.drive_monitor import DriveMonitor, EndedDrive, driven_on
-from ator_ros.learning.estimates import Estimate, drive_estimator
+from ator_ros.learning.estimates import Estimate
 from ator_ros.learning.round import Source, learn
 from ator_ros.learning.sets import RECORDS, publish
 from ator_ros.performance.accuracy import mean_ci95
@@ -56,7 +56,9 @@ class Replay:
         self.drives: list[EndedDrive] = []
         self.estimates: dict[bytes, list[tuple[ServerGoal, Estimate]]] = {}
         self.by_speed: dict[bytes, float] = {}
-        """By goal: length by speed in s, the first estimate without a model."""
+        """By goal: the length of its path by the speed of former drives, in s."""
+        self._lengths: dict[bytes, float] = {}
+        self._driven = np.array([0.0, 0.0])  # m and s
         self._estimated_at = 0.0
 
     def add(self, role: str, message: object) -> None:
@@ -72,19 +74,17 @@ class Replay:
         for drive in self.monitor.ended():
             self.drives.append(drive)
             if drive.episode is not None:
+                self._driven += self._lengths.get(drive.goal.goal_id, 0.0), drive.duration
                 self._store.append(DEFAULT_SET, drive.episode)
                 if self._store.stored >= FIRST and self._store.stored % BATCH == 0:
                     self._learn()
 
     def _length_by_speed(self, goal: ServerGoal) -> float:
-        start = goal.start_in_frame
-        assert start is not None
-        assert goal.pose is not None
         assert goal.first_path is not None
-        speeds = self.monitor.speeds
-        return drive_estimator(
-            self._robot, start, goal.pose, goal.first_path, model=None, speeds=speeds
-        ).total
+        length = float(np.hypot(*np.diff(goal.first_path, axis=0).T).sum())
+        self._lengths[goal.goal_id] = length
+        driven, seconds = self._driven
+        return length * seconds / driven if driven else length / self._robot.greatest_speed()
 
     def _learn(self) -> None:
         domain = driven_on(WatchedPaths(self._folder / PATHS), self._domain)

@@ -140,6 +140,11 @@ class RemoteCall:
     through: RemoteCall | None = None
 
     @property
+    def servers(self) -> tuple[RemoteCall, ...]:
+        """The server itself, and the one that drives through poses, if there is one."""
+        return (self,) if self.through is None else (self, self.through)
+
+    @property
     def passes(self) -> bool:
         """Whether goals can be passed."""
         return self.early or self.through is not None

@@ -320,7 +320,8 @@ class Domain:
     def remote_servers(self, action_set: str = DEFAULT_SET) -> tuple[str, ...]:
         """Return the names of the action servers that the actions of a set need."""
         remote = (spec.remote for spec in self.actions(action_set).values())
-        return tuple(dict.fromkeys(call.server for call in remote if call is not None))
+        servers = (each.server for call in remote if call is not None for each in call.servers)
+        return tuple(dict.fromkeys(servers))
 
     def candidates(self, action: str, action_set: str = DEFAULT_SET) -> tuple[Feature, ...]:
         """Return the candidate features of an action: its specification's, or the general ones.

@@ -96,17 +96,26 @@ class Response:
     The most prompt base is early, without lag, and twice as strong as described; its speeds count
     as long as a late one may be behind. A sluggish one is late and has twice the lag. A loaded one
     is also half as strong, and does not stop faster than it brakes. `delayed` are the speeds of
-    bases as described that are later than `latency` by `delays` (s), both of shape (n,).
+    bases that are later than `latency` by `delays` (s) and reach `strengths`, shares of the
+    described change of speed, all of shape (n,).
     """
 
-    def __init__(self, axis: Axis, lag: float, early: float, delays: Sequence[float]) -> None:
-        number = len(delays)
+    def __init__(
+        self,
+        axis: Axis,
+        lag: float,
+        early: float,
+        delays: Sequence[float],
+        strengths: Sequence[float],
+    ) -> None:
+        rates = [share * axis.rate for share in strengths]
+        stops = [share * axis.stop for share in strengths]
         strong, weak = _STRONG * axis.rate, _WEAK * axis.rate
         self._followers = Followers(
             [-early - STEP, LATE, LATE, *delays],
-            [strong, axis.rate, weak, *[axis.rate] * number],
-            [_STRONG * axis.stop, axis.stop, weak, *[axis.stop] * number],
-            [0.0, _STRONG * lag, _STRONG * lag, *[lag] * number],
+            [strong, axis.rate, weak, *rates],
+            [_STRONG * axis.stop, axis.stop, weak, *stops],
+            [0.0, _STRONG * lag, _STRONG * lag, *[lag] * len(delays)],
         )
         self._spread = early + LATE
         self._recent: deque[tuple[float, float]] = deque()  # times in s and the most prompt speeds

@@ -50,6 +50,7 @@ _COMPARED = 0.8  # s of motion that show the delay of a base
 # s by which a base may seem later than `latency`, and the step between two delays: one message
 _LATEST = 0.6
 _LATE_STEP = 0.05
+_WEAKER = (0.5, 0.6, 0.7, 0.8)  # shares of the described change of speed that are compared, too
 _JUDGED = 0.5  # s between two estimates of the delay and the share while there is no fault
 # estimates in a row by which a base seems to react before its commands: then `latency` is too high
 _FEWEST_EARLY = 4
@@ -146,10 +147,13 @@ class AxisWatch:
         self._lag = lag
         earliest = -round(latency / _LATE_STEP)
         late = range(earliest, round(_LATEST / _LATE_STEP) + 1)
-        self.delays = _LATE_STEP * np.array(late)
-        """Times in s by which the base may be later than `latency`, shape (n,)."""
-        self._is_prompt = (self.delays >= -self._early) & (self.delays <= LATE + ROUNDING)
-        self._response = Response(axis, lag, self._early, self.delays.tolist())
+        strengths = np.array([*[1.0] * len(late), *_WEAKER])
+        self.delays = _LATE_STEP * np.array([*late, *[0] * len(_WEAKER)])
+        """Times in s by which the base may be later than `latency`, shape (n,); then those of weak
+        bases, which only seem late."""
+        is_prompt = (self.delays >= -self._early) & (self.delays <= LATE + ROUNDING)
+        self._is_prompt = is_prompt & (strengths == 1.0)
+        self._response = Response(axis, lag, self._early, self.delays.tolist(), strengths.tolist())
         self._delayed: deque[tuple[float, FloatArray]] = deque()  # times in s and speeds
         self._speeds: deque[tuple[float, float]] = deque()  # times in s and mean speeds
         self._fault = Debounce()
@@ -319,7 +323,8 @@ class _SteadyShare:
     @property
     def value(self) -> float:
         """The share if it has differed from 1 for more than a second, else 1."""
-        return self._mean if self._seconds >= _STEADY else 1.0
+        is_clear = not _SLOW <= self._mean < _FAST  # else the base was now slow, now fast
+        return self._mean if is_clear and self._seconds >= _STEADY else 1.0
 
     def update(self, speed: float, described: Sequence[float], gap: Gap) -> None:
         """Process a speed, and those of bases as described that react early to late."""
@@ -559,8 +564,11 @@ class MotionWatch:
         is_early = delay < -_LATE_STEP - ROUNDING
         self._early_in_a_row = self._early_in_a_row + 1 if is_early else 0
         self._is_early = self._is_early or self._early_in_a_row >= _FEWEST_EARLY
-        most = min(0.5 * off[is_usual].min(), 0.5 * np.abs(speeds).mean(), watch.tolerance)
-        return 0.0 if is_usual[best] or off[best] >= most else delay
+        usual = off[is_usual].min()
+        if is_usual[best] or usual < 0.5 * watch.tolerance:
+            return 0.0
+        most = min(0.5 * usual, 0.5 * np.abs(speeds).mean(), watch.tolerance)
+        return delay if off[best] < most else 0.0
 
     def _since(self, time: float) -> list[tuple[float, RobotState]]:
         """Return the states from the last one at or before `time` (s) on, if there is one."""

@@ -50,6 +50,7 @@ SILENCE = 1.0  # s without odometry after which a new segment begins
 _MOST_FRAMES = 1000  # in tf: far more than a robot has
 _LONGEST_NAME = 256  # characters of a frame in tf
 _SEGMENT = 100  # numbers that need as much memory as a segment without messages
+_AWAY = 0.1  # m beyond its least distance from a goal at which a robot leaves it: above noise
 _NEAR_ROBOT = 1.0  # m: what a robot drives while its path is planned
 _KEPT_GOALS = 100  # that have ended: a status message still names those of the last minutes
 _KEPT_ROWS = 1000  # of odometry without an active goal: 20 s at 50 Hz
@@ -115,6 +116,7 @@ class Watch:
         """By frame in tf, its parent."""
         self._numbers = 0
         self._ended: list[ServerGoal] = []
+        self._passing: list[ServerGoal] = []  # that are passed, until the robot leaves them
 
     @property
     def numbers(self) -> int:
@@ -174,7 +176,8 @@ class Watch:
             ended = self._goals.add_status(self.servers[role], message, newest, self.now, robot)
             for goal in ended:
                 goal.is_passed = self._passes(goal)
-            self._ended += ended
+                (self._passing if goal.is_passed else self._ended).append(goal)
+            self._observe_passing()
 
     def _is_of_drive(self, message: Any) -> bool:
         """Return whether a path begins at the robot, as far as that is known.
@@ -200,25 +203,40 @@ class Watch:
             return False
         return goal.final_pose.distance(goal.pose) <= top.place_tolerance
 
+    def _observe_passing(self) -> None:
+        """Observe how near the robot passes goals; those that it leaves have ended."""
+        for goal in self._passing[:]:
+            robot = self.robot_in(goal.frame)
+            is_left = goal.segment is not self.segments[-1]
+            if robot is not None and goal.pose is not None:
+                distance = robot.pose.distance(goal.pose)
+                goal.nearest = min(goal.nearest, distance)
+                is_left |= distance > goal.nearest + _AWAY
+            if is_left:
+                self._passing.remove(goal)
+                self._ended.append(goal)
+
     def take_ended(self) -> list[ServerGoal]:
-        """Return the goals that have ended since the last call."""
+        """Return the goals that have ended since the last call, and that the robot has left."""
         ended = self._ended
         self._ended = []
         return ended
 
     def forget(self) -> None:
-        """Forget odometry and goals that no drive needs any more; call it after `take_ended`.
+        """Forget odometry and goals that no drive needs any more; those of `take_ended` are kept.
 
         A goal that is executed for longer than `LONGEST` is no drive.
         """
         newest = self.segments[-1]
-        running = (goal for goal in self.active if self.now - goal.begin <= LONGEST)
+        ending = (*self._passing, *self._ended)
+        goals = (*self.active, *ending)
+        running = (goal for goal in goals if self.now - goal.begin <= LONGEST)
         used = {id(goal.segment) for goal in running}
         if id(newest) not in used and len(newest.odom) > _KEPT_ROWS:
             newest = Segment()
             newest.odom.append(*self.segments[-1].odom.last)
         self.segments = [each for each in self.segments[:-1] if id(each) in used] + [newest]
-        self._goals.forget(_KEPT_GOALS)
+        self._goals.forget(_KEPT_GOALS, ending)
 
     def rejection(self, goal: ServerGoal) -> str:
         """Return why a goal is no episode; empty if it may be one."""
@@ -252,7 +270,12 @@ class Watch:
             return "no TOP calls the action"
         track = (track or Track(segment)).seen_from(goal.odom_pose)
         errors = (math.nan, math.nan)
-        if goal.final_pose is not None and not goal.is_passed:
+        nearer = math.nan
+        if goal.final_pose is not None and goal.is_passed:
+            if math.isfinite(goal.nearest):
+                errors = goal.nearest, math.nan
+                nearer = max(0.0, goal.final_pose.distance(goal.pose) - goal.nearest)
+        elif goal.final_pose is not None:
             reached = (
                 robot.hold_point(goal.final_pose) if top.point is Point.HOLD else goal.final_pose
             )
@@ -273,6 +296,7 @@ class Watch:
             f"recorded: its server reported {goal.status}",
             *errors,
             samples=track.samples(goal.begin, goal.end, start.objects),
+            nearer=nearer,
         )
         too_far = fault_in(episode, top, robot)
         return "the goal is farther than the robot drives in its duration" if too_far else episode
@@ -289,6 +313,7 @@ class Watch:
             self._numbers += _SEGMENT
         self.segments[-1].odom.append(time, *robot.pose, robot.vx, robot.w, robot.vy)
         self._numbers += WIDTH
+        self._observe_passing()
 
     def _add_transforms(self, message: Any, *, fixed: bool) -> None:
         for transform in message.transforms:

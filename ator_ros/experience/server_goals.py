@@ -8,7 +8,7 @@ first message.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -86,6 +86,8 @@ class ServerGoal:
     is_passed : bool
         Whether the other one was accepted within the tolerance of this one's pose, so that the
         robot has passed it. Set by `Watch`.
+    nearest : float
+        How near in m the robot has passed it; infinite: unknown.
     from_goal_pose : bool
         Whether the pose is that of a goal_pose, which no plan replaces.
     first_path, path : ndarray of shape (n, 2), or None
@@ -110,6 +112,7 @@ class ServerGoal:
     before_recording: bool = False
     preempted: bool = False
     is_passed: bool = False
+    nearest: float = math.inf
     from_goal_pose: bool = False
     first_path: FloatArray | None = None
     path: FloatArray | None = None
@@ -270,14 +273,17 @@ class ServerGoals:
                     self.numbers += 0 if goal.first_path is not None else path.size
                     goal.set_path(path)
 
-    def forget(self, kept: int) -> None:
-        """Forget the oldest goals that have ended, beyond the number `kept`."""
+    def forget(self, kept: int, needed: Collection[ServerGoal]) -> None:
+        """Forget the oldest goals that have ended, beyond the number `kept`.
+
+        Of all but those that are still `needed`, only the name remains.
+        """
         ended = [key for key, goal in self.goals.items() if not goal.is_active]
         for key in ended[: max(0, len(ended) - kept)]:
             del self.goals[key]
         self.numbers = 0
         for goal in self.goals.values():
-            if goal.status:
+            if goal.status and goal not in needed:
                 goal.path = goal.first_path = goal.segment = None
 
 

@@ -25,6 +25,7 @@ from ator_ros.learning.estimates import (
     Pace,
     direct_of_drives,
     drive_estimator,
+    time_at_limits,
 )
 from ator_ros.performance.held_up import LEAST_DELAY, LEAST_RATIO
 from ator_ros.performance.model import PerformanceModel
@@ -164,13 +165,15 @@ class DriveMonitor:
         start = goal.start_in_frame
         if start is None or goal.pose is None or goal.first_path is None:
             return
-        self._paths.add(start.pose[:2], goal.pose[:2], goal.first_path)
+        model = self._models.get(goal.action) if goal.frame == self._frame else None
+        if model is not None:  # else its path may lead through other poses
+            self._paths.add(start.pose[:2], goal.pose[:2], goal.first_path)
         estimator = drive_estimator(
             self._robot,
             start,
             goal.pose,
             goal.first_path,
-            model=self._models.get(goal.action) if goal.frame == self._frame else None,
+            model=model,
             speeds=self.speeds,
             values=usual_values(self.domain, goal.action),
             source=self._basis(goal.action),
@@ -199,8 +202,9 @@ class DriveMonitor:
         is_learned = model is not None and model.is_learned
         if path is not None and made.success:
             self._paths.save(situation.robot.pose[:2], situation.goal.pose[:2], path)
-            length = float(np.hypot(*np.diff(path, axis=0).T).sum())
-            self.speeds.add(length, made.duration, _pace_of(made))
+            if not goal.is_passed:
+                limit = time_at_limits(self._robot, situation.robot, situation.goal.pose, path)
+                self.speeds.add(limit, made.duration, _pace_of(made))
             if not is_learned and not goal.is_passed:
                 drive = situation.robot, situation.goal.pose, made.duration
                 self._first_drives[goal.action].append(drive)

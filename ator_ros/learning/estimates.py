@@ -1,7 +1,8 @@
 """How long a running goal of an action server takes: predicted at its start, corrected on its way.
 
 The prediction is a model's; before one is learned, that of path times, which the first drives
-correct. Of a server without a model it is the length of its path by the speed of former drives.
+correct. Of a server without a model, such as one that drives through poses, it is the time of its
+whole path with all turns, as late as former drives.
 """
 
 from __future__ import annotations
@@ -25,13 +26,13 @@ from ator_ros.world.state import RobotState
 
 BY_MODEL = "model"
 BY_PATH_TIME = "path time"
-BY_SPEED = "path length by observed speed"
-BY_LIMIT = "path length by the greatest speed"
+BY_DRIVES = "time of the path at the limits, as late as former drives"
+BY_LIMITS = "time of the path at the limits"
 """What an estimate is based on; the text of a model continues with what it is learned from."""
 _FEWEST = 3  # drives that show the robot's speed
 _REMEMBERED = 50  # newest drives that count for it
 _AHEAD = 3.0  # m of its path that a robot drives between two estimates; it may cross itself later
-_USUAL_SPREAD = 0.4  # share of a duration by which that at the usual speed errs: 3 s of 8 s
+_USUAL_SPREAD = 0.2  # share of a duration by which that of former drives errs: some s of 15 s
 _USUAL_SHORT = 0.25  # m and rad from its goal, where Nav2 ends drives by default
 _BOUND = 1.2816  # standard deviations that nine of ten keep
 
@@ -82,25 +83,25 @@ class Pace:
 
 
 class ObservedSpeeds:
-    """Speeds of the newest drives that arrived: on the whole path, and how they drove at most."""
+    """What the newest drives that arrived have shown: how late, and how they drove at most."""
 
     def __init__(self) -> None:
-        self._drives: deque[tuple[float, float]] = deque(maxlen=_REMEMBERED)
+        self._times: deque[tuple[float, float]] = deque(maxlen=_REMEMBERED)
         self._paces: deque[Pace] = deque(maxlen=_REMEMBERED)
 
-    def add(self, length: float, duration: float, pace: Pace) -> None:
-        """Add a drive on a path of `length` m in `duration` s."""
-        if length > LOOK_AHEAD and duration > 0.0:
-            self._drives.append((length, duration))
+    def add(self, at_limits: float, duration: float, pace: Pace) -> None:
+        """Add a drive in `duration` s on a path that takes `at_limits` s, see `time_at_limits`."""
+        if at_limits > 0.0 and duration > 0.0:
+            self._times.append((at_limits, duration))
             self._paces.append(pace)
 
     @property
-    def usual(self) -> float:
-        """Length by duration of all drives in m/s, turns included; NaN before three of them."""
-        if len(self._drives) < _FEWEST:
+    def lateness(self) -> float:
+        """Duration of all drives by that at the limits; NaN before three of them."""
+        if len(self._times) < _FEWEST:
             return math.nan
-        length, duration = np.sum(self._drives, axis=0)
-        return float(length / duration)
+        at_limits, duration = np.sum(self._times, axis=0)
+        return float(duration / at_limits)
 
     @property
     def pace(self) -> Pace | None:
@@ -219,21 +220,21 @@ def drive_estimator(
     source : str
         What the model is, for `basis`.
     """
-    length = float(np.hypot(*np.diff(path, axis=0).T).sum())
     pace = speeds.pace
     if pace is None:
         pace = Pace(robot.greatest_speed(), _USUAL_SHORT, _USUAL_SHORT)
-    shortest = length / pace.speed
+    shortest = float(np.hypot(*np.diff(path, axis=0).T).sum()) / pace.speed
     predicted = None if model is None else _predicted(model, start, goal, values)
     if predicted is not None:
         total, spread, bound = predicted
         basis = source
     else:
-        is_known = not math.isnan(speeds.usual)
-        total = length / speeds.usual if is_known else shortest
+        is_known = not math.isnan(speeds.lateness)
+        lateness = speeds.lateness if is_known else 1.0
+        total = lateness * time_at_limits(robot, start, goal, path)
         spread = _USUAL_SPREAD * total
         bound = total + _BOUND * spread
-        basis = BY_SPEED if is_known else BY_LIMIT
+        basis = BY_DRIVES if is_known else BY_LIMITS
     return DriveEstimator(
         total,
         spread,
@@ -244,6 +245,17 @@ def drive_estimator(
         beside=max(0.0, total - shortest),
         goal_yaw=goal.yaw,
     )
+
+
+def time_at_limits(robot: Robot, start: RobotState, goal: Pose, path: FloatArray) -> float:
+    """Return the time in s of a path, shape (n, 2), in m, with all its turns at the limits."""
+    length, turn, departure, arrival, _ = route_along(path, LOOK_AHEAD)
+    first = wrap_angle(departure - start.pose.yaw)
+    last = wrap_angle(goal.yaw - arrival)
+    turns = [np.array([abs(angle)]) for angle in (first, turn, last)]
+    at_rest = np.zeros(1)
+    found = robot.route_time(np.array([length]), turns, np.array([start.vx]), at_rest)
+    return float(found[0])
 
 
 def direct_of_drives(

@@ -22,7 +22,7 @@ from ator_ros.files import DamagedFileError, FileError
 from ator_ros.learning.gains import GAINS, Gains, read_gains
 from ator_ros.learning.sets import Manifest, current_set, digest_of_start, read_manifest
 from ator_ros.nodes.diagnostics import STEADY
-from ator_ros.nodes.parameters import Parameter
+from ator_ros.nodes.parameters import Parameter, map_topic
 from ator_ros.performance.model import PerformanceModel
 from ator_ros.performance.model_file import NoModelsError, RobotMismatchWarning, load_models
 from ator_ros.performance.path_times import path_times_remark
@@ -84,8 +84,8 @@ class LearnedSets:
     `warm_up` is called with the library of an action set and its models before they are used, in a
     thread for a new learned set. That thread also watches the learned folder, since a network share
     may hang. While it cannot be read, what is in use is kept. The main thread reads the folder at
-    the start and for each new map; if its set cannot be read then, the models of `models` are used
-    until it can.
+    the start and for each new map, but not before the first one if that comes from a topic; if its
+    set cannot be read then, the models of `models` are used until it can.
 
     Attributes
     ----------
@@ -106,6 +106,7 @@ class LearnedSets:
         self._node = node
         self._warm_up = warm_up
         self._models = settings["models"]
+        self._needs_map = bool(map_topic(settings))
         learned = settings["learned"]
         self._folder = Path(learned).expanduser() if learned else None
         self._had_set = False  # whether the learned folder has named a set in use
@@ -130,10 +131,15 @@ class LearnedSets:
         place = domain.models_root(self._models)
         self.gains = Gains(digest_of_start(place, libraries))
         self._gains_state = ("", 0)
-        if self._folder is not None:
+        if self._folder is not None and not self._waits_for_map:
             self._read_now(self._folder)
         if not self.present:
             self.present = self._load(place)
+
+    @property
+    def _waits_for_map(self) -> bool:
+        """Whether the map of learned models has not come yet, so that they cannot be used."""
+        return self._needs_map and self._domain.grid is None
 
     def _read_now(self, folder: Path) -> None:
         """Use the set and the gains of the learned folder, if it can be read."""
@@ -222,6 +228,8 @@ class LearnedSets:
 
     def _check_folder(self, folder: Path) -> None:
         """Use what a thread has read from the learned folder, and let it read again."""
+        if self._waits_for_map:
+            return
         now = time.monotonic()
         if self._reading is not None:
             if not self._reading.done():

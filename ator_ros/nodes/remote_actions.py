@@ -62,9 +62,8 @@ class RemoteServers:
         self._domain = domain
         callers: dict[RemoteCall, set[str]] = {}
         for spec in chain.from_iterable(domain.action_sets.values()):
-            for call in () if spec.remote is None else (spec.remote, spec.remote.through):
-                if call is not None:
-                    callers.setdefault(call, set()).add(spec.name)
+            for call in () if spec.remote is None else spec.remote.servers:
+                callers.setdefault(call, set()).add(spec.name)
         self._servers = {
             call: RemoteServer(node, call, frame, warn) for call in sorted(callers, key=repr)
         }

@@ -92,7 +92,7 @@ PARAMETERS = (
     Parameter(
         "others",
         ["navigate_through_poses"],
-        "further action servers, whose goals are estimated by the length of their path",
+        "further action servers, whose goals are estimated by length and turns of their path",
     ),
 )
 _PERIOD = 0.5  # real s between two estimates of a drive

@@ -44,7 +44,8 @@ from ator_ros.world.state import World
 _LEGEND = (
     "the robot's path in each situation, naive (orange) and refined (blue); "
     "arrows show the start, dots objects, and crosses the goals of steps (green: nothing is open), "
-    "numbers the stations of a round, in brackets their places in the refined order"
+    "numbers the stations of a round, in brackets their places in the refined order, and those "
+    "that are passed"
 )
 _COLUMNS = 3  # most panels side by side
 _MOST_SITUATIONS = 200  # that fit into one picture

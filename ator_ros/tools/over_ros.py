@@ -81,12 +81,11 @@ def simulated_drives(
         flush=True,
     )
     for spec in actions.values():
-        if spec.remote is not None:
+        for call in () if spec.remote is None else spec.remote.servers:
             try:
-                RemoteInterface(spec.remote, "odom")
+                RemoteInterface(call, "odom")
             except RemoteError as error:
-                server = spec.remote.server
-                message = f"{spec.name}: action server {server}: {error}"
+                message = f"{spec.name}: action server {call.server}: {error}"
                 raise ExperienceError(message) from error
     servers = domain.remote_servers(source.action_set)
     with all_nodes(factor, source) as nodes, connected(nodes, domain, robot, servers) as backend:

@@ -9,6 +9,7 @@ import sys
 import time
 import warnings
 from collections.abc import Mapping, Sequence
+from importlib import import_module
 from typing import Any
 
 from ator_ros.bases.description import Robot
@@ -178,6 +179,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = parser.parse_args(own)
     if options.robots and not options.attach:
         parser.error("--robots: expected --attach, too: the nodes of these robots must run")
+
+    # not in `guarded`: its imports may lose a KeyboardInterrupt
+    with contextlib.suppress(ImportError):
+        import_module("ator_ros.view.page")
 
     def run() -> None:
         with contextlib.suppress(KeyboardInterrupt):  # the usual end

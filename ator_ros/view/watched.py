@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import math
+import textwrap
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -35,13 +36,13 @@ from ator_ros.nodes.subscriptions import TfListener
 from ator_ros.nodes.watch import watched_folder
 from ator_ros.view.floor import LOOPBACK, Canvas, Movable, serve
 from ator_ros.view.runs import plain
-from ator_ros.world.readers import seconds_from
 
 _PARAMETERS = ("domain", "robot", "map", "frame", "models", "learned", "watched")
 _ROBOT_FRAME = "base_link"  # REP-105
 _SHOWN = 50  # newest drives on the floor
 _WIDTH = 0.03  # m, of their lines
-_OLD = 2.0  # s after which an estimate is no longer shown: a drive has two a second
+_OLD = 2.0  # real s after which an estimate is no longer shown: a drive has two a second
+_COLUMNS = 36  # of a line of rules
 _SPIN = 0.1  # real s
 _SAVINGS = ("headings", "passing", "order")
 
@@ -95,8 +96,8 @@ class WatchClient:
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
         self._report: WatchedDrives | None = None
-        self._estimates: dict[str, DriveEstimate] = {}
-        self._now = 0.0  # s, of the newest estimate
+        self._estimates: dict[str, tuple[float, DriveEstimate]] = {}
+        """By goal, when it came in real s, and the newest estimate."""
         self._place: tuple[Domain, Robot] | None = None  # on its map
         settings = self._settings()
         self._frame = settings["frame"]
@@ -155,8 +156,7 @@ class WatchClient:
         self._read_at = -math.inf  # the files have changed, too
 
     def _take_estimate(self, message: DriveEstimate) -> None:
-        self._now = seconds_from(message.header.stamp)
-        self._estimates[message.goal_id] = message
+        self._estimates[message.goal_id] = time.monotonic(), message
 
     def watched(self) -> Watched:
         """Return what the page shows."""
@@ -167,12 +167,10 @@ class WatchClient:
                 found.paths = WatchedPaths(self._folder / PATHS).newest(_SHOWN)
                 found.tally = load(self._folder / TALLY, KIND, Tally)
         found.report = self._report
-        self._estimates = {
-            name: each
-            for name, each in self._estimates.items()
-            if self._now - seconds_from(each.header.stamp) < _OLD
-        }
-        found.estimates = list(self._estimates.values())
+        since = time.monotonic() - _OLD
+        recent = {name: item for name, item in self._estimates.items() if item[0] > since}
+        self._estimates = recent
+        found.estimates = [estimate for _, estimate in recent.values()]
         found.robot = self._tf.base(self._frame, _ROBOT_FRAME)
         models = self._models.present[DEFAULT_SET].models
         found.rules = "\n\n".join(f"{name}:\n{model.rules()}" for name, model in models.items())
@@ -204,8 +202,8 @@ class WatchedPage:
                     {"label": "estimates", "stroke": "#2060d0", "width": 2},
                     {"label": "server's own", "stroke": "#d07020", "width": 2},
                 ),
-                scales={"x": {"time": False}},
-                aspect=1.6,
+                scales={"x": {"time": False}, "y": {"distr": 3}},  # logarithmic
+                aspect=1.3,
             )
         with gui.add_folder("Rules of the models"):
             self._rules = gui.add_markdown("")
@@ -228,7 +226,12 @@ class WatchedPage:
             if watched.report is not None:
                 self._report.content = report_text(watched.report)
             self._errors.data = errors_over_time(watched.tally)
-            self._rules.content = f"```\n{watched.rules or 'no model yet'}\n```"
+            self._rules.content = f"```\n{_wrapped(watched.rules or 'no model yet')}\n```"
+
+
+def _wrapped(text: str) -> str:
+    lines = text.splitlines()
+    return "\n".join(textwrap.fill(line, _COLUMNS, subsequent_indent="  ") for line in lines)
 
 
 def _label(estimate: DriveEstimate) -> Label:
@@ -254,7 +257,7 @@ def report_text(report: WatchedDrives) -> str:
     """Return the newest report in Markdown."""
     lines = [
         f"**{plain(report.server)}: {report.drives} drives to learn from**; {report.held_up} held "
-        f"up, {report.recovered} with recoveries, {report.ended_early} ended early",
+        f"up, {report.recovered} with recoveries, {report.ended_early} ended early.",
         f"First estimates of the last {report.estimated} were wrong by "
         f"{_seconds(report.estimate_error)} on average, the server's own on the way by "
         f"{_seconds(report.server_error)}.",
@@ -273,8 +276,8 @@ def _saved(report: WatchedDrives, name: str) -> str:
 
 
 def _seconds(value: float) -> str:
-    return "unknown" if math.isnan(value) else f"{value:.2f} s"
+    return "unknown" if math.isnan(value) else f"{value:.1f} s"
 
 
 def _between(low: float, high: float) -> str:
-    return "-" if math.isnan(low) else f"{low:.2f} to {high:.2f}"
+    return "-" if math.isnan(low) else f"{low:.1f} to {high:.1f}"

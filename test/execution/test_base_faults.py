@@ -351,10 +351,14 @@ def test_a_base_as_described_is_called_neither_late_nor_slow_nor_fast(
         assert done.watch.remark == ""
 
 
-@pytest.mark.parametrize("share", [0.8, 0.9])
-def test_a_base_that_is_a_little_slow_is_not_called_late(share: float) -> None:
-    base = KinematicBase(HEAVY, Pose(0.0, 0.0, 0.0), share=share)
-    done = execute(SOCCER.library(HEAVY), go(HEAVY, Pose(3.5, 0.0, 0.0)), base)
+@pytest.mark.parametrize("name", ["pioneer_3dx", "turtlebot4", "pioneer_lx"])
+@pytest.mark.parametrize("changed", [{"share": 0.8}, {"share": 0.9}, {"strength": 0.63}])
+def test_a_base_that_is_a_little_slow_or_weak_is_not_called_late(
+    name: str, changed: dict[str, float]
+) -> None:
+    robot = ROBOTS[name]
+    base = KinematicBase(robot, Pose(0.0, 0.0, 0.0), **changed)
+    done = execute(SOCCER.library(robot), go(robot, Pose(2.0, 1.0, 1.57)), base)
     assert done.ending is Ending.SUCCEEDED
     assert "latency" not in done.watch.remark
 

@@ -71,11 +71,21 @@ def test_a_drive_that_is_preempted_at_its_goal_has_passed_it(
         robot.odometry(0.5)
     robot.set_state(2, EXECUTING)
     robot.set_state(1, ABORTED)
+    if passes:
+        assert robot.watch.take_ended() == []
+        robot.watch.forget()
+        while robot.x < 1.5:
+            robot.odometry(0.5)
+            robot.watch.forget()
     (goal,) = robot.watch.take_ended()
     episode = episode_of(robot, goal)
     assert goal.is_passed is passes
     if passes:
         assert episode.success
+        assert episode.duration == pytest.approx(place / 0.5)
+        nearest = max(0.0, place - 1.0)
+        assert episode.position_error == pytest.approx(nearest, abs=0.02)
+        assert episode.nearer == pytest.approx(abs(place - 1.0) - nearest, abs=0.02)
         assert episode.situation.goal.values == {"stop": 0.0}
     else:
         assert episode == "preempted by another goal"

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from bags import ROBOT
 from domain_files import changed, file_of
-from watched_robot import SPEED, SUCCEEDED, Robot
+from watched_robot import ABORTED, EXECUTING, SPEED, SUCCEEDED, Robot
 
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.actions.goal_variables import STOP
@@ -99,6 +99,33 @@ def test_drives_of_a_server_that_can_pass_goals_stop_at_them(tmp_path: Path) -> 
         assert drive.first.basis.startswith(BY_PATH_TIME)
         assert drive.episode is not None
         assert drive.episode.situation.goal.values == {STOP: 1.0}
+
+
+def test_drives_that_pass_their_goals_bound_no_other_drive(tmp_path: Path) -> None:
+    watched = Watched(tmp_path, early=True)
+    robot = watched.robot
+    watched.monitor.use({"navigate": Learned()}, "")  # type: ignore[dict-item]
+    robot.odometry(0.0)
+    robot.start(0)
+
+    def drive_on(ticks: int) -> None:
+        for _ in range(ticks):
+            robot.odometry(SPEED * 2.0)  # 0.05 m
+
+    drive_on(5)
+    for number in range(4):
+        drive_on(13)  # 0.9 m of 1 m
+        robot.set_state(number + 1, EXECUTING)
+        robot.set_state(number, ABORTED)
+        robot.plan((robot.x, 0.0), (robot.x + 1.0, 0.0))
+        ((_, estimate),) = watched.monitor.estimates()
+        assert estimate.remaining == pytest.approx(DURATION)
+        assert watched.monitor.ended() == []
+        drive_on(5)  # beyond the goal
+        (drive,) = watched.monitor.ended()
+        assert drive.goal.is_passed
+        assert drive.episode is not None
+    assert watched.monitor.speeds.pace is None
 
 
 def test_paths_of_drives_survive_a_restart(watched: Watched) -> None:

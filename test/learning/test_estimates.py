@@ -9,17 +9,19 @@ import pytest
 from ator_ros.domains.domain import find_domain
 from ator_ros.geometry import Pose
 from ator_ros.learning.estimates import (
-    BY_LIMIT,
-    BY_SPEED,
+    BY_DRIVES,
+    BY_LIMITS,
     DriveEstimator,
     ObservedSpeeds,
     Pace,
     drive_estimator,
+    time_at_limits,
 )
 from ator_ros.world.state import RobotState
 
 ROBOT = find_domain("pursuit").robot()
 LENGTH, SPEED, TURN = 8.0, 0.5, 3.0
+AT_REST = RobotState(Pose(0.0, 0.0, 0.0))
 PACE = Pace(0.5, 0.1, 0.1)
 PATH = np.stack([np.linspace(0.0, LENGTH, 81), np.zeros(81)], axis=1)
 """A straight path along x; the robot turns for 3 s at its end."""
@@ -104,27 +106,35 @@ def test_the_rest_of_a_path_that_crosses_itself_is_not_cut() -> None:
 
 def start(speeds: ObservedSpeeds) -> DriveEstimator:
     return drive_estimator(
-        ROBOT, RobotState(Pose(0.0, 0.0, 0.0)), Pose(LENGTH, 0.0, 0.0), PATH,
+        ROBOT, AT_REST, Pose(LENGTH, 0.0, 0.0), PATH,
         model=None, speeds=speeds,
     )  # fmt: skip
 
 
-def test_without_a_model_it_is_length_by_speed_and_says_so() -> None:
+def test_without_a_model_it_is_the_time_at_the_limits_as_late_as_former_drives() -> None:
     speeds = ObservedSpeeds()
     first = start(speeds)
-    assert first.total == pytest.approx(LENGTH / ROBOT.greatest_speed())
-    assert first.basis == BY_LIMIT
+    gaining = ROBOT.greatest_speed() / (2.0 * min(axis.rate for axis in ROBOT.axes[:1]))
+    assert first.total == pytest.approx(LENGTH / ROBOT.greatest_speed() + 2.0 * gaining, rel=0.05)
+    assert first.basis == BY_LIMITS
     for _ in range(3):
-        speeds.add(4.0, 10.0, PACE)
+        speeds.add(4.0, 6.0, PACE)
     later = start(speeds)
-    assert later.total == pytest.approx(LENGTH / 0.4)
-    assert later.basis == BY_SPEED
+    assert later.total == pytest.approx(1.5 * first.total)
+    assert later.basis == BY_DRIVES
 
 
-def test_speeds_are_unknown_before_three_drives() -> None:
+def test_turns_count_on_the_way_through_poses() -> None:
+    straight = time_at_limits(ROBOT, AT_REST, Pose(8.0, 0.0, 0.0), PATH)
+    corner = np.array([(0.0, 0.0), (4.0, 0.0), (4.0, 4.0)])
+    around = time_at_limits(ROBOT, AT_REST, Pose(4.0, 4.0, math.pi / 2.0), corner)
+    assert around - straight == pytest.approx(math.pi / 2.0 / ROBOT.greatest_turn_rate, rel=0.1)
+
+
+def test_lateness_is_unknown_before_three_drives() -> None:
     speeds = ObservedSpeeds()
     speeds.add(4.0, 10.0, PACE)
-    assert math.isnan(speeds.usual)
+    assert math.isnan(speeds.lateness)
     assert speeds.pace is None
 
 

@@ -112,7 +112,7 @@ def test_a_client_of_waypoints_is_served_and_its_drives_are_watched(
         assert [record.stopped for record in records] == [False, False, True]
         assert all(record.actual.accuracy < 0.2 for record in records)
         # those that were preempted where the robot passed are learned from, too
-        client.eventually(lambda: tallies[-1].drives == 2 * len(poses), "six drives")
+        client.eventually(lambda: tallies[-1].drives > len(poses) + 1, "a passed drive")
     finally:
         client.close()
     for name in NODES:

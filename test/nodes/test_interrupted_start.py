@@ -7,15 +7,17 @@ from pathlib import Path
 
 import pytest
 from process import PATIENCE, environment, executable
+from selection import few
 
 from ator_ros.start import INTERRUPTED
 
 PROGRAMS = {
-    "executor": ([], 0),
-    "pursuit_server": ([], 0),
-    "collect": (["goToPose", "--jobs", "1", "--out"], INTERRUPTED),
+    "executor": ([], (0,)),
+    "pursuit_server": ([], (0,)),
+    "view": (["--port", "18080"], (INTERRUPTED, 0)),
+    "collect": (["--actions", "goToPose", "--jobs", "1", "--out"], (INTERRUPTED,)),
 }
-"""Arguments and exit code of each program; the last argument of a tool is a file."""
+"""Arguments and exit codes of each program; a file follows the option --out."""
 
 
 def handles_sigterm(pid: int) -> bool:
@@ -25,14 +27,14 @@ def handles_sigterm(pid: int) -> bool:
     return bool(caught >> (signal.SIGTERM - 1) & 1)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize("delay", [0.0, 0.1, 0.3, 0.7, 1.5])
+@pytest.mark.parametrize("number", few([signal.SIGINT, signal.SIGTERM], signal.SIGINT))
+@pytest.mark.parametrize("delay", [0.0, 0.1, 0.3, 0.7, 1.5, 2.3])
 @pytest.mark.parametrize("program", PROGRAMS)
 def test_a_signal_ends_a_program_that_starts_with_at_most_one_line(
     program: str, delay: float, number: signal.Signals, tmp_path: Path, domain: int
 ) -> None:
-    words, code = PROGRAMS[program]
-    files = [str(tmp_path / "table.parquet")] if words else []
+    words, codes = PROGRAMS[program]
+    files = [str(tmp_path / "table.parquet")] if "--out" in words else []
     with subprocess.Popen(
         [executable(program), *words, *files],
         stderr=subprocess.PIPE,
@@ -46,6 +48,6 @@ def test_a_signal_ends_a_program_that_starts_with_at_most_one_line(
         time.sleep(delay)
         process.send_signal(number)
         error = process.communicate(timeout=PATIENCE)[1]
-    assert process.returncode == code, error
+    assert process.returncode in codes, error
     assert "Traceback" not in error
     assert len([line for line in error.splitlines() if "compiles code" not in line]) <= 1

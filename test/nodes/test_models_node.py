@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 from conftest import Host
 from diagnostic_msgs.msg import DiagnosticStatus
+from maps import hall_map
 from process import PATIENCE, environment
 from ros_client import Client, values_of
 
@@ -115,6 +116,19 @@ def learned(tmp_path: Path, models: Path) -> Path:
     digest = read_manifest(publish(folder, made)).digest
     add_chains(folder, read_gains(folder, digest), ChainGain(True, 0.5, 0.1))
     return folder
+
+
+def test_a_learned_set_waits_for_a_map_that_comes_from_a_topic(
+    client: Client, learned: Path, models: Path
+) -> None:
+    settings = {"models": str(models), "learned": str(learned), "map": "map"}
+    libraries = {"default": SOCCER.library(load_robot())}
+    sets = nodes_models.LearnedSets(client.node, SOCCER, libraries, settings)
+    assert sets.diagnostics()["learned set"] == "none yet"
+    assert not sets.problem
+    mapped = SOCCER.on_map(hall_map())
+    sets.load(mapped, {"default": mapped.library(mapped.robot())})
+    assert sets.diagnostics()["learned set"] != "none yet"
 
 
 def test_models_of_the_start_are_used_on_new_maps_while_the_learned_folder_has_a_fault(

@@ -47,7 +47,7 @@ def test_it_shows_drives_estimates_rules_and_savings(page: WatchedPage) -> None:
     client.until(lambda: client.scene.get("/robot") == pytest.approx(place), "the robot")
     assert "/goals/goalab" in client.scene
     assert "duration = 2" in client.text()
-    assert "| order | 310.00 s | 250.00 to 370.00 |" in client.text()
+    assert "| order | 310.0 s | 250.0 to 370.0 |" in client.text()
 
     page.update(Watched(None, REPORT))
     client.until(lambda: "/goals/goalab" not in client.scene, "no estimate after the drive")
@@ -56,7 +56,7 @@ def test_it_shows_drives_estimates_rules_and_savings(page: WatchedPage) -> None:
 
 def test_what_is_unknown_is_said_to_be() -> None:
     assert "| passing | unknown | - |" in report_text(REPORT)
-    assert "1.50 s (0.50 to 2.50)" in report_text(REPORT)
+    assert "1.5 s (0.5 to 2.5)" in report_text(REPORT)
     assert "Models: none yet" in report_text(
         WatchedDrives(refined=Gain(), headings=UNKNOWN, passing=UNKNOWN, order=UNKNOWN)
     )
