@@ -62,7 +62,7 @@ def one_line(text: object, most: int = _LONGEST) -> str:
     if len(whole) <= 20 * most and len(shown) <= most:
         return shown
     parts = whole.count(_PART) + 1
-    if left_out := _MORE.search(whole):
+    if left_out := _MORE.search(whole, max(0, len(whole) - _TAIL)):
         parts += int(left_out[1]) - 1
     room = most - len(f"{_PART}and {parts} more")
     kept = shown[: room + len(_PART)].rpartition(_PART)[0]

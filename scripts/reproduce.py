@@ -45,8 +45,8 @@ class Sizes:
     few: tuple[int, ...] = (50, 200)  # drives or episodes of models from few
     situations: int = 150  # of the dribble, whose gain is smallest
     chains: int = 60  # that are longer, or gain more
-    tours: int = 40  # with models from few drives, or of other robots
-    rounds: int = 15  # of six stations, and tours in the building
+    tours: int = 40  # of other robots
+    rounds: int = 15  # of six stations, and tours with models from few drives
     patrol_drives: int = 100
     patrol_rounds: int = 40
     on_the_job: int = 100  # chains, while learning
@@ -211,16 +211,12 @@ def steps(sizes: Sizes) -> Iterator[Step]:
 
     # Few drives of other servers, learning on the job, other robots: docs/results_conditions.md.
     drives = " ".join(map(str, n.few))
-    servers = (
-        ("tour", drives, n.tours, n.tour_oracle),
-        ("pursuit", drives, n.tours, n.tour_oracle),
-        ("building", str(n.few[-1]), n.rounds, n.tour_oracle // 2),
-    )
-    for domain, numbers, chains, headings in servers:
+    servers = (("tour", drives), ("pursuit", drives), ("building", str(n.few[-1])))
+    for domain, numbers in servers:
         yield Step(
             f"few_drives:{domain}",
-            f"{scripts}/few_drives.py --domains {domain} --drives {numbers} --chains {chains} "
-            f"--oracle {headings} --work few_drives --out few_{domain}.md",
+            f"{scripts}/few_drives.py --domains {domain} --drives {numbers} --chains {n.rounds} "
+            f"--oracle {n.tour_oracle // 2} --work few_drives --out few_{domain}.md",
         )
     # Six stations in any order, with models from few drives: docs/rounds.md.
     policies = "listed listed_refined nearest_refined straight_refined route_refined refined"

@@ -45,6 +45,8 @@ ROBOTS = {
     "turtlebot4": "[TurtleBot 4](../config/turtlebot4.yaml)",
 }
 """Robots of the studies."""
+FEW_DRIVES = ("tour", "pursuit", "building")
+"""Domains whose models are learned from few drives."""
 Json = Mapping[str, Any]
 
 
@@ -120,9 +122,25 @@ def gains(docs: Path) -> str:
 
 def predictions(docs: Path) -> str:
     """Return how right the predictions of the refined chains of README.md's tasks are."""
+    return _predictions((task, _summary(docs / name), policy) for task, name, policy in GAINS)
+
+
+def few_predictions(work: Path) -> str:
+    """Return how right predictions by models from few drives are, for tours behind the gate."""
     rows = []
-    for task, name, policy in GAINS:
-        summary = _summary(docs / name)
+    for domain in FEW_DRIVES:
+        folders = (work / "few_drives").glob(f"{domain}_*/evaluation")
+        drives = {int(folder.parent.name.rpartition("_")[2]): folder for folder in folders}
+        rows += [
+            (f"{domain}, {count} drives", _summary(folder), "gated")
+            for count, folder in sorted(drives.items())
+        ]
+    return _predictions(rows)
+
+
+def _predictions(reports: Iterable[tuple[str, Json, str]]) -> str:
+    rows = []
+    for task, summary, policy in reports:
         row = summary[policy]
         found = row["prediction"]
         error = 100.0 * found["mean_error_s"] / row["mean_duration_s"]
@@ -179,7 +197,7 @@ def studies(docs: Path) -> str:
 def few_drives(work: Path) -> str:
     """Return the tables of `few_drives.py` for all its domains, as one."""
     lines: list[str] = []
-    for domain in ("tour", "pursuit", "building"):
+    for domain in FEW_DRIVES:
         text = (work / f"few_{domain}.md").read_text(encoding="utf-8")
         lines += text.strip().splitlines()[2 if lines else 0 :]
     return "\n".join(lines)
@@ -213,6 +231,7 @@ def write_tables(root: Path, docs: Path, work: Path | None = None) -> None:
     made |= {"table1": table1(docs), "studies": studies(docs)}
     if work is not None and (work / "few_building.md").exists():
         made["few_drives"] = few_drives(work)
+        made["few_predictions"] = few_predictions(work)
     if work is not None and list(work.glob("few_soccer_*")):
         made["few_episodes"] = few_episodes(work)
     for name in PAGES:
