@@ -27,6 +27,7 @@ from nav_msgs.msg import OccupancyGrid
 from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
+from rclpy.signals import SignalHandlerOptions
 
 from ator_ros.bases.description import ConfigError, robot_of
 from ator_ros.files import read_yaml, write_text
@@ -449,7 +450,7 @@ def set_up(
     the map, `wait` are the real s in which Nav2 must answer. Raises Nav2Error, OSError, and
     ValueError for a name that ROS does not allow.
     """
-    rclpy.init(args=[])
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)  # Ctrl-C raises
     try:
         finder = Finder(namespace, topic)
         try:
