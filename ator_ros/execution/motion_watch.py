@@ -195,7 +195,7 @@ class AxisWatch:
             self._speeds.popleft()
         self._response.advance(time - gap.elapsed, time, self.commands)
         self._delayed.append((time, self._response.delayed))
-        while self._delayed[0][0] < time - _KEPT:
+        while self._delayed[1][0] <= time - _KEPT:  # as states are kept, to compare with them
             self._delayed.popleft()
         recent = self.commands.between(time - LATE, time + self._early)
         described = self._response.delayed[self._is_prompt].tolist()

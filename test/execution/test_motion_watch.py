@@ -52,6 +52,19 @@ def test_frozen_odometry_stops_the_robot_within_half_a_second(since: float) -> N
     )
 
 
+@pytest.mark.parametrize("gap", [0.3, 0.7, 1.4, 1.6, 3.0])
+def test_sparse_odometry_of_a_base_that_follows_is_no_fault(gap: float) -> None:
+    watch = MotionWatch(ROBOT, 0.0)
+    time = x = 0.0
+    for number in range(40):
+        state = RobotState(Pose(x, 0.0, 0.0), 0.3 if number else 0.0)
+        assert watch.fault(time, state, time) is None
+        watch.sent(time, Command(0.3))
+        step = TICK if number % 4 else gap
+        time += step
+        x += 0.3 * step
+
+
 @pytest.mark.parametrize(("axis", "speed"), [("vx", 0.6), ("w", 1.0), ("vx", -0.6)])
 def test_a_base_that_moves_without_a_command_ends_the_goal(axis: str, speed: float) -> None:
     waits = chain(("goToBall", Pose(2.0, 0.0, 0.0)))  # at rest, for a ball
