@@ -471,7 +471,8 @@ def outside_experience(
     sentences = []
     opened_before: frozenset[str] = frozenset()
     situations = chain_situations(world, chain, robot, models)
-    for step, (call, direct) in enumerate(zip(chain.calls, situations, strict=True)):
+    pairs = zip(chain.calls, situations, strict=True)
+    for step, (call, direct) in enumerate(pairs):
         known = experience_of(models[call.top.action])
         opened = frozenset(name for name in GOAL_VARIABLES if call.opens(name))
         values = _quantities(direct, robot)
@@ -538,9 +539,9 @@ def within_regions(
             room = _ROOM * float(np.ptp(column))
             narrowed = variable
             if not variable.domain.periodic:
-                narrowed = _narrowed(
-                    variable, float(column.min()) - room, float(column.max()) + room, limits
-                )
+                low = float(column.min()) - room
+                high = float(column.max()) + room
+                narrowed = _narrowed(variable, low, high, limits)
             free.append(narrowed)
     return dataclasses.replace(analysis, free=tuple(free), not_free=tuple(not_free))
 

@@ -127,13 +127,17 @@ def _swept(
     anything = np.ones((1, 1, 1), dtype=bool)
     for number, calls in enumerate(ordering.groups):
         before = ordering.before[np.ix_(calls, calls)]
+        count = len(calls)
+        bits = 1 << np.arange(count)
+        needed = (before * bits[:, None]).sum(axis=0)
+        shape = (1 << count, count, costs.shape[1])
         group = _Group(
             np.array(calls),
-            (before * (1 << np.arange(len(calls)))[:, None]).sum(axis=0),
+            needed,
             anything if possible is None else possible[number],
             entry,
-            np.empty((1 << len(calls), len(calls), costs.shape[1])),
-            np.empty((1 << len(calls), len(calls), costs.shape[1])),
+            np.empty(shape),
+            np.empty(shape),
         )
         _sweep_forward(costs, group.calls, group.needed, group.possible, entry, group.forward)
         groups.append(group)
@@ -350,9 +354,12 @@ class LocalSearch:
             first, last = self._bounds[group[0]]
             width = int(min(last - first + 1, _WIDEST_KICK))
             low = int(self._rng.integers(first, last - width + 2))
-            begin, middle, end = np.sort(self._rng.choice(width + 1, 3, replace=False)) + low
-            parts = (self.order[:begin], self.order[middle:end], self.order[begin:middle])
-            order = np.concatenate((*parts, self.order[end:]))
+            cuts = self._rng.choice(width + 1, 3, replace=False)
+            begin, middle, end = np.sort(cuts) + low
+            first_part = self.order[begin:middle]
+            second_part = self.order[middle:end]
+            order = self.order.copy()
+            order[begin:end] = np.concatenate((second_part, first_part))
             if not self._has_precedences or _keeps(order, self._before, begin, end - 1):
                 self.order = order
                 self.cost = self._cost(order)

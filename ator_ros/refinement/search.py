@@ -358,7 +358,8 @@ class _Windows:
         self._beside = beside
         self._low = np.array([each.low for each in ranges], dtype=float)
         self._high = np.array([each.high for each in ranges], dtype=float)
-        is_circle = np.array([each.periodic and each.high > each.low for each in ranges], bool)
+        circles = [each.periodic and each.high > each.low for each in ranges]
+        is_circle = np.array(circles, dtype=bool)
         self._period = np.where(is_circle, self._high - self._low, np.inf)
         self._bounds = np.stack((self._low, self._high, self._period))
         self._used = 0  # points of the sequence
