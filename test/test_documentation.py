@@ -82,6 +82,7 @@ BY_TEST = {
     r"ros2 run .* domain:=building": "nodes/test_map_node.py::test_a_tour_of_the_",
     r"ros2 run ator_ros learning": "nodes/test_learning_node.py::test_learning_can_be_frozen",
     r"scripts/run pip install .* \./my_package": "nodes/test_outside_domain.py::test_a_domain_from",
+    r"scripts/run python scripts/team_rounds\.py .*": "test_programs.py::test_divisions_of_a_",
     r".* examples/paper_in_one_file\.py": "test_paper_in_one_file.py::test_it_prints_",
     r".* examples/who_goes_to_the_ball\.py .*": "test_programs.py::test_both_decisions_are_",
     r".* examples/plan_with_durations\.py": "test_programs.py::test_durations_are_predicted_",

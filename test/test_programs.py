@@ -29,6 +29,18 @@ def test_each_part_of_the_speed_is_measured(part: str, capsys: pytest.CaptureFix
     assert all(line.startswith((part, "longest tick")) for line in lines)
 
 
+def test_divisions_of_a_round_are_executed_and_the_same_command_resumes(tmp_path: Path) -> None:
+    results = tmp_path / "rounds.jsonl"
+    words = [ROOT / "scripts" / "team_rounds.py", "tour", "--rounds", "1", "--out", results]
+    for _ in range(2):
+        done = subprocess.run(
+            [sys.executable, *map(str, words)], capture_output=True, text=True, check=False
+        )
+        assert done.returncode == 0, done.stderr
+        assert done.stdout.startswith("1 rounds, 0 with a failed chain")
+        assert len(results.read_text(encoding="utf-8").splitlines()) == 1
+
+
 @pytest.mark.long
 def test_refining_along_the_way_is_measured(capsys: pytest.CaptureFixture[str]) -> None:
     assert along.main(["--situations", "2"]) == 0

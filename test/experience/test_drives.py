@@ -84,7 +84,7 @@ def test_a_drive_that_does_not_end_is_left_out() -> None:
 
 
 def test_a_drive_that_ends_without_a_stop_has_no_goal() -> None:
-    """The watchdog of the base stopped it; a robot that drove on was stopped by nobody."""
+    """The watchdog of the base stopped it; a robot that drove on was not stopped."""
     stopped = segment_of((0.4, 1.0), (0.0, 2.0), (0.4, 1.0), (0.0, 1.0), silent=[1])
     assert lengths(stopped) == pytest.approx([0.4])
     drove_on = segment_of((0.4, 1.0), (0.4, 2.0), (0.4, 1.0), (0.0, 1.0), silent=[1])

@@ -263,7 +263,7 @@ def test_two_hundred_of_many_records_are_a_window_of_their_own() -> None:
 
 
 def test_failures_that_are_avoided_are_not_forgotten() -> None:
-    """Only the oldest 60 of the newest 300 records failed; since then nobody drives there."""
+    """Only the oldest 60 of the newest 300 records failed; no later one is from there."""
     dist = uniform(120)
     found = examples((dist < 2.0).astype(float), dist=dist, measure="success")
     current = decided(found, None).tree
