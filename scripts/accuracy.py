@@ -167,7 +167,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         ]
     command = portable_command("accuracy.py", words)
     text = "\n".join(lines)
-    made = f"Made by `{command}`. Times in s, with 95 % bootstrap intervals."
+    made = f"Made by `{command}`.\n\nTimes in s, with 95 % bootstrap intervals."
     write_text(options.out, f"# {title}\n\n{made}\n\n{text}\n")
     return 0
 

@@ -112,10 +112,11 @@ class _Team:
     def publish_feedback(self, running: Sequence[TeamChain]) -> None:
         """Publish what is done, and the time that the last robot needs."""
         names = [part.robot for part in running]
+        is_known = set(names) <= self._remaining.keys()
         self.handle.publish_feedback(
             PlanTeam.Feedback(
                 done=sorted(self._done),
-                remaining=max(self._remaining.get(name, math.nan) for name in names),
+                remaining=max(self._remaining.values()) if is_known else math.nan,
                 status=one_line(f"{listed(names)} drive, {len(self._done)} steps are done"),
             )
         )
@@ -123,7 +124,8 @@ class _Team:
     def take_result(self, part: TeamChain, result: Any, *, failed: bool) -> None:
         """Take the result of a robot's chain; one that `failed` gets no further steps."""
         part.outcome = result.outcome
-        part.actual = result.record.actual
+        if result.record.chain_id:  # empty if the executor is gone
+            part.actual = result.record.actual
         reached = [each for each in result.record.actions if each.outcome.code == Outcome.SUCCEEDED]
         done = {part.order[each.step] for each in reached}
         self._done |= done
@@ -137,10 +139,11 @@ class _Team:
     def summary(self) -> str:
         """Return in a line how long the robots need, and how many steps each has."""
         steps: Counter[str] = Counter()
-        driven: Counter[str] = Counter()
+        driven = dict.fromkeys((part.robot for part in self.chains), 0.0)
         for part in self.chains:
             steps[part.robot] += len(part.order)
-            driven[part.robot] += part.actual.duration
+            if math.isfinite(part.actual.duration):
+                driven[part.robot] += part.actual.duration
         divided = listed([f"{robot} {number}" for robot, number in steps.items()])
         predicted = max((part.predicted.duration for part in self.chains), default=0.0)
         text = f"{predicted:.2f} s predicted until the last robot is done; steps of {divided}"
@@ -227,7 +230,10 @@ class PlanTeamNode(Node):
 
     async def _plan(self, team: _Team) -> list[TeamChain]:
         """Divide the steps that are left; return the chains of the robots that get any."""
-        robots = [self._robots.setdefault(name, _Robot(self, name)) for name in team.situations]
+        for name in team.situations:
+            if name not in self._robots:
+                self._robots[name] = _Robot(self, name)
+        robots = [self._robots[name] for name in team.situations]
         await self._wait_for_nodes(robots, team)
         calls = _restricted(team.handle.request.round.calls, team.left)
         tables, refusals = await self._tables(robots, calls, team)
@@ -261,21 +267,20 @@ class PlanTeamNode(Node):
         self, robots: Sequence[_Robot], calls: list[TopCall], team: _Team
     ) -> tuple[list[FloatArray], list[str]]:
         """Return each robot's times from call to call, and why robots refuse calls."""
-        every = list(range(len(calls)))
-        able = dict.fromkeys(robots, every)
-        answers = await self._predicted(able, calls, team, pairs=True)
+        able = {robot: list(range(len(calls))) for robot in robots}
+        answers = await self._predicted(able, calls, team)
         refusals = []
         for robot, answer in list(answers.items()):
             if answer.accepted:
                 continue
             refusals.append(f"{robot.name}: {printable(answer.reason)}")
-            alone = [await self._predicted({robot: [each]}, calls, team) for each in every]
-            able[robot] = [
-                each for each, own in zip(every, alone, strict=True) if own[robot].accepted
-            ]
+            able[robot] = []
+            for top in dict.fromkeys(call.top for call in calls):
+                own = [index for index, call in enumerate(calls) if call.top == top]
+                if (await self._predicted({robot: own}, calls, team))[robot].accepted:
+                    able[robot] += own
             if able[robot]:
-                again = await self._predicted({robot: able[robot]}, calls, team, pairs=True)
-                answers |= again
+                answers |= await self._predicted({robot: able[robot]}, calls, team)
         tables = []
         for robot in robots:
             table = np.full((len(calls) + 1, len(calls)), np.nan)
@@ -291,15 +296,13 @@ class PlanTeamNode(Node):
         wanted: Mapping[_Robot, Sequence[int]],
         calls: Sequence[TopCall],
         team: _Team,
-        *,
-        pairs: bool = False,
     ) -> dict[_Robot, Any]:
         """Return the answers of robots to the question how long some of the calls take."""
         requests = {
             robot: PredictDurations.Request(
                 situations=[team.situations[robot.name]],
                 calls=_restricted(calls, own),
-                pairs=pairs,
+                pairs=True,
                 action_set=team.handle.request.round.action_set,
             )
             for robot, own in wanted.items()
@@ -307,7 +310,7 @@ class PlanTeamNode(Node):
         clients = {robot: robot.predict for robot in wanted}
         end = time.monotonic() + _REPEATED
         answers = await self._answers(clients, requests, team)
-        while pairs and time.monotonic() < end:
+        while time.monotonic() < end:
             refused = {robot for robot in wanted if not answers[robot].accepted}
             if not refused:
                 break
