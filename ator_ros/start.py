@@ -1,4 +1,4 @@
-"""Starts the programs: a signal ends them also while they import libraries, of one thread each.
+"""Starts the programs, with one thread for linear algebra each; signals end them from then on.
 
 Each of them is a console script (`setup.py`), or is started by a launch file:
 

@@ -243,7 +243,8 @@ def parameter_nodes(namespace: str) -> list[Node]:
 
 def main(args: list[str] | None = None) -> None:
     """Run the stand-in until Ctrl-C or SIGTERM."""
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.default_int_handler)
     rclpy.init(args=args)
     stand_in = Nav2StandIn()
     nodes = [stand_in, *parameter_nodes(stand_in.get_namespace())]

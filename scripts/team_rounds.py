@@ -79,7 +79,7 @@ def executed(
         limit = tools.domain.time_limit * len(order)
         run = run_chain(tools.robot, library, start, refined, time_limit=limit)
         times.append(run.duration if run.success else np.nan)
-    return max(times), sum(times)
+    return float(np.max(times)), float(np.sum(times))
 
 
 def main() -> None:

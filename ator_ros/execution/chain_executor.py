@@ -112,6 +112,7 @@ class PassedStep:
     def __init__(self, record: ActionRecord, robot: Robot) -> None:
         self._record = record
         self._robot = robot
+        self.index = record.index
         self._call = record.chain.calls[record.index]
         self._nearest = math.inf
         self._reason = ""
@@ -121,7 +122,7 @@ class PassedStep:
         """Whether the robot leaves the goal."""
 
     @property
-    def began(self) -> float:
+    def taken_over_at(self) -> float:
         """Time in s at which the next step took over."""
         return self._record.end.time
 
@@ -250,16 +251,12 @@ class ChainExecutor:
             if status is Status.RUNNING:
                 break
             if self._run.hands_over and (
-                self._take_over(world, step.message) or self._run.keeps_driving(world)
+                self._take_over(world, step.message) or self._run.continue_to_goal(world)
             ):
                 step = self._follow(world)
                 continue
             missed = self._finish_passed(at_once=True)
-            self.records.append(
-                self._run.close(
-                    world, _ENDINGS[status], step.message, stopped=not self._run.is_missed
-                )
-            )
+            self.records.append(self._run.close(world, _ENDINGS[status], step.message))
             if self._run.is_missed or (missed is not None and status is Status.SUCCEEDED):
                 return self._stop_at(world, self.index if missed is None else missed)
             following = self._after(world, status)
@@ -349,9 +346,9 @@ class ChainExecutor:
     @property
     def changed_at(self) -> float:
         """Time in s at which the last step ended, or was taken over from; -inf before."""
-        if self._passed:
-            return self._passed[-1].began
-        return self.records[-1].end.time if self.records else -math.inf
+        times = [record.end.time for record in self.records]
+        times += [passed.taken_over_at for passed in self._passed]
+        return max(times, default=-math.inf)
 
     def _take_over(self, world: World, message: str) -> bool:
         """Let the next action take over before the goal is passed; return whether it can.
@@ -380,8 +377,14 @@ class ChainExecutor:
             passed = self._passed.pop(0)
             self.records.append(passed.record())
             if passed.is_missed:
+                reason = "an earlier goal was missed"
+                for later in self._passed:
+                    record = later.record()
+                    self.records.append(
+                        dataclasses.replace(record, ending=Ending.PREEMPTED, reason=reason)
+                    )
                 self._passed.clear()
-                return self.records[-1].index
+                return passed.index
         return None
 
     def _stop_at(self, world: World, index: int) -> Step:
@@ -527,7 +530,7 @@ class StepRun:
             return self._confirmed(
                 world, Step(STOP, Status.SUCCEEDED, f"{self.call.top.name} has settled")
             )
-        if self.call.passing and self._is_near(world):
+        if self.call.passing and self._can_hand_over(world):
             self.hands_over = True
             return Step(None, Status.SUCCEEDED, f"{self.call.top.name} passed its goal")
         drives_on = self.action.drives_on
@@ -537,7 +540,7 @@ class StepRun:
             return Step(None, Status.FAILED, self.call.top.failure(self._unmet(world)))
         return self._confirmed(world, done)
 
-    def _is_near(self, world: World) -> bool:
+    def _can_hand_over(self, world: World) -> bool:
         """Return whether the next step can take over from one that passes its goal."""
         distance = _distance(world, self.call, self._library.robot)
         return distance <= self._takeover or not self._unmet(world)
@@ -548,8 +551,8 @@ class StepRun:
         self._nearest = min(self._nearest, distance)
         return self._nearest <= _NEAR and distance > self._nearest + _AWAY
 
-    def keeps_driving(self, world: World) -> bool:
-        """Return whether the goal is not reached yet; no step takes over before it is."""
+    def continue_to_goal(self, world: World) -> bool:
+        """Allow no takeover before the goal is reached; return whether it is not reached yet."""
         self.hands_over = False
         self._takeover = 0.0
         return bool(self._unmet(world))

@@ -151,7 +151,7 @@ class AxisWatch:
         self.delays = _LATE_STEP * np.array([*late, *[0] * len(_WEAKER)])
         """Times in s by which the base may be later than `latency`, shape (n,); then those of weak
         bases, which only seem late."""
-        is_prompt = (self.delays >= -self._early) & (self.delays <= LATE + ROUNDING)
+        is_prompt = (self.delays >= -self._early - ROUNDING) & (self.delays <= LATE + ROUNDING)
         self._is_prompt = is_prompt & (strengths == 1.0)
         self._response = Response(axis, lag, self._early, self.delays.tolist(), strengths.tolist())
         self._delayed: deque[tuple[float, FloatArray]] = deque()  # times in s and speeds
@@ -558,7 +558,7 @@ class MotionWatch:
         shares = np.clip(speeds @ delayed / squares, _QUARTER, 1.0)  # a slow base only seems late
         off = np.abs(speeds[:, None] - shares * delayed).mean(axis=0)
         latest = LATE + self._robot.lag + ROUNDING  # the described lag may be too short
-        is_usual = (watch.delays >= -_EARLY) & (watch.delays <= latest)
+        is_usual = (watch.delays >= -_EARLY - ROUNDING) & (watch.delays <= latest)
         best = int(np.argmin(off))
         delay = float(watch.delays[best])
         is_early = delay < -_LATE_STEP - ROUNDING

@@ -105,7 +105,8 @@ class Drives:
             done = done or Step(STANDING, Status.RUNNING, reason)
             if self._passed is None:
                 action.end(done.message)
-        self.places = np.array([world.robot.pose[:2] for world in worlds])
+        places = [world.robot.pose[:2] for world in worlds]
+        self.places = np.array(places).reshape(-1, 2)
         duration = simulation.time - start
         judgment = judge(simulation, top, situation.goal, done.status, done.message)
         seen = [sample_of(world, start, situation.objects) for world in worlds[::_TICKS_PER_SAMPLE]]

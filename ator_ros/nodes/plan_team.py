@@ -32,14 +32,15 @@ from ator_ros.printable import listed, one_line, printable, quoted
 from ator_ros.refinement.refiner import LONGEST_CHAIN
 from ator_ros.team.division import Division, DivisionError, Steps, divide
 from ator_ros.tops.chain import InvalidChainError
-from ator_ros.tops.ordering import ordering_of_calls
+from ator_ros.tops.ordering import Ordering, ordering_of_calls
 from ator_ros.world.readers import MessageError, count
 
 _DISCOVERY = 3.0  # real s until a robot's nodes count as missing; DDS may still be connecting them
-# real s in which a refused request is repeated: a node knows frames of tf shortly after the first
-_REPEATED = 1.5
+# real s in which a refused request is repeated: a node receives the frames of tf shortly after it
+# first needs them
+_RETRY_TIME = 1.5
+_RETRY_PAUSE = 0.3  # real s before each repetition
 _MOST_ROBOTS = 16
-_PAUSE = 0.3  # real s before a refused request is repeated
 _FEEDBACK_PERIOD = 0.5  # real s
 _STOP_TIMEOUT = 10.0  # real s in which a robot stops, and its goal ends
 PARAMETERS = (
@@ -50,7 +51,7 @@ PARAMETERS = (
 
 
 class _TeamError(Exception):
-    """A round that cannot be planned, or ended; `code` is that of the outcome."""
+    """Why a round cannot be planned, or ended early; `code` is that of the outcome."""
 
     def __init__(self, code: int, reason: str) -> None:
         super().__init__(reason)
@@ -91,6 +92,8 @@ class _Team:
         Where the robots are that can still drive, by name.
     left : list of int
         Indices of the steps that are not done.
+    done_by : dict of int to str
+        The robot that has done each step.
     chains : list of TeamChain
         The chains of all divisions.
     """
@@ -99,15 +102,16 @@ class _Team:
         self.handle = handle
         self.situations = {each.name: each.situation for each in handle.request.robots}
         self.left = list(range(len(handle.request.round.calls)))
+        self.done_by: dict[int, str] = {}
         self.chains: list[TeamChain] = []
         self._remaining: dict[str, float] = {}
-        self._done: set[int] = set()
 
     def take_feedback(self, part: TeamChain, feedback: Any) -> None:
         """Take the feedback of a robot's chain: its steps before the present one are done."""
         self._remaining[part.robot] = feedback.predicted_remaining
-        place = list(feedback.order).index(feedback.step) if feedback.order else 0
-        self._done.update(part.order[index] for index in feedback.order[:place])
+        position = list(feedback.order).index(feedback.step) if feedback.order else 0
+        done = (part.order[index] for index in feedback.order[:position])
+        self.done_by |= dict.fromkeys(done, part.robot)
 
     def publish_feedback(self, running: Sequence[TeamChain]) -> None:
         """Publish what is done, and the time that the last robot needs."""
@@ -115,9 +119,9 @@ class _Team:
         is_known = set(names) <= self._remaining.keys()
         self.handle.publish_feedback(
             PlanTeam.Feedback(
-                done=sorted(self._done),
-                remaining=max(self._remaining.values()) if is_known else math.nan,
-                status=one_line(f"{listed(names)} drive, {len(self._done)} steps are done"),
+                done=sorted(self.done_by),
+                remaining=max(map(self._remaining.__getitem__, names)) if is_known else math.nan,
+                status=one_line(f"{listed(names)} drive, {len(self.done_by)} steps are done"),
             )
         )
 
@@ -128,7 +132,7 @@ class _Team:
             part.actual = result.record.actual
         reached = [each for each in result.record.actions if each.outcome.code == Outcome.SUCCEEDED]
         done = {part.order[each.step] for each in reached}
-        self._done |= done
+        self.done_by |= dict.fromkeys(done, part.robot)
         self.left = [index for index in self.left if index not in done]
         self._remaining.pop(part.robot, None)
         if result.record.actions:
@@ -139,16 +143,18 @@ class _Team:
     def summary(self) -> str:
         """Return in a line how long the robots need, and how many steps each has."""
         steps: Counter[str] = Counter()
+        predicted = dict.fromkeys((part.robot for part in self.chains), 0.0)
         driven = dict.fromkeys((part.robot for part in self.chains), 0.0)
         for part in self.chains:
             steps[part.robot] += len(part.order)
+            predicted[part.robot] += part.predicted.duration
             if math.isfinite(part.actual.duration):
                 driven[part.robot] += part.actual.duration
         divided = listed([f"{robot} {number}" for robot, number in steps.items()])
-        predicted = max((part.predicted.duration for part in self.chains), default=0.0)
-        text = f"{predicted:.2f} s predicted until the last robot is done; steps of {divided}"
+        last = max(predicted.values())
+        text = f"{last:.2f} s predicted until the last robot is done; steps of {divided}"
         if self.handle.request.execute:
-            text = f"{max(driven.values(), default=0.0):.2f} s driven by the last robot, {text}"
+            text = f"{max(driven.values()):.2f} s driven by the last robot, {text}"
         return text
 
 
@@ -202,19 +208,19 @@ class PlanTeamNode(Node):
             outcome = Outcome(code=Outcome.SUCCEEDED, reason=one_line(team.summary()))
         except _TeamError as error:
             outcome = Outcome(code=error.code, reason=one_line(error))
-        except (MessageError, InvalidChainError, DivisionError) as error:
+        except (MessageError, InvalidChainError) as error:
             outcome = Outcome(code=Outcome.REFUSED, reason=one_line(error))
         self.get_logger().info(one_line(f"round ended: {outcome.reason}"))
-        if handle.is_cancel_requested:
-            handle.canceled()
-        elif outcome.code == Outcome.SUCCEEDED:
+        if outcome.code == Outcome.SUCCEEDED:
             handle.succeed()
+        elif outcome.code == Outcome.CANCELED and handle.is_cancel_requested:
+            handle.canceled()
         else:
             handle.abort()
         return PlanTeam.Result(outcome=outcome, chains=team.chains)
 
     def _check(self, request: Any) -> None:
-        """Raise MessageError if the goal cannot be used."""
+        """Raise MessageError or InvalidChainError if the goal cannot be used."""
         count(request.robots, "robots", least=1, most=_MOST_ROBOTS)
         count(request.round.calls, "round.calls", least=1, most=LONGEST_CHAIN)
         names = [robot.name for robot in request.robots]
@@ -225,6 +231,12 @@ class PlanTeamNode(Node):
                     f"robots[{number}].name: expected {why or 'another name than before'}, "
                     f"got {quoted(name)}"
                 )
+        for number, call in enumerate(request.round.calls):
+            if call.passing:  # the last step of a robot stops, and the division decides which it is
+                raise MessageError(
+                    f"round.calls[{number}].passing: expected false, got true; open stop"
+                )
+        _ordering(request.round.calls)
 
     # Planning
 
@@ -237,13 +249,15 @@ class PlanTeamNode(Node):
         await self._wait_for_nodes(robots, team)
         calls = _restricted(team.handle.request.round.calls, team.left)
         tables, refusals = await self._tables(robots, calls, team)
-        ordering = ordering_of_calls(
-            [call.top for call in calls],
-            [ORDER in call.open for call in calls],
-            [call.after for call in calls],
-        )
+        for position, index in enumerate(team.left):
+            needed = team.handle.request.round.calls[index].after
+            carriers = {team.done_by[other] for other in needed if other in team.done_by}
+            for robot, table in zip(robots, tables, strict=True):
+                if carriers - {robot.name}:  # it continues what another robot has begun
+                    table[:, position] = np.nan
+        steps = Steps.of(_ordering(calls))
         try:
-            division = divide(tables, Steps.of(ordering), total=team.handle.request.total)
+            division = divide(tables, steps, total=team.handle.request.total)
         except DivisionError as error:
             raise MessageError("; ".join((str(error), *refusals))) from error
         planned = await self._refined(robots, division, team)
@@ -297,7 +311,7 @@ class PlanTeamNode(Node):
         calls: Sequence[TopCall],
         team: _Team,
     ) -> dict[_Robot, Any]:
-        """Return the answers of robots to the question how long some of the calls take."""
+        """Return each robot's predicted durations of its calls."""
         requests = {
             robot: PredictDurations.Request(
                 situations=[team.situations[robot.name]],
@@ -308,13 +322,13 @@ class PlanTeamNode(Node):
             for robot, own in wanted.items()
         }
         clients = {robot: robot.predict for robot in wanted}
-        end = time.monotonic() + _REPEATED
+        end = time.monotonic() + _RETRY_TIME
         answers = await self._answers(clients, requests, team)
         while time.monotonic() < end:
             refused = {robot for robot in wanted if not answers[robot].accepted}
             if not refused:
                 break
-            await self._until(lambda: False, _PAUSE, team)
+            await self._until(lambda: False, _RETRY_PAUSE, team)
             answers |= await self._answers(
                 {robot: clients[robot] for robot in refused}, requests, team
             )
@@ -362,20 +376,24 @@ class PlanTeamNode(Node):
         """Return the answers of services of several robots."""
         timeout = self._settings["answer_timeout"]
         futures = {robot: client.call_async(requests[robot]) for robot, client in clients.items()}
-        await self._until(lambda: all(each.done() for each in futures.values()), timeout, team)
+        try:
+            await self._until(lambda: all(each.done() for each in futures.values()), timeout, team)
+        finally:
+            for robot, future in futures.items():
+                if not future.done():
+                    clients[robot].remove_pending_request(future)
         for robot, future in futures.items():
             if not future.done():
-                clients[robot].remove_pending_request(future)
                 raise _TeamError(
                     Outcome.INPUT_LOST,
                     f"{clients[robot].srv_name}: expected an answer within {timeout:g} s, got none",
                 )
         return {robot: future.result() for robot, future in futures.items()}
 
-    async def _until(self, condition: Callable[[], bool], timeout: float, team: _Team) -> bool:
+    async def _until(self, condition: Callable[[], object], timeout: float, team: _Team) -> bool:
         """Wait for a condition; raise _TeamError if the goal ends meanwhile."""
         found = await self._waiting.until(
-            lambda: condition() or self._interruption(team) is not None, timeout
+            lambda: bool(condition()) or self._interruption(team) is not None, timeout
         )
         if (why := self._interruption(team)) is not None:
             raise why
@@ -416,19 +434,19 @@ class PlanTeamNode(Node):
             ended = {name: each.result().outcome for name, each in results.items() if each.done()}
             return {name for name, each in ended.items() if each.code != Outcome.SUCCEEDED}
 
-        def have_ended() -> bool:
-            return bool(failed()) or all(each.done() for each in results.values())
+        def all_ended() -> bool:
+            return all(each.done() for each in results.values())
 
         interruption = None
         try:
-            while not await self._until(have_ended, _FEEDBACK_PERIOD, team):
-                team.publish_feedback(planned)
+            while not await self._until(lambda: failed() or all_ended(), _FEEDBACK_PERIOD, team):
+                team.publish_feedback([part for part in planned if not results[part.robot].done()])
         except _TeamError as error:
             interruption = error
         faulty = failed()
         for chain in sent.values():
             chain.cancel()
-        await self._waiting.until(lambda: all(e.done() for e in results.values()), _STOP_TIMEOUT)
+        await self._waiting.until(all_ended, _STOP_TIMEOUT)
         for part in planned:
             sent[part.robot].abandon(Outcome.INPUT_LOST, "expected the end of its chain, got none")
             code = results[part.robot].result().outcome.code
@@ -446,12 +464,21 @@ class PlanTeamNode(Node):
 
 
 def _fault_of_name(name: str) -> str:
-    """Return what is expected instead of a namespace that is none; empty if it is one."""
+    """Return what was expected of a robot's name; empty if it is a namespace."""
     try:
         validate_namespace(f"/{name}")
     except InvalidNamespaceException:
         return "a namespace, such as robot_1"
     return ""
+
+
+def _ordering(calls: Sequence[TopCall]) -> Ordering:
+    """Return what calls say about their order; raises InvalidChainError."""
+    return ordering_of_calls(
+        [call.top for call in calls],
+        [ORDER in call.open for call in calls],
+        [call.after for call in calls],
+    )
 
 
 def _restricted(calls: Sequence[TopCall], kept: Sequence[int]) -> list[TopCall]:

@@ -1,1 +1,1 @@
-"""Who of several robots does what."""
+"""Division of a round among several robots."""

@@ -1,4 +1,4 @@
-"""The division of a round among robots: who executes which steps, and in which order.
+"""The division of a round among robots: which robot executes which steps, and in which order.
 
 Each robot has a table of the times that it needs from step to step. The division is exact up to
 `MOST_EXACT` steps, for any number of robots: the best order of every set of steps by dynamic
@@ -55,11 +55,7 @@ class Division:
         tables: Sequence[FloatArray],
     ) -> Division:
         """Return the division with its times, by the tables of the robots."""
-        times = []
-        for order, table in zip(orders, tables, strict=True):
-            rows = [0, *(step + 1 for step in order[:-1])]
-            legs = table[rows[: len(order)], list(order)]
-            times.append(float(legs.sum()))
+        times = [_time(order, table) for order, table in zip(orders, tables, strict=True)]
         return cls(tuple(map(tuple, orders)), tuple(times))
 
 
@@ -244,14 +240,14 @@ def _improved(
     most = max(1, round(_REMOVED * len(blocks)))
     orders: list[list[int]] = [[] for _ in tables]
     orders = _inserted(tables, steps, orders, blocks, total=total)
-    cost = _cost(tables, orders, total=total)
+    cost = _cost(Division.of(orders, tables).times, total=total)
     for _ in range(_ROUNDS):
         shuffled = rng.permutation(len(blocks))
         count = rng.integers(1, most + 1)
         removed = [blocks[number] for number in shuffled[:count]]
         kept = [_without(order, removed) for order in orders]
         tried = _inserted(tables, steps, kept, removed, total=total)
-        cost_of_tried = _cost(tables, tried, total=total)
+        cost_of_tried = _cost(Division.of(tried, tables).times, total=total)
         if cost_of_tried <= cost:
             orders = tried
             cost = cost_of_tried
@@ -290,14 +286,17 @@ def _inserted(
 ) -> list[list[int]]:
     """Return the orders with each block inserted, one after the other, where it costs least."""
     found = [list(order) for order in orders]
+    times = [_time(order, table) for order, table in zip(found, tables, strict=True)]
     for block in blocks:
         options = []
         for robot, table in enumerate(tables):
             order = found[robot]
             for step in block:
                 order = _with_step(table, steps, order, step)
-            options.append([*found[:robot], order, *found[robot + 1 :]])
-        found = min(options, key=lambda option: _cost(tables, option, total=total))
+            own = [*times[:robot], _time(order, table), *times[robot + 1 :]]
+            options.append((_cost(own, total=total), robot, order, own))
+        _, best, best_order, times = min(options, key=lambda option: option[0])
+        found[best] = best_order
     return found
 
 
@@ -311,8 +310,9 @@ def _with_step(
     places = np.array(order, dtype=np.intp)
     origins = np.append(0, places + 1)
     costs = table[origins, step]
-    costs[:-1] += table[step + 1, places]
-    costs[:-1] -= table[origins[:-1], places]
+    with np.errstate(invalid="ignore"):  # inf - inf where legs are impossible
+        costs[:-1] += table[step + 1, places]
+        costs[:-1] -= table[origins[:-1], places]
     must_follow = np.flatnonzero(steps.after[places, step])
     must_precede = np.flatnonzero(steps.after[step, places])
     first = int(must_follow[-1]) + 1 if len(must_follow) else 0
@@ -323,11 +323,21 @@ def _with_step(
     return [*order[:place], step, *order[place:]]
 
 
+def _time(
+    order: Sequence[int],
+    table: FloatArray,
+) -> float:
+    """Return the time in s that a robot needs for an order."""
+    origins = [0, *(step + 1 for step in order)][:-1]
+    return float(table[origins, list(order)].sum())
+
+
 def _cost(
-    tables: Sequence[FloatArray], orders: Sequence[Sequence[int]], *, total: bool
+    times: Sequence[float],
+    *,
+    total: bool,
 ) -> tuple[float, float]:
     """Return what is minimized, first and second."""
-    times = Division.of(orders, tables).times
     whole = math.fsum(times)
     last = max(times)
     return (whole, last) if total else (last, whole)

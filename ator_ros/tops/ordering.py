@@ -35,7 +35,7 @@ class Ordering:
     groups : tuple of tuple of int
         The calls that may change places with each other, group by group; each call is in one.
     before : ndarray of bool, shape (n, n)
-        Element [i, j]: call i must come before call j of the same group, directly or not.
+        Element [i, j]: call i must come before call j because of a precedence, directly or not.
     """
 
     groups: tuple[tuple[int, ...], ...]
@@ -121,7 +121,7 @@ def ordering_of_calls(
                     f"({names[other]}), which keeps a later place; open the order of both "
                     "and of all steps between them"
                 )
-            before[other, index] = group_of[other] == group_of[index]
+            before[other, index] = True
     if before.any():
         for index in range(count):  # the transitive closure (Warshall)
             before |= before[:, index, None] & before[None, index]

@@ -220,5 +220,5 @@ def test_a_goal_is_missed_where_the_action_leaves_it_or_ends(nearest: float, the
     assert step.command == STANDING
     assert events[-1] == "end 1"
     (record,) = run.records
-    assert (record.index, record.ending, record.stopped) == (0, Ending.FAILED, False)
+    assert (record.index, record.ending, record.stopped) == (0, Ending.FAILED, True)
     assert [call.passing for call in run.chain.calls] == [False, True, False]

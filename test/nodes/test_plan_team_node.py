@@ -127,6 +127,14 @@ def test_what_belongs_together_goes_to_one_robot(planner: Planner) -> None:
             "step 1: expected a robot that can execute it, got none; ann: ",
         ),
         (
+            lambda wanted: setattr(wanted.round.calls[0], "after", [99]),
+            "step 1 (goToPose): after: expected indices of other calls",
+        ),
+        (
+            lambda wanted: setattr(wanted.round.calls[0], "passing", True),
+            "round.calls[0].passing: expected false, got true; open stop",
+        ),
+        (
             lambda wanted: setattr(wanted.robots[0], "name", "eve"),
             "expected eve/predict_durations",
         ),

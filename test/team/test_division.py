@@ -8,7 +8,7 @@ import pytest
 
 from ator_ros.geometry import FloatArray
 from ator_ros.team.division import MOST_EXACT, DivisionError, Steps, divide
-from ator_ros.tops.ordering import Ordering
+from ator_ros.tops.ordering import Ordering, ordering_of_calls
 
 
 def tables_of(
@@ -84,6 +84,15 @@ def test_no_division_of_few_steps_is_better(seed: int, steps: Steps, total: bool
     assert (sum if total else max)(found.times) == pytest.approx(least[0])
     if not total:
         assert sum(found.times) == pytest.approx(least[1])
+
+
+def test_a_precedence_holds_also_between_calls_that_keep_their_places() -> None:
+    ordering = ordering_of_calls(["fetch", "deliver"], [False, False], [(), (0,)])
+    tables = tables_of(
+        np.array([[-5.0, 0.0], [5.0, 0.0]]), np.array([[-4.0, 0.0], [4.0, 0.0]]), (1.0, 1.0)
+    )
+    orders = divide(tables, Steps.of(ordering)).orders
+    assert (0, 1) in orders
 
 
 def test_the_nearer_of_two_equal_robots_goes() -> None:
