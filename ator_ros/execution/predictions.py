@@ -21,7 +21,7 @@ from ator_ros.world.state import ObjectState, RobotState, World
 
 
 class Predictor:
-    """Predicts chains and their actions by performance models, which are by action."""
+    """Predicts chains and their actions; `models` are performance models by action."""
 
     def __init__(self, robot: Robot, models: Mapping[str, PredictsPerformance]) -> None:
         self._robot = robot

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ator_ros.bases.description import Robot
+from ator_ros.bases.routes import LOOK_AHEAD
 from ator_ros.domains.domain import Domain
 from ator_ros.experience.server_drives import Watch
 from ator_ros.experience.server_goals import ServerGoal, usual_values
@@ -21,7 +22,7 @@ from ator_ros.learning.estimates import (
     BY_PATH_TIME,
     DriveEstimator,
     Estimate,
-    ObservedSpeeds,
+    ObservedDrives,
     Pace,
     direct_of_drives,
     drive_estimator,
@@ -83,7 +84,7 @@ class DriveMonitor:
         Takes all messages.
     domain : Domain
         The given one, with the watched paths as routes: models for `use` are for it.
-    speeds : ObservedSpeeds
+    speeds : ObservedDrives
         What drives have shown so far.
     """
 
@@ -102,7 +103,7 @@ class DriveMonitor:
         self._frame = frame
         self._paths = paths
         self.domain = driven_on(self._paths, domain)
-        self.speeds = ObservedSpeeds()
+        self.speeds = ObservedDrives()
         self._models: dict[str, PerformanceModel] = {}
         self._first_drives: defaultdict[str, deque[tuple[RobotState, Pose, float]]] = defaultdict(
             lambda: deque(maxlen=_FIRST)
@@ -202,7 +203,8 @@ class DriveMonitor:
         is_learned = model is not None and model.is_learned
         if path is not None and made.success:
             self._paths.save(situation.robot.pose[:2], situation.goal.pose[:2], path)
-            if not goal.is_passed:
+            length = float(np.hypot(*np.diff(path, axis=0).T).sum())
+            if not goal.is_passed and length > LOOK_AHEAD:  # turns on the spot show no speed
                 limit = time_at_limits(self._robot, situation.robot, situation.goal.pose, path)
                 self.speeds.add(limit, made.duration, _pace_of(made))
             if not is_learned and not goal.is_passed:

@@ -73,17 +73,17 @@ class Pace:
     ----------
     speed : float
         Greatest one in m/s.
-    short, short_turn : float
+    ends_within, ends_within_angle : float
         How far from its goal it ends drives at most, in m and rad.
     """
 
     speed: float
-    short: float
-    short_turn: float
+    ends_within: float
+    ends_within_angle: float
 
 
-class ObservedSpeeds:
-    """What the newest drives that arrived have shown: how late, and how they drove at most."""
+class ObservedDrives:
+    """How long the newest drives that arrived took, by `time_at_limits`, and their pace."""
 
     def __init__(self) -> None:
         self._times: deque[tuple[float, float]] = deque(maxlen=_REMEMBERED)
@@ -93,6 +93,7 @@ class ObservedSpeeds:
         """Add a drive in `duration` s on a path that takes `at_limits` s, see `time_at_limits`."""
         if at_limits > 0.0 and duration > 0.0:
             self._times.append((at_limits, duration))
+        if all(map(math.isfinite, (pace.speed, pace.ends_within, pace.ends_within_angle))):
             self._paces.append(pace)
 
     @property
@@ -110,8 +111,8 @@ class ObservedSpeeds:
             return None
         return Pace(
             float(np.median([pace.speed for pace in self._paces])),
-            max(pace.short for pace in self._paces),
-            max(pace.short_turn for pace in self._paces),
+            max(pace.ends_within for pace in self._paces),
+            max(pace.ends_within_angle for pace in self._paces),
         )
 
 
@@ -122,8 +123,8 @@ class DriveEstimator:
     At its start `total` s are predicted. The estimate keeps that total as long as the rest of the
     path neither needs more time nor leaves less to do. What is left takes at least the length by
     the greatest speed, and the turn at its end. It takes at most the length by the greatest speed,
-    and all the time beside that which was predicted, with its spread. These are bounds: what they
-    show to be wrong is wrong by at least as much as the estimate moves.
+    and all the time beside that which was predicted, with its spread. An estimate outside these
+    bounds is moved to the nearer one.
 
     Attributes
     ----------
@@ -164,8 +165,8 @@ class DriveEstimator:
         turn = self._last_turn
         if rest < LOOK_AHEAD:
             turn = min(turn, abs(wrap_angle(self.goal_yaw - place.yaw)))
-        driving = max(0.0, rest - pace.short) / pace.speed
-        turning = max(0.0, turn - pace.short_turn) / self.turn_rate
+        driving = max(0.0, rest - pace.ends_within) / pace.speed
+        turning = max(0.0, turn - pace.ends_within_angle) / self.turn_rate
         least = driving + turning
         most = rest / pace.speed + self.beside + self.spread
         remaining = max(least, min(self.total - elapsed, most))
@@ -199,7 +200,7 @@ def drive_estimator(
     path: FloatArray,
     *,
     model: PerformanceModel | None,
-    speeds: ObservedSpeeds,
+    speeds: ObservedDrives,
     values: Mapping[str, float] = MappingProxyType({}),
     source: str = "",
 ) -> DriveEstimator:

@@ -160,8 +160,9 @@ def drives_elsewhere(folder: Path) -> int:
     """Return how many drives the folders beside a folder have, with other parameters of Nav2."""
     found = 0
     for file in folder.parent.glob(f"*/{TALLY}"):
-        with contextlib.suppress(FileError, OSError):
-            found += 0 if file.parent == folder else load(file, KIND, Tally).drives
+        if file.parent != folder:
+            with contextlib.suppress(FileError, OSError):
+                found += load(file, KIND, Tally).drives
     return found
 
 

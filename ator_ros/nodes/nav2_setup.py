@@ -455,11 +455,11 @@ def set_up(
         finder = Finder(namespace, topic)
         try:
             parameters = finder.parameters(wait)
+            grid = finder.map(wait)  # first, as the costmap publishes its footprint later
             footprint: Outline = ()
             if not given.radius:
                 footprint = finder.footprint(_robot_frame(parameters), _DISCOVERY)
             facts = facts_of(parameters, given, footprint)
-            grid = finder.map(wait)
         finally:
             finder.destroy_node()
     finally:

@@ -171,12 +171,12 @@ class RemoteAction(Action):
             former._sent = former._former = None
         elif former.drives_on or self._server.call.early:
             self._server = former._server
-            self._former = former.hand_over(self._server)
+            self._former = former.hand_over()
 
-    def hand_over(self, server: RemoteServer) -> RemoteGoal | None:
-        """Return the goal that `server` executes, and do not cancel it; None if it is over."""
+    def hand_over(self) -> RemoteGoal | None:
+        """Return the goal that the server executes, and do not cancel it; None if it is over."""
         sent = self._sent if self._sent is not None else self._former
-        if self._server is not server or sent is None or sent.over:
+        if sent is None or sent.over:
             return None
         if sent is self._sent and self._former is not None and not sent.accepted:
             self._former.release()

@@ -196,7 +196,8 @@ class WatchNode(Node):
         former = drives_elsewhere(self._folder)
         if former and not self._tally.drives:
             self.get_logger().warning(
-                f"Nav2 has other parameters than before: its {former} former drives do not count"
+                f"{former} drives with other parameters of Nav2, in {self._folder.parent}, do not "
+                "count"
             )
 
     def _subscribe(self, odometry: str) -> None:

@@ -182,8 +182,6 @@ def run_tool(
     except (ReadableError, OSError, ValueError) as error:
         # parser.error would print the usage, which does not help with an error in a domain's file.
         parser.exit(2, f"{parser.prog}: error: {one_line(error, _LONGEST_LINE)}\n")
-    except KeyboardInterrupt:
-        parser.exit(INTERRUPTED, f"{parser.prog}: interrupted; {interrupted}\n")
     options.domain = options.domain or domain.name
     if "action_set" in options and options.action_set:
         _check_names(parser, "action_set", [options.action_set], domain.action_sets)

@@ -179,10 +179,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = parser.parse_args(own)
     if options.robots and not options.attach:
         parser.error("--robots: expected --attach, too: the nodes of these robots must run")
+    if options.watched and options.attach:
+        parser.error("--watched: expected without --attach, it is a page of its own")
 
     # not in `guarded`: its imports may lose a KeyboardInterrupt
     with contextlib.suppress(ImportError):
-        import_module("ator_ros.view.page")
+        import_module(f"ator_ros.view.{'watched' if options.watched else 'page'}")
 
     def run() -> None:
         with contextlib.suppress(KeyboardInterrupt):  # the usual end

@@ -38,7 +38,7 @@ from ator_ros.view.floor import LOOPBACK, Canvas, Movable, serve
 from ator_ros.view.runs import plain
 
 _PARAMETERS = ("domain", "robot", "map", "frame", "models", "learned", "watched")
-_ROBOT_FRAME = "base_link"  # REP-105
+_USUAL_FRAME = "base_link"  # of the robot, REP-105
 _SHOWN = 50  # newest drives on the floor
 _WIDTH = 0.03  # m, of their lines
 _OLD = 2.0  # real s after which an estimate is no longer shown: a drive has two a second
@@ -101,6 +101,8 @@ class WatchClient:
         self._place: tuple[Domain, Robot] | None = None  # on its map
         settings = self._settings()
         self._frame = settings["frame"]
+        given = self._read(["robot_frame"])  # of a parameter file for all nodes; empty without it
+        self._robot_frame = given[0] if given else _USUAL_FRAME
         self._folder = watched_folder(settings["watched"])
         try:
             domain, robot = domain_and_robot(settings)
@@ -118,7 +120,7 @@ class WatchClient:
         subscribe(WatchedDrives, "watch/drives", self._take_report, LATCHED)
         subscribe(DriveEstimate, "watch/estimates", self._take_estimate, RESULTS)
         self._watched = Watched()
-        self._read_at = -math.inf  # real s
+        self._has_changed = True  # what the files contain
 
     def close(self) -> None:
         """Destroy the node."""
@@ -130,7 +132,7 @@ class WatchClient:
         """Process messages for some real s."""
         end = time.monotonic() + seconds
         while time.monotonic() < end:
-            self._executor.spin_once(timeout_sec=seconds)
+            self._executor.spin_once(timeout_sec=max(0.0, end - time.monotonic()))
 
     def _until(self, condition: Any, what: str) -> None:
         end = time.monotonic() + self._timeout
@@ -141,19 +143,22 @@ class WatchClient:
 
     def _settings(self) -> dict[str, Any]:
         """Return the parameters of the node `watch`."""
+        return dict(zip(_PARAMETERS, self._read(_PARAMETERS), strict=True))
+
+    def _read(self, names: Sequence[str]) -> list[Any]:
+        """Return parameters of the node `watch`; none of them if it lacks one."""
         client = AsyncParameterClient(self._node, "watch")
         self._until(client.services_are_ready, "the node `watch`, as nav2.launch.xml starts it,")
-        future = client.get_parameters(list(_PARAMETERS))
+        future = client.get_parameters(list(names))
         self._until(future.done, "the parameters of `watch`")
-        values = map(parameter_value_to_python, future.result().values)
-        return dict(zip(_PARAMETERS, values, strict=True))
+        return [parameter_value_to_python(value) for value in future.result().values]
 
     def _take_place(self, domain: Domain, robot: Robot) -> None:
         self._place = domain, robot
 
     def _take_report(self, message: WatchedDrives) -> None:
         self._report = message
-        self._read_at = -math.inf  # the files have changed, too
+        self._has_changed = True
 
     def _take_estimate(self, message: DriveEstimate) -> None:
         self._estimates[message.goal_id] = time.monotonic(), message
@@ -161,8 +166,8 @@ class WatchClient:
     def watched(self) -> Watched:
         """Return what the page shows."""
         found = self._watched
-        if self._read_at == -math.inf:
-            self._read_at = time.monotonic()
+        if self._has_changed:
+            self._has_changed = False
             with contextlib.suppress(FileError, OSError):
                 found.paths = WatchedPaths(self._folder / PATHS).newest(_SHOWN)
                 found.tally = load(self._folder / TALLY, KIND, Tally)
@@ -171,7 +176,7 @@ class WatchClient:
         recent = {name: item for name, item in self._estimates.items() if item[0] > since}
         self._estimates = recent
         found.estimates = [estimate for _, estimate in recent.values()]
-        found.robot = self._tf.base(self._frame, _ROBOT_FRAME)
+        found.robot = self._tf.base(self._frame, self._robot_frame)
         models = self._models.present[DEFAULT_SET].models
         found.rules = "\n\n".join(f"{name}:\n{model.rules()}" for name, model in models.items())
         return found
@@ -198,7 +203,7 @@ class WatchedPage:
             self._errors = gui.add_uplot(
                 errors_over_time(Tally()),
                 (
-                    {"label": "drive"},
+                    {"label": "newest drives"},
                     {"label": "estimates", "stroke": "#2060d0", "width": 2},
                     {"label": "server's own", "stroke": "#d07020", "width": 2},
                 ),
@@ -241,14 +246,14 @@ def _label(estimate: DriveEstimate) -> Label:
 
 
 def errors_over_time(tally: Tally) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return numbers of the newest drives, the errors of their estimates, and of the server's.
+    """Return places in the lists of errors, and the newest errors of estimates and of the server.
 
-    All have the shape (n,), in s; those that are unknown are NaN. The last number is the number of
-    drives.
+    All have the shape (n,), errors in s. The newest ones of both are side by side; NaN where there
+    are fewer.
     """
     lists = tally.estimate_errors, tally.server_errors
     count = max(1, *map(len, lists))
-    numbers = np.arange(count, dtype=float) + 1.0 + max(0, tally.drives - count)
+    numbers = np.arange(count, dtype=float) + 1.0
     ours, theirs = (np.array([math.nan] * (count - len(each)) + each) for each in lists)
     return numbers, ours, theirs
 

@@ -12,7 +12,7 @@ from ator_ros.learning.estimates import (
     BY_DRIVES,
     BY_LIMITS,
     DriveEstimator,
-    ObservedSpeeds,
+    ObservedDrives,
     Pace,
     drive_estimator,
     time_at_limits,
@@ -69,10 +69,10 @@ def test_an_estimate_moves_by_no_more_than_its_error() -> None:
 
 @pytest.mark.parametrize("predicted", [12.0, 16.0, 18.0, 20.0, 24.0])
 def test_nor_does_that_of_a_server_that_ends_drives_short_of_the_goal(predicted: float) -> None:
-    short, short_turn = 0.2, 0.3
+    short, ends_within_angle = 0.2, 0.3
     found = estimator(predicted)
-    found.pace = Pace(SPEED, short, short_turn)
-    duration = (LENGTH - short) / SPEED + (1.5 - short_turn) * TURN / 1.5
+    found.pace = Pace(SPEED, short, ends_within_angle)
+    duration = (LENGTH - short) / SPEED + (1.5 - ends_within_angle) * TURN / 1.5
     times = np.arange(0.0, duration, 0.5)
     turned = np.clip((times - (LENGTH - short) / SPEED) / TURN * 1.5, 0.0, None)
     estimated = [
@@ -104,7 +104,7 @@ def test_the_rest_of_a_path_that_crosses_itself_is_not_cut() -> None:
     assert rest == pytest.approx(18.0 - 2.5, abs=0.5)
 
 
-def start(speeds: ObservedSpeeds) -> DriveEstimator:
+def start(speeds: ObservedDrives) -> DriveEstimator:
     return drive_estimator(
         ROBOT, AT_REST, Pose(LENGTH, 0.0, 0.0), PATH,
         model=None, speeds=speeds,
@@ -112,7 +112,7 @@ def start(speeds: ObservedSpeeds) -> DriveEstimator:
 
 
 def test_without_a_model_it_is_the_time_at_the_limits_as_late_as_former_drives() -> None:
-    speeds = ObservedSpeeds()
+    speeds = ObservedDrives()
     first = start(speeds)
     gaining = ROBOT.greatest_speed() / (2.0 * min(axis.rate for axis in ROBOT.axes[:1]))
     assert first.total == pytest.approx(LENGTH / ROBOT.greatest_speed() + 2.0 * gaining, rel=0.05)
@@ -132,14 +132,14 @@ def test_turns_count_on_the_way_through_poses() -> None:
 
 
 def test_lateness_is_unknown_before_three_drives() -> None:
-    speeds = ObservedSpeeds()
+    speeds = ObservedDrives()
     speeds.add(4.0, 10.0, PACE)
     assert math.isnan(speeds.lateness)
     assert speeds.pace is None
 
 
 def test_the_pace_is_bounded_by_all_drives() -> None:
-    speeds = ObservedSpeeds()
+    speeds = ObservedDrives()
     for number in range(5):
         speeds.add(4.0, 10.0, Pace(0.5, 0.1 * number, 0.2))
     assert speeds.pace == Pace(0.5, pytest.approx(0.4), 0.2)

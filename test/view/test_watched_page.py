@@ -63,9 +63,9 @@ def test_what_is_unknown_is_said_to_be() -> None:
 
 
 def test_errors_are_those_of_the_newest_drives() -> None:
-    tally = Tally(drives=70, estimate_errors=[0.5, 0.2, 0.1], server_errors=[4.0, 5.0])
+    tally = Tally(estimate_errors=[0.5, 0.2, 0.1], server_errors=[4.0, 5.0])
     numbers, ours, theirs = errors_over_time(tally)
-    assert numbers.tolist() == [68.0, 69.0, 70.0]
+    assert numbers.tolist() == [1.0, 2.0, 3.0]
     assert ours.tolist() == [0.5, 0.2, 0.1]
     assert math.isnan(theirs[0])
     assert theirs[1:].tolist() == [4.0, 5.0]
