@@ -527,6 +527,32 @@ class ChainModel(StepModel):
         return [(index, self.rows[index].values(*pair)) for index, pair in enumerate(pairs, first)]
 
 
+def error_of_sum(chains: Sequence[ChainModel], signs: Sequence[float]) -> float:
+    """Return what the models may be wrong by in a signed sum of the durations of chains, in s.
+
+    The chains are of robots of one make with the same models; each may start in another situation.
+    """
+    models: dict[str, PredictsPerformance] = {}
+    tables: list[tuple[int, FloatArray]] = []
+    rows: list[StepRows] = []
+    for chain in chains:
+        models |= chain._models
+        first = len(rows)
+        tables += [(first + index, table) for index, table in chain._tables(chain.given)]
+        rows += chain.rows[: len(chain.given)]
+    steps = StepModel(
+        rows,
+        [call for chain in chains for call in chain.calls[: len(chain.given)]],
+        [names for chain in chains for names in chain.names],
+        chains[0]._robot,
+        models=models,
+        objective=chains[0].objective,
+    )
+    of_steps = np.repeat(signs, [len(chain.given) for chain in chains])
+    _, error = steps._predicted(tables, (), of_steps)
+    return float(error)
+
+
 def _summed(
     steps: Sequence[Mapping[str, FloatArray]], error: float, held_up: tuple[HeldUp, ...]
 ) -> ChainPrediction:

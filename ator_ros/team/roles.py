@@ -1,0 +1,230 @@
+"""Who takes which role: what each role costs each robot, and the assignment.
+
+The result depends only on the arguments. Robots of a team that have received the same messages
+therefore decide alike.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ator_ros.geometry import FloatArray, Pose
+from ator_ros.refinement import RefinementError
+from ator_ros.refinement.chain_prediction import ChainModel, error_of_sum
+from ator_ros.refinement.objective import expected_time
+from ator_ros.refinement.refiner import Refiner, choose
+from ator_ros.team.assignment import Assignment, assign, waiting
+from ator_ros.team.role_file import Role
+from ator_ros.tops.chain import TopChain, projected
+from ator_ros.tops.library import TopLibrary
+from ator_ros.tops.objects import at_rest, missing_in
+from ator_ros.world.state import ObjectState, World
+
+SAME_FRAME = Pose(0.0, 0.0, 0.0)
+"""The origin of roles that are in the frame of the robots."""
+
+
+@dataclass(frozen=True, slots=True)
+class Member:
+    """A robot of a team.
+
+    Attributes
+    ----------
+    world : World
+        Its state, and the objects that it observes itself.
+    tops : frozenset of str
+        The TOPs that it can execute.
+    role : str
+        The role that it holds; empty: none.
+    """
+
+    name: str
+    world: World
+    tops: frozenset[str]
+    role: str = ""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Decision:
+    """Who takes which role.
+
+    Attributes
+    ----------
+    names : tuple of str
+        The n robots in the order of their names.
+    costs, errors : ndarray, shape (n, m)
+        Predicted cost of each role for each robot, and what the models may be wrong by in its
+        duration, in s; infinite where the robot cannot take the role.
+    chains : tuple of tuple of TopChain or None
+        The refined chain of each role for each robot. An empty chain: nothing is left to do.
+    assignment : Assignment
+        Roles by their indices. Its gain counts seconds by the weights of the roles.
+    waiting : tuple of bool
+        Whether each robot must not be sent, as a more important role needs its place.
+    """
+
+    names: tuple[str, ...]
+    costs: FloatArray
+    errors: FloatArray
+    chains: tuple[tuple[TopChain | None, ...], ...]
+    assignment: Assignment
+    waiting: tuple[bool, ...]
+
+    def role_of(self, name: str) -> int | None:
+        """Return the role of a robot."""
+        return self.assignment.roles[self.names.index(name)]
+
+    def chain_of(self, name: str) -> TopChain | None:
+        """Return the chain of a robot's role; None if it has none, or must wait."""
+        robot = self.names.index(name)
+        role = self.assignment.roles[robot]
+        return None if role is None or self.waiting[robot] else self.chains[robot][role]
+
+
+def decide(
+    members: Sequence[Member],
+    roles: Sequence[Role],
+    refiner: Refiner,
+    library: TopLibrary,
+    *,
+    origin: Pose = SAME_FRAME,
+) -> Decision:
+    """Assign roles to the robots of a team.
+
+    Parameters
+    ----------
+    members : sequence of Member
+        The robots that can take a role, in any order.
+    roles : sequence of Role
+        The roles, the most important ones first.
+    refiner : Refiner
+        Predicts and refines the chains; its gate also decides whether a change of roles pays.
+    library : TopLibrary
+        The TOPs of the roles.
+    origin : Pose
+        The frame of the roles, in that of the robots.
+    """
+    members = sorted(members, key=lambda member: member.name)
+    objects = common_objects([member.world for member in members], library)
+    wanted = [role.chains(library, objects, origin) for role in roles]
+    offers = [[_offer(member, chains, objects, refiner) for chains in wanted] for member in members]
+    shape = (len(members), len(roles))
+    costs = np.array([[offer.cost for offer in row] for row in offers]).reshape(shape)
+    errors = np.array([[offer.error for offer in row] for row in offers]).reshape(shape)
+
+    def uncertainty(signs: FloatArray) -> float:
+        used = [(int(robot), int(role)) for robot, role in np.argwhere(signs)]
+        models = {pair: offers[pair[0]][pair[1]].model(refiner) for pair in used}
+        known = {pair: model for pair, model in models.items() if model is not None}
+        if not known:
+            return 0.0
+        weighted = signs * weights
+        return error_of_sum(list(known.values()), [weighted[pair] for pair in known])
+
+    weights = np.array([role.weight for role in roles])
+    numbers = {role.name: number for number, role in enumerate(roles)}
+    held = [numbers.get(member.role) for member in members]
+    found = assign(costs * weights, held, uncertainty, refiner.gate)
+    ends = []
+    for row, role in zip(offers, found.roles, strict=True):
+        ends.append(row[0 if role is None else role].end(refiner))
+    return Decision(
+        tuple(member.name for member in members),
+        costs,
+        errors,
+        tuple(tuple(offer.chain for offer in row) for row in offers),
+        found,
+        waiting(found.roles, ends, 2.0 * refiner.robot.reach),
+    )
+
+
+def common_objects(worlds: Sequence[World], library: TopLibrary) -> dict[str, ObjectState]:
+    """Return where objects come to rest: the mean of the places that the robots observe."""
+    places: defaultdict[str, list[ObjectState]] = defaultdict(list)
+    for world in worlds:
+        for name, there in at_rest(world, library.robot).objects.items():
+            places[name].append(there)
+    return {
+        name: ObjectState(
+            math.fsum(each.x for each in there) / len(there),
+            math.fsum(each.y for each in there) / len(there),
+        )
+        for name, there in places.items()
+    }
+
+
+@dataclass(frozen=True, slots=True)
+class _Offer:
+    """What a role costs a robot; `chain` is None if the robot cannot take it."""
+
+    world: World
+    chain: TopChain | None = None
+    cost: float = math.inf
+    error: float = math.inf
+
+    def model(self, refiner: Refiner) -> ChainModel | None:
+        """Return the prediction's model; None if nothing is left to do."""
+        if not self.chain:
+            return None
+        return ChainModel(
+            self.world,
+            self.chain,
+            refiner.robot,
+            models=refiner.models,
+            names=[()] * len(self.chain),
+            objective=expected_time(refiner.failure_cost),
+        )
+
+    def end(self, refiner: Refiner) -> tuple[float, float]:
+        """Return where the robot ends, in m."""
+        world = self.world
+        for call in self.chain.calls if self.chain else ():
+            world = projected(world, call, refiner.robot)
+        return world.robot.pose[:2]
+
+
+def _offer(
+    member: Member,
+    chains: Sequence[TopChain],
+    objects: Mapping[str, ObjectState],
+    refiner: Refiner,
+) -> _Offer:
+    """Return what the best of a role's chains costs a robot."""
+    observed = {name: objects[name] for name in member.world.objects}
+    world = dataclasses.replace(member.world, objects=observed)
+    nothing = _Offer(world)
+    left = [what_is_left(chain, world, refiner) for chain in chains if _is_able(member, chain)]
+    if any(not chain for chain in left):
+        return _Offer(world, TopChain(()), 0.0, 0.0)
+    usable: list[TopChain | str] = [chain for chain in left if not missing_in(chain.calls, world)]
+    if not usable:
+        return nothing
+    try:
+        found = choose(refiner, world, usable, placeholders=True).refinement
+    except RefinementError:
+        return nothing
+    return _Offer(world, found.chain, found.predicted.cost, found.predicted.error)
+
+
+def _is_able(member: Member, chain: TopChain) -> bool:
+    return {call.top.name for call in chain.calls} <= member.tops
+
+
+def what_is_left(chain: TopChain, world: World, refiner: Refiner) -> TopChain:
+    """Return the steps from the first one on whose post-condition does not hold.
+
+    A chain whose last post-condition holds is done: the result is empty.
+    """
+    done = [
+        not missing_in([call], world) and not call.top.unmet(world, call.goal, refiner.robot)
+        for call in chain.calls
+    ]
+    if done[-1]:
+        return TopChain(())
+    return chain.part(done.index(False))
