@@ -1,0 +1,82 @@
+"""The robots of a team by the messages that one of them received: losses, restarts, conflicts."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from ator_ros.geometry import Pose
+from ator_ros.team.assignment import Assignment
+from ator_ros.team.roles import Decision, Member
+from ator_ros.team.roster import Roster
+from ator_ros.world.state import RobotState, World
+
+TIMEOUT = 1.0
+
+
+def member(name: str, role: str = "", stamp: float = 0.0) -> Member:
+    return Member(name, World(stamp, RobotState(Pose(0.0, 0.0, 0.0))), frozenset(), role)
+
+
+def decision(*roles: int | None) -> Decision:
+    """Return a decision for the robots ann, bob and eve."""
+    names = ("ann", "bob", "eve")[: len(roles)]
+    table = np.zeros((len(names), 2))
+    nothing = ((None, None),) * len(names)
+    return Decision(names, table, table, nothing, Assignment(roles), (False,) * len(names))
+
+
+@pytest.fixture
+def roster() -> Roster:
+    made = Roster("ann", TIMEOUT, now=0.0)
+    made.take(member("ann"), 10.0)
+    made.take(member("bob"), 10.0)
+    return made
+
+
+def names(roster: Roster, now: float) -> list[str]:
+    return sorted(each.name for each in roster.members(now))
+
+
+def roles(roster: Roster, now: float) -> dict[str, str]:
+    return {each.name: each.role for each in roster.members(now)}
+
+
+def test_a_robot_without_messages_drops_out_and_comes_back(roster: Roster) -> None:
+    roster.take(member("ann"), 11.0)
+    assert names(roster, 11.0) == ["ann", "bob"]
+    assert names(roster, 11.01) == ["ann"]
+    roster.take(member("bob"), 12.0)
+    assert names(roster, 12.0) == ["bob"]
+
+
+def test_a_robot_that_is_not_ready_drops_out_at_once(roster: Roster) -> None:
+    roster.take(member("bob", "ball"), 10.2, ready=False)
+    assert names(roster, 10.2) == ["ann"]
+
+
+def test_the_clocks_of_the_robots_need_not_agree(roster: Roster) -> None:
+    for stamp in (-0.1, 0.1, 1e9):
+        roster.take(member("bob", stamp=stamp), 10.5)
+        assert "bob" in names(roster, 10.6)
+
+
+def test_a_decision_counts_until_newer_messages_come(roster: Roster) -> None:
+    roster.believe(decision(0, 1), ("ball", "support"))
+    assert roster.role() == "ball"
+    assert roles(roster, 10.1) == {"ann": "ball", "bob": "support"}
+    roster.take(member("bob", "ball"), 10.2)
+    assert roles(roster, 10.3) == {"ann": "ball", "bob": "ball"}
+    roster.believe(decision(None, 0), ("ball", "support"))
+    assert roles(roster, 10.4) == {"ann": "", "bob": "ball"}
+
+
+def test_a_restarted_robot_has_no_role(roster: Roster) -> None:
+    roster.believe(decision(None, 0), ("ball", "support"))
+    roster.take(dataclasses.replace(member("bob"), role=""), 10.3)
+    assert roles(roster, 10.3)["bob"] == ""
+
+
+def test_a_robot_that_has_just_started_listens(roster: Roster) -> None:
+    assert roster.is_listening(0.9)
+    assert not roster.is_listening(1.0)
