@@ -260,7 +260,7 @@ class RemoteAction(Action):
 
 
 class RemoteServer:
-    """Sends goals to one action server, and tracks a canceled goal until it is over.
+    """Sends goals to one action server, and tracks canceled goals until they are over.
 
     `fault` is why the server cannot be used, as without its type; empty if it can. `through` is the
     server that drives through several goals, if there is one.
@@ -276,9 +276,9 @@ class RemoteServer:
         self.through: RemoteServer | None = None
         self._node = node
         self._present_at = -math.inf  # real s
-        self._released: RemoteGoal | None = None
+        self._released: list[RemoteGoal] = []
         self._unanswered: list[RemoteGoal] = []  # released before the server accepted them
-        self._cancel_deadline = 0.0  # real s; for the end of `_released`
+        self._cancel_deadline = 0.0  # real s; for the ends of `_released`
         self._warn = warn
         try:
             self._interface = RemoteInterface(call, frame)
@@ -337,7 +337,7 @@ class RemoteServer:
         if sent.accepted is None:
             self._unanswered.append(sent)
         if self.present():
-            self._released = sent
+            self._released.append(sent)
             self._cancel_deadline = time.monotonic() + self.timeouts.cancel
         else:
             self.cancel_others()
@@ -380,11 +380,12 @@ class RemoteServer:
     def stop(self) -> None:
         """Cancel all goals of the servers `cancel_too` unless this server's goal is over."""
         if self._is_canceling():
-            self._released = None
+            self._released.clear()
             self.cancel_others()
 
     def _is_canceling(self) -> bool:
-        return self._released is not None and not self._released.over
+        self._released = [goal for goal in self._released if not goal.over]
+        return bool(self._released)
 
 
 class RemoteGoal:

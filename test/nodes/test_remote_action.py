@@ -394,6 +394,22 @@ def test_both_goals_are_canceled_if_the_newer_one_ends_first(bench: Bench) -> No
     bench.until(lambda: len(server.canceled) == 2)
 
 
+def test_a_server_is_ending_until_both_goals_are_over(bench: Bench) -> None:
+    server = Server(bench.server_node)
+    bench.server_goals = lambda: server.goals
+    take_over(bench, early=True)
+    bench.drive(lambda: len(server.goals) == 2)
+    drive_for(bench, 0.1)
+    bench.action.end("a newer goal took over")
+    bench.until(lambda: len(server.canceled) == 2)
+    server.finish("canceled", number=1)
+    end = time.monotonic() + 0.2
+    bench.until(lambda: time.monotonic() > end)
+    assert bench.server.ending()
+    server.finish("canceled", number=0)
+    bench.until(lambda: not bench.server.ending())
+
+
 def test_a_server_that_does_not_declare_it_is_stopped_between_goals(bench: Bench) -> None:
     server = Server(bench.server_node)
     bench.server_goals = lambda: server.goals
@@ -487,6 +503,22 @@ def test_a_run_is_canceled_in_its_middle(through: Run) -> None:
     assert through.bench.server.through is not None
     assert through.bench.server.through.ending()
     through.bench.until(lambda: through.server.canceled)
+
+
+def test_a_newer_goal_takes_over_from_a_run(through: Run) -> None:
+    through.next(at(2.0), at(3.0))
+    drive_for(through.bench, 0.1)
+    through.bench.action.end("a newer goal took over")
+    through.bench.until(lambda: through.server.canceled)
+    through.server.finish("canceled")
+    assert through.bench.server.through is not None
+    through.bench.until(lambda: not through.bench.server.through.ending())
+    through.bench.action = RemoteAction(ROBOT, through.bench.server)
+    through.start(at(5.0))
+    through.bench.drive(lambda: through.single.goals)
+    through.single.finish()
+    assert through.bench.outcome()[0].status is Status.SUCCEEDED
+    assert through.sent() == [[1.0, 2.0, 3.0]]
 
 
 def test_a_server_that_hangs_in_the_middle_of_a_run_is_detected(through: Run) -> None:
