@@ -117,7 +117,7 @@ class RemoteAction(Action):
     waits; the times of `Timeouts` are checked in each tick.
 
     A run of goals that are passed is sent at once to the server `through` them: the next action
-    takes over the sent goal.
+    takes over the sent goal, or sends the rest of the run as a newer one if the server is `early`.
     """
 
     name = "remote"
@@ -164,7 +164,8 @@ class RemoteAction(Action):
         """
         if not isinstance(former, RemoteAction):
             return
-        if former._sent is not None and former._goals[1:] == self._goals:
+        is_sent = former._sent is not None and former._goals[1:] == self._goals
+        if is_sent and not former._server.call.early:
             self._server = former._server
             self._sent = former._sent
             self._former = former._former

@@ -426,7 +426,7 @@ def at(x: float) -> Goal:
 class Run:
     """Actions that drive through three goals, with the server that does so."""
 
-    def __init__(self, bench: Bench) -> None:
+    def __init__(self, bench: Bench, *, early: bool = False) -> None:
         kind = importlib.import_module("nav2_msgs.action").NavigateThroughPoses
         through = declared(
             server="through",
@@ -435,7 +435,7 @@ class Run:
             success=Success(),
         )
         timeouts = dataclasses.replace(through.timeouts, result=600.0)
-        through = dataclasses.replace(through, timeouts=timeouts)
+        through = dataclasses.replace(through, timeouts=timeouts, early=early)
         self.bench = bench
         self.single = Server(bench.server_node)
         self.server = Server(bench.server_node, "through", kind=kind)
@@ -484,6 +484,23 @@ def test_a_run_of_passed_goals_is_one_goal_of_the_server_that_drives_through(thr
     through.server.finish()
     assert through.bench.outcome()[0].status is Status.SUCCEEDED
     assert (len(through.sent()), through.server.canceled, through.single.goals) == (1, [], [])
+
+
+def test_the_rest_of_a_run_is_sent_where_a_goal_is_passed_if_the_server_takes_newer_goals(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    provide_nav2_msgs(monkeypatch)
+    through = Run(bench, early=True)
+    for count, rest in enumerate(([2.0, 3.0], [3.0]), 2):
+        through.next(*map(at, rest))
+        assert through.bench.tick(v=0.6).command is None
+        through.bench.drive(lambda n=count: len(through.server.goals) == n)
+        drive_for(through.bench, 0.1)
+        through.server.finish("abort", number=count - 2)
+    through.server.finish()
+    assert through.bench.outcome()[0].status is Status.SUCCEEDED
+    assert through.sent() == [[1.0, 2.0, 3.0], [2.0, 3.0], [3.0]]
+    assert (through.server.canceled, through.single.goals) == ([], [])
 
 
 def test_the_rest_of_a_run_is_sent_again_if_it_has_changed(through: Run) -> None:
