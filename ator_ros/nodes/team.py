@@ -39,7 +39,6 @@ from ator_ros.nodes.parameters import (
 from ator_ros.nodes.qos import LATCHED, LATCHED_BY_MANY
 from ator_ros.nodes.subscriptions import Subscriptions
 from ator_ros.printable import one_line, quoted
-from ator_ros.refinement.gate import Gate
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.team.role_file import RoleFile, load_roles
 from ator_ros.team.roles import SAME_FRAME, Decision, Member, decide
@@ -148,7 +147,6 @@ class TeamNode(Node):
         return Refiner(
             self._robot,
             models.models,
-            Gate(),
             ranges=self._domain.ranges,
             failure_cost=self._domain.time_limit,
         )
@@ -205,7 +203,8 @@ class TeamNode(Node):
             return
         status = self._problem(now)
         is_ready = not status
-        own = Member(self._name, self._world, self._tops, self._roster.role())
+        role = self._roster.role()
+        own = Member(self._name, self._world, self._tops, role, self._roster.barred(now))
         self._roster.take(own, now, ready=is_ready)
         if not is_ready:
             self._send(None, "")

@@ -17,6 +17,7 @@ import numpy as np
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.refinement import RefinementError
 from ator_ros.refinement.chain_prediction import ChainModel, error_of_sum
+from ator_ros.refinement.gate import Gate
 from ator_ros.refinement.objective import expected_time
 from ator_ros.refinement.refiner import Refiner, choose
 from ator_ros.team.assignment import Assignment, assign, waiting
@@ -28,6 +29,7 @@ from ator_ros.world.state import ObjectState, World
 
 SAME_FRAME = Pose(0.0, 0.0, 0.0)
 """The origin of roles that are in the frame of the robots."""
+USUAL_GATE = Gate()
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,12 +44,15 @@ class Member:
         The TOPs that it can execute.
     role : str
         The role that it holds; empty: none.
+    barred : frozenset of str
+        The roles that it must not take.
     """
 
     name: str
     world: World
     tops: frozenset[str]
     role: str = ""
+    barred: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,6 +98,7 @@ def decide(
     refiner: Refiner,
     library: TopLibrary,
     *,
+    gate: Gate = USUAL_GATE,
     origin: Pose = SAME_FRAME,
 ) -> Decision:
     """Assign roles to the robots of a team.
@@ -104,9 +110,11 @@ def decide(
     roles : sequence of Role
         The roles, the most important ones first.
     refiner : Refiner
-        Predicts and refines the chains; its gate also decides whether a change of roles pays.
+        Predicts and refines the chains; without a gate, as there is no chain to compare with.
     library : TopLibrary
         The TOPs of the roles.
+    gate : Gate
+        Decides whether a change of roles pays.
     origin : Pose
         The frame of the roles, in that of the robots.
     """
@@ -130,7 +138,7 @@ def decide(
     weights = np.array([role.weight for role in roles])
     numbers = {role.name: number for number, role in enumerate(roles)}
     held = [numbers.get(member.role) for member in members]
-    found = assign(costs * weights, held, uncertainty, refiner.gate)
+    found = assign(costs * weights, held, uncertainty, gate)
     ends = []
     for row, role in zip(offers, found.roles, strict=True):
         ends.append(row[0 if role is None else role].end(refiner))
@@ -206,7 +214,7 @@ def _offer(
     if not usable:
         return nothing
     try:
-        found = choose(refiner, world, usable, placeholders=True).refinement
+        found = choose(refiner, world, usable).refinement
     except RefinementError:
         return nothing
     return _Offer(world, found.chain, found.predicted.cost, found.predicted.error)

@@ -1,6 +1,5 @@
 """The node `team` of the robot ann, with teammates whose messages the tests publish."""
 
-import math
 import time
 from collections.abc import Iterator
 
@@ -8,11 +7,13 @@ import pytest
 from action_servers import Server
 from conftest import Host, Start
 from nav_msgs.msg import Odometry
+from process import PATIENCE
 from ros_client import Client
 
 from ator_interfaces.msg import Outcome, Roles, Teammate
 from ator_ros.geometry import Pose
 from ator_ros.nodes.messages import object_odometry_of, odometry_of, situation_of
+from ator_ros.nodes.parameters import SetupError
 from ator_ros.nodes.qos import LATCHED, LATCHED_BY_MANY, NEWEST
 from ator_ros.nodes.team import TEAMMATES
 from ator_ros.resources import resource_path
@@ -69,15 +70,11 @@ class Field:
         self.client.eventually(lambda: self.role() == role, f"the role {role or 'none'}")
         return time.monotonic() - start
 
-    def running(self) -> list[str]:
-        """Return the TOPs of the goals that the executor has, without those that are canceled."""
-        active = [each for each in list(self.server.goals) if each.is_active]
-        return [
-            call.top
-            for each in active
-            if not each.is_cancel_requested
-            for call in each.request.chain.calls
-        ]
+    def tops(self) -> list[str]:
+        """Return the TOPs of the newest goal of the executor; none if it is canceled."""
+        if not self.server.goals or self.server.goals[-1].is_cancel_requested:
+            return []
+        return [call.top for call in self.server.goals[-1].request.chain.calls]
 
 
 @pytest.fixture
@@ -90,14 +87,14 @@ def field(client: Client) -> Iterator[Field]:
 def test_a_team_of_two_agrees_and_drives(field: Field, host: Host) -> None:
     host("team", "-r", "__ns:=/ann", execute=True, **SETTINGS)
     field.wait_for("ball")
-    field.client.eventually(lambda: field.running() == TOPS[1:], "the chain of the role ball")
+    field.client.eventually(lambda: field.tops() == TOPS[1:], "the chain of the role ball")
     pairs = {each.role: each for each in field.beliefs[-1].pairs}
     assert pairs["ball"].holds
     assert 0.0 < pairs["ball"].uncertainty < pairs["ball"].cost
-    # A nearer robot takes over at once, whatever its clock says.
+    # A nearer robot takes over, whatever its clock says.
     field.appears(NEAR)
-    assert field.wait_for("support") < 2.0
-    field.client.eventually(lambda: field.running() == ["goToPose"], "the chain of support")
+    field.wait_for("support")
+    field.client.eventually(lambda: field.tops() == ["goToPose"], "the chain of support")
     found = {(each.robot, each.role) for each in field.beliefs[-1].pairs if each.holds}
     assert found == {("ann", "support"), ("bob", "ball")}
     # It falls silent, comes back and is not ready.
@@ -107,7 +104,7 @@ def test_a_team_of_two_agrees_and_drives(field: Field, host: Host) -> None:
     field.wait_for("support")
     assert field.mate is not None
     field.mate.ready = False
-    assert field.wait_for("ball") < 2.0
+    field.wait_for("ball")
 
 
 def test_of_two_robots_with_one_role_the_first_one_by_name_keeps_it(
@@ -115,12 +112,11 @@ def test_of_two_robots_with_one_role_the_first_one_by_name_keeps_it(
 ) -> None:
     host("team", "-r", "__ns:=/ann", **SETTINGS)
     field.wait_for("ball")
-    alike = Pose(2.0, 0.0, math.pi)
-    field.appears(alike, role="ball")
+    field.appears(HERE, role="ball")
     time.sleep(1.0)
     assert field.role() == "ball"
-    field.appears(alike, name="abe", role="ball")
-    assert field.wait_for("support") < 2.0
+    field.appears(HERE, name="abe", role="ball")
+    field.wait_for("support")
     assert not field.server.goals
 
 
@@ -149,16 +145,48 @@ def test_what_a_teammate_must_not_send_is_ignored(field: Field, host: Host) -> N
 
 
 @pytest.mark.parametrize(
-    ("namespace", "parameters", "reason"),
+    ("words", "parameters", "reason"),
     [
-        ("", {"roles": ROLES}, "namespace: expected that of the robot"),
-        ("ann", {}, "parameter roles: expected a file, got none"),
-        ("ann", {"roles": "missing.yaml"}, "parameter roles: "),
+        ((), {"roles": ROLES}, "namespace: expected that of the robot"),
+        (("-r", "__ns:=/ann"), {}, "parameter roles: expected a file, got none"),
+        (("-r", "__ns:=/ann"), {"roles": "missing.yaml"}, "parameter roles: missing.yaml"),
     ],
 )
 def test_it_does_not_start_without_a_name_or_roles(
-    start: Start, namespace: str, parameters: dict[str, object], reason: str
+    host: Host, words: tuple[str, ...], parameters: dict[str, object], reason: str
 ) -> None:
-    node = start("team", namespace=namespace, **parameters)
-    assert node.wait() == 1
-    assert reason in node.output
+    with pytest.raises(SetupError, match=reason):
+        host("team", *words, **parameters)
+
+
+@pytest.mark.long
+def test_two_robots_play_in_one_simulation(start: Start, domain: int) -> None:
+    client = Client(domain, "ann", frame="ann/odom")
+    states = client.listen(Teammate, TEAMMATES, LATCHED_BY_MANY)
+    start(
+        "simulation", domain="soccer", robots="[ann, bob]",
+        robot_start="[-2.0, 1.0, 0.0, -2.5, -1.0, 0.0]", command_wait=0.5,
+    )  # fmt: skip
+    for name in ("ann", "bob"):
+        frames = {"domain": "soccer", "frame": f"{name}/odom", "robot_frame": f"{name}/base_link"}
+        start("executor", namespace=name, odom_timeout=5.0, **frames)
+        start("team", namespace=name, roles=ROLES, execute=True, **frames)
+    roles: dict[str, str] = {}
+    overlap = [0.0]
+    began: float | None = None
+
+    def ball_is_in_the_goal() -> bool:
+        nonlocal began
+        while states:
+            state = states.pop(0)
+            roles[state.name] = state.role
+            is_double = list(roles.values()).count("ball") > 1
+            began = (began or time.monotonic()) if is_double else None
+        if began is not None:
+            overlap.append(time.monotonic() - began)
+        return client.ball().x > 4.0
+
+    client.eventually(ball_is_in_the_goal, "a goal", 3 * PATIENCE)
+    client.close()
+    assert sorted(roles.values()) == ["ball", "support"]
+    assert max(overlap) < 2.0  # 0.5 s, and what a busy machine adds

@@ -45,7 +45,7 @@ class Team:
         return Member(name, World(0.0, RobotState(pose), objects), frozenset(self.library), role)
 
     def decide(self, members: list[Member], roles: list[Role], **options: Pose) -> Decision:
-        return decide(members, roles, self.tools.refiner(gated=True), self.library, **options)
+        return decide(members, roles, self.tools.refiner(), self.library, **options)
 
     def roles(self, members: list[Member], roles: list[Role]) -> dict[str, str]:
         """Return the role of each robot that has one."""
@@ -92,6 +92,11 @@ def test_a_robot_without_a_top_or_without_the_ball_does_not_get_the_role(team: T
     assert team.roles([far, unable], [BALL, LEFT]) == {"ann": "ball", "bob": "left"}
     blind = team.member("bob", 1.0, role="ball", ball=None)
     assert team.roles([far, blind], [BALL, LEFT]) == {"ann": "ball", "bob": "left"}
+
+
+def test_a_robot_does_not_get_a_role_that_it_must_not_take(team: Team) -> None:
+    near = dataclasses.replace(team.member("bob", 1.0, role="ball"), barred=frozenset({"ball"}))
+    assert team.roles([team.member("ann", -3.0), near], [BALL]) == {"ann": "ball"}
 
 
 def test_a_role_beside_an_object_that_nobody_observes_is_not_taken(team: Team) -> None:

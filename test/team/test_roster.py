@@ -8,7 +8,7 @@ import pytest
 from ator_ros.geometry import Pose
 from ator_ros.team.assignment import Assignment
 from ator_ros.team.roles import Decision, Member
-from ator_ros.team.roster import Roster
+from ator_ros.team.roster import CONFLICT, Roster
 from ator_ros.world.state import RobotState, World
 
 TIMEOUT = 1.0
@@ -46,8 +46,8 @@ def test_a_robot_without_messages_drops_out_and_comes_back(roster: Roster) -> No
     roster.take(member("ann"), 11.0)
     assert names(roster, 11.0) == ["ann", "bob"]
     assert names(roster, 11.01) == ["ann"]
-    roster.take(member("bob"), 12.0)
-    assert names(roster, 12.0) == ["bob"]
+    roster.take(member("bob"), 12.1)
+    assert names(roster, 12.1) == ["bob"]
 
 
 def test_a_robot_that_is_not_ready_drops_out_at_once(roster: Roster) -> None:
@@ -80,3 +80,25 @@ def test_a_restarted_robot_has_no_role(roster: Roster) -> None:
 def test_a_robot_that_has_just_started_listens(roster: Roster) -> None:
     assert roster.is_listening(0.9)
     assert not roster.is_listening(1.0)
+
+
+@pytest.mark.parametrize(("other", "barred"), [("abe", {"ball"}), ("bob", set())])
+def test_the_later_of_two_robots_that_go_on_claiming_a_role_leaves_it(
+    roster: Roster, other: str, barred: set[str]
+) -> None:
+    roster.take(member("ann", "ball"), 10.0)
+    for now in (10.0, 10.2):
+        roster.take(member(other, "ball"), now)
+        assert not roster.barred(now)
+    assert roster.barred(10.0 + CONFLICT) == barred
+    roster.take(member("ann", "support"), 10.6)
+    assert roster.barred(10.6) == barred
+    roster.take(member(other, "support"), 10.8)
+    assert not roster.barred(10.8)
+
+
+def test_a_conflict_that_ends_by_itself_bars_nothing(roster: Roster) -> None:
+    roster.take(member("ann", "ball"), 10.0)
+    for now, role in ((10.0, "ball"), (10.2, "support"), (10.4, "ball"), (10.5, "ball")):
+        roster.take(member("abe", role), now)
+        assert not roster.barred(now)
