@@ -361,8 +361,8 @@ class GainError(NamedTuple):
         Standard deviation in s of what the models may be wrong by beyond that.
     """
 
-    expected: float
-    deviation: float
+    expected: float = 0.0
+    deviation: float = 0.0
 
 
 class StepModel:

@@ -120,7 +120,7 @@ class Refinement:
     curves: tuple[SubgoalCurve, ...] = ()
     complete: bool = True
     work: Work = field(default_factory=Work)
-    error: GainError = GainError(0.0, 0.0)
+    error: GainError = field(default_factory=GainError)
     comparison: bool = False
 
     @property
