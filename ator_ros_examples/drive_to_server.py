@@ -103,7 +103,7 @@ class DriveToServer(Node):
         self._drive = drive
         if former is not None:
             if isinstance(drive.law, Pursuit):
-                drive.law.interrupt()
+                drive.law.take_over(former.law)
             former.ended.set_result((DriveTo.Result.SUPERSEDED, "a newer goal took over"))
         self._steer()
         code, text = await drive.ended

@@ -81,7 +81,10 @@ class Pursuit:
             0.0,
         )
 
-    def interrupt(self) -> None:
+    def take_over(
+        self,
+        former: Law,  # noqa: ARG002
+    ) -> None:
         """Take over from a former goal while the robot drives."""
         self._interrupts = True
 
@@ -181,6 +184,8 @@ class PursuitThrough(Pursuit):
     A path leads from the robot through all poses that are left. Every 3 s those are removed that
     are near, and the path is planned again. So the robot turns back to a pose that it has passed,
     if it has left it by more than `passed_radius` until then.
+
+    A newer list of poses changes the next plan: until then the robot follows the former path.
     """
 
     def __init__(
@@ -193,6 +198,20 @@ class PursuitThrough(Pursuit):
         self._left = list(goals)
         self._planned_at = -math.inf
         self._parts: list[_Path] = []  # of the path, after the one that the robot follows
+
+    def take_over(
+        self,
+        former: Law,
+    ) -> None:
+        """Take over from a former goal while the robot drives, on its path if it has several."""
+        if not isinstance(former, PursuitThrough):
+            super().take_over(former)
+            return
+        self._planned_at = former._planned_at
+        self._path = former._path
+        self._parts = former._parts
+        self.phase = former.phase
+        self._w = former._w
 
     def step(self, state: State) -> tuple[float, float]:
         """Return the velocities (m/s, rad/s) for a state; `phase` is in `ENDED` after the end."""

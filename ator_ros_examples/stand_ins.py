@@ -44,11 +44,13 @@ class DriveToStandIn(Action):
         pose = goal.robot_pose(self.robot)
         self._law = self.law((pose.x, pose.y, pose.yaw))
 
-    def take_over(self, former: Action) -> None:  # noqa: ARG002
+    def take_over(self, former: Action) -> None:
         """Drive on: the server takes a newer goal while it drives."""
+        assert isinstance(former, DriveToStandIn)
+        assert former._law is not None
         self._sent = True
         if isinstance(self._law, Pursuit):
-            self._law.interrupt()
+            self._law.take_over(former._law)
 
     def law(self, goal: tuple[float, float, float]) -> Law:
         """Return the control law for a goal: x, y (m) and yaw (rad)."""
@@ -111,6 +113,9 @@ class PursuitThroughStandIn(PursuitStandIn):
     def followed_by(self, goals: Sequence[Goal]) -> None:
         """Drive through all goals."""
         self._goals += tuple(goals)
+        self._plan_through()
+
+    def _plan_through(self) -> None:
         grid = self.robot.grid
         poses = [goal.robot_pose(self.robot) for goal in self._goals]
         self._law = PursuitThrough(poses, None if grid is None else navfn(grid, self.robot))
@@ -121,12 +126,10 @@ class PursuitThroughStandIn(PursuitStandIn):
         return len(self._goals) > 1
 
     def take_over(self, former: Action) -> None:
-        """Drive on, on the same path if that leads to the same goals."""
-        if isinstance(former, PursuitThroughStandIn) and former._goals[1:] == self._goals:
-            self._law = former._law
-            self._sent = True
-        else:
-            super().take_over(former)
+        """Drive on: the server gets the rest of a run as a newer goal."""
+        assert isinstance(former, PursuitThroughStandIn)
+        self._plan_through()
+        super().take_over(former)
 
 
 def navfn(grid: GridMap, robot: Robot) -> NavFn:

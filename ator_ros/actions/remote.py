@@ -126,7 +126,8 @@ class RemoteCall:
     Two declarations mean that goals can be passed, see `ator_ros.actions.goal_variables.STOP`:
     `early`, that it takes a newer goal while it drives, without a stop; or `through`, another
     server that drives through a list of poses. Goals that are passed, and the one that ends such a
-    run, are one goal of that server.
+    run, are one goal of that server. If that server is `early`, the rest of a run is sent as a
+    newer goal where one is passed: it may drive back to a passed pose otherwise.
     """
 
     server: str  # name, relative to the node's namespace, or absolute
@@ -154,8 +155,8 @@ class RemoteCall:
             sources = [filling.source for filling in self.through.goal]
             require(not self.early, "through", "none beside `early`", self.through.server)
             require("goals" in sources, "through.goal", "a field with `source: goals`", sources)
-            nested = self.through.passes
-            require(not nested, "through", "neither `early` nor `through` in it", nested)
+            nested = self.through.through
+            require(nested is None, "through", "no `through` in it", nested and nested.server)
         require(
             bool(_TYPE.fullmatch(self.type)),
             "type",

@@ -117,7 +117,7 @@ class RemoteAction(Action):
     waits; the times of `Timeouts` are checked in each tick.
 
     A run of goals that are passed is sent at once to the server `through` them: the next action
-    takes over the sent goal.
+    takes over the sent goal, or sends the rest of the run as a newer one if the server is `early`.
     """
 
     name = "remote"
@@ -164,7 +164,8 @@ class RemoteAction(Action):
         """
         if not isinstance(former, RemoteAction):
             return
-        if former._sent is not None and former._goals[1:] == self._goals:
+        is_sent = former._sent is not None and former._goals[1:] == self._goals
+        if is_sent and not former._server.call.early:
             self._server = former._server
             self._sent = former._sent
             self._former = former._former
@@ -260,7 +261,7 @@ class RemoteAction(Action):
 
 
 class RemoteServer:
-    """Sends goals to one action server, and tracks a canceled goal until it is over.
+    """Sends goals to one action server, and tracks canceled goals until they are over.
 
     `fault` is why the server cannot be used, as without its type; empty if it can. `through` is the
     server that drives through several goals, if there is one.
@@ -276,9 +277,9 @@ class RemoteServer:
         self.through: RemoteServer | None = None
         self._node = node
         self._present_at = -math.inf  # real s
-        self._released: RemoteGoal | None = None
+        self._released: list[RemoteGoal] = []
         self._unanswered: list[RemoteGoal] = []  # released before the server accepted them
-        self._cancel_deadline = 0.0  # real s; for the end of `_released`
+        self._cancel_deadline = 0.0  # real s; for the ends of `_released`
         self._warn = warn
         try:
             self._interface = RemoteInterface(call, frame)
@@ -337,7 +338,7 @@ class RemoteServer:
         if sent.accepted is None:
             self._unanswered.append(sent)
         if self.present():
-            self._released = sent
+            self._released.append(sent)
             self._cancel_deadline = time.monotonic() + self.timeouts.cancel
         else:
             self.cancel_others()
@@ -380,11 +381,12 @@ class RemoteServer:
     def stop(self) -> None:
         """Cancel all goals of the servers `cancel_too` unless this server's goal is over."""
         if self._is_canceling():
-            self._released = None
+            self._released.clear()
             self.cancel_others()
 
     def _is_canceling(self) -> bool:
-        return self._released is not None and not self._released.over
+        self._released = [goal for goal in self._released if not goal.over]
+        return bool(self._released)
 
 
 class RemoteGoal:

@@ -115,7 +115,7 @@ POSES = call(server="through", goal=(Filling("poses", source="goals"),))
     [
         ({"through": POSES, "early": True}, "through: expected none beside `early`"),
         ({"through": call()}, "through.goal: expected a field with `source: goals`"),
-        ({"through": call(goal=POSES.goal, early=True)}, "neither `early` nor `through` in it"),
+        ({"through": call(goal=POSES.goal, through=POSES)}, "through: expected no `through` in it"),
     ],
 )
 def test_goals_are_passed_in_one_way(fields: dict[str, Any], expected: str) -> None:

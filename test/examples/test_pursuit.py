@@ -82,13 +82,24 @@ def test_it_fails_if_the_robot_stays_where_it_is() -> None:
     assert (law.phase, command) == (Phase.TOO_LONG, (0.0, 0.0))
 
 
-def drive(law: Pursuit, start: tuple[float, float, float]) -> np.ndarray:
-    """Return the places (n, 2) of an ideal robot, every 0.05 s, until the law ends."""
+def drive(
+    law: Pursuit,
+    start: tuple[float, float, float],
+    newer: PursuitThrough | None = None,
+    at: float = math.inf,
+) -> np.ndarray:
+    """Return the places (n, 2) of an ideal robot, every 0.05 s, until the law ends.
+
+    A `newer` law takes over at the coordinate x `at` (m).
+    """
     x, y, yaw = start
     v = 0.0
     places = []
     while law.phase is not Phase.ARRIVED:
         assert len(places) < 2000
+        if newer is not None and x >= at:
+            newer.take_over(law)
+            law, newer = newer, None
         places.append((x, y))
         v, w = law.step(State(0.05 * len(places), x, y, yaw, v, 0.0))
         x += 0.05 * v * math.cos(yaw)
@@ -122,3 +133,11 @@ def test_it_turns_back_to_a_pose_that_it_has_left_before_it_plans_again() -> Non
     )
     assert np.diff(left[:, 0]).min() < -0.01
     assert np.diff(removed[:, 0]).min() >= 0.0
+
+
+def test_it_does_not_turn_back_to_a_pose_that_a_newer_list_lacks() -> None:
+    poses = [(0.9, 0.0, 0.0), (6.0, 0.0, 0.0)]
+    places = drive(PursuitThrough(poses), (0.0, 0.0, 0.0), PursuitThrough(poses[1:]), at=0.7)
+    assert np.diff(places[:, 0]).min() >= 0.0
+    speeds = np.diff(places[:, 0]) / 0.05
+    assert speeds[:80].min() > 0.5  # it drives on

@@ -134,6 +134,17 @@ def test_an_interruption_ends_the_action_that_drives() -> None:
     assert run.records[-1].ending is Ending.CANCELED
 
 
+def test_an_interruption_ends_the_leg_to_a_goal_that_is_not_passed_yet() -> None:
+    run, events = executor((1.0, False), (2.0, True), models={"drive": Nearer()})
+    run.step(state(0.0, 0.0))
+    run.step(state(0.6, 0.4))
+    run.interrupt(state(0.7, 0.45), Ending.PREEMPTED, "a newer goal took over")
+    assert [(record.index, record.ending) for record in run.records] == [
+        (0, Ending.PREEMPTED), (1, Ending.PREEMPTED),
+    ]  # fmt: skip
+    assert events[-1] == "end 2"
+
+
 def test_the_next_step_takes_over_as_far_before_a_goal_as_it_is_passed_within_the_tolerance() -> (
     None
 ):

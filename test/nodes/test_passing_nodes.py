@@ -117,6 +117,21 @@ def test_a_canceled_chain_stops_the_robot_that_drives_on(chains: ChainClient) ->
     assert chains.ros.robot().pose.distance(place) < 0.02
 
 
+def test_a_newer_goal_takes_over_from_a_run(chains: ChainClient) -> None:
+    sent = chains.send(visits(True, True, False))
+    chains.ros.eventually(lambda: chains.actions, "the first station was passed")
+    newer = TopCall(top="visit")
+    newer.goal.pose = pose_of(START)
+    newest = chains.send([newer])
+    former = sent.result().record
+    assert former.outcome.code == Outcome.PREEMPTED
+    steps = [(action.step, action.outcome.code) for action in former.actions]
+    assert steps == [(0, Outcome.SUCCEEDED), (1, Outcome.PREEMPTED)]
+    assert newest.outcome().code == Outcome.SUCCEEDED
+    chains.ros.eventually(chains.standing, "the robot stands")
+    assert chains.ros.robot().pose.distance(START) < 0.3
+
+
 def test_legs_of_both_kinds_are_collected_with_the_running_executor(
     chains: ChainClient, declared: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

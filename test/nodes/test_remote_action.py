@@ -394,6 +394,22 @@ def test_both_goals_are_canceled_if_the_newer_one_ends_first(bench: Bench) -> No
     bench.until(lambda: len(server.canceled) == 2)
 
 
+def test_a_server_is_ending_until_both_goals_are_over(bench: Bench) -> None:
+    server = Server(bench.server_node)
+    bench.server_goals = lambda: server.goals
+    take_over(bench, early=True)
+    bench.drive(lambda: len(server.goals) == 2)
+    drive_for(bench, 0.1)
+    bench.action.end("a newer goal took over")
+    bench.until(lambda: len(server.canceled) == 2)
+    server.finish("canceled", number=1)
+    end = time.monotonic() + 0.2
+    bench.until(lambda: time.monotonic() > end)
+    assert bench.server.ending()
+    server.finish("canceled", number=0)
+    bench.until(lambda: not bench.server.ending())
+
+
 def test_a_server_that_does_not_declare_it_is_stopped_between_goals(bench: Bench) -> None:
     server = Server(bench.server_node)
     bench.server_goals = lambda: server.goals
@@ -410,7 +426,7 @@ def at(x: float) -> Goal:
 class Run:
     """Actions that drive through three goals, with the server that does so."""
 
-    def __init__(self, bench: Bench) -> None:
+    def __init__(self, bench: Bench, *, early: bool = False) -> None:
         kind = importlib.import_module("nav2_msgs.action").NavigateThroughPoses
         through = declared(
             server="through",
@@ -419,7 +435,7 @@ class Run:
             success=Success(),
         )
         timeouts = dataclasses.replace(through.timeouts, result=600.0)
-        through = dataclasses.replace(through, timeouts=timeouts)
+        through = dataclasses.replace(through, timeouts=timeouts, early=early)
         self.bench = bench
         self.single = Server(bench.server_node)
         self.server = Server(bench.server_node, "through", kind=kind)
@@ -470,6 +486,23 @@ def test_a_run_of_passed_goals_is_one_goal_of_the_server_that_drives_through(thr
     assert (len(through.sent()), through.server.canceled, through.single.goals) == (1, [], [])
 
 
+def test_the_rest_of_a_run_is_sent_where_a_goal_is_passed_if_the_server_takes_newer_goals(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    provide_nav2_msgs(monkeypatch)
+    through = Run(bench, early=True)
+    for count, rest in enumerate(([2.0, 3.0], [3.0]), 2):
+        through.next(*map(at, rest))
+        assert through.bench.tick(v=0.6).command is None
+        through.bench.drive(lambda n=count: len(through.server.goals) == n)
+        drive_for(through.bench, 0.1)
+        through.server.finish("abort", number=count - 2)
+    through.server.finish()
+    assert through.bench.outcome()[0].status is Status.SUCCEEDED
+    assert through.sent() == [[1.0, 2.0, 3.0], [2.0, 3.0], [3.0]]
+    assert (through.server.canceled, through.single.goals) == ([], [])
+
+
 def test_the_rest_of_a_run_is_sent_again_if_it_has_changed(through: Run) -> None:
     through.next(at(2.5), at(3.0))
     assert through.bench.tick(v=0.6).command is None
@@ -487,6 +520,22 @@ def test_a_run_is_canceled_in_its_middle(through: Run) -> None:
     assert through.bench.server.through is not None
     assert through.bench.server.through.ending()
     through.bench.until(lambda: through.server.canceled)
+
+
+def test_a_newer_goal_takes_over_from_a_run(through: Run) -> None:
+    through.next(at(2.0), at(3.0))
+    drive_for(through.bench, 0.1)
+    through.bench.action.end("a newer goal took over")
+    through.bench.until(lambda: through.server.canceled)
+    through.server.finish("canceled")
+    assert through.bench.server.through is not None
+    through.bench.until(lambda: not through.bench.server.through.ending())
+    through.bench.action = RemoteAction(ROBOT, through.bench.server)
+    through.start(at(5.0))
+    through.bench.drive(lambda: through.single.goals)
+    through.single.finish()
+    assert through.bench.outcome()[0].status is Status.SUCCEEDED
+    assert through.sent() == [[1.0, 2.0, 3.0]]
 
 
 def test_a_server_that_hangs_in_the_middle_of_a_run_is_detected(through: Run) -> None:
