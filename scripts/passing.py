@@ -2,7 +2,7 @@
 
 Run it with the folder of the evaluation:
 
-scripts/run python scripts/passing.py rounds/patrol
+scripts/run python scripts/passing.py rounds/passing
 """
 
 from __future__ import annotations

@@ -228,18 +228,19 @@ def steps(sizes: Sizes) -> Iterator[Step]:
             f"--policies {policies} --models {models} --out rounds/{domain}",
             (f"few_drives:{domain}",),
         )
-    # The same with stations that may be passed.
-    patrol = "--domain patrol --models models_patrol"
-    legs = f"collect --domain patrol --seed 2070 --episodes {n.patrol_drives}"
-    yield Step("passing:collect", f"{legs} --out patrol.parquet")
-    yield Step("passing:train", f"train {patrol} patrol.parquet", ("passing:collect",))
-    yield Step(
-        "passing:evaluate",
-        f"evaluate {patrol} --chain round --seed 2071 --situations {n.patrol_rounds} "
-        "--policies stepwise passing refined --out rounds/patrol",
-        ("passing:train",),
-    )
-    yield Step("passing:table", f"{scripts}/passing.py rounds/patrol", ("passing:evaluate",))
+    # The same with stations that may be passed, by newer goals and through poses.
+    for name, domain in (("passing", "patrol"), ("through", f"{ROOT}/config/patrol/through.yaml")):
+        patrol = f"--domain {domain} --models models_{name}"
+        legs = f"collect --domain {domain} --seed 2070 --episodes {n.patrol_drives}"
+        yield Step(f"{name}:collect", f"{legs} --out {name}.parquet")
+        yield Step(f"{name}:train", f"train {patrol} {name}.parquet", (f"{name}:collect",))
+        yield Step(
+            f"{name}:evaluate",
+            f"evaluate {patrol} --chain round --seed 2071 --situations {n.patrol_rounds} "
+            f"--policies stepwise passing refined --out rounds/{name}",
+            (f"{name}:train",),
+        )
+        yield Step(f"{name}:table", f"{scripts}/passing.py rounds/{name}", (f"{name}:evaluate",))
     job = f"{benchmarks}/on_the_job.py --domain pursuit --chains {n.on_the_job} --seed 2041"
     yield Step("few_drives:on_the_job", f"{job} --work on_the_job")
     for file in STUDIED:

@@ -145,7 +145,7 @@ def _policy_record(choice: Choice, run: ChainRun) -> Record:
         record["predicted"] = round(choice.predicted.duration, 3)
         record["spread"] = round(choice.predicted.spread, 3)
     if choice.refinement is not None and choice.refinement.free:
-        record["gain"] = round(choice.refinement.gain, 5)
+        record["gain"] = round(choice.refinement.saved, 5)
         record["uncertainty"] = round(choice.refinement.uncertainty, 5)
     return record
 

@@ -220,12 +220,19 @@ class Reader:
 
         Note how many others there are, and why.
         """
+        return self._accepted("goals", self._legs())
+
+    def _legs(self) -> Iterator[tuple[str, Episode | str]]:
+        """Yield action and episode of each goal, or of its legs; or why it is none."""
         watch = self._watch
-        found = (
-            (goal.action, watch.rejection(goal) or watch.episode(goal, track=_track_of(goal)))
-            for goal in watch.goals
-        )
-        return self._accepted("goals", found)
+        for goal in watch.goals:
+            track = _track_of(goal)
+            legs = watch.legs(goal, track=track)
+            if isinstance(legs, str):
+                yield goal.action, legs
+                continue
+            for leg in legs:
+                yield leg.action, watch.rejection(leg) or watch.episode(leg, track=track)
 
     def _add_objects_in_tf(self) -> None:
         for name, frame in self._in_tf.items():

@@ -29,6 +29,7 @@ from ator_ros.experience.server_goals import (
     PLAN,
     STATUS_SUFFIX,
     remote_calls,
+    through_servers,
 )
 from ator_ros.experience.store import is_store, read_store
 from ator_ros.experience.table import (
@@ -261,12 +262,13 @@ def _files_of(path: Path) -> list[Path]:
 def _wanted(domain: Vocabulary, names: Mapping[str, str]) -> list[_Wanted]:
     """Return the topics to read, those first whose namespace decides."""
     sources = [domain.source(name) for name in domain.objects]
-    servers = remote_calls(domain).values()
+    servers = {call.server: call.type for call in remote_calls(domain).values()}
+    servers |= {name: kind for name, (_, kind) in through_servers(domain).items()}
     wanted = [_Wanted(ODOM, names.get(ODOM, ODOM), _TYPES[ODOM])]
     for suffix in (STATUS_SUFFIX, FEEDBACK_SUFFIX):
-        for call in servers:
-            kinds = _STATUS if suffix == STATUS_SUFFIX else {f"{call.type}_FeedbackMessage"}
-            wanted.append(_Wanted(f"{call.server}{suffix}", f"{call.server}{suffix}", kinds))
+        for name, kind in servers.items():
+            kinds = _STATUS if suffix == STATUS_SUFFIX else {f"{kind}_FeedbackMessage"}
+            wanted.append(_Wanted(f"{name}{suffix}", f"{name}{suffix}", kinds))
     roles = (CMD_VEL, RECORDS, *((PLAN, GOAL_POSE) if servers else ()))
     wanted += [_Wanted(role, names.get(role, role), _TYPES[role]) for role in roles]
     for item in sources:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection
+from dataclasses import replace
 from typing import Any
 
 from ator_ros.actions.base import Goal, Point
@@ -11,6 +12,7 @@ from ator_ros.actions.goal_variables import STOP
 from ator_ros.actions.situation import Situation
 from ator_ros.bases.description import Robot
 from ator_ros.experience.records import Vocabulary, fault_in
+from ator_ros.experience.run_legs import legs_through, rows_of_poses
 from ator_ros.experience.server_goals import (
     FEEDBACK_SUFFIX,
     GOAL_POSE,
@@ -20,6 +22,7 @@ from ator_ros.experience.server_goals import (
     ServerGoal,
     ServerGoals,
     remote_calls,
+    through_servers,
     usual_values,
 )
 from ator_ros.experience.table import Episode
@@ -76,8 +79,8 @@ class Watch:
     segments : list of Segment
         In the order of time; odometry is added to the last one.
     servers : mapping of str to str
-        The actions by the topics of status and feedback of their servers; an action of `others`
-        has the name of the server.
+        The actions by the topics of status and feedback of their servers; one of `others`, or of a
+        server that drives through poses, has the name of the server.
     transforms : Transforms
         The frames in tf.
     numbers : int
@@ -103,7 +106,8 @@ class Watch:
         )
         self.segments = [Segment()]
         actions = {call.server: name for name, call in remote_calls(domain).items()}
-        actions |= {name: name for name in others}
+        self._through = through_servers(domain)
+        actions |= {name: name for name in (*others, *self._through)}
         self.servers = {
             f"{server}{suffix}": action
             for server, action in actions.items()
@@ -237,6 +241,51 @@ class Watch:
             newest.odom.append(*self.segments[-1].odom.last)
         self.segments = [each for each in self.segments[:-1] if id(each) in used] + [newest]
         self._goals.forget(_KEPT_GOALS, ending)
+
+    def legs(self, goal: ServerGoal, *, track: Track | None = None) -> list[ServerGoal] | str:
+        """Return the legs of a goal that has ended, each as a goal, or why there are none.
+
+        A goal of a server that drives through poses has a leg to each of them, another one only
+        itself. `track` is that of the goal's segment, by default made of it now.
+        """
+        if goal.action not in self._through:
+            return [goal]
+        if reason := self.rejection(goal):
+            return reason
+        action, _ = self._through[goal.action]
+        top = next((top for top in self._domain.tops if top.action == action), None)
+        path = goal.first_path
+        headings = goal.first_headings
+        if top is None or goal.segment is None or goal.odom_pose is None:
+            return "no TOP calls the action"
+        rows = [] if path is None or headings is None else rows_of_poses(path, headings, goal.poses)
+        if path is None or headings is None or not rows:
+            return "its poses are unknown: its path does not show where they are"
+        track = (track or Track(goal.segment)).seen_from(goal.odom_pose)
+        during = track.between(goal.begin, goal.end)
+        states = track.states(during[:, 0])
+        legs = []
+        for number, leg in enumerate(
+            legs_through(states, path, headings, rows, top.place_tolerance)
+        ):
+            final = track.world(leg.end).robot.pose
+            legs.append(
+                replace(
+                    goal,
+                    action=action,
+                    goal_id=goal.goal_id + bytes([number % 256]),
+                    begin=leg.begin,
+                    end=leg.end,
+                    status=goal.status if leg.is_last or leg.is_passed else "aborted",
+                    pose=goal.pose if leg.is_last else leg.pose,
+                    final_pose=goal.final_pose if leg.is_last else final,
+                    is_passed=leg.is_passed,
+                    nearest=leg.nearest,
+                    first_path=leg.path,
+                    server_estimates=[],
+                )
+            )
+        return legs
 
     def rejection(self, goal: ServerGoal) -> str:
         """Return why a goal is no episode; empty if it may be one."""

@@ -47,6 +47,25 @@ def remote_calls(domain: Vocabulary) -> dict[str, RemoteCall]:
     return {spec.name: spec.remote for spec in specs if spec.remote}
 
 
+_THROUGH = "nav2_msgs/action/NavigateThroughPoses"
+
+
+def through_servers(domain: Vocabulary) -> dict[str, tuple[str, str]]:
+    """Return the action of the legs and the type of each server that drives through poses.
+
+    They are those that actions declare as `through`. Nav2 has one beside the server of an action
+    that passes its goals `early`.
+    """
+    found = {}
+    for action, call in remote_calls(domain).items():
+        if call.through is not None:
+            found[call.through.server] = action, call.through.type
+        elif call.early and call.type == "nav2_msgs/action/NavigateToPose":
+            namespace = call.server.rpartition("/")
+            found["".join((*namespace[:2], "navigate_through_poses"))] = action, _THROUGH
+    return found
+
+
 def usual_values(domain: Vocabulary, action: str) -> dict[str, float]:
     """Return usual values of the goal variables that an action declares; it stops at goals."""
     specs = [spec for specs in domain.action_sets.values() for spec in specs]
@@ -92,6 +111,10 @@ class ServerGoal:
         Whether the pose is that of a goal_pose, which no plan replaces.
     first_path, path : ndarray of shape (n, 2), or None
         The first and the newest path to the goal, in m in `frame`; None: none was recorded.
+    first_headings : ndarray of shape (n,), or None
+        Those of the first path, in rad.
+    poses : int
+        How many poses the goal has, as its server's feedback says; 0 without that.
     recoveries : int
         How often the server has recovered, as its feedback says; 0 without feedback.
     server_estimates : list of float
@@ -116,6 +139,8 @@ class ServerGoal:
     from_goal_pose: bool = False
     first_path: FloatArray | None = None
     path: FloatArray | None = None
+    first_headings: FloatArray | None = None
+    poses: int = 0
     recoveries: int = 0
     server_estimates: list[float] = field(default_factory=list)
 
@@ -144,11 +169,12 @@ class ServerGoal:
             self.pose = pose
             self.from_goal_pose = from_goal_pose
 
-    def set_path(self, path: FloatArray) -> None:
-        """Set the newest path to the goal, shape (n, 2), in m in the frame of the pose."""
+    def set_path(self, path: FloatArray, headings: FloatArray) -> None:
+        """Set the newest path to the goal in the frame of the pose: (n, 2) in m, (n,) in rad."""
         self.path = path
         if self.first_path is None:
             self.first_path = path
+            self.first_headings = headings
 
     @property
     def is_recovered(self) -> bool:
@@ -247,6 +273,7 @@ class ServerGoals:
         goal.recoveries = max(
             goal.recoveries, int(getattr(message.feedback, "number_of_recoveries", 0))
         )
+        goal.poses = max(goal.poses, int(getattr(message.feedback, "number_of_poses_remaining", 0)))
         remaining = getattr(message.feedback, "estimated_time_remaining", None)
         if remaining is not None and len(goal.server_estimates) < _MOST_ESTIMATES:
             seconds = seconds_from(remaining, "feedback.estimated_time_remaining")
@@ -264,14 +291,14 @@ class ServerGoals:
             raise MessageError(f"{PLAN}.poses: expected at least one, got none")
         else:
             pose = pose_from(message.poses[-1].pose, f"{PLAN}.poses[-1]")
-            path = _path_from(message)
+            path, headings = _path_from(message)
             if not self.active:
                 self._plan = now, message
             for goal in self.active:
                 goal.set_pose(frame, pose, self._odom_pose_in(frame), from_goal_pose=False)
                 if frame == goal.frame:
                     self.numbers += 0 if goal.first_path is not None else path.size
-                    goal.set_path(path)
+                    goal.set_path(path, headings)
 
     def forget(self, kept: int, needed: Collection[ServerGoal]) -> None:
         """Forget the oldest goals that have ended, beyond the number `kept`.
@@ -284,17 +311,25 @@ class ServerGoals:
         self.numbers = 0
         for goal in self.goals.values():
             if goal.status and goal not in needed:
-                goal.path = goal.first_path = goal.segment = None
+                goal.path = goal.first_path = goal.first_headings = goal.segment = None
 
 
-def _path_from(message: Any) -> FloatArray:
-    """Return the places of a nav_msgs/Path in m, shape (n, 2); raise MessageError."""
+def _path_from(message: Any) -> tuple[FloatArray, FloatArray]:
+    """Return a nav_msgs/Path: places (n, 2) in m and headings (n,) in rad; raise MessageError."""
     if len(message.poses) > _MOST_PLACES:
         raise MessageError(
             f"{PLAN}.poses: expected at most {_MOST_PLACES}, got {len(message.poses)}"
         )
-    places = [(item.pose.position.x, item.pose.position.y) for item in message.poses]
-    path = np.array(places, dtype=float)
+    rows = [
+        (
+            item.pose.position.x,
+            item.pose.position.y,
+            item.pose.orientation.z,
+            item.pose.orientation.w,
+        )
+        for item in message.poses
+    ]
+    path = np.array(rows, dtype=float)
     if not np.isfinite(path).all():
-        raise MessageError(f"{PLAN}.poses: expected finite places, got others")
-    return path
+        raise MessageError(f"{PLAN}.poses: expected finite numbers, got others")
+    return path[:, :2], 2.0 * np.arctan2(path[:, 2], path[:, 3])

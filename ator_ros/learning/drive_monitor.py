@@ -183,14 +183,23 @@ class DriveMonitor:
         self._first[goal.goal_id] = estimator.at_start()
 
     def ended(self) -> list[EndedDrive]:
-        """Return the drives that have ended since the last call, and forget what they needed."""
-        found = [self._ended(goal) for goal in self.watch.take_ended()]
+        """Return the drives that have ended since the last call, and forget what they needed.
+
+        A drive through several poses is one to each of them.
+        """
+        found = []
+        for goal in self.watch.take_ended():
+            self._estimators.pop(goal.goal_id, None)
+            first = self._first.pop(goal.goal_id, None)
+            legs = self.watch.legs(goal)
+            if isinstance(legs, str):
+                found.append(EndedDrive(goal, None, legs, first))
+            else:  # the estimate was for all legs
+                found += [self._ended(leg, first if leg is goal else None) for leg in legs]
         self.watch.forget()
         return found
 
-    def _ended(self, goal: ServerGoal) -> EndedDrive:
-        self._estimators.pop(goal.goal_id, None)
-        first = self._first.pop(goal.goal_id, None)
+    def _ended(self, goal: ServerGoal, first: Estimate | None) -> EndedDrive:
         made = self.watch.episode(goal)
         if isinstance(made, str):
             return EndedDrive(goal, None, made, first)

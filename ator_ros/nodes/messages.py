@@ -18,7 +18,6 @@ from geometry_msgs.msg import Quaternion, Twist
 from nav_msgs.msg import OccupancyGrid, Odometry
 
 import ator_interfaces.msg as msg
-from ator_interfaces.action import ExecuteChain
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.actions.base import Goal

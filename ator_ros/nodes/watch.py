@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -33,6 +34,7 @@ from ator_ros.experience.server_goals import (
     STATUS_SUFFIX,
     ServerGoal,
     remote_calls,
+    through_servers,
 )
 from ator_ros.experience.table import Episode
 from ator_ros.experience.watched_paths import PATHS, WatchedPaths
@@ -92,7 +94,8 @@ PARAMETERS = (
     Parameter(
         "others",
         ["navigate_through_poses"],
-        "further action servers, whose goals are estimated by length and turns of their path",
+        "further action servers, whose goals are estimated by length and turns of their path; of "
+        "one that drives through poses, each leg is learned from if the action can pass",
     ),
 )
 _PERIOD = 0.5  # real s between two estimates of a drive
@@ -115,7 +118,8 @@ class WatchNode(Node):
 
     Subscribes to
         SERVER/_action/status (action_msgs/GoalStatusArray), SERVER/_action/feedback, of the
-        domain's remote actions and of the servers `others`. plan (nav_msgs/Path), goal_pose
+        domain's remote actions, of servers that drive through poses for them, and of the servers
+        `others`. plan (nav_msgs/Path), goal_pose
         (geometry_msgs/PoseStamped), the topic of odometry (nav_msgs/Odometry), /tf, /tf_static.
         The topic of a map (nav_msgs/OccupancyGrid, transient local), if `map` names one.
         /parameter_events (rcl_interfaces/ParameterEvent): changes of how Nav2 drives, after which
@@ -164,7 +168,8 @@ class WatchNode(Node):
         self._tops = {top.action: top for top in domain.tops}
         self._robot = robot
         self._servers = {name: call.server for name, call in self._calls.items()}
-        self._servers |= {name: name for name in settings["others"]}
+        self._through = through_servers(domain)
+        self._servers |= {name: name for name in (*settings["others"], *self._through)}
         self._libraries = self._libraries_on_map()
         self._sets = LearnedSets(self, self._monitor.domain, self._libraries, settings)
         self._used: object = None  # models
@@ -213,6 +218,11 @@ class WatchNode(Node):
             except RemoteError as error:
                 raise SetupError(f"parameter domain: {error}") from error
             self.create_subscription(kind, role, partial(self._take, role), RESULTS)
+        for server, (_, kind_name) in self._through.items():
+            role = f"{server}{FEEDBACK_SUFFIX}"
+            with suppress(RemoteError):  # then corners of paths are no poses
+                kind = action_type(kind_name).Impl.FeedbackMessage
+                self.create_subscription(kind, role, partial(self._take, role), RESULTS)
         for role, kind, topic, qos in (
             (ODOM, Odometry, odometry, ALL_SENSOR_DATA),
             (TF[1], TFMessage, "/tf_static", LATCHED_BY_MANY),

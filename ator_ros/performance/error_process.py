@@ -31,9 +31,11 @@ _MOST_EPISODES = 300
 # clipped there.
 _CLIPPED_AT = 4.0
 _NEIGHBORS = 7  # similar episodes, the episode itself included
-# Least ratio of `ErrorProcess.signal` to the standard deviation of the errors. Without it, a few
-# episodes whose errors do not depend on the features by chance give almost no uncertainty.
+# Least ratio of `ErrorProcess.signal` to the standard deviation of the errors, of up to so many
+# episodes. Without it, a few episodes whose errors do not depend on the features by chance give
+# almost no uncertainty. That chance falls with the root of their number.
 _LEAST_SIGNAL_RATIO = 0.5
+_FEW = 40
 # least and greatest length of the process in standard deviations of a single feature
 _LENGTHS = (0.2, 1.0)
 TIMING = CONTROL_PERIOD / math.sqrt(12.0)
@@ -300,7 +302,8 @@ def fit_error_process(
     points = np.round((features - center) / scale, _DIGITS)
     spread = robust_spread(errors)
     shortest, longest = (length * np.sqrt(len(prior)) for length in _LENGTHS)
-    signal_bounds = ((_LEAST_SIGNAL_RATIO * spread) ** 2, (10.0 * spread) ** 2)
+    least_ratio = _LEAST_SIGNAL_RATIO * math.sqrt(min(_FEW / count, 1.0))
+    signal_bounds = ((least_ratio * spread) ** 2, (10.0 * spread) ** 2)
     signal = ConstantKernel(spread**2, signal_bounds)
     kernel = signal * Matern(0.5 * longest, (shortest, longest), nu=1.5)
     noise_bounds = (max(0.2 * spread, TIMING) ** 2, (3.0 * spread) ** 2)
@@ -328,7 +331,8 @@ def fit_error_process(
 def _unknown_slopes(name: str, slope: Slope, values: FloatArray) -> list[UnknownSlope]:
     """Return the unknown slopes along a feature of which episodes have these values (n,).
 
-    Slopes with bends are known where the next episodes are no farther apart than the bends.
+    Slopes with bends are known where the next episodes are no farther apart than the bends. Beyond
+    the first angle and the last one, turns to the other side are the next ones, as far away.
     """
     if not slope.bend:
         return [UnknownSlope(name, slope.deviation)]
@@ -337,7 +341,9 @@ def _unknown_slopes(name: str, slope: Slope, values: FloatArray) -> list[Unknown
     last = math.pi if values.max() <= math.pi else 2.0 * math.pi
     driven = np.sort(values.clip(first, last))
     ends = np.concatenate([[first], driven, [last]])
-    gaps = np.flatnonzero(np.diff(ends) > slope.bend)
+    apart = np.diff(ends)
+    apart[[0, -1]] *= 2.0
+    gaps = np.flatnonzero(apart > slope.bend)
     return [
         UnknownSlope(name, slope.deviation, (float(ends[at]), float(ends[at + 1])), slope.bend)
         for at in gaps

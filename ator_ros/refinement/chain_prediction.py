@@ -350,6 +350,21 @@ class ChainPrediction:
         return bound_of_chain(self.duration, self.spread, self.held_up)
 
 
+class GainError(NamedTuple):
+    """The error of a predicted gain in duration.
+
+    Attributes
+    ----------
+    expected : float
+        By how many s the gain is expected to be greater, as similar drives show.
+    deviation : float
+        Standard deviation in s of what the models may be wrong by beyond that.
+    """
+
+    expected: float = 0.0
+    deviation: float = 0.0
+
+
 class StepModel:
     """The cost of steps, for candidates of the subgoals before and after each.
 
@@ -390,7 +405,7 @@ class StepModel:
     def step_costs(self, steps: Sequence[Pairs]) -> list[FloatArray]:
         """Return the costs of actions, see `ator_ros.refinement.search.StepCosts`."""
         tables = [(index, self.rows[index].values(before, after)) for index, before, after in steps]
-        predicted, _ = self._predicted(tables, ())
+        predicted, *_ = self._predicted(tables, ())
         costs = [step["cost"] for step in predicted]
         for place, (index, table) in enumerate(tables):
             if self._routes is not None and {"x", "y"} & set(self.names[index]):
@@ -403,11 +418,11 @@ class StepModel:
         tables: Sequence[tuple[int, FloatArray]],
         reported: tuple[str, ...],
         signs: FloatArray | None = None,
-    ) -> tuple[list[dict[str, FloatArray]], FloatArray]:
+    ) -> tuple[list[dict[str, FloatArray]], FloatArray, FloatArray]:
         """Return the cost and the reported fields for each table, in its shape.
 
-        With the signs (..., n) of the tables in sums of their durations, also the errors (...) in s
-        that the models may have in the sums: root mean squares.
+        With the signs (..., n) of the tables in sums of their durations, also the expected errors
+        (...) of the sums in s, and their variances in s².
         """
         predicted = [{"cost": np.zeros(table.shape[1:])} for _, table in tables]
         fields = tuple(dict.fromkeys(reported + self.objective.needs))
@@ -438,7 +453,7 @@ class StepModel:
                 predicted[place] = {
                     name: values[first:last].reshape(shape) for name, values in known.items()
                 }
-        return predicted, np.sqrt(error**2 + variance)
+        return predicted, error, variance
 
 
 class ChainModel(StepModel):
@@ -492,28 +507,31 @@ class ChainModel(StepModel):
         Its cost is infinite if that of a step is NaN.
         """
         tables = self._tables(self.given)
-        steps, error = self._predicted(tables, REPORTED, np.ones(len(tables)))
-        return _summed(steps, float(error), self._held_up[: len(steps)])
+        steps, error, variance = self._predicted(tables, REPORTED, np.ones(len(tables)))
+        return _summed(steps, _root(error, variance), self._held_up[: len(steps)])
 
     def compare(
         self, before: Sequence[FloatArray], after: Sequence[FloatArray]
-    ) -> tuple[ChainPrediction, ChainPrediction, float]:
-        """Return the predictions of two chains, and the uncertainty (s) of the second's gain.
+    ) -> tuple[ChainPrediction, ChainPrediction, GainError]:
+        """Return the predictions of two chains, and the error of the second's predicted gain.
 
-        `before` are values in the order of the reference, `after` in that of the chain. The
-        uncertainty is what the models may be wrong by in the difference, less than in either chain,
-        as their errors are alike in similar situations.
+        `before` are values in the order of the reference, `after` in that of the chain. The error
+        is less uncertain than that of either chain, as both are alike in similar situations.
         """
         count = len(before)
         tables = self._tables(before, self._reference) + self._tables(after)
         first = np.repeat((1.0, 0.0), count)
         second = 1.0 - first
         signs = np.stack([first, second, first - second])
-        steps, errors = self._predicted(tables, REPORTED, signs)
-        of_first, of_second, uncertainty = errors.tolist()
+        steps, errors, variances = self._predicted(tables, REPORTED, signs)
         held_up = self._held_up
-        first_chain = _summed(steps[:count], of_first, held_up[-count:])
-        return first_chain, _summed(steps[count:], of_second, held_up[:count]), uncertainty
+        of_first = _root(errors[0], variances[0])
+        of_second = _root(errors[1], variances[1])
+        return (
+            _summed(steps[:count], of_first, held_up[-count:]),
+            _summed(steps[count:], of_second, held_up[:count]),
+            GainError(float(errors[2]), math.sqrt(variances[2])),
+        )
 
     @property
     def _held_up(self) -> tuple[HeldUp, ...]:
@@ -527,8 +545,8 @@ class ChainModel(StepModel):
         return [(index, self.rows[index].values(*pair)) for index, pair in enumerate(pairs, first)]
 
 
-def error_of_sum(chains: Sequence[ChainModel], signs: Sequence[float]) -> float:
-    """Return what the models may be wrong by in a signed sum of the durations of chains, in s.
+def error_of_sum(chains: Sequence[ChainModel], signs: Sequence[float]) -> GainError:
+    """Return the error of a signed sum of the predicted durations of chains.
 
     The chains are of robots of one make with the same models; each may start in another situation.
     """
@@ -549,8 +567,13 @@ def error_of_sum(chains: Sequence[ChainModel], signs: Sequence[float]) -> float:
         objective=chains[0].objective,
     )
     of_steps = np.repeat(signs, [len(chain.given) for chain in chains])
-    _, error = steps._predicted(tables, (), of_steps)
-    return float(error)
+    _, error, variance = steps._predicted(tables, (), of_steps)
+    return GainError(float(error), math.sqrt(variance))
+
+
+def _root(error: FloatArray, variance: FloatArray) -> float:
+    """Return the root mean square in s of an error with this expected value and variance."""
+    return math.sqrt(error**2 + variance)
 
 
 def _summed(

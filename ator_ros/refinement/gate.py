@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from ator_ros.refinement.chain_prediction import GainError
 from ator_ros.world.state import CONTROL_PERIOD
 
 # chains from which on a measured gain can close the gate: with fewer its interval is too wide
@@ -63,7 +64,7 @@ class MeasuredGain:
 
 @dataclass(frozen=True)
 class Gate:
-    """Refines where the predicted gain exceeds its own uncertainty.
+    """Refines where the expected gain exceeds its own uncertainty.
 
     The uncertainty comes from the errors of the models on episodes that they were not learned from
     (`ator_ros.performance.error_process`), so the gate needs no experiment.
@@ -89,6 +90,13 @@ class Gate:
     least_share: float = 0.01
     measured: MeasuredGain = MeasuredGain()
     drawn: bool = False
+
+    def judged(self, gain: float, error: GainError) -> float:
+        """Return the gain to judge, in s, for a predicted gain: without a gate that is the same.
+
+        Otherwise it includes the expected error: the gain is then as likely to be less as more.
+        """
+        return gain + error.expected if self.factor else gain
 
     def pays(self, gain: float, uncertainty: float | None) -> bool:
         """Return whether a predicted gain is expected to pay; the arguments are as in `decide`."""

@@ -14,7 +14,12 @@ from ator_ros.geometry import FloatArray
 from ator_ros.performance.path_times import path_times_remark
 from ator_ros.printable import printable
 from ator_ros.refinement import RefinementError
-from ator_ros.refinement.chain_prediction import ChainModel, ChainPrediction, PredictsPerformance
+from ator_ros.refinement.chain_prediction import (
+    ChainModel,
+    ChainPrediction,
+    GainError,
+    PredictsPerformance,
+)
 from ator_ros.refinement.free_variables import (
     Analysis,
     FreeVariable,
@@ -98,9 +103,8 @@ class Refinement:
         Whether the search was completed; otherwise `best` is the best found until the deadline.
     work : Work
         How much of the search is done, to estimate the deadline that the whole needs.
-    uncertainty : float
-        Of the predicted gain in duration, in s: what the models may be wrong by in the difference,
-        see `ChainModel.compare`.
+    error : GainError
+        What the models may be wrong by in the predicted gain in duration.
     comparison : bool
         Whether it would have been refined, but `original` runs, to measure the gain of refinement.
     """
@@ -116,7 +120,7 @@ class Refinement:
     curves: tuple[SubgoalCurve, ...] = ()
     complete: bool = True
     work: Work = field(default_factory=Work)
-    uncertainty: float = 0.0
+    error: GainError = field(default_factory=GainError)
     comparison: bool = False
 
     @property
@@ -126,8 +130,13 @@ class Refinement:
 
     @property
     def saved(self) -> float:
-        """The predicted gain in duration, in s."""
-        return self.before.duration - self.after.duration
+        """The expected gain in duration, in s: the predicted one and its expected error."""
+        return self.before.duration - self.after.duration + self.error.expected
+
+    @property
+    def uncertainty(self) -> float:
+        """Of `saved`, in s."""
+        return self.error.deviation
 
     @property
     def chain(self) -> TopChain:
@@ -426,7 +435,7 @@ class Refiner:
         analysis = found.analysis
         optimum = found.optimum
         objective = found.model.objective
-        before, after, uncertainty = found.model.compare(reference.model.given, optimum.values)
+        before, after, error = found.model.compare(reference.model.given, optimum.values)
         if math.isnan(optimum.cost):
             optimum = unsearched(optimum.values, after.cost)
         if not math.isfinite(optimum.cost):
@@ -441,7 +450,10 @@ class Refiner:
             free = (*free, *_as_sent(stops, chain.order))
             not_free = (*not_free, *_as_sent(kept_stops, chain.order))
         gain = _gain(before, after, objective)
-        known = uncertainty if _in_seconds(before, objective) else None
+        known = None
+        if _in_seconds(before, objective):
+            gain = self.gate.judged(gain, error)
+            known = error.deviation
         refine, reason = self.gate.decide(gain, known, kept)
         limited = any(variable.limits for variable in analysis.free)
         invalid = best.violations(world, self.robot) if limited else []
@@ -479,7 +491,7 @@ class Refiner:
             ),
             complete=optimum.complete,
             work=work,
-            uncertainty=uncertainty,
+            error=error,
             comparison=comparison,
         )
 

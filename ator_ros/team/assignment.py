@@ -16,10 +16,11 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components, maximum_bipartite_matching
 
 from ator_ros.geometry import BoolArray, FloatArray
+from ator_ros.refinement.chain_prediction import GainError
 from ator_ros.refinement.gate import Gate
 
-Uncertainty = Callable[[FloatArray], float]
-"""Returns what a sum of costs with these signs, shape (n, m), may be wrong by, in s."""
+ErrorOf = Callable[[FloatArray], GainError]
+"""Returns the error of a sum of costs with these signs, shape (n, m)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +32,7 @@ class Assignment:
     roles : tuple of int or None
         The role of each robot.
     gain : float
-        By how much the cheapest assignment is below this one, in s.
+        By how much the cheapest assignment is expected to be below this one, in s.
     uncertainty : float
         Of the gain, in s.
     """
@@ -44,7 +45,7 @@ class Assignment:
 def assign(
     costs: FloatArray,
     held: Sequence[int | None],
-    uncertainty: Uncertainty,
+    error_of: ErrorOf,
     gate: Gate,
 ) -> Assignment:
     """Assign m roles to n robots so that the sum of the costs is least.
@@ -59,8 +60,8 @@ def assign(
         What each role costs each robot, in s; infinite or NaN if the robot cannot take it.
     held : sequence of int or None
         The present role of each robot. Of several robots with one role, the first one keeps it.
-    uncertainty : callable
-        See `Uncertainty`.
+    error_of : callable
+        See `ErrorOf`.
     gate : Gate
         Compares the gain of a change with its uncertainty.
     """
@@ -72,7 +73,7 @@ def assign(
     if cheapest is not None:
         kept = _cheapest(_with_held(costs, held), filled)
         if kept is not None:
-            chosen = _changed_where_it_pays(costs, kept, cheapest, uncertainty, gate)
+            chosen = _changed_where_it_pays(costs, kept, cheapest, error_of, gate)
     if chosen is None or cheapest is None:
         return Assignment((None,) * len(costs))
     roles = tuple(int(row.argmax()) if row.any() else None for row in chosen)
@@ -80,7 +81,8 @@ def assign(
     if not signs.any():
         return Assignment(roles)
     gain = float(costs[chosen].sum() - costs[cheapest].sum())
-    return Assignment(roles, gain, uncertainty(signs))
+    error = error_of(signs)
+    return Assignment(roles, gate.judged(gain, error), error.deviation)
 
 
 def waiting(
@@ -145,7 +147,7 @@ def _changed_where_it_pays(
     costs: FloatArray,
     kept: BoolArray,
     cheapest: BoolArray,
-    uncertainty: Uncertainty,
+    error_of: ErrorOf,
     gate: Gate,
 ) -> BoolArray:
     """Return `kept` with those parts of `cheapest` whose gain is expected to pay."""
@@ -161,6 +163,7 @@ def _changed_where_it_pays(
         if (before == after).all():
             continue
         gain = float(costs[before].sum() - costs[after].sum())
-        if gate.pays(gain, uncertainty(before.astype(float) - after)):
+        error = error_of(before.astype(float) - after)
+        if gate.pays(gate.judged(gain, error), error.deviation):
             chosen[inside] = cheapest[inside]
     return chosen

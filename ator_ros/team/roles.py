@@ -16,7 +16,7 @@ import numpy as np
 
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.refinement import RefinementError
-from ator_ros.refinement.chain_prediction import ChainModel, error_of_sum
+from ator_ros.refinement.chain_prediction import ChainModel, GainError, error_of_sum
 from ator_ros.refinement.gate import Gate
 from ator_ros.refinement.objective import expected_time
 from ator_ros.refinement.refiner import Refiner, choose
@@ -121,24 +121,30 @@ def decide(
     members = sorted(members, key=lambda member: member.name)
     objects = common_objects([member.world for member in members], library)
     wanted = [role.chains(library, objects, origin) for role in roles]
-    offers = [[_offer(member, chains, objects, refiner) for chains in wanted] for member in members]
+    offers = []
+    for member in members:
+        allowed = [
+            chains if role.name not in member.barred else []
+            for role, chains in zip(roles, wanted, strict=True)
+        ]
+        offers.append([_offer(member, chains, objects, refiner) for chains in allowed])
     shape = (len(members), len(roles))
     costs = np.array([[offer.cost for offer in row] for row in offers]).reshape(shape)
     errors = np.array([[offer.error for offer in row] for row in offers]).reshape(shape)
 
-    def uncertainty(signs: FloatArray) -> float:
+    def error_of(signs: FloatArray) -> GainError:
         used = [(int(robot), int(role)) for robot, role in np.argwhere(signs)]
         models = {pair: offers[pair[0]][pair[1]].model(refiner) for pair in used}
         known = {pair: model for pair, model in models.items() if model is not None}
         if not known:
-            return 0.0
+            return GainError()
         weighted = signs * weights
         return error_of_sum(list(known.values()), [weighted[pair] for pair in known])
 
     weights = np.array([role.weight for role in roles])
     numbers = {role.name: number for number, role in enumerate(roles)}
     held = [numbers.get(member.role) for member in members]
-    found = assign(costs * weights, held, uncertainty, gate)
+    found = assign(costs * weights, held, error_of, gate)
     ends = []
     for row, role in zip(offers, found.roles, strict=True):
         ends.append(row[0 if role is None else role].end(refiner))

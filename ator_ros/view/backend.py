@@ -32,8 +32,8 @@ from ator_ros.nodes.chain_client import ChainClient
 from ator_ros.nodes.main_loop import uninterrupted
 from ator_ros.nodes.messages import (
     action_set_from,
-    chain_from,
     alternative_of,
+    chain_from,
     chain_of,
     order_from,
     pose_of,

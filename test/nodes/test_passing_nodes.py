@@ -19,6 +19,7 @@ from rclpy.action import ActionClient
 from ros_client import Client, SentGoal
 
 from ator_interfaces.msg import Outcome, TopCall
+from ator_ros.domains.domain import find_domain
 from ator_ros.experience.table import read_experience
 from ator_ros.geometry import Pose
 from ator_ros.nodes.messages import pose_of
@@ -84,14 +85,15 @@ def visits(*passing: bool) -> list[TopCall]:
     return calls
 
 
-def test_the_robot_drives_on_where_it_passes(chains: ChainClient) -> None:
+def test_the_robot_drives_on_where_it_passes(chains: ChainClient, declared: str) -> None:
+    (top,) = find_domain(declared).tops
     record = chains.send(visits(True, True, False)).result().record
     assert record.outcome.code == record.outcome.SUCCEEDED, record.outcome.reason
     assert [action.stopped for action in record.actions] == [False, False, True]
     for action, pose in zip(record.actions, STATIONS, strict=True):
         end = action.end.robot.position
-        assert abs(end.x - pose.x) <= 0.3
-        assert abs(end.y - pose.y) <= 0.3
+        assert abs(end.x - pose.x) <= top.place_tolerance
+        assert abs(end.y - pose.y) <= top.place_tolerance
         left = math.hypot(end.x - pose.x, end.y - pose.y)
         # The robot still drives on when the next leg begins.
         nearest = left if action.stopped else left - 0.1

@@ -80,7 +80,7 @@ def turned(model: PerformanceModel) -> Refinement:
 def test_a_turn_is_not_moved_to_where_no_drive_shows_what_it_costs() -> None:
     found = turned(train(ACTION, straight_drives(40), ROBOT))
     assert not found.refined
-    assert found.gain < found.uncertainty
+    assert found.gain <= found.uncertainty
     if found.gain > CONTROL_PERIOD:
         assert "no drive varied" in found.reason
 

@@ -101,11 +101,11 @@ def test_two_chains_are_compared_step_by_step() -> None:
     )
     assert [values.tolist() for values in model.given] == [[0.0], [0.0], []]
     other = [np.array([1.0]), np.array([-1.0]), np.zeros(0)]
-    before, after, uncertainty = model.compare(model.given, other)
+    before, after, error = model.compare(model.given, other)
     assert before == model.predict() == predict_chain(world(), chain, known, ROBOT)
     assert after.duration != before.duration
     assert after.error == pytest.approx(math.hypot(0.1 * 3.0, 0.2 * math.sqrt(3.0)))
-    assert uncertainty == pytest.approx(0.2 * math.sqrt(6.0))
+    assert error == pytest.approx((0.0, 0.2 * math.sqrt(6.0)))  # both have the same bias
     costs = model.step_costs(
         [
             (index, values[None], there[None])
@@ -113,14 +113,6 @@ def test_two_chains_are_compared_step_by_step() -> None:
         ]
     )
     assert sum(float(cost[0]) for cost in costs) == pytest.approx(after.cost)
-
-
-def test_a_bias_of_the_errors_adds_to_the_uncertainty() -> None:
-    known = {"goToPose": Signed(turning_time, USED)}
-    chain = TopChain((call("goToPose", 1.0, 0.0, 0.0, ANGLE),))
-    model = ChainModel(world(), chain, ROBOT, models=known, names=[("yaw",)], objective=Objective())
-    _, _, uncertainty = model.compare(model.given, [np.array([1.0])])
-    assert uncertainty == pytest.approx(0.2 * math.sqrt(2.0))
 
 
 @pytest.mark.parametrize("yaw", [0.0, 2.0, -3.0])

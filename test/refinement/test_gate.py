@@ -68,7 +68,7 @@ def refined(model: PerformanceModel, gate: Gate, objective: Objective | None = N
     return Refiner(ROBOT, {"drive_to": model}, gate).refine(world, chain, objective)
 
 
-@pytest.mark.parametrize(("make", "words"), [(learned, "refined"), (linear, "kept as sent")])
+@pytest.mark.parametrize(("make", "words"), [(learned, "refined"), (linear, "no gain predicted")])
 def test_only_a_model_of_the_right_form_changes_the_chain(make: Any, words: str) -> None:
     model = make()
     without, behind = refined(model, NO_GATE), refined(model, Gate())

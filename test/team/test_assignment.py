@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from ator_ros.geometry import FloatArray
+from ator_ros.refinement.chain_prediction import GainError
 from ator_ros.refinement.gate import NO_GATE, Gate
 from ator_ros.team.assignment import Assignment, assign, waiting
 
@@ -24,7 +25,9 @@ def assigned(
     """Return the assignment where every difference of costs has the same uncertainty."""
     table = np.array(costs)
     before = (None,) * len(table) if held is None else held
-    return assign(table, before, lambda _: uncertainty, Gate() if gate is None else gate)
+    return assign(
+        table, before, lambda _: GainError(0.0, uncertainty), Gate() if gate is None else gate
+    )
 
 
 @pytest.mark.parametrize(
@@ -60,6 +63,13 @@ def test_a_role_changes_only_if_its_gain_exceeds_uncertainty_and_a_tick(
     assert found.uncertainty == (0.0 if changes else uncertainty)
 
 
+def test_an_expected_error_counts_as_gain() -> None:
+    costs = np.array([[3.1], [3.0]])
+    for expected, roles in ((0.3, (None, 0)), (-0.3, (0, None))):
+        found = assign(costs, (0, None), lambda _, e=expected: GainError(e, 0.2), Gate())
+        assert found.roles == roles
+
+
 def test_without_a_gate_every_gain_changes_roles() -> None:
     assert assigned([[3.01], [3.0]], (0, None), uncertainty=9.0, gate=NO_GATE).roles == (None, 0)
 
@@ -78,7 +88,7 @@ def test_changes_that_do_not_depend_on_each_other_are_compared_one_by_one() -> N
     costs = np.full((4, 4), 50.0)
     costs[:2, :2] = [[5.0, 1.0], [1.0, 5.0]]  # gain of a change: 8 s
     costs[2:, 2:] = [[1.3, 1.0], [1.0, 1.3]]  # 0.6 s
-    found = assign(costs, (0, 1, 2, 3), lambda _: 1.0, Gate())
+    found = assign(costs, (0, 1, 2, 3), lambda _: GainError(0.0, 1.0), Gate())
     assert found.roles == (1, 0, 2, 3)
     assert found.gain == pytest.approx(0.6)
 
@@ -109,7 +119,7 @@ def most_important(costs: FloatArray) -> tuple[tuple[bool, ...], float]:
 @pytest.mark.parametrize(("robots", "roles"), [(3, 3), (2, 4), (4, 2)])
 def test_no_other_assignment_is_better(seed: int, robots: int, roles: int) -> None:
     costs = random_costs(seed, robots, roles)
-    chosen = assign(costs, (None,) * robots, lambda _: 0.0, Gate()).roles
+    chosen = assign(costs, (None,) * robots, lambda _: GainError(0.0, 0.0), Gate()).roles
     filled, total = most_important(costs)
     assert tuple(role in chosen for role in range(roles)) == filled
     own = sum(costs[robot, role] for robot, role in enumerate(chosen) if role is not None)
@@ -122,16 +132,18 @@ def test_the_order_of_the_robots_changes_nothing_without_ties(seed: int) -> None
     costs = random_costs(seed, 4, 3)
     held = tuple(rng.permutation([0, 1, 2, None]).tolist())
     order = rng.permutation(4).tolist()
-    first = assign(costs, held, lambda _: 0.7, Gate()).roles
-    second = assign(costs[order], [held[each] for each in order], lambda _: 0.7, Gate()).roles
+    first = assign(costs, held, lambda _: GainError(0.0, 0.7), Gate()).roles
+    second = assign(
+        costs[order], [held[each] for each in order], lambda _: GainError(0.0, 0.7), Gate()
+    ).roles
     assert second == tuple(first[each] for each in order)
 
 
 @pytest.mark.parametrize("seed", range(8))
 def test_what_was_decided_is_decided_again(seed: int) -> None:
     costs = random_costs(seed, 4, 3)
-    first = assign(costs, (2, 1, 0, None), lambda _: 1.0, Gate())
-    assert assign(costs, first.roles, lambda _: 1.0, Gate()) == first
+    first = assign(costs, (2, 1, 0, None), lambda _: GainError(0.0, 1.0), Gate())
+    assert assign(costs, first.roles, lambda _: GainError(0.0, 1.0), Gate()) == first
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -139,7 +151,7 @@ def test_a_greater_uncertainty_changes_no_more_roles(seed: int) -> None:
     costs = random_costs(seed, 4, 4)
     held = (0, 1, 2, 3)
     gains = [
-        assign(costs, held, lambda _, error=error: error, Gate()).gain
+        assign(costs, held, lambda _, error=error: GainError(0.0, error), Gate()).gain
         for error in (0.0, 0.5, 1.0, 4.0, math.inf)
     ]
     assert gains == sorted(gains)

@@ -183,8 +183,8 @@ def test_the_same_drive_twice_differs_for_certain(team: Team) -> None:
         names=[()],
         objective=Objective(),
     )
-    assert error_of_sum([model, model], [1.0, -1.0]) == pytest.approx(0.0, abs=1e-6)
-    assert error_of_sum([model], [1.0]) == pytest.approx(model.predict().error)
+    assert error_of_sum([model, model], [1.0, -1.0]) == pytest.approx((0.0, 0.0), abs=1e-6)
+    assert math.hypot(*error_of_sum([model], [1.0])) == pytest.approx(model.predict().error)
 
 
 @pytest.mark.parametrize("name", ["soccer"])
