@@ -41,7 +41,7 @@ from ator_ros.nodes.subscriptions import Subscriptions
 from ator_ros.printable import one_line, quoted
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.team.role_file import RoleFile, load_roles
-from ator_ros.team.roles import SAME_FRAME, Decision, Member, decide
+from ator_ros.team.roles import SAME_FRAME, Decision, Member, as_observed, decide
 from ator_ros.team.roster import PERIOD, Roster
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
@@ -307,7 +307,8 @@ class TeamNode(Node):
             return
         if not chain or (same and self._leads_alike(chain)):
             return
-        message = chain_of(chain, action_set=DEFAULT_SET, frame=self._settings["frame"])
+        observed = chain if self._world is None else as_observed(chain, self._world)
+        message = chain_of(observed, action_set=DEFAULT_SET, frame=self._settings["frame"])
         self._sent = self._chains.send(ExecuteChain.Goal(chain=message))
         self._sent_role = role
         self._sent_chain = chain

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ator_ros.actions.goal_variables import with_values
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.refinement import RefinementError
 from ator_ros.refinement.chain_prediction import ChainModel, GainError, error_of_sum
@@ -24,7 +25,7 @@ from ator_ros.team.assignment import Assignment, assign, waiting
 from ator_ros.team.role_file import Role
 from ator_ros.tops.chain import TopChain, projected
 from ator_ros.tops.library import TopLibrary
-from ator_ros.tops.objects import at_rest, missing_in
+from ator_ros.tops.objects import at_object, at_rest, followed, missing_in
 from ator_ros.world.state import ObjectState, World
 
 SAME_FRAME = Pose(0.0, 0.0, 0.0)
@@ -233,12 +234,28 @@ def _is_able(member: Member, chain: TopChain) -> bool:
 def what_is_left(chain: TopChain, world: World, refiner: Refiner) -> TopChain:
     """Return the steps from the first one on whose post-condition does not hold.
 
-    A chain whose last post-condition holds is done: the result is empty.
+    A chain whose last post-condition holds is done: the result is empty. An open heading is any.
     """
-    done = [
-        not missing_in([call], world) and not call.top.unmet(world, call.goal, refiner.robot)
-        for call in chain.calls
-    ]
+    done = []
+    for call in chain.calls:
+        goal = call.goal
+        if call.opens("yaw"):
+            goal = with_values(goal, {"yaw": world.robot.pose.yaw})
+        unmet = missing_in([call], world) or call.top.unmet(world, goal, refiner.robot)
+        done.append(not unmet)
     if done[-1]:
         return TopChain(())
     return chain.part(done.index(False))
+
+
+def as_observed(chain: TopChain, world: World) -> TopChain:
+    """Return a chain whose first step that follows an object leads to where `world` has it.
+
+    The roles are decided for objects at rest where the team observes them in the mean. The executor
+    expects, and follows, the place that its robot observes.
+    """
+    for index, call in enumerate(chain.calls):
+        name = followed(call.top)
+        if name is not None and name in world.objects:
+            return chain.with_goal(index, at_object(call.goal, world, name))
+    return chain

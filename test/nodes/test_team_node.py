@@ -165,7 +165,7 @@ def test_two_robots_play_in_one_simulation(start: Start, domain: int) -> None:
     states = client.listen(Teammate, TEAMMATES, LATCHED_BY_MANY)
     start(
         "simulation", domain="soccer", robots="[ann, bob]",
-        robot_start="[-2.0, 1.0, 0.0, -2.5, -1.0, 0.0]", command_wait=0.5,
+        robot_start="[-2.0, 1.0, 0.0, -2.5, -1.0, 0.0]", lockstep=True, command_wait=0.5,
     )  # fmt: skip
     for name in ("ann", "bob"):
         frames = {"domain": "soccer", "frame": f"{name}/odom", "robot_frame": f"{name}/base_link"}

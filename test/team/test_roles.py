@@ -15,7 +15,7 @@ from ator_ros.refinement.gate import Gate
 from ator_ros.refinement.objective import Objective
 from ator_ros.resources import resource_path
 from ator_ros.team.role_file import Role, RoleStep, load_roles
-from ator_ros.team.roles import Decision, Member, common_objects, decide
+from ator_ros.team.roles import Decision, Member, as_observed, common_objects, decide
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import ObjectState, RobotState, World
 
@@ -133,6 +133,20 @@ def test_steps_that_are_done_cost_nothing(team: Team) -> None:
     chain = team.decide([holding], [further]).chain_of("ann")
     assert chain is not None
     assert [call.top.name for call in chain.calls] == ["dribbleBall"]
+
+
+def test_a_robot_at_a_place_with_an_open_heading_is_done(team: Team) -> None:
+    here = Role("here", (RoleStep("goToPose", x=1.0, open=("yaw",)),))
+    assert team.decide([team.member("ann", 1.0)], [here]).costs[0, 0] == 0.0
+
+
+def test_the_robot_is_sent_to_the_ball_that_it_observes(team: Team) -> None:
+    rolling = ObjectState(0.1, 0.0, 0.5, 0.0)
+    members = [team.member("ann", -1.0, ball=rolling), team.member("bob", 3.0)]
+    chain = team.decide(members, [BALL]).chain_of("ann")
+    assert chain is not None
+    place = as_observed(chain, members[0].world).calls[0].goal.pose
+    assert (place.x, place.y) == (0.1, 0.0)
 
 
 def test_no_two_robots_are_sent_to_places_closer_than_their_sizes(team: Team) -> None:

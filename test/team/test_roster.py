@@ -102,3 +102,31 @@ def test_a_conflict_that_ends_by_itself_bars_nothing(roster: Roster) -> None:
     for now, role in ((10.0, "ball"), (10.2, "support"), (10.4, "ball"), (10.5, "ball")):
         roster.take(member("abe", role), now)
         assert not roster.barred(now)
+
+
+@pytest.mark.parametrize("lost", range(4))
+def test_robots_that_never_agree_have_one_role_for_at_most_the_stated_time(lost: int) -> None:
+    """Both want the ball; the first messages of each are lost."""
+    rosters = {name: Roster(name, TIMEOUT, now=-TIMEOUT) for name in ("ann", "bob")}
+    sent = dict.fromkeys(rosters, 0)
+    since = longest = 0.0
+    for tick in range(40):
+        now = 0.1 * tick
+        name, other = ("ann", "bob") if tick % 2 == 0 else ("bob", "ann")
+        roster = rosters[name]
+        own = dataclasses.replace(member(name, roster.role()), barred=roster.barred(now))
+        roster.take(own, now)
+        role = 1 if "ball" in own.barred else 0
+        known = names(roster, now)
+        wanted = [role if each == name else 1 - role for each in known]
+        found = dataclasses.replace(decision(0, 1), names=tuple(known))
+        found = dataclasses.replace(found, assignment=Assignment(tuple(wanted)))
+        roster.believe(found, ("ball", "support"))
+        sent[name] += 1
+        if sent[name] > lost:
+            rosters[other].take(member(name, roster.role()), now)
+        if [each.role() for each in rosters.values()] != ["ball", "ball"]:
+            since = now
+        longest = max(longest, now - since)
+    assert 0.0 < longest <= 0.8 + 0.2 * lost
+    assert [each.role() for each in rosters.values()] == ["ball", "support"]
