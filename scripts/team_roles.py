@@ -30,7 +30,7 @@ from ator_ros.performance.accuracy import mean_ci95
 from ator_ros.refinement.gate import NO_GATE, Gate
 from ator_ros.simulation.scene_simulation import TICK, Simulation
 from ator_ros.team.role_file import Role, RoleStep
-from ator_ros.team.roles import Member, decide
+from ator_ros.team.roles import Decision, Member, decide
 from ator_ros.team.roster import PERIOD, Roster
 from ator_ros.tops.chain import TopChain
 from ator_ros.world.state import STOP, ObjectState, RobotState, World
@@ -193,7 +193,7 @@ class Player:
     roster: Roster
     errors: Errors
     executor: ChainExecutor | None = None
-    chain: TopChain | None = None
+    chain: TopChain = field(default_factory=partial(TopChain, ()))
     role: str = ""
     belief: dict[str, str] = field(default_factory=dict)
 
@@ -211,11 +211,11 @@ class Player:
         ball = truth.objects[BALL]
         return World(truth.time, robot, {BALL: ObjectState(ball.x + dx, ball.y + dy)})
 
-    def send(self, chain: TopChain | None, role: str, world: World) -> None:
-        """Execute a chain as the node does: a running one that ends there continues."""
-        if chain is not None and self.executor is not None and role == self.role:
-            ends = [each.calls[-1].goal.pose for each in (chain, self.chain) if each]
-            if len(ends) < 2 or ends[0].distance(ends[1]) <= ROBOT.reach:
+    def send(self, decision: Decision, role: str, world: World) -> None:
+        """Execute the role's chain as the node does: a running one that ends there goes on."""
+        chain = decision.chain_of(self.name)
+        if self.executor is not None and role == self.role and chain is not None:
+            if not chain or decision.goes_on(self.name, self.chain, ROBOT.reach):
                 return
         self.stop(world)
         self.role = role
@@ -298,7 +298,7 @@ class Episode:
         player.belief = {each.name: each.role for each in player.roster.members(now)}
         role = player.roster.role()
         self.counts.changes += bool(before) and role != before
-        player.send(found.chain_of(player.name), role, truth)
+        player.send(found, role, truth)
         if self._setting.lost is not None:
             for other in self._others(player):
                 if self._rng.random() >= self._setting.lost:

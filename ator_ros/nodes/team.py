@@ -207,7 +207,7 @@ class TeamNode(Node):
         own = Member(self._name, self._world, self._tops, role, self._roster.barred(now))
         self._roster.take(own, now, ready=is_ready)
         if not is_ready:
-            self._send(None, "")
+            self._stop()
         else:
             decision = decide(
                 self._roster.members(now),
@@ -219,7 +219,7 @@ class TeamNode(Node):
             self._roster.believe(decision, self._role_names)
             self._beliefs.publish(self._belief(decision, self._world))
             if self._settings["execute"]:
-                self._send(decision.chain_of(self._name), self._roster.role())
+                self._send(decision)
             status = self._reason(decision)
         self._publish_state(self._world, status, ready=is_ready)
 
@@ -296,16 +296,16 @@ class TeamNode(Node):
 
     # Driving
 
-    def _send(self, chain: TopChain | None, role: str) -> None:
-        """Let the executor execute a role's chain; None: the robot stops."""
-        running = self._sent is not None
-        same = running and role == self._sent_role
+    def _send(self, decision: Decision) -> None:
+        """Let the executor execute the role's chain; a running one that ends there goes on."""
+        role = self._roster.role()
+        chain = decision.chain_of(self._name)
+        same = self._sent is not None and role == self._sent_role
         if chain is None or (not chain and not same):
-            if self._sent is not None:
-                self._sent.cancel()
-            self._sent = None
+            self._stop()
             return
-        if not chain or (same and self._leads_alike(chain)):
+        reach = self._robot.reach
+        if not chain or (same and decision.goes_on(self._name, self._sent_chain, reach)):
             return
         observed = chain if self._world is None else as_observed(chain, self._world)
         message = chain_of(observed, action_set=DEFAULT_SET, frame=self._settings["frame"])
@@ -313,10 +313,11 @@ class TeamNode(Node):
         self._sent_role = role
         self._sent_chain = chain
 
-    def _leads_alike(self, chain: TopChain) -> bool:
-        """Return whether a chain ends where the running one does, up to the robot's size."""
-        goals = [each.calls[-1].goal.robot_pose(self._robot) for each in (chain, self._sent_chain)]
-        return goals[0].distance(goals[1]) <= self._robot.reach
+    def _stop(self) -> None:
+        """Cancel the role's chain."""
+        if self._sent is not None:
+            self._sent.cancel()
+        self._sent = None
 
     def _note_end(self, now: float) -> None:
         """Note the end of the chain; a robot whose chain failed drops out for a while."""

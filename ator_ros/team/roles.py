@@ -67,6 +67,8 @@ class Decision:
     costs, errors : ndarray, shape (n, m)
         Predicted cost of each role for each robot, and what the models may be wrong by in its
         duration, in s; infinite where the robot cannot take the role.
+    wanted : tuple of tuple of TopChain
+        The chain of each role and its alternatives, before refinement.
     chains : tuple of tuple of TopChain or None
         The refined chain of each role for each robot. An empty chain: nothing is left to do.
     assignment : Assignment
@@ -78,6 +80,7 @@ class Decision:
     names: tuple[str, ...]
     costs: FloatArray
     errors: FloatArray
+    wanted: tuple[tuple[TopChain, ...], ...]
     chains: tuple[tuple[TopChain | None, ...], ...]
     assignment: Assignment
     waiting: tuple[bool, ...]
@@ -91,6 +94,16 @@ class Decision:
         robot = self.names.index(name)
         role = self.assignment.roles[robot]
         return None if role is None or self.waiting[robot] else self.chains[robot][role]
+
+    def goes_on(self, name: str, running: TopChain, distance: float) -> bool:
+        """Return whether a running chain still ends where its role, or an alternative of it, does.
+
+        The robot then goes on with it; places may differ by up to `distance` m.
+        """
+        role = self.role_of(name)
+        end = running.calls[-1].goal.pose
+        ends = [] if role is None else [chain.calls[-1].goal.pose for chain in self.wanted[role]]
+        return any(each.distance(end) <= distance for each in ends)
 
 
 def decide(
@@ -153,6 +166,7 @@ def decide(
         tuple(member.name for member in members),
         costs,
         errors,
+        tuple(map(tuple, wanted)),
         tuple(tuple(offer.chain for offer in row) for row in offers),
         found,
         waiting(found.roles, ends, 2.0 * refiner.robot.reach),

@@ -123,6 +123,17 @@ def test_the_better_alternative_counts(team: Team) -> None:
         assert chain.calls[0].goal.pose.x == pytest.approx(math.copysign(1.0, x))
 
 
+def test_a_robot_goes_on_to_an_alternative_that_is_no_longer_the_best(team: Team) -> None:
+    behind = RoleStep("goToPose", at="ball", x=-1.0, open=("yaw",))
+    role = Role("beside", (behind,), ((dataclasses.replace(behind, x=1.0),),))
+    running = team.decide([team.member("ann", -2.0)], [role]).chain_of("ann")
+    assert running is not None
+    later = team.decide([team.member("ann", 2.0)], [role])
+    assert later.goes_on("ann", running, 0.1)
+    moved = team.decide([team.member("ann", 2.0, ball=ObjectState(0.2, 0.0))], [role])
+    assert not moved.goes_on("ann", running, 0.1)
+
+
 def test_steps_that_are_done_cost_nothing(team: Team) -> None:
     robot = team.library.robot
     ann = team.member("ann", 1.0)

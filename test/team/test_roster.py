@@ -23,7 +23,9 @@ def decision(*roles: int | None) -> Decision:
     names = ("ann", "bob", "eve")[: len(roles)]
     table = np.zeros((len(names), 2))
     nothing = ((None, None),) * len(names)
-    return Decision(names, table, table, nothing, Assignment(roles), (False,) * len(names))
+    return Decision(
+        names, table, table, ((), ()), nothing, Assignment(roles), (False,) * len(names)
+    )
 
 
 @pytest.fixture
