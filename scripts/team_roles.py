@@ -214,9 +214,9 @@ class Player:
     def send(self, decision: Decision, role: str, world: World) -> None:
         """Execute the role's chain as the node does: a running one that ends there goes on."""
         chain = decision.chain_of(self.name)
-        if self.executor is not None and role == self.role and chain is not None:
-            if not chain or decision.goes_on(self.name, self.chain, ROBOT.reach):
-                return
+        may_go_on = self.executor is not None and role == self.role and chain is not None
+        if may_go_on and (not chain or decision.goes_on(self.name, self.chain, ROBOT.reach)):
+            return
         self.stop(world)
         self.role = role
         if chain:
