@@ -54,6 +54,7 @@ TEAMMATES = "/teammates"
 """The topic of all robots of a team; remap it to have several teams."""
 _MOST_ROBOTS = 16  # as many pairs with roles as `Roles.msg` has
 _OBJECT_TIMEOUT = 1.0  # s for which an object that is not observed any more counts as known
+_MOST_REFUSALS = 3  # of chains in a row, after which the robot has failed
 
 PARAMETERS = (
     *FRAMES,
@@ -113,6 +114,7 @@ class TeamNode(Node):
         self._odom_at = -math.inf
         self._failed_until = -math.inf
         self._failure = ""
+        self._refusals = 0  # in a row
         self._sent: SentChain | None = None
         self._sent_role = ""
         self._sent_chain = TopChain(())
@@ -325,6 +327,10 @@ class TeamNode(Node):
             return
         outcome = self._sent.result.result().outcome
         self._sent = None
+        self._refusals = self._refusals + 1 if outcome.code == Outcome.REFUSED else 0
+        # An object may have moved between the decision and its execution.
+        if 0 < self._refusals < _MOST_REFUSALS:
+            return
         if outcome.code != Outcome.SUCCEEDED:
             self._failed_until = now + self._settings["retry_after"]
             self._failure = f"the chain of {self._sent_role} failed: {outcome.reason}"
