@@ -17,7 +17,7 @@ from rclpy.wait_for_message import wait_for_message
 from refine_and_execute import answered, executed, run
 
 from ator_interfaces.action import ExecuteChain
-from ator_interfaces.msg import ObjectState, Outcome, PlanGoal, Situation
+from ator_interfaces.msg import AlternativeChain, ObjectState, Outcome, PlanGoal, Situation
 from ator_interfaces.srv import PlanChains
 
 _TIMEOUT = 120.0  # s
@@ -56,7 +56,8 @@ def plan_and_execute(node: Node) -> int:
         print(f"  {', '.join(call.top for call in chain.calls)}")
     if not answer.chains:
         return 0 if answer.holds else 1
-    first, *others = answer.chains
+    first = answer.chains[0]
+    others = [AlternativeChain(calls=chain.calls) for chain in answer.chains[1:]]
     # The executor refines all chains and executes the one with the best prediction.
     result = executed(node, ExecuteChain.Goal(chain=first, alternatives=others, refine=True))
     steps = ", ".join(call.top for call in result.record.chain.calls)

@@ -48,6 +48,8 @@ def test_without_nav2_one_line_names_the_argument() -> None:
     command = setup_command()
     command[command.index("--wait") + 1] = "0"
     command[command.index("--folder") + 1] = "unused"
+    # other tests may run nodes of Nav2
+    command[command.index("--namespace=")] = "--namespace=robot_without_nav2"
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 1
     assert done.stdout == ""

@@ -70,8 +70,8 @@ class Fault(enum.Enum):
     """Kind of deviation of the base from its commands; the value is its message."""
 
     STILL = (
-        "does not {verb} as commanded: {shown}: {hint}blocked wheels, an obstacle, motors off, or "
-        "odometry that is frozen or shows too little"
+        "does not {verb} as commanded: {shown}: {hint}blocked wheels, an obstacle, motors off, "
+        "commands that arrive late, or odometry that is frozen or shows too little"
     )
     REVERSED = "{verb}s in the wrong direction: {shown}: motors or odometry with the wrong sign"
     EXCESS = "{verb}s although it was not commanded to: {shown}"

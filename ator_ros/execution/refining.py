@@ -18,6 +18,7 @@ from ator_ros.geometry import FloatArray, Pose
 from ator_ros.printable import printable
 from ator_ros.refinement.free_variables import allowed_changes, same_value
 from ator_ros.refinement.naive import naive_on_paths
+from ator_ros.refinement.refiner import LONGEST_ALTERNATIVE
 from ator_ros.tops.chain import InvalidChainError, TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.objects import at_object, at_rest, followed, has_left, is_at_front
@@ -363,6 +364,8 @@ def continuations(
 ) -> tuple[Continuation, ...]:
     """Return the valid continuations of other plans: after the steps done, or from the start.
 
+    Those too long for an alternative of a request are left out.
+
     `chain` is executed as plan `number` (from 0); `step` is its first step that is not done.
     `resting` is the state with its objects at rest.
     """
@@ -374,7 +377,7 @@ def continuations(
         shared = 0 < len(done) < len(plan) and all(map(_same, done, plan.calls))
         for rest in ([plan.part(len(done))] if shared else []) + [plan.part(0)]:
             moved = with_followed(rest, resting, robot)
-            if not moved.violations(resting, robot):
+            if len(moved) <= LONGEST_ALTERNATIVE and not moved.violations(resting, robot):
                 found.append((other, moved))
                 break
     return tuple(found)

@@ -43,9 +43,9 @@ from ator_ros.nodes.diagnostics import (
 from ator_ros.nodes.drawing import ExecutionDrawing
 from ator_ros.nodes.goal_run import GoalRun, concluded, unstarted
 from ator_ros.nodes.leases import LeaseWatch
-from ator_ros.nodes.main_loop import run_node, spin_out
+from ator_ros.nodes.main_loop import pause, run_node, spin_out
 from ator_ros.nodes.maps import FollowedMap
-from ator_ros.nodes.messages import expect_sizes, into_frame
+from ator_ros.nodes.messages import action_set_from, alternative_from, chain_from, into_frame
 from ator_ros.nodes.models import LEARNED, LearnedSets
 from ator_ros.nodes.parameters import (
     FENCE,
@@ -66,6 +66,8 @@ from ator_ros.nodes.qos import ACTION_QUEUES, LATCHED, RESULTS, SERVICES
 from ator_ros.nodes.remote_actions import RemoteServers
 from ator_ros.nodes.subscriptions import Subscriptions
 from ator_ros.printable import one_line
+from ator_ros.tops.chain import TopChain
+from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.objects import missing_in
 from ator_ros.world.inputs import ClockJumpError, Inputs
 from ator_ros.world.readers import MessageError
@@ -78,6 +80,7 @@ _DISCOVERY_GRACE = 1.0
 # compiles code, which may take a minute
 _STARTUP = 60.0
 _RESULT_TIMEOUT = 60  # s; rclpy's 900 s would keep the records of hundreds of chains in memory
+_OVERTAKEN = "a newer goal took over"
 _LONGEST_SUMMARY = 500  # characters of the line that the log has at the end of a goal
 _USUAL = Deadlines()
 _COMMON = (
@@ -186,6 +189,8 @@ class ExecutorNode(Node):
         noises = (self._settings[f"{name}_velocity_noise"] for name in domain.objects)
         self._rolling = Rolling(robot, slowest=3.0 * max(noises, default=0.0))
         self._world: World | None = None
+        self._arrived = 0  # number of the last goal that arrived
+        self._newest = 0  # number of the last goal that started
         self._run: GoalRun | None = None
         self._odom_at = 0.0
         self._stop_until = 0.0
@@ -317,15 +322,24 @@ class ExecutorNode(Node):
         """Start a goal and wait for its end, which the callbacks of odometry and timer detect."""
         settings = self._settings
         present = self._sets.present
+        self._arrived += 1
+        number = self._arrived
         try:
             self._map.expect_usable()
-            sent = handle.request.chain, *handle.request.alternatives
-            expect_sizes(handle.request)
-            into_frame(settings["frame"], self._tf.base, sent)
+            action_set = action_set_from(handle.request.chain, allowed=self._libraries)
+            library = self._libraries[action_set]
+            chains = await self._read(handle.request, library)
+            if self._shutting_down:
+                return self._unstarted(handle, Ending.SHUTDOWN, "the executor was ended")
+            if handle.is_cancel_requested:
+                return self._unstarted(handle, Ending.CANCELED, "canceled by the client")
+            if number < self._newest:
+                return self._unstarted(handle, Ending.PREEMPTED, _OVERTAKEN)
             run = GoalRun(
                 handle,
-                self._libraries,
-                present,
+                library,
+                chains,
+                present[action_set],
                 self._refinement,
                 settings,
                 self._fence,
@@ -335,12 +349,11 @@ class ExecutorNode(Node):
             self._lease.watch(handle.request.lease)
         except MessageError as error:  # the running goal continues
             self._warn(f"refused: {error}")
-            result = unstarted(handle, Ending.REFUSED, str(error), frame=settings["frame"])
-            self._chains.publish(result.record)
-            return concluded(result, handle)
+            return self._unstarted(handle, Ending.REFUSED, str(error))
+        self._newest = number
         self._inputs.set_timeouts(settings)
         self._motion.begin(settings["latency"], preempts=self._run is not None)
-        self._end(Ending.PREEMPTED, "a newer goal took over", at_once=True)
+        self._end(Ending.PREEMPTED, _OVERTAKEN, at_once=True)
         self._run = run
         self._stop_until = 0.0
         run.supervisor.may_stall = self._may_stall(time.monotonic())
@@ -350,17 +363,37 @@ class ExecutorNode(Node):
         self._send(STOP)
         return concluded(await run.finished, handle)
 
+    async def _read(self, goal: ExecuteChain.Goal, library: TopLibrary) -> list[TopChain]:
+        """Read the chains of a goal one by one, so that a running goal continues in between."""
+        frame = self._settings["frame"]
+        await pause(self)
+        into_frame(frame, self._tf.base, [goal.chain])
+        chains = [chain_from(goal.chain, library, frame=frame, fence=self._fence)]
+        for number in range(len(goal.alternatives)):
+            await pause(self)
+            into_frame(frame, self._tf.base, goal.alternatives[number : number + 1])
+            chains.append(
+                alternative_from(goal.alternatives, number, library, frame=frame, fence=self._fence)
+            )
+        await pause(self)
+        return chains
+
+    def _unstarted(self, handle: ServerGoalHandle, ending: Ending, reason: str) -> Any:
+        """Publish and return the result of a goal that ended before it started."""
+        result = unstarted(handle, ending, reason, frame=self._settings["frame"])
+        self._chains.publish(result.record)
+        return concluded(result, handle)
+
     def _adapt_commands(self) -> None:
         """Choose the type of commands by the base in the graph, until a goal starts."""
         if self._run is None or self._run.supervisor.phase is Phase.WAITING:
             self._commands.adapt()
 
     def _cancel(self, handle: ServerGoalHandle) -> CancelResponse:
-        if self._run is None or self._run.handle is not handle:
-            return CancelResponse.REJECT
-        self._run.supervisor.end(Ending.CANCELED, "canceled by the client")
-        self._send(STOP)
-        return CancelResponse.ACCEPT
+        if self._run is not None and self._run.handle is handle:
+            self._run.supervisor.end(Ending.CANCELED, "canceled by the client")
+            self._send(STOP)
+        return CancelResponse.ACCEPT  # also while the goal is read
 
     def _end(self, ending: Ending, reason: str, *, at_once: bool = False) -> None:
         """End the running goal, if there is one; `at_once` does not wait until the robot stands."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -43,15 +43,16 @@ _INTERRUPTED = (Ending.CANCELED, Ending.PREEMPTED, Ending.SHUTDOWN, Ending.REFUS
 class GoalRun:
     """An accepted goal while it is executed.
 
-    `finished` is the future of its result, which the executor sets. Raises MessageError if the goal
-    cannot be used, or leads out of the fence.
+    `finished` is the future of its result, which the executor sets. Raises MessageError if the
+    goal's objective cannot be used.
     """
 
     def __init__(
         self,
         handle: ServerGoalHandle,
-        libraries: Mapping[str, TopLibrary],
-        models: Mapping[str, ModelSet],
+        library: TopLibrary,
+        chains: Sequence[TopChain],
+        models: ModelSet,
         refinement: Client,
         settings: Mapping[str, Any],
         fence: Fence,
@@ -59,20 +60,13 @@ class GoalRun:
         delay: Delay | None,
     ) -> None:
         goal = handle.request
-        frame = settings["frame"]
-        action_set = messages.action_set_from(goal.chain, allowed=libraries)
-        library = libraries[action_set]
-        chain = messages.chain_from(goal.chain, library, frame=frame, fence=fence)
-        others = messages.alternatives_from(goal.alternatives, library, frame=frame, fence=fence)
-        for reason in others:
-            if isinstance(reason, str):
-                raise MessageError(reason)
+        chain, *others = chains
         if goal.refine:
             # only checked here; refinement uses it
             messages.objective_from(goal.objective, failure_cost=1.0)
         timeouts = [field.name for field in dataclasses.fields(Deadlines)]
         self.handle = handle
-        self._predictor = Predictor(library.robot, models[action_set].models)
+        self._predictor = Predictor(library.robot, models.models)
         self.supervisor = Supervisor(
             library,
             chain,
@@ -83,13 +77,13 @@ class GoalRun:
             refine=goal.refine,
             again_after=settings["refine_again_after"],
             fetches=goal.fetches,
-            alternatives=[each for each in others if isinstance(each, TopChain)],
+            alternatives=others,
             rolling=rolling,
             delay=delay,
         )
         self._library = library
         self._refinement = refinement
-        self._frame = frame
+        self._frame = settings["frame"]
         self._fence = fence
         self._id = _id_of(handle)
         self._records: list[ActionPerformance] = []
@@ -172,11 +166,12 @@ class GoalRun:
             request.measure = True
         else:
             # the chain has changed since it was sent; the answer must be better than its goals now
-            write = partial(
-                messages.chain_of, action_set=self._library.action_set, frame=self._frame
+            frame = self._frame
+            request.chain = messages.chain_of(
+                question.chain, action_set=self._library.action_set, frame=frame
             )
-            request.chain = write(question.chain)
-            request.alternatives = [write(chain) for _, chain in question.others]
+            others = (chain for _, chain in question.others)
+            request.alternatives = [messages.alternative_of(each, frame=frame) for each in others]
             request.as_given = True
         request.situation = situation_of(question.world, frame=self._frame)
         self._asked = question

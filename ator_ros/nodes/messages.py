@@ -18,7 +18,6 @@ from geometry_msgs.msg import Quaternion, Twist
 from nav_msgs.msg import OccupancyGrid, Odometry
 
 import ator_interfaces.msg as msg
-from ator_interfaces.action import ExecuteChain
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.actions import DEFAULT_SET
 from ator_ros.actions.base import Goal
@@ -38,8 +37,8 @@ from ator_ros.refinement.chain_prediction import ChainPrediction
 from ator_ros.refinement.gate import MeasuredGain
 from ator_ros.refinement.objective import Objective
 from ator_ros.refinement.refiner import (
+    LONGEST_ALTERNATIVE,
     LONGEST_CHAIN,
-    MOST_CALLS,
     Judged,
     Refinement,
     Selection,
@@ -84,19 +83,6 @@ def twist_of(command: Command) -> Twist:
     return message
 
 
-def expect_sizes(request: ExecuteChain.Goal | RefineSubgoal.Request) -> None:
-    """Raise MessageError if a request's chains have too many calls.
-
-    Call this first: all other work grows with them.
-    """
-    checks.count(request.chain.calls, "chain.calls", least=1, most=LONGEST_CHAIN)
-    calls = sum(len(chain.calls) for chain in (request.chain, *request.alternatives))
-    if calls > MOST_CALLS:
-        raise MessageError(
-            f"alternatives: expected at most {MOST_CALLS} calls in all chains, got {calls}"
-        )
-
-
 def chain_to_return(chain: msg.TopChain) -> msg.TopChain:
     """Return a chain that was refused, or an empty one if it is too large to be sent back."""
     is_small = len(chain.calls) <= LONGEST_CHAIN and _text_length(chain) <= _LONGEST_TEXT
@@ -115,7 +101,7 @@ def _text_length(chain: msg.TopChain) -> int:
 def into_frame(
     frame: str,
     base: Callable[[str, str], Pose | None],
-    chains: Iterable[msg.TopChain],
+    chains: Iterable[msg.TopChain | msg.AlternativeChain],
     situations: Iterable[msg.Situation] = (),
 ) -> None:
     """Transform goals and situations in place to a frame.
@@ -209,15 +195,16 @@ def action_set_from(chain: msg.TopChain, *, allowed: Collection[str], where: str
 
 
 def chain_from(
-    chain: msg.TopChain,
+    chain: msg.TopChain | msg.AlternativeChain,
     library: TopLibrary,
     *,
     frame: str,
     where: str = "chain",
+    most: int = LONGEST_CHAIN,
     fence: Fence | None = None,
 ) -> TopChain:
     """Read a chain with goals in `frame`; raises MessageError also if it leads out of the fence."""
-    checks.count(chain.calls, f"{where}.calls", least=1, most=LONGEST_CHAIN)
+    checks.count(chain.calls, f"{where}.calls", least=1, most=most)
     read = TopChain(tuple(calls_from(chain.calls, library, frame=frame, where=f"{where}.calls")))
     try:
         ordering_of(read)
@@ -235,19 +222,23 @@ def order_from(order: Iterable[int]) -> tuple[int, ...]:
     return () if read == tuple(range(len(read))) else read
 
 
-def alternatives_from(
-    chains: Sequence[msg.TopChain], library: TopLibrary, *, frame: str, fence: Fence | None
-) -> list[TopChain | str]:
-    """Read the alternatives of a chain: each as a chain, or as the reason why it cannot be used."""
-    read: list[TopChain | str] = []
-    for number, chain in enumerate(chains):
-        where = f"alternatives[{number}]"
-        try:
-            action_set_from(chain, allowed=(library.action_set,), where=where)
-            read.append(chain_from(chain, library, frame=frame, where=where, fence=fence))
-        except MessageError as error:
-            read.append(str(error))
-    return read
+def alternative_from(
+    chains: Sequence[msg.AlternativeChain],
+    number: int,
+    library: TopLibrary,
+    *,
+    frame: str,
+    fence: Fence | None,
+) -> TopChain:
+    """Read one alternative of a chain; raises MessageError as for chains."""
+    return chain_from(
+        chains[number],
+        library,
+        frame=frame,
+        where=f"alternatives[{number}]",
+        most=LONGEST_ALTERNATIVE,
+        fence=fence,
+    )
 
 
 def calls_from(
@@ -324,6 +315,11 @@ def _allowed_from(
             )
         read.append(one)
     return tuple(read)
+
+
+def alternative_of(chain: TopChain, *, frame: str) -> msg.AlternativeChain:
+    """Write a chain of at most `LONGEST_ALTERNATIVE` steps as an alternative."""
+    return msg.AlternativeChain(calls=[call_of(call, frame=frame) for call in chain.calls])
 
 
 def chain_of(chain: TopChain, *, action_set: str, frame: str) -> msg.TopChain:
@@ -453,7 +449,8 @@ def answer_of(
     )
     if request.alternatives:
         response.chosen = choice.number
-        sent = (request.chain, *request.alternatives)
+        others = (msg.TopChain(calls=each.calls) for each in request.alternatives)
+        sent = (request.chain, *others)
         response.alternatives = [
             _alternative(judged, chain, action_set=action_set, frame=frame)
             for judged, chain in zip(choice.judged, sent, strict=True)

@@ -132,15 +132,9 @@ def facts_of(parameters: Parameters, given: Given, footprint: Outline = ()) -> F
     `footprint` is the one that a costmap publishes, if it does.
     """
     navigator = parameters.get(NAVIGATOR, {})
-    frame = given.frame or str(navigator.get("global_frame", ""))
-    if not frame:
-        raise Nav2Error(
-            f"nav2: expected the parameter global_frame of {NAVIGATOR}, got none; start Nav2, or "
-            "set frame:=map"
-        )
     front, rear, half_width = _size(parameters.get(COSTMAP, {}), given.radius, footprint)
     return Facts(
-        plain_frame(frame),
+        _map_frame(parameters, given),
         _robot_frame(parameters),
         str(navigator.get("odom_topic", "odom")),
         front,
@@ -149,6 +143,16 @@ def facts_of(parameters: Parameters, given: Given, footprint: Outline = ()) -> F
         _limits(parameters, given.speed),
         _tolerances(parameters.get(CONTROLLER, {}), given.tolerance),
     )
+
+
+def _map_frame(parameters: Parameters, given: Given) -> str:
+    frame = given.frame or str(parameters.get(NAVIGATOR, {}).get("global_frame", ""))
+    if not frame:
+        raise Nav2Error(
+            f"nav2: expected the parameter global_frame of {NAVIGATOR}, got none; start Nav2, or "
+            "set frame:=map"
+        )
+    return plain_frame(frame)
 
 
 def _robot_frame(parameters: Parameters) -> str:
@@ -455,7 +459,10 @@ def set_up(
         finder = Finder(namespace, topic)
         try:
             parameters = finder.parameters(wait)
-            grid = finder.map(wait)  # first, as the costmap publishes its footprint later
+            _map_frame(parameters, given)  # without Nav2 nobody need wait for a map
+            grid = finder.map(
+                wait
+            )  # before the footprint, as the costmap publishes its footprint later
             footprint: Outline = ()
             if not given.radius:
                 footprint = finder.footprint(_robot_frame(parameters), _DISCOVERY)

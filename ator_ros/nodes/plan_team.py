@@ -121,19 +121,22 @@ class _Team:
             PlanTeam.Feedback(
                 done=sorted(self.done_by),
                 remaining=max(map(self._remaining.__getitem__, names)) if is_known else math.nan,
-                status=one_line(f"{listed(names)} drive, {len(self.done_by)} steps are done"),
+                status=one_line(f"steps done: {len(self.done_by)}; on its way: {listed(names)}"),
             )
         )
 
+    def take_steps(self, part: TeamChain, result: Any) -> None:
+        """Take the steps that are done of a robot's chain that has ended."""
+        reached = [each for each in result.record.actions if each.outcome.code == Outcome.SUCCEEDED]
+        self.done_by |= dict.fromkeys((part.order[each.step] for each in reached), part.robot)
+        self.left = [index for index in self.left if index not in self.done_by]
+
     def take_result(self, part: TeamChain, result: Any, *, failed: bool) -> None:
         """Take the result of a robot's chain; one that `failed` gets no further steps."""
+        self.take_steps(part, result)
         part.outcome = result.outcome
         if result.record.chain_id:  # empty if the executor is gone
             part.actual = result.record.actual
-        reached = [each for each in result.record.actions if each.outcome.code == Outcome.SUCCEEDED]
-        done = {part.order[each.step] for each in reached}
-        self.done_by |= dict.fromkeys(done, part.robot)
-        self.left = [index for index in self.left if index not in done]
         self._remaining.pop(part.robot, None)
         if result.record.actions:
             self.situations[part.robot] = result.record.actions[-1].end
@@ -440,6 +443,9 @@ class PlanTeamNode(Node):
         interruption = None
         try:
             while not await self._until(lambda: failed() or all_ended(), _FEEDBACK_PERIOD, team):
+                for part in planned:
+                    if results[part.robot].done():
+                        team.take_steps(part, results[part.robot].result())
                 team.publish_feedback([part for part in planned if not results[part.robot].done()])
         except _TeamError as error:
             interruption = error

@@ -221,7 +221,6 @@ class RefinementNode(Node):
         return response
 
     def _refine(self, request: RefineSubgoal.Request) -> RefineSubgoal.Response:
-        messages.expect_sizes(request)
         # CPU time, so that an answer does not depend on other programs; but a planner is another
         # program, for whose paths the search waits.
         planned = self._robot.grid is not None and self._robot.grid.planner is not None
@@ -367,7 +366,16 @@ def refine_request(
     """
     world = world_from(request.situation, frame=frame)
     chain = messages.chain_from(request.chain, library, frame=frame, fence=fence)
-    others = messages.alternatives_from(request.alternatives, library, frame=frame, fence=fence)
+    others: list[TopChain | str] = []
+    for number in range(len(request.alternatives)):
+        try:
+            others.append(
+                messages.alternative_from(
+                    request.alternatives, number, library, frame=frame, fence=fence
+                )
+            )
+        except MessageError as error:
+            others.append(str(error))
     chains = [_with_route(each, world, refiner.robot, fence) for each in (chain, *others)]
     objective = messages.objective_from(request.objective, refiner.failure_cost)
     placeholders = not request.as_given

@@ -24,7 +24,7 @@ from ator_ros.planning.problem import (
     planning_problem,
     steps_for,
 )
-from ator_ros.refinement.refiner import LONGEST_CHAIN, MOST_ALTERNATIVES, MOST_CALLS
+from ator_ros.refinement.refiner import LONGEST_ALTERNATIVE, LONGEST_CHAIN, MOST_ALTERNATIVES
 from ator_ros.tops.chain import Top, TopCall, TopChain, projected
 from ator_ros.tops.conditions import State, state_of, state_variables
 from ator_ros.tops.library import TopLibrary
@@ -98,10 +98,8 @@ def chains_for(
             reasons.append(str(error))
     if not found:
         raise PlanningError("; ".join(dict.fromkeys(reasons)))
-    shortest = sorted(found, key=len)[: 1 + MOST_ALTERNATIVES]
-    while sum(map(len, shortest)) > MOST_CALLS:
-        shortest.pop()
-    return shortest
+    first, *others = sorted(found, key=len)[: 1 + MOST_ALTERNATIVES]
+    return [first, *(each for each in others if len(each) <= LONGEST_ALTERNATIVE)]
 
 
 def _unfit_tops(library: TopLibrary, world: World) -> dict[str, str]:

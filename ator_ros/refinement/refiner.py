@@ -53,8 +53,8 @@ LONGEST_CHAIN = 100
 """Most actions of a chain: longer ones would occupy a node for long."""
 MOST_ALTERNATIVES = 4
 """Most alternative chains of a request."""
-MOST_CALLS = 200
-"""Most actions of all chains of a request: each takes 0.1 ms of a running goal to be read."""
+LONGEST_ALTERNATIVE = 25
+"""Most actions of each: reading one takes up to 0.15 ms, in which a running goal has to wait."""
 _MOST_LISTED = 6
 _LONGEST_REASONS = 180  # characters of the reasons of all chains, without their names
 _SHORTEST_REASON = 50  # characters of each

@@ -32,6 +32,7 @@ from ator_ros.nodes.chain_client import ChainClient
 from ator_ros.nodes.main_loop import uninterrupted
 from ator_ros.nodes.messages import (
     action_set_from,
+    alternative_of,
     chain_from,
     chain_of,
     order_from,
@@ -316,11 +317,12 @@ class Backend:
 
     def _fields_of(self, draft: Draft) -> dict[str, Any]:
         """Return chain, alternatives and weights of a draft as fields of requests and goals."""
-        chain, *others = [
-            chain_of(each, action_set=draft.action_set, frame=self._frame)
-            for each in (draft.chain, *draft.alternatives)
-        ]
-        return {"chain": chain, "alternatives": others, "objective": Objective(**draft.weights)}
+        frame = self._frame
+        return {
+            "chain": chain_of(draft.chain, action_set=draft.action_set, frame=frame),
+            "alternatives": [alternative_of(each, frame=frame) for each in draft.alternatives],
+            "objective": Objective(**draft.weights),
+        }
 
     # Simulation
 

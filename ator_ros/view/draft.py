@@ -10,7 +10,7 @@ from typing import Any
 from ator_ros.domains.domain import Domain
 from ator_ros.domains.trials import open_speeds, possible_chain, random_trial
 from ator_ros.geometry import Pose
-from ator_ros.refinement.refiner import MOST_ALTERNATIVES
+from ator_ros.refinement.refiner import LONGEST_ALTERNATIVE, MOST_ALTERNATIVES
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.tops.objects import followed
@@ -112,7 +112,14 @@ class Draft:
         return replace(self, weights={**self.weights, measure: weight})
 
     def with_alternative(self) -> Draft:
-        """Return the draft with its chain as one more alternative; the newest ones are kept."""
+        """Return the draft with its chain as one more alternative; the newest ones are kept.
+
+        Raises ValueError if the chain is too long for an alternative.
+        """
+        if len(self.chain) > LONGEST_ALTERNATIVE:
+            raise ValueError(
+                f"alternative: expected at most {LONGEST_ALTERNATIVE} steps, got {len(self.chain)}"
+            )
         chains = dict.fromkeys((*self.alternatives, self.chain))
         return replace(self, alternatives=tuple(chains)[-MOST_ALTERNATIVES:])
 

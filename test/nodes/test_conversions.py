@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 from nav_msgs.msg import Odometry
 
 import ator_interfaces.msg as msg
-from ator_interfaces.action import ExecuteChain
-from ator_interfaces.msg import GoalValue, Objective, Situation, TopCall, TopChain
+from ator_interfaces.msg import AlternativeChain, GoalValue, Objective, Situation, TopCall, TopChain
 from ator_ros.actions.goal_variables import GOAL_VARIABLES, GoalVariable
 from ator_ros.bases.description import load_robot
 from ator_ros.domains.domain import find_domain
@@ -241,17 +240,14 @@ def test_an_open_order_and_its_precedences_are_unchanged_by_a_message() -> None:
     assert messages.order_from([2, 1, 0]) == (2, 1, 0)
 
 
-@pytest.mark.parametrize("most", [(100, 100), (4, *(28,) * 7), (60, 70, 70)])
-def test_the_calls_of_all_chains_are_bounded(most: tuple[int, ...]) -> None:
-    def goal(*counts: int) -> ExecuteChain.Goal:
-        chain, *others = (TopChain(calls=[TopCall()] * count) for count in counts)
-        return ExecuteChain.Goal(chain=chain, alternatives=others)
-
-    first, *others = most
-    messages.expect_sizes(goal(*most))
-    messages.expect_sizes(goal(first))
-    with pytest.raises(MessageError, match="at most 200 calls in all chains, got 201"):
-        messages.expect_sizes(goal(first, others[0] + 1, *others[1:]))
+def test_alternatives_are_shorter_than_chains() -> None:
+    short, long = (AlternativeChain(calls=ordered(*[()] * count).calls) for count in (25, 26))
+    read = messages.alternative_from([short], 0, LIBRARY, frame=FRAME, fence=None)
+    assert len(read) == 25
+    assert messages.alternative_of(read, frame=FRAME).calls[0].top == short.calls[0].top
+    expected = r"^alternatives\[1\]\.calls: expected 1 to 25 items, got 26"
+    with pytest.raises(MessageError, match=expected):
+        messages.alternative_from([short, long], 1, LIBRARY, frame=FRAME, fence=None)
 
 
 @pytest.mark.parametrize("after", [((1,), (0,)), ((3,), ()), ((0,), ())])

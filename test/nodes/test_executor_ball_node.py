@@ -9,7 +9,7 @@ from chain_client import ChainClient, call, chain_of_the_paper
 from conftest import Start
 from ros_client import Client
 
-from ator_interfaces.msg import Outcome, TopChain
+from ator_interfaces.msg import AlternativeChain, Outcome
 from ator_ros.geometry import Pose
 
 LONG = 120.0
@@ -27,7 +27,7 @@ def test_a_displaced_ball_is_refined_again_while_the_robot_drives(
     )
     chains, calls = ChainClient(client), chain_of_the_paper()[:2]
     chains.place(Pose(-2.0, 0.0, 0.0))
-    others = [TopChain(calls=[call("goToPose", Pose(-1.0, 0.5, 0.0)), *calls])]
+    others = [AlternativeChain(calls=[call("goToPose", Pose(-1.0, 0.5, 0.0)), *calls])]
     sent = chains.send(calls, refine=True, fetches=9, alternatives=others)
     client.eventually(
         lambda: sent.feedback and sent.feedback[-1].top == "goToBall", "the approach", LONG

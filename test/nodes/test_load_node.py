@@ -16,11 +16,12 @@ from refinement_requests import request_of_the_paper, worst_request
 from ros_client import Client
 
 from ator_interfaces.action import ExecuteChain
-from ator_interfaces.msg import Outcome, Situation
+from ator_interfaces.msg import AlternativeChain, Outcome, Situation
 from ator_interfaces.srv import PredictDurations, RefineSubgoal
 from ator_ros.geometry import Pose
 from ator_ros.nodes.messages import pose_of
 from ator_ros.nodes.qos import ACTION_QUEUES, SERVICES
+from ator_ros.refinement.refiner import LONGEST_CHAIN
 
 DEADLINE = 0.3  # s; the longest chain needs about twice as long
 
@@ -144,6 +145,29 @@ def test_requests_are_answered_while_many_durations_are_predicted(
     (found,) = answers([predicted])
     assert len(found.durations) == 10_000
     assert np.all(np.diff(found.durations[:100]) > 0.0)
+
+
+def test_an_older_goal_that_takes_longer_to_read_does_not_preempt_a_newer_one(
+    nodes: Client,
+) -> None:
+    server = ActionClient(nodes.node, ExecuteChain, "execute_chain", **ACTION_QUEUES)
+    assert server.wait_for_server(timeout_sec=PATIENCE)
+    nodes.wait_for_discovery_by("execute_chain")
+    steps = [call("goToPose", Pose(0.01 * number, 0.0, 0.0)) for number in range(LONGEST_CHAIN)]
+    longer = ExecuteChain.Goal(alternatives=[AlternativeChain(calls=steps[:25])] * 4)
+    longer.chain.calls = steps
+    shorter = ExecuteChain.Goal(chain=request_of_the_paper().chain)
+    older, newer = answers(
+        nodes.within(lambda: [server.send_goal_async(goal) for goal in (longer, shorter)])
+    )
+    results = nodes.within(lambda: [each.get_result_async() for each in (older, newer)])
+    nodes.eventually(results[0].done, "the end of the older goal")
+    assert results[0].result().result.outcome.code == Outcome.PREEMPTED
+    assert not results[1].done()
+    assert answers(nodes.within(lambda: [newer.cancel_goal_async()]))[0].goals_canceling
+    nodes.eventually(results[1].done, "the end of the newer goal")
+    assert results[1].result().result.outcome.code == Outcome.CANCELED
+    server.destroy()
 
 
 def test_each_of_many_goals_is_accepted_and_has_a_result(nodes: Client) -> None:

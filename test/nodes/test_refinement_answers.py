@@ -5,7 +5,7 @@ from chain_client import call
 from maps import hall_map
 from refinement_fakes import LIBRARY, ROBOT, USED, FakeModel, models, turning_time
 
-from ator_interfaces.msg import ObjectState, TopCall, TopChain
+from ator_interfaces.msg import AlternativeChain, ObjectState, TopCall
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.domains.domain import find_domain
 from ator_ros.execution.fence import Fence
@@ -56,7 +56,7 @@ class TestAlternatives:
     def request_for(self, *chains: tuple[TopCall, ...]) -> RefineSubgoal.Request:
         first, *others = chains
         sent = request(*first)
-        sent.alternatives = [TopChain(calls=list(chain)) for chain in others]
+        sent.alternatives = [AlternativeChain(calls=list(chain)) for chain in others]
         return sent
 
     def test_the_best_is_chosen_and_all_are_listed_with_predictions(self) -> None:
@@ -105,13 +105,6 @@ class TestAlternatives:
             )
             assert found.number == numbers.index(1)
             assert "in reach of x -2.00 m" in str(found.judged[numbers.index(0)])
-
-    def test_an_alternative_of_another_action_set_is_skipped(self) -> None:
-        sent = self.request_for(self.far, self.near)
-        sent.alternatives[0].action_set = "bezier"
-        answer = answered(sent)
-        assert answer.chosen == 0
-        assert "alternatives[0].action_set" in answer.alternatives[1].reason
 
     def test_chains_without_a_model_are_last(self) -> None:
         assert answered(self.request_for(self.near, self.far[:2]), "shoot").chosen == 1
