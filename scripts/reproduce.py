@@ -46,7 +46,8 @@ class Sizes:
     situations: int = 150  # of the dribble, whose gain is smallest
     chains: int = 60  # that are longer, or gain more
     tours: int = 40  # of other robots
-    rounds: int = 15  # of six stations, and tours with models from few drives
+    rounds: int = 15  # tours with models from few drives
+    orders: int = 40  # rounds of six stations in any order
     patrol_drives: int = 100
     patrol_rounds: int = 40
     on_the_job: int = 100  # chains, while learning
@@ -66,6 +67,7 @@ SMALL = Sizes(
     chains=2,
     tours=2,
     rounds=2,
+    orders=2,
     patrol_drives=60,
     patrol_rounds=2,
     on_the_job=2,
@@ -224,7 +226,7 @@ def steps(sizes: Sizes) -> Iterator[Step]:
         models = f"few_drives/{domain}_{n.few[-1]}/models"
         yield Step(
             f"rounds:{domain}",
-            f"evaluate --domain {domain} --chain round --seed 2050 --situations {n.rounds} "
+            f"evaluate --domain {domain} --chain round --seed 2050 --situations {n.orders} "
             f"--policies {policies} --models {models} --out rounds/{domain}",
             (f"few_drives:{domain}",),
         )
