@@ -239,7 +239,9 @@ class Episode:
         self._refiner = TOOLS.refiner()
         self._players = [
             Player(
-                number, Roster(NAMES[number], TIMEOUT, -TIMEOUT), Errors(setting.noise, self._rng)
+                number,
+                Roster(NAMES[number], TIMEOUT, -TIMEOUT, reach=ROBOT.reach),
+                Errors(setting.noise, self._rng),
             )
             for number in range(setting.robots)
         ]
@@ -291,10 +293,10 @@ class Episode:
                 player.roster.take(Member(other.name, seen, TOPS, role), now)
         roles = ROLES[: self._setting.robots]
         found = decide(
-            player.roster.members(now), roles, self._refiner, LIBRARY, gate=self._setting.gate
+            player.roster.members(now, now), roles, self._refiner, LIBRARY, gate=self._setting.gate
         )
         before = player.roster.role()
-        player.roster.believe(found, tuple(role.name for role in roles))
+        player.roster.believe(found, tuple(role.name for role in roles), now)
         player.belief = {each.name: each.role for each in player.roster.members(now)}
         role = player.roster.role()
         self.counts.changes += bool(before) and role != before

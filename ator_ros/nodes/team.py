@@ -127,7 +127,7 @@ class TeamNode(Node):
         )  # fmt: skip
         self._tf = subscribed.tf
         self.create_subscription(Teammate, TEAMMATES, self._take_mate, LATCHED_BY_MANY)
-        self._roster = Roster(self._name, settings["timeout"], time.monotonic())
+        self._roster = Roster(self._name, settings["timeout"], time.monotonic(), reach=robot.reach)
         self.create_timer(PERIOD, self._decide, clock=STEADY)
         Diagnostics(self, self._health)
         self.get_logger().info(
@@ -212,13 +212,13 @@ class TeamNode(Node):
             self._stop()
         else:
             decision = decide(
-                self._roster.members(now),
+                self._roster.members(now, self._world.time),
                 self._file.roles,
                 self._refiner(self._sets.present[DEFAULT_SET]),
                 self._library,
                 origin=self._origin() or SAME_FRAME,
             )
-            self._roster.believe(decision, self._role_names)
+            self._roster.believe(decision, self._role_names, self._world.time)
             self._beliefs.publish(self._belief(decision, self._world))
             if self._settings["execute"]:
                 self._send(decision)

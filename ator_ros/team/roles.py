@@ -11,6 +11,7 @@ import math
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,12 +26,28 @@ from ator_ros.team.assignment import Assignment, assign, waiting
 from ator_ros.team.role_file import Role
 from ator_ros.tops.chain import TopChain, projected
 from ator_ros.tops.library import TopLibrary
-from ator_ros.tops.objects import at_object, at_rest, followed, missing_in
+from ator_ros.tops.objects import at_object, at_rest, followed, is_at_front, missing_in
 from ator_ros.world.state import ObjectState, World
 
 SAME_FRAME = Pose(0.0, 0.0, 0.0)
 """The origin of roles that are in the frame of the robots."""
 USUAL_GATE = Gate()
+
+
+class Course(NamedTuple):
+    """What a robot does in its role: where, and in how many s it is expected to be done.
+
+    That was predicted when it began. Predictions from the middle of a drive would often include
+    another approach.
+    """
+
+    places: tuple[tuple[float, float], ...]
+    left: float
+
+    def leads_to(self, places: Sequence[tuple[float, float]], distance: float) -> bool:
+        """Return whether these are its places, up to a distance in m."""
+        pairs = zip(self.places, places, strict=True)
+        return all(math.dist(*pair) <= distance for pair in pairs)
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +64,8 @@ class Member:
         The role that it holds; empty: none.
     barred : frozenset of str
         The roles that it must not take.
+    course : Course or None
+        What it does in the role that it holds.
     """
 
     name: str
@@ -54,6 +73,7 @@ class Member:
     tops: frozenset[str]
     role: str = ""
     barred: frozenset[str] = frozenset()
+    course: Course | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -142,6 +162,14 @@ def decide(
             for role, chains in zip(roles, wanted, strict=True)
         ]
         offers.append([_offer(member, chains, objects, refiner) for chains in allowed])
+        for number, role in enumerate(roles):
+            offer = offers[-1][number]
+            course = member.course
+            if role.name != member.role or offer.chain is None or course is None:
+                continue
+            if course.leads_to(places_of(wanted[number]), refiner.robot.reach):
+                cost = min(offer.cost, course.left)
+                offers[-1][number] = dataclasses.replace(offer, cost=cost)
     shape = (len(members), len(roles))
     costs = np.array([[offer.cost for offer in row] for row in offers]).reshape(shape)
     errors = np.array([[offer.error for offer in row] for row in offers]).reshape(shape)
@@ -173,19 +201,31 @@ def decide(
     )
 
 
+def places_of(chains: Sequence[TopChain]) -> tuple[tuple[float, float], ...]:
+    """Return the goals of a role's chain in m; none if an object is unknown."""
+    goals = [call.goal.pose for chain in chains[:1] for call in chain.calls]
+    return tuple((pose.x, pose.y) for pose in goals)
+
+
 def common_objects(worlds: Sequence[World], library: TopLibrary) -> dict[str, ObjectState]:
-    """Return where objects come to rest: the mean of the places that the robots observe."""
+    """Return where objects come to rest: the mean of the places that the robots observe.
+
+    An object at the front of a robot moves with it, and is where the first such robot observes it.
+    """
+    robot = library.robot
     places: defaultdict[str, list[ObjectState]] = defaultdict(list)
+    moved: dict[str, ObjectState] = {}
     for world in worlds:
-        for name, there in at_rest(world, library.robot).objects.items():
+        for name, there in at_rest(world, robot).objects.items():
             places[name].append(there)
-    return {
-        name: ObjectState(
-            math.fsum(each.x for each in there) / len(there),
-            math.fsum(each.y for each in there) / len(there),
-        )
-        for name, there in places.items()
-    }
+            if robot.holder is not None and is_at_front(world, robot, name):
+                moved.setdefault(name, world.objects[name])
+    found = {}
+    for name, there in places.items():
+        x = math.fsum(each.x for each in there) / len(there)
+        y = math.fsum(each.y for each in there) / len(there)
+        found[name] = ObjectState(x, y)
+    return found | {name: ObjectState(each.x, each.y) for name, each in moved.items()}
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,7 +15,7 @@ from ator_ros.refinement.gate import Gate
 from ator_ros.refinement.objective import Objective
 from ator_ros.resources import resource_path
 from ator_ros.team.role_file import Role, RoleStep, load_roles
-from ator_ros.team.roles import Decision, Member, as_observed, common_objects, decide
+from ator_ros.team.roles import Course, Decision, Member, as_observed, common_objects, decide
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import ObjectState, RobotState, World
 
@@ -78,6 +78,18 @@ def test_the_order_in_which_robots_are_listed_changes_nothing(team: Team) -> Non
     members = [team.member("ann", -2.0, 0.4), team.member("bob", 2.0), team.member("eve", 0.0, 1.5)]
     one = team.roles(members, [BALL, LEFT])
     assert team.roles(members[::-1], [BALL, LEFT]) == one
+
+
+def test_a_robot_in_its_role_goes_on_as_was_predicted_when_it_began(team: Team) -> None:
+    ann = team.member("ann", -2.0, role="ball")
+    left = team.decide([ann], [BALL]).costs[0, 0] - 1.0
+    here = ((MIDDLE.x, MIDDLE.y),)
+    going = dataclasses.replace(ann, course=Course(here, left))
+    assert team.decide([going], [BALL]).costs[0, 0] == pytest.approx(left)
+    elsewhere = dataclasses.replace(ann, course=Course(((3.0, 0.0),), left))
+    assert team.decide([elsewhere], [BALL]).costs[0, 0] == pytest.approx(left + 1.0)
+    other = dataclasses.replace(going, role="left")
+    assert team.decide([other], [BALL]).costs[0, 0] == pytest.approx(left + 1.0)
 
 
 def test_equal_costs_are_decided_by_name(team: Team) -> None:
@@ -190,6 +202,20 @@ def test_the_ball_is_where_the_robots_observe_it_in_the_mean(team: Team) -> None
     ]
     found = common_objects(worlds, team.library)["ball"]
     assert (found.x, found.y) == pytest.approx((0.1, -0.2))
+
+
+def test_a_ball_that_a_robot_carries_does_not_roll_ahead_of_it(team: Team) -> None:
+    ann = team.member("ann", 1.0, role="carry")
+    hold = team.library.robot.hold_point(ann.world.robot.pose)
+    carried = ObjectState(hold.x, hold.y, -0.5, 0.0)  # ann drives towards the middle
+    holding = team.member("ann", 1.0, role="carry", ball=carried)
+    ahead = team.member("bob", -1.0, ball=carried)
+    role = Role("carry", (*BALL.steps, RoleStep("dribbleBall", x=-3.0)))
+    found = team.decide([holding, ahead], [role])
+    chain = found.chain_of("ann")
+    assert chain is not None
+    assert [call.top.name for call in chain.calls] == ["dribbleBall"]
+    assert common_objects([ahead.world], team.library)["ball"].x < hold.x - 0.1
 
 
 def test_the_uncertainty_of_a_difference_is_at_most_the_sum_of_both(team: Team) -> None:

@@ -132,3 +132,16 @@ def test_robots_that_never_agree_have_one_role_for_at_most_the_stated_time(lost:
         longest = max(longest, now - since)
     assert 0.0 < longest <= 0.8 + 0.2 * lost
     assert [each.role() for each in rosters.values()] == ["ball", "support"]
+
+
+def test_a_robot_is_expected_to_be_done_as_was_predicted_when_it_began(roster: Roster) -> None:
+    costly = dataclasses.replace(decision(0, 1), costs=np.array([[4.0, 9.0], [9.0, 3.0]]))
+    roster.believe(costly, ("ball", "support"), 100.0)
+    later = dataclasses.replace(costly, costs=np.array([[6.0, 9.0], [9.0, 6.0]]))
+    roster.believe(later, ("ball", "support"), 101.0)
+    left = {each.name: each.course.left for each in roster.members(10.1, 101.0) if each.course}
+    assert left == {"ann": 3.0, "bob": 2.0}
+    (ann,) = [each for each in roster.members(10.1, 103.5) if each.course]
+    assert ann.name == "ann"
+    roster.take(member("ann", "support"), 10.2)
+    assert not any(each.course for each in roster.members(10.2, 103.5))
