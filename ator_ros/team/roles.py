@@ -155,21 +155,7 @@ def decide(
     members = sorted(members, key=lambda member: member.name)
     objects = common_objects([member.world for member in members], library)
     wanted = [role.chains(library, objects, origin) for role in roles]
-    offers = []
-    for member in members:
-        allowed = [
-            chains if role.name not in member.barred else []
-            for role, chains in zip(roles, wanted, strict=True)
-        ]
-        offers.append([_offer(member, chains, objects, refiner) for chains in allowed])
-        for number, role in enumerate(roles):
-            offer = offers[-1][number]
-            course = member.course
-            if role.name != member.role or offer.chain is None or course is None:
-                continue
-            if course.leads_to(places_of(wanted[number]), refiner.robot.reach):
-                cost = min(offer.cost, course.left)
-                offers[-1][number] = dataclasses.replace(offer, cost=cost)
+    offers = [_offers(member, roles, wanted, objects, refiner) for member in members]
     shape = (len(members), len(roles))
     costs = np.array([[offer.cost for offer in row] for row in offers]).reshape(shape)
     errors = np.array([[offer.error for offer in row] for row in offers]).reshape(shape)
@@ -188,8 +174,8 @@ def decide(
     held = [numbers.get(member.role) for member in members]
     found = assign(costs * weights, held, error_of, gate)
     ends = []
-    for row, role in zip(offers, found.roles, strict=True):
-        ends.append(row[0 if role is None else role].end(refiner))
+    for row, number in zip(offers, found.roles, strict=True):
+        ends.append(row[0 if number is None else number].end(refiner))
     return Decision(
         tuple(member.name for member in members),
         costs,
@@ -221,9 +207,9 @@ def common_objects(worlds: Sequence[World], library: TopLibrary) -> dict[str, Ob
             if robot.holder is not None and is_at_front(world, robot, name):
                 moved.setdefault(name, world.objects[name])
     found = {}
-    for name, there in places.items():
-        x = math.fsum(each.x for each in there) / len(there)
-        y = math.fsum(each.y for each in there) / len(there)
+    for name, observed in places.items():
+        x = math.fsum(each.x for each in observed) / len(observed)
+        y = math.fsum(each.y for each in observed) / len(observed)
         found[name] = ObjectState(x, y)
     return found | {name: ObjectState(each.x, each.y) for name, each in moved.items()}
 
@@ -256,6 +242,25 @@ class _Offer:
         for call in self.chain.calls if self.chain else ():
             world = projected(world, call, refiner.robot)
         return world.robot.pose[:2]
+
+
+def _offers(
+    member: Member,
+    roles: Sequence[Role],
+    wanted: Sequence[Sequence[TopChain]],
+    objects: Mapping[str, ObjectState],
+    refiner: Refiner,
+) -> list[_Offer]:
+    """Return what each role costs a robot; the one that it holds as was predicted at its start."""
+    found = []
+    for role, chains in zip(roles, wanted, strict=True):
+        allowed = [] if role.name in member.barred else chains
+        offer = _offer(member, allowed, objects, refiner)
+        course = member.course if role.name == member.role and offer.chain is not None else None
+        if course is not None and course.leads_to(places_of(chains), refiner.robot.reach):
+            offer = dataclasses.replace(offer, cost=min(offer.cost, course.left))
+        found.append(offer)
+    return found
 
 
 def _offer(

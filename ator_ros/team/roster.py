@@ -110,8 +110,9 @@ class Roster:
         places = places_of(decision.wanted[number])
         end = stamp + float(decision.costs[decision.names.index(name), number])
         begun = self._begun.get(name)
-        goes_on = begun is not None and begun.role == role and begun.end > stamp
-        if goes_on and Course(begun.places, 0.0).leads_to(places, self.reach):
+        if begun is None or begun.role != role or begun.end <= stamp:
+            begun = _Begun(role, places, end)
+        if Course(begun.places, 0.0).leads_to(places, self.reach):
             end = begun.end  # also where an object moves with a robot
         self._begun[name] = _Begun(role, places, end)
 

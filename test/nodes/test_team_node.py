@@ -171,7 +171,10 @@ def test_two_robots_play_in_one_simulation(start: Start, domain: int) -> None:
     for name in ("ann", "bob"):
         frames = {"domain": "soccer", "frame": f"{name}/odom", "robot_frame": f"{name}/base_link"}
         start("executor", namespace=name, odom_timeout=5.0, **frames)
-        start("team", namespace=name, roles=ROLES, execute=True, **frames)
+        start("team", namespace=name, roles=ROLES, **frames)
+    client.eventually(lambda: {each.role for each in states[-6:]} == {"ball", "support"}, "roles")
+    for name in ("ann", "bob"):
+        assert client.set_parameters(f"/{name}/team", execute=True)[0].successful
     roles: dict[str, str] = {}
     overlap = [0.0]
     began: float | None = None
