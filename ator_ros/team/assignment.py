@@ -117,7 +117,10 @@ def _filled(able: BoolArray) -> BoolArray:
     return filled
 
 
-def _cheapest(costs: FloatArray, filled: BoolArray) -> BoolArray | None:
+def _cheapest(
+    costs: FloatArray,
+    filled: BoolArray,
+) -> BoolArray | None:
     """Return the pairs of the cheapest assignment of the filled roles; None if there is none."""
     pairs = np.zeros(costs.shape, dtype=bool)
     columns = np.flatnonzero(filled)
@@ -129,7 +132,10 @@ def _cheapest(costs: FloatArray, filled: BoolArray) -> BoolArray | None:
     return pairs
 
 
-def _with_held(costs: FloatArray, held: Sequence[int | None]) -> FloatArray:
+def _with_held(
+    costs: FloatArray,
+    held: Sequence[int | None],
+) -> FloatArray:
     """Return the costs with infinite ones for all that would change a role that is held."""
     found = costs.copy()
     taken: set[int] = set()

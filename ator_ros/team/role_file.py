@@ -50,7 +50,11 @@ class RoleStep:
     at: str = ""
     open: tuple[str, ...] = ()
 
-    def pose(self, objects: Mapping[str, ObjectState], origin: Pose) -> Pose:
+    def pose(
+        self,
+        objects: Mapping[str, ObjectState],
+        origin: Pose,
+    ) -> Pose:
         """Return the goal; raises KeyError if the object is unknown."""
         if not self.at:
             return origin.compose(Pose(self.x, self.y, self.yaw))
@@ -82,7 +86,10 @@ class Role:
         require(few, "alternatives", f"at most {MOST_ALTERNATIVES}", len(self.alternatives))
 
     def chains(
-        self, library: TopLibrary, objects: Mapping[str, ObjectState], origin: Pose
+        self,
+        library: TopLibrary,
+        objects: Mapping[str, ObjectState],
+        origin: Pose,
     ) -> list[TopChain]:
         """Return the chains for objects that rest at known places; none if one is unknown.
 
@@ -110,7 +117,11 @@ class RoleFile:
         require(len(set(names)) == len(names), "roles", "different names", names)
 
 
-def load_roles(path: Path, library: TopLibrary, objects: tuple[str, ...]) -> RoleFile:
+def load_roles(
+    path: Path,
+    library: TopLibrary,
+    objects: tuple[str, ...],
+) -> RoleFile:
     """Read roles whose steps have TOPs of `library`, and these objects of the domain.
 
     Raises FileError.
@@ -126,7 +137,12 @@ def load_roles(path: Path, library: TopLibrary, objects: tuple[str, ...]) -> Rol
     return read
 
 
-def _check(step: RoleStep, where: str, library: TopLibrary, objects: tuple[str, ...]) -> None:
+def _check(
+    step: RoleStep,
+    where: str,
+    library: TopLibrary,
+    objects: tuple[str, ...],
+) -> None:
     require(step.top in library, f"{where}: top", f"one of {sorted(library)}", step.top)
     require(step.at in ("", *objects), f"{where}: at", f"one of {list(objects)}", step.at)
     known = {*GOAL_VARIABLES, *(item.name for item in library.goal_variables(library[step.top]))}
@@ -147,7 +163,10 @@ def _call(
     return TopCall(top, library.goal(top, pose), frozenset(step.open))
 
 
-def _in_area(pose: Pose, robot: Robot) -> Pose:
+def _in_area(
+    pose: Pose,
+    robot: Robot,
+) -> Pose:
     """Return the nearest pose at which the robot does not stick out of the area."""
     area = robot.scene.area
     half_length = max(area.length / 2 - robot.reach, 0.0)

@@ -44,7 +44,11 @@ class Course(NamedTuple):
     places: tuple[tuple[float, float], ...]
     left: float
 
-    def leads_to(self, places: Sequence[tuple[float, float]], distance: float) -> bool:
+    def leads_to(
+        self,
+        places: Sequence[tuple[float, float]],
+        distance: float,
+    ) -> bool:
         """Return whether these are its places, up to a distance in m."""
         pairs = zip(self.places, places, strict=True)
         return all(math.dist(*pair) <= distance for pair in pairs)
@@ -105,17 +109,28 @@ class Decision:
     assignment: Assignment
     waiting: tuple[bool, ...]
 
-    def role_of(self, name: str) -> int | None:
+    def role_of(
+        self,
+        name: str,
+    ) -> int | None:
         """Return the role of a robot."""
         return self.assignment.roles[self.names.index(name)]
 
-    def chain_of(self, name: str) -> TopChain | None:
+    def chain_of(
+        self,
+        name: str,
+    ) -> TopChain | None:
         """Return the chain of a robot's role; None if it has none, or must wait."""
         robot = self.names.index(name)
         role = self.assignment.roles[robot]
         return None if role is None or self.waiting[robot] else self.chains[robot][role]
 
-    def goes_on(self, name: str, running: TopChain, distance: float) -> bool:
+    def goes_on(
+        self,
+        name: str,
+        running: TopChain,
+        distance: float,
+    ) -> bool:
         """Return whether a running chain still ends where its role, or an alternative of it, does.
 
         The robot then goes on with it; places may differ by up to `distance` m.
@@ -157,17 +172,22 @@ def decide(
     wanted = [role.chains(library, objects, origin) for role in roles]
     offers = [_offers(member, roles, wanted, objects, refiner) for member in members]
     shape = (len(members), len(roles))
-    costs = np.array([[offer.cost for offer in row] for row in offers]).reshape(shape)
-    errors = np.array([[offer.error for offer in row] for row in offers]).reshape(shape)
+    costs = np.empty(shape)
+    errors = np.empty(shape)
+    for robot, row in enumerate(offers):
+        for role, offer in enumerate(row):
+            costs[robot, role] = offer.cost
+            errors[robot, role] = offer.error
 
     def error_of(signs: FloatArray) -> GainError:
-        used = [(int(robot), int(role)) for robot, role in np.argwhere(signs)]
-        models = {pair: offers[pair[0]][pair[1]].model(refiner) for pair in used}
-        known = {pair: model for pair, model in models.items() if model is not None}
-        if not known:
-            return GainError()
-        weighted = signs * weights
-        return error_of_sum(list(known.values()), [weighted[pair] for pair in known])
+        models = []
+        weighted = []
+        for robot, role in np.argwhere(signs).tolist():
+            model = offers[robot][role].model(refiner)
+            if model is not None:
+                models.append(model)
+                weighted.append(signs[robot, role] * weights[role])
+        return error_of_sum(models, weighted) if models else GainError()
 
     weights = np.array([role.weight for role in roles])
     numbers = {role.name: number for number, role in enumerate(roles)}
@@ -193,7 +213,10 @@ def places_of(chains: Sequence[TopChain]) -> tuple[tuple[float, float], ...]:
     return tuple((pose.x, pose.y) for pose in goals)
 
 
-def common_objects(worlds: Sequence[World], library: TopLibrary) -> dict[str, ObjectState]:
+def common_objects(
+    worlds: Sequence[World],
+    library: TopLibrary,
+) -> dict[str, ObjectState]:
     """Return where objects come to rest: the mean of the places that the robots observe.
 
     An object at the front of a robot moves with it, and is where the first such robot observes it.
@@ -223,7 +246,10 @@ class _Offer:
     cost: float = math.inf
     error: float = math.inf
 
-    def model(self, refiner: Refiner) -> ChainModel | None:
+    def model(
+        self,
+        refiner: Refiner,
+    ) -> ChainModel | None:
         """Return the prediction's model; None if nothing is left to do."""
         if not self.chain:
             return None
@@ -236,7 +262,10 @@ class _Offer:
             objective=expected_time(refiner.failure_cost),
         )
 
-    def end(self, refiner: Refiner) -> tuple[float, float]:
+    def end(
+        self,
+        refiner: Refiner,
+    ) -> tuple[float, float]:
         """Return where the robot ends, in m."""
         world = self.world
         for call in self.chain.calls if self.chain else ():
@@ -286,11 +315,18 @@ def _offer(
     return _Offer(world, found.chain, found.predicted.cost, found.predicted.error)
 
 
-def _is_able(member: Member, chain: TopChain) -> bool:
+def _is_able(
+    member: Member,
+    chain: TopChain,
+) -> bool:
     return {call.top.name for call in chain.calls} <= member.tops
 
 
-def what_is_left(chain: TopChain, world: World, refiner: Refiner) -> TopChain:
+def what_is_left(
+    chain: TopChain,
+    world: World,
+    refiner: Refiner,
+) -> TopChain:
     """Return the steps from the first one on whose post-condition does not hold.
 
     A chain whose last post-condition holds is done: the result is empty. An open heading is any.
@@ -307,7 +343,10 @@ def what_is_left(chain: TopChain, world: World, refiner: Refiner) -> TopChain:
     return chain.part(done.index(False))
 
 
-def as_observed(chain: TopChain, world: World) -> TopChain:
+def as_observed(
+    chain: TopChain,
+    world: World,
+) -> TopChain:
     """Return a chain whose first step that follows an object leads to where `world` has it.
 
     The roles are decided for objects at rest where the team observes them in the mean. The executor

@@ -38,7 +38,14 @@ class Roster:
         Distance in m up to which the places of a role are the same.
     """
 
-    def __init__(self, name: str, timeout: float, now: float, *, reach: float = 0.5) -> None:
+    def __init__(
+        self,
+        name: str,
+        timeout: float,
+        now: float,
+        *,
+        reach: float = 0.5,
+    ) -> None:
         self.name = name
         self.timeout = timeout
         self.reach = reach
@@ -49,7 +56,13 @@ class Roster:
         self._conflict_since = math.inf
         self._barred: set[str] = set()
 
-    def take(self, member: Member, now: float, *, ready: bool = True) -> None:
+    def take(
+        self,
+        member: Member,
+        now: float,
+        *,
+        ready: bool = True,
+    ) -> None:
         """Take a robot's message; one that is not `ready` drops out."""
         self._claims[member.name] = member.role
         if ready:
@@ -57,7 +70,11 @@ class Roster:
         else:
             self._members.pop(member.name, None)
 
-    def members(self, now: float, stamp: float = 0.0) -> list[Member]:
+    def members(
+        self,
+        now: float,
+        stamp: float = 0.0,
+    ) -> list[Member]:
         """Return the robots that can take a role; `stamp` is that of this robot's state in s."""
         found = []
         for member, arrival in self._members.values():
@@ -70,11 +87,17 @@ class Roster:
             found.append(member)
         return found
 
-    def is_listening(self, now: float) -> bool:
+    def is_listening(
+        self,
+        now: float,
+    ) -> bool:
         """Return whether messages of teammates may not have come yet, so that no role is taken."""
         return now - self._since < self.timeout
 
-    def barred(self, now: float) -> frozenset[str]:
+    def barred(
+        self,
+        now: float,
+    ) -> frozenset[str]:
         """Return the roles that this robot must not take.
 
         An earlier robot by name keeps claiming them, although it knows that this robot does, too:
@@ -89,7 +112,12 @@ class Roster:
         self._barred &= claimed
         return frozenset(self._barred)
 
-    def believe(self, decision: Decision, roles: tuple[str, ...], stamp: float = 0.0) -> None:
+    def believe(
+        self,
+        decision: Decision,
+        roles: tuple[str, ...],
+        stamp: float = 0.0,
+    ) -> None:
         """Take the roles of a decision, until newer messages come; `roles` are their names.
 
         `stamp` is that of this robot's state in s.
@@ -101,7 +129,13 @@ class Roster:
             self._members[name] = (dataclasses.replace(member, role=role), arrival)
             self._note(name, decision, role, stamp)
 
-    def _note(self, name: str, decision: Decision, role: str, stamp: float) -> None:
+    def _note(
+        self,
+        name: str,
+        decision: Decision,
+        role: str,
+        stamp: float,
+    ) -> None:
         """Note when a robot is expected to be done, if it begins a role or its places jump."""
         number = decision.role_of(name)
         if number is None:
