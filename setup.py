@@ -18,6 +18,7 @@ EXECUTABLES = {
         "waypoints",
         "watch",
         "plan_team",
+        "team",
     ),
     "tools": (
         "collect",

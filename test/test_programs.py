@@ -11,7 +11,6 @@ from documentation import ROOT
 
 from benchmarks import along, speed
 from examples.plan_with_durations import plan
-from examples.who_goes_to_the_ball import who_goes
 from scripts import figures
 
 
@@ -82,13 +81,15 @@ def test_durations_are_predicted_for_the_planner() -> None:
 
 
 @pytest.mark.long
-def test_both_decisions_are_compared() -> None:
-    lines = printed_by("who_goes_to_the_ball", "--situations", "4")
-    assert "of 4 situations in which both robots reach the ball" in lines[0]
-    assert [line.partition(":")[0] for line in lines[1:]] == ["by distance", "by predicted time"]
-
-
-def test_the_robot_that_goes_is_kept_unless_another_is_clearly_faster() -> None:
-    assert who_goes([3.0, 2.9], [0.1, 0.1]) == 1
-    assert who_goes([3.0, 2.9], [0.1, 0.1], now=0) == 0
-    assert who_goes([3.0, 2.8], [0.1, 0.1], now=0) == 1
+@pytest.mark.parametrize(
+    ("words", "lines"),
+    [
+        ("standing --situations 3", 7),
+        ("driving --episodes 1 --duration 3", 4),
+        ("noise --episodes 1 --duration 1", 11),
+    ],
+)
+def test_choices_of_a_robot_are_compared(words: str, lines: int) -> None:
+    command = [sys.executable, str(ROOT / "scripts" / "team_roles.py"), *words.split()]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert len(done.stdout.splitlines()) == lines

@@ -1,0 +1,169 @@
+"""The assignment of roles to robots, and the rule by which a robot keeps its role.
+
+Robots are listed in the order of their names, on all robots of a team alike. This order decides
+where costs are equal, and which of several robots keeps a role that they all hold. Roles are listed
+in the order of their importance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import connected_components, maximum_bipartite_matching
+
+from ator_ros.geometry import BoolArray, FloatArray
+from ator_ros.refinement.chain_prediction import GainError
+from ator_ros.refinement.gate import Gate
+
+ErrorOf = Callable[[FloatArray], GainError]
+"""Returns the error of a sum of costs with these signs, shape (n, m)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Assignment:
+    """An assignment of roles.
+
+    Attributes
+    ----------
+    roles : tuple of int or None
+        The role of each robot.
+    gain : float
+        By how much the cheapest assignment is expected to be below this one, in s.
+    uncertainty : float
+        Of the gain, in s.
+    """
+
+    roles: tuple[int | None, ...]
+    gain: float = 0.0
+    uncertainty: float = 0.0
+
+
+def assign(
+    costs: FloatArray,
+    held: Sequence[int | None],
+    error_of: ErrorOf,
+    gate: Gate,
+) -> Assignment:
+    """Assign m roles to n robots so that the sum of the costs is least.
+
+    If robots are too few, the last roles are left out, and roles that nobody can take. Robots keep
+    their roles unless the gain of a change is expected to pay, by the comparison of `gate`.
+    Changes that do not depend on each other are compared one by one.
+
+    Parameters
+    ----------
+    costs : ndarray, shape (n, m)
+        What each role costs each robot, in s; infinite or NaN if the robot cannot take it.
+    held : sequence of int or None
+        The present role of each robot. Of several robots with one role, the first one keeps it.
+    error_of : callable
+        See `ErrorOf`.
+    gate : Gate
+        Compares the gain of a change with its uncertainty.
+    """
+    costs = np.where(np.isfinite(costs), costs, np.inf)
+    filled = _filled(np.isfinite(costs))
+    costs[:, ~filled] = np.inf
+    cheapest = _cheapest(costs, filled)
+    chosen = cheapest
+    if cheapest is not None:
+        kept = _cheapest(_with_held(costs, held), filled)
+        if kept is not None:
+            chosen = _changed_where_it_pays(costs, kept, cheapest, error_of, gate)
+    if chosen is None or cheapest is None:
+        return Assignment((None,) * len(costs))
+    roles = tuple(int(row.argmax()) if row.any() else None for row in chosen)
+    signs = chosen.astype(float) - cheapest
+    if not signs.any():
+        return Assignment(roles)
+    gain = float(costs[chosen].sum() - costs[cheapest].sum())
+    error = error_of(signs)
+    return Assignment(roles, gate.judged(gain, error), error.deviation)
+
+
+def waiting(
+    roles: Sequence[int | None],
+    places: Sequence[tuple[float, float]],
+    distance: float,
+) -> tuple[bool, ...]:
+    """Return whether each robot must wait, as a robot with a more important role needs its place.
+
+    `places` are where the robots would end (m); they must be `distance` m apart.
+    """
+    taken: list[tuple[float, float]] = []
+    found = [False] * len(roles)
+    numbered = ((role, robot) for robot, role in enumerate(roles) if role is not None)
+    for _, robot in sorted(numbered):
+        x, y = places[robot]
+        found[robot] = any(
+            np.hypot(x - other_x, y - other_y) < distance for other_x, other_y in taken
+        )
+        if not found[robot]:
+            taken.append((x, y))
+    return tuple(found)
+
+
+def _filled(able: BoolArray) -> BoolArray:
+    """Return which roles are filled, shape (m,): each as far as the more important ones allow."""
+    filled = np.zeros(able.shape[1], dtype=bool)
+    for role in range(able.shape[1]):
+        filled[role] = True
+        matched = maximum_bipartite_matching(csr_matrix(able[:, filled]), perm_type="row")
+        filled[role] = bool(np.all(matched >= 0))
+    return filled
+
+
+def _cheapest(costs: FloatArray, filled: BoolArray) -> BoolArray | None:
+    """Return the pairs of the cheapest assignment of the filled roles; None if there is none."""
+    pairs = np.zeros(costs.shape, dtype=bool)
+    columns = np.flatnonzero(filled)
+    try:
+        robots, roles = linear_sum_assignment(costs[:, columns])
+    except ValueError:  # scipy's sign that some role has no robot
+        return None
+    pairs[robots, columns[roles]] = True
+    return pairs
+
+
+def _with_held(costs: FloatArray, held: Sequence[int | None]) -> FloatArray:
+    """Return the costs with infinite ones for all that would change a role that is held."""
+    found = costs.copy()
+    taken: set[int] = set()
+    for robot, role in enumerate(held):
+        if role is None or role in taken or not np.isfinite(costs[robot, role]):
+            continue
+        taken.add(role)
+        found[robot] = np.inf
+        found[:, role] = np.inf
+        found[robot, role] = costs[robot, role]
+    return found
+
+
+def _changed_where_it_pays(
+    costs: FloatArray,
+    kept: BoolArray,
+    cheapest: BoolArray,
+    error_of: ErrorOf,
+    gate: Gate,
+) -> BoolArray:
+    """Return `kept` with those parts of `cheapest` whose gain is expected to pay."""
+    robots, roles = kept.shape
+    links = np.zeros((robots + roles, robots + roles), dtype=bool)
+    links[:robots, robots:] = kept ^ cheapest
+    count, part_of = connected_components(csr_matrix(links), directed=False)
+    chosen = kept.copy()
+    for part in range(count):
+        inside = (part_of[:robots] == part)[:, None] & (part_of[robots:] == part)[None, :]
+        before = kept & inside
+        after = cheapest & inside
+        if (before == after).all():
+            continue
+        gain = float(costs[before].sum() - costs[after].sum())
+        error = error_of(before.astype(float) - after)
+        if gate.pays(gate.judged(gain, error), error.deviation):
+            chosen[inside] = cheapest[inside]
+    return chosen
