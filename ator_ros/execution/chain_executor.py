@@ -33,13 +33,13 @@ from ator_ros.tops.objects import (
     kept,
     object_fetched_by,
 )
+from ator_ros.world.closest_approach import ClosestApproach
 from ator_ros.world.state import STOP, World
 
 STOPPING = "stopping, then starting the action"
 """Message of a step that waits until the robot stands."""
 _STAYED = 0.02  # m and rad up to which a robot has not moved
 _NEAR = 1.0  # m from a goal up to which a robot that drives through it may turn off
-_AWAY = 0.1  # m beyond its least distance from a goal at which a robot leaves it: above noise
 
 
 class Ending(enum.Enum):
@@ -114,7 +114,7 @@ class PassedStep:
         self._robot = robot
         self.index = record.index
         self._call = record.chain.calls[record.index]
-        self._nearest = math.inf
+        self._approach = ClosestApproach()
         self._reason = ""
         self.is_missed = True
         """Whether the post-condition has not held yet."""
@@ -129,16 +129,15 @@ class PassedStep:
     def watch(self, world: World) -> None:
         """Process a newer state."""
         distance = _distance(world, self._call, self._robot)
-        if self.is_missed and distance <= self._nearest:
+        if self.is_missed and distance <= self._approach.distance:
             unmet = self._call.top.unmet(world, self._call.goal, self._robot)
             self._reason = f"passed too far from its goal: {'; '.join(unmet)}"
             self.is_missed = bool(unmet)
-        self._nearest = min(self._nearest, distance)
-        self.is_over = distance > self._nearest + _AWAY
+        self.is_over = self._approach.leaves(distance)
 
     def record(self) -> ActionRecord:
         """Return the record with how near the robot has come to the goal."""
-        near = dataclasses.replace(self._record, position_error=self._nearest)
+        near = dataclasses.replace(self._record, position_error=self._approach.distance)
         if not self.is_missed:
             return near
         return dataclasses.replace(near, ending=Ending.FAILED, reason=self._reason)
@@ -469,7 +468,7 @@ class StepRun:
         self._index = index
         self._time_limit = time_limit
         self._takeover = takeover
-        self._nearest = math.inf  # m; least distance from the goal, of an action that drives on
+        self._approach = ClosestApproach()  # to the goal, of an action that drives on
         self.action: Action | None = None
         self.hands_over = self.is_missed = False
         self._start: World | None = None
@@ -548,8 +547,7 @@ class StepRun:
     def _leaves_goal(self, world: World) -> bool:
         """Return whether the robot has come near the goal, and now leaves it."""
         distance = _distance(world, self.call, self._library.robot)
-        self._nearest = min(self._nearest, distance)
-        return self._nearest <= _NEAR and distance > self._nearest + _AWAY
+        return self._approach.leaves(distance) and self._approach.distance <= _NEAR
 
     def continue_to_goal(self, world: World) -> bool:
         """Allow no takeover before the goal is reached; return whether it is not reached yet."""

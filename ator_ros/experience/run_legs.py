@@ -15,12 +15,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from ator_ros.geometry import FloatArray, IntArray, Pose, wrap_angles
+from ator_ros.world.closest_approach import ClosestApproach
 
 _SAME_PLACE = 0.002  # m
 _SAME_HEADING = 0.002  # rad
 _BESIDE = 0.3  # m on both sides of a corner, in which a path turns: planners cut and smooth them
 _LEAST_CORNER = 0.35  # rad, above the turns of paths on a grid
-_AWAY = 0.1  # m beyond its least distance from a pose at which a robot leaves it: above noise
 
 
 @dataclass(frozen=True)
@@ -137,6 +137,8 @@ def _first_within(distances: FloatArray, tolerance: float, begin: int) -> int:
 
 def _nearest(distances: FloatArray) -> float:
     """Return the least of the distances (n,) in m until the robot leaves."""
-    least = np.minimum.accumulate(distances)
-    leaves = np.flatnonzero(distances > least + _AWAY)
-    return float(least[leaves[0]] if len(leaves) else least[-1])
+    approach = ClosestApproach()
+    for distance in distances.tolist():
+        if approach.leaves(distance):
+            break
+    return approach.distance

@@ -30,6 +30,7 @@ from ator_ros.experience.track import DIGITS, WIDTH, Segment, Track
 from ator_ros.geometry import Pose, wrap_angle
 from ator_ros.printable import printable, quoted
 from ator_ros.tops.chain import Top
+from ator_ros.world.closest_approach import ClosestApproach
 from ator_ros.world.readers import (
     MessageError,
     OdometryReader,
@@ -53,7 +54,6 @@ SILENCE = 1.0  # s without odometry after which a new segment begins
 _MOST_FRAMES = 1000  # in tf: far more than a robot has
 _LONGEST_NAME = 256  # characters of a frame in tf
 _SEGMENT = 100  # numbers that need as much memory as a segment without messages
-_AWAY = 0.1  # m beyond its least distance from a goal at which a robot leaves it: above noise
 _NEAR_ROBOT = 1.0  # m: what a robot drives while its path is planned
 _KEPT_GOALS = 100  # that have ended: a status message still names those of the last minutes
 _KEPT_ROWS = 1000  # of odometry without an active goal: 20 s at 50 Hz
@@ -213,9 +213,9 @@ class Watch:
             robot = self.robot_in(goal.frame)
             is_left = goal.segment is not self.segments[-1]
             if robot is not None and goal.pose is not None:
-                distance = robot.pose.distance(goal.pose)
-                goal.nearest = min(goal.nearest, distance)
-                is_left |= distance > goal.nearest + _AWAY
+                approach = ClosestApproach(goal.nearest)
+                is_left |= approach.leaves(robot.pose.distance(goal.pose))
+                goal.nearest = approach.distance
             if is_left:
                 self._passing.remove(goal)
                 self._ended.append(goal)
