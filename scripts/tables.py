@@ -232,7 +232,8 @@ def write_tables(root: Path, docs: Path, work: Path | None = None) -> None:
     if work is not None and (work / "few_building.md").exists():
         made["few_drives"] = few_drives(work)
         made["few_predictions"] = few_predictions(work)
-    if work is not None and list(work.glob("few_soccer_*")):
+    few = [] if work is None else list(work.glob("few_soccer_*"))
+    if work is not None and few and all((each / "evaluation.json").exists() for each in few):
         made["few_episodes"] = few_episodes(work)
     for name in PAGES:
         page = root / name
