@@ -56,8 +56,8 @@ class Leg:
 def rows_of_poses(path: FloatArray, headings: FloatArray, count: int) -> list[int]:
     """Return the rows of a path (n, 2) at its poses, the last one of which ends it.
 
-    Empty if they cannot be told from other places. `headings` (n,) are in rad; `count` is the
-    number of poses, 0: unknown.
+    Empty if nothing distinguishes them from other places. `headings` (n,) are in rad; `count` is
+    the number of poses, 0: unknown.
     """
     last = len(path) - 1
     steps = np.hypot(*np.diff(path, axis=0).T)

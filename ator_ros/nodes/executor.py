@@ -369,12 +369,10 @@ class ExecutorNode(Node):
         await pause(self)
         into_frame(frame, self._tf.base, [goal.chain])
         chains = [chain_from(goal.chain, library, frame=frame, fence=self._fence)]
-        for number in range(len(goal.alternatives)):
+        for number, sent in enumerate(goal.alternatives):
             await pause(self)
-            into_frame(frame, self._tf.base, goal.alternatives[number : number + 1])
-            chains.append(
-                alternative_from(goal.alternatives, number, library, frame=frame, fence=self._fence)
-            )
+            into_frame(frame, self._tf.base, [sent])
+            chains.append(alternative_from(sent, number, library, frame=frame, fence=self._fence))
         await pause(self)
         return chains
 

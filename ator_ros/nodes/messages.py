@@ -223,16 +223,16 @@ def order_from(order: Iterable[int]) -> tuple[int, ...]:
 
 
 def alternative_from(
-    chains: Sequence[msg.AlternativeChain],
+    chain: msg.AlternativeChain,
     number: int,
     library: TopLibrary,
     *,
     frame: str,
     fence: Fence | None,
 ) -> TopChain:
-    """Read one alternative of a chain; raises MessageError as for chains."""
+    """Read the alternative with this number (from 0); raises MessageError as for chains."""
     return chain_from(
-        chains[number],
+        chain,
         library,
         frame=frame,
         where=f"alternatives[{number}]",

@@ -459,10 +459,9 @@ def set_up(
         finder = Finder(namespace, topic)
         try:
             parameters = finder.parameters(wait)
-            _map_frame(parameters, given)  # without Nav2 nobody need wait for a map
-            grid = finder.map(
-                wait
-            )  # before the footprint, as the costmap publishes its footprint later
+            _map_frame(parameters, given)  # fails at once where Nav2 does not run
+            # The map comes first, as the costmap publishes its footprint later.
+            grid = finder.map(wait)
             footprint: Outline = ()
             if not given.radius:
                 footprint = finder.footprint(_robot_frame(parameters), _DISCOVERY)

@@ -367,12 +367,10 @@ def refine_request(
     world = world_from(request.situation, frame=frame)
     chain = messages.chain_from(request.chain, library, frame=frame, fence=fence)
     others: list[TopChain | str] = []
-    for number in range(len(request.alternatives)):
+    for number, sent in enumerate(request.alternatives):
         try:
             others.append(
-                messages.alternative_from(
-                    request.alternatives, number, library, frame=frame, fence=fence
-                )
+                messages.alternative_from(sent, number, library, frame=frame, fence=fence)
             )
         except MessageError as error:
             others.append(str(error))

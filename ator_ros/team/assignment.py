@@ -50,9 +50,9 @@ def assign(
 ) -> Assignment:
     """Assign m roles to n robots so that the sum of the costs is least.
 
-    If robots are too few, the last roles are left out, and roles that nobody can take. Robots keep
-    their roles unless the gain of a change is expected to pay, by the comparison of `gate`.
-    Changes that do not depend on each other are compared one by one.
+    If robots are too few, the last roles are left out, and so are roles that no robot can take.
+    Robots keep their roles unless the gain of a change is expected to pay, by the comparison of
+    `gate`. Changes that do not depend on each other are compared one by one.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The roles of a team, declared in a YAML file (docs/team.md)."""
+"""The roles of a team, declared in a YAML file (docs/roles.md)."""
 
 from __future__ import annotations
 

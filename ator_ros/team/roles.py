@@ -109,17 +109,11 @@ class Decision:
     assignment: Assignment
     waiting: tuple[bool, ...]
 
-    def role_of(
-        self,
-        name: str,
-    ) -> int | None:
+    def role_of(self, name: str) -> int | None:
         """Return the role of a robot."""
         return self.assignment.roles[self.names.index(name)]
 
-    def chain_of(
-        self,
-        name: str,
-    ) -> TopChain | None:
+    def chain_of(self, name: str) -> TopChain | None:
         """Return the chain of a robot's role; None if it has none, or must wait."""
         robot = self.names.index(name)
         role = self.assignment.roles[robot]
@@ -246,10 +240,7 @@ class _Offer:
     cost: float = math.inf
     error: float = math.inf
 
-    def model(
-        self,
-        refiner: Refiner,
-    ) -> ChainModel | None:
+    def model(self, refiner: Refiner) -> ChainModel | None:
         """Return the prediction's model; None if nothing is left to do."""
         if not self.chain:
             return None
@@ -262,10 +253,7 @@ class _Offer:
             objective=expected_time(refiner.failure_cost),
         )
 
-    def end(
-        self,
-        refiner: Refiner,
-    ) -> tuple[float, float]:
+    def end(self, refiner: Refiner) -> tuple[float, float]:
         """Return where the robot ends, in m."""
         world = self.world
         for call in self.chain.calls if self.chain else ():

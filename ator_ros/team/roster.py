@@ -87,17 +87,11 @@ class Roster:
             found.append(member)
         return found
 
-    def is_listening(
-        self,
-        now: float,
-    ) -> bool:
+    def is_listening(self, now: float) -> bool:
         """Return whether messages of teammates may not have come yet, so that no role is taken."""
         return now - self._since < self.timeout
 
-    def barred(
-        self,
-        now: float,
-    ) -> frozenset[str]:
+    def barred(self, now: float) -> frozenset[str]:
         """Return the roles that this robot must not take.
 
         An earlier robot by name keeps claiming them, although it knows that this robot does, too:

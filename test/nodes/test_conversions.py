@@ -242,12 +242,12 @@ def test_an_open_order_and_its_precedences_are_unchanged_by_a_message() -> None:
 
 def test_alternatives_are_shorter_than_chains() -> None:
     short, long = (AlternativeChain(calls=ordered(*[()] * count).calls) for count in (25, 26))
-    read = messages.alternative_from([short], 0, LIBRARY, frame=FRAME, fence=None)
+    read = messages.alternative_from(short, 0, LIBRARY, frame=FRAME, fence=None)
     assert len(read) == 25
     assert messages.alternative_of(read, frame=FRAME).calls[0].top == short.calls[0].top
     expected = r"^alternatives\[1\]\.calls: expected 1 to 25 items, got 26"
     with pytest.raises(MessageError, match=expected):
-        messages.alternative_from([short, long], 1, LIBRARY, frame=FRAME, fence=None)
+        messages.alternative_from(long, 1, LIBRARY, frame=FRAME, fence=None)
 
 
 @pytest.mark.parametrize("after", [((1,), (0,)), ((3,), ()), ((0,), ())])

@@ -37,7 +37,7 @@ def assigned(
         ([[1.0, 2.0], [2.0, 5.0]], (1, 0)),  # 2 + 2 is less than 1 + 5
         ([[5.0, 1.0]], (0,)),  # too few robots: the first role is the important one
         ([[NOT, 1.0]], (1,)),
-        ([[4.0, NOT], [3.0, NOT]], (None, 0)),  # nobody can take the second role
+        ([[4.0, NOT], [3.0, NOT]], (None, 0)),  # no robot can take the second role
         ([[NOT], [NOT]], (None, None)),
         ([[1.0, 1.0], [9.0, NOT]], (1, 0)),  # both are filled, at any cost
         ([[math.nan, 1.0], [2.0, 1.0]], (1, 0)),
