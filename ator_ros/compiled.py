@@ -175,7 +175,8 @@ class CodeLocator(UserProvidedCacheLocator):  # type: ignore[misc] # numba has n
     """
 
     def __init__(self, py_func: Any, py_file: str) -> None:
-        super().__init__(py_func, py_file)
+        # The installed package links to the sources: both share their machine code.
+        super().__init__(py_func, str(Path(py_file).resolve()))
         module = py_func.__module__
         name = py_func.__qualname__.partition(".")[0]
         self._digest = code_digest(module, name)
