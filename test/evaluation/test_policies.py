@@ -17,7 +17,6 @@ from ator_ros.geometry import Pose
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.world.state import RobotState, World
 
-
 AT_ORIGIN = World(0.0, RobotState(Pose(0.0, 0.0, 0.0)))
 
 
