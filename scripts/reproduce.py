@@ -221,7 +221,9 @@ def steps(sizes: Sizes) -> Iterator[Step]:
             f"--oracle {n.tour_oracle // 2} --work few_drives --out few_{domain}.md",
         )
     # Six stations in any order, with models from few drives: docs/rounds.md.
-    policies = "listed listed_refined nearest_refined straight_refined route_refined refined"
+    policies = (
+        "listed_fixed listed listed_refined nearest_refined straight_refined route_refined refined"
+    )
     for domain, *_ in servers:
         models = f"few_drives/{domain}_{n.few[-1]}/models"
         yield Step(

@@ -20,6 +20,7 @@ def test_both_figures_are_drawn(tmp_path: Path) -> None:
     assert "together" in (tmp_path / "figure6_bezier.svg").read_text()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("part", speed.PARTS)
 def test_each_part_of_the_speed_is_measured(part: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert speed.main([part, "--requests", "1"]) == 0
@@ -28,6 +29,7 @@ def test_each_part_of_the_speed_is_measured(part: str, capsys: pytest.CaptureFix
     assert all(line.startswith((part, "longest tick")) for line in lines)
 
 
+@pytest.mark.long
 def test_divisions_of_a_round_are_executed_and_the_same_command_resumes(tmp_path: Path) -> None:
     results = tmp_path / "rounds.jsonl"
     words = [ROOT / "scripts" / "team_rounds.py", "tour", "--rounds", "1", "--out", results]

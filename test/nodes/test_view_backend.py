@@ -184,6 +184,7 @@ def mocked(domain: int, request: pytest.FixtureRequest) -> Iterator[Mocked]:
         yield backend, nodes
 
 
+@pytest.mark.long
 def test_a_noisy_object_does_not_delay_the_start(mocked: Mocked) -> None:
     backend, nodes = mocked
     backend.place(PLACES)
@@ -231,6 +232,7 @@ def test_a_chain_whose_executor_has_gone_is_lost(
     backend.stop()  # no chain is active any more
 
 
+@pytest.mark.long
 def test_an_interruption_waits_for_the_message_under_way(mocked: Mocked) -> None:
     backend, done = mocked[0], list[int]()
 
