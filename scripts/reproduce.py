@@ -232,6 +232,9 @@ def steps(sizes: Sizes) -> Iterator[Step]:
             f"--policies {policies} --models {models} --out rounds/{domain}",
             (f"few_drives:{domain}",),
         )
+    evaluated = [f"rounds:{domain}" for domain, *_ in servers]
+    folders = " ".join(name.replace(":", "/") for name in evaluated)
+    yield Step("rounds:table", f"{scripts}/rounds.py {folders}", tuple(evaluated))
     # The same with stations that may be passed, by newer goals and through poses.
     for name, domain in (("passing", "patrol"), ("through", f"{ROOT}/config/patrol/through.yaml")):
         patrol = f"--domain {domain} --models models_{name}"
@@ -244,7 +247,7 @@ def steps(sizes: Sizes) -> Iterator[Step]:
             f"--policies stepwise passing refined --out rounds/{name}",
             (f"{name}:train",),
         )
-        yield Step(f"{name}:table", f"{scripts}/passing.py rounds/{name}", (f"{name}:evaluate",))
+        yield Step(f"{name}:table", f"{scripts}/rounds.py rounds/{name}", (f"{name}:evaluate",))
     job = f"{benchmarks}/on_the_job.py --domain pursuit --chains {n.on_the_job} --seed 2041"
     yield Step("few_drives:on_the_job", f"{job} --work on_the_job")
     for file in STUDIED:
