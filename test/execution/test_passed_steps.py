@@ -79,9 +79,7 @@ def executor(
         actions={"drive": lambda _: driver(events, unreachable)},
         goal_variables={"drive": (STOPS,)},
     )
-    calls = [
-        TopCall(top, Goal(Pose(x, 0.0, 0.0), values={STOP: float(stop)})) for x, stop in stops
-    ]
+    calls = [TopCall(top, Goal(Pose(x, 0.0, 0.0), values={STOP: float(stop)})) for x, stop in stops]
     return ChainExecutor(library, TopChain(tuple(calls)), models=models or {}), events
 
 
