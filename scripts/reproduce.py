@@ -221,7 +221,9 @@ def steps(sizes: Sizes) -> Iterator[Step]:
             f"--oracle {n.tour_oracle // 2} --work few_drives --out few_{domain}.md",
         )
     # Six stations in any order, with models from few drives: docs/rounds.md.
-    policies = "listed listed_refined nearest_refined straight_refined route_refined refined"
+    policies = (
+        "listed_fixed listed listed_refined nearest_refined straight_refined route_refined refined"
+    )
     for domain, *_ in servers:
         models = f"few_drives/{domain}_{n.few[-1]}/models"
         yield Step(
@@ -230,6 +232,9 @@ def steps(sizes: Sizes) -> Iterator[Step]:
             f"--policies {policies} --models {models} --out rounds/{domain}",
             (f"few_drives:{domain}",),
         )
+    evaluated = [f"rounds:{domain}" for domain, *_ in servers]
+    folders = " ".join(name.replace(":", "/") for name in evaluated)
+    yield Step("rounds:table", f"{scripts}/rounds.py {folders}", tuple(evaluated))
     # The same with stations that may be passed, by newer goals and through poses.
     for name, domain in (("passing", "patrol"), ("through", f"{ROOT}/config/patrol/through.yaml")):
         patrol = f"--domain {domain} --models models_{name}"
@@ -242,7 +247,7 @@ def steps(sizes: Sizes) -> Iterator[Step]:
             f"--policies stepwise passing refined --out rounds/{name}",
             (f"{name}:train",),
         )
-        yield Step(f"{name}:table", f"{scripts}/passing.py rounds/{name}", (f"{name}:evaluate",))
+        yield Step(f"{name}:table", f"{scripts}/rounds.py rounds/{name}", (f"{name}:evaluate",))
     job = f"{benchmarks}/on_the_job.py --domain pursuit --chains {n.on_the_job} --seed 2041"
     yield Step("few_drives:on_the_job", f"{job} --work on_the_job")
     for file in STUDIED:

@@ -29,7 +29,11 @@ GAINS = (
     ("the same; heading and arrival speed open", "evaluation", "refined_speed"),
     ("the same with a shot, as in the picture above", "evaluation_shoot", "refined_speed"),
     ("tour of stations, driven by an independent action server", "evaluation_tour", "refined"),
-    ("the paper's own actions, which follow Bezier curves", "evaluation_bezier", "refined"),
+    (
+        "the first task with actions as in the paper, along Bezier curves",
+        "evaluation_bezier",
+        "refined",
+    ),
 )
 """Rows of README.md: the task, and a policy of a report."""
 PUBLISHED = {

@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 from documentation import ROOT
 
+from ator_ros.evaluation.running import KIND, RESULT
+from ator_ros.files import save
 from benchmarks import along, speed
 from examples.plan_with_durations import plan
-from scripts import figures
+from scripts import figures, rounds
 
 
 def test_both_figures_are_drawn(tmp_path: Path) -> None:
@@ -20,6 +22,7 @@ def test_both_figures_are_drawn(tmp_path: Path) -> None:
     assert "together" in (tmp_path / "figure6_bezier.svg").read_text()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("part", speed.PARTS)
 def test_each_part_of_the_speed_is_measured(part: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert speed.main([part, "--requests", "1"]) == 0
@@ -28,6 +31,7 @@ def test_each_part_of_the_speed_is_measured(part: str, capsys: pytest.CaptureFix
     assert all(line.startswith((part, "longest tick")) for line in lines)
 
 
+@pytest.mark.long
 def test_divisions_of_a_round_are_executed_and_the_same_command_resumes(tmp_path: Path) -> None:
     results = tmp_path / "rounds.jsonl"
     words = [ROOT / "scripts" / "team_rounds.py", "tour", "--rounds", "1", "--out", results]
@@ -93,3 +97,59 @@ def test_choices_of_a_robot_are_compared(words: str, lines: int) -> None:
     command = [sys.executable, str(ROOT / "scripts" / "team_roles.py"), *words.split()]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     assert len(done.stdout.splitlines()) == lines
+
+
+def an_evaluation(folder: Path, **durations: list[float]) -> str:
+    """Write an evaluation with these durations of policies in s, and return its folder."""
+    policies = {
+        name: {"duration": values, "success": [True] * len(values)}
+        for name, values in durations.items()
+    }
+    content = {
+        "settings": {"source": {"domain": "tour"}},
+        "summary": {"command": "evaluate"},
+        "runs": {"policies": policies},
+    }
+    save(folder / RESULT, KIND, content)
+    return str(folder)
+
+
+def test_the_table_of_orders_compares_predicted_times_with_routes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """By hand: of 40, 60, 51 and 40.5 s, only 51 s are more than 2 % above 44, 64, 49 and 40 s."""
+    by_route = [44.0, 64.0, 49.0, 40.0]
+    by_time = [40.0, 60.0, 51.0, 40.5]
+    others = dict.fromkeys(set(rounds.ORDERS) - {"refined", "route_refined"}, [100.0] * 4)
+    durations = others | {"naive": [100.0] * 4, "refined": by_time, "route_refined": by_route}
+    folders = [an_evaluation(tmp_path / name, **durations) for name in ("first", "second")]
+    rounds.main(folders)
+    head, dashes, *rows, first, second = capsys.readouterr().out.splitlines()
+    assert head == "| order | headings | `tour` | gain (95 %) | `tour` | gain (95 %) |"
+    assert {row.count("|") for row in (head, dashes, *rows)} == {7}
+    assert rows[1].startswith("| as listed | naive | 100.00 s |  | 100.00 s |")
+    assert "| refined | 47.88 s | 52.1 % (" in rows[-3]
+    assert "| 1.38 s | 2.8 % (" in rows[-2]
+    assert rows[-1].endswith("| refined | 1 of 4 | 25.0 % | 1 of 4 | 25.0 % |")
+    assert first == second == "tour: 4 rounds, 0 failed; `evaluate`"
+
+
+def test_the_table_of_stops_compares_with_the_best_of_each_round(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """By hand: the oracle takes 30, 38 and 36 s, so of 16 s in all refined saves 15 s."""
+    folder = an_evaluation(
+        tmp_path,
+        naive=[60.0, 60.0, 60.0],
+        stepwise=[40.0, 40.0, 40.0],
+        passing=[30.0, 43.0, 41.9],
+        refined=[31.0, 38.0, 36.0],
+    )
+    rounds.main([folder])
+    _, _, stepwise, passing, refined, oracle, caption = capsys.readouterr().out.splitlines()
+    assert stepwise == "| a stop at each | 40.00 s |  |  |  |"
+    assert "| 1 of 3 |" in passing
+    assert "| 35.00 s | 12.5 % (" in refined
+    assert refined.endswith("| 0 of 3 | 94 % |")
+    assert oracle.endswith("| 0 of 3 | 100 % |")
+    assert caption == "tour: 3 rounds, 0 failed; `evaluate`"

@@ -115,7 +115,8 @@ class Timeouts:
     server: Duration = 2.0  # without a server, before the goal is sent and during its execution
     acceptance: Duration = 2.0  # from the goal until it is accepted or rejected
     silence: Duration = 3.0
-    result: Duration = 120.0  # from the acceptance until the result
+    # from the acceptance until the result; in a run of passed goals, for each of them
+    result: Duration = 120.0
     cancel: Duration = 1.0  # from a cancellation until the server reports the end of the goal
 
 

@@ -100,13 +100,13 @@ def naive(tools: Toolset, trial: Trial) -> Choice:
 
 def fixed(tools: Toolset, trial: Trial) -> Choice:  # noqa: ARG001
     """Choose the heading 0, as in a list of waypoints without headings."""
-    return _with_open_headings(trial, [0.0] * (len(trial.chain) - 1))
+    return _with_open_headings(trial, [0.0] * len(trial.chain))
 
 
 def arrive(tools: Toolset, trial: Trial) -> Choice:  # noqa: ARG001
     """Choose the bearing from the previous place."""
     places = [trial.world.robot.pose]
-    places += [call.goal.pose for call in trial.chain.calls[:-1]]
+    places += [call.goal.pose for call in trial.chain.calls]
     return _with_open_headings(trial, _bearings(places))
 
 
@@ -123,7 +123,7 @@ def _bearings(places: Sequence[Pose]) -> list[float]:
 
 
 def _with_open_headings(trial: Trial, headings: Sequence[float]) -> Choice:
-    """Return the chain with these headings at the intermediate subgoals with an open heading."""
+    """Return the chain with these headings, from the first call on, where the heading is open."""
     calls = trial.chain.calls
     opened = {at: yaw for at, yaw in enumerate(headings) if calls[at].opens("yaw")}
     return Choice(with_headings(trial.chain, opened))
@@ -234,8 +234,12 @@ _ORDERS: Mapping[str, Callable[[Toolset, Trial], TopChain]] = {
 
 
 def _order_policies() -> dict[str, Policy]:
-    """Return each choice of an order with naive and with refined headings."""
+    """Return each choice of an order with naive and with refined headings.
+
+    The order as listed also has heading 0, as a list of waypoints without headings.
+    """
     policies: dict[str, Policy] = {}
+    policies["listed_fixed"] = partial(in_order, order=as_listed, headings=fixed)
     for name, order in _ORDERS.items():
         policies[name] = partial(in_order, order=order, headings=naive)
         policies[f"{name}_refined"] = partial(in_order, order=order, headings=refined)

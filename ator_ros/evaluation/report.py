@@ -39,6 +39,7 @@ MEANING: Mapping[str, str] = {
     "refined_place": "refinement of headings, arrival speeds and places",
     "stepwise": "refinement with a stop at each subgoal",
     "passing": "the same chain, all subgoals but the last one passed",
+    "listed_fixed": "the order as listed, heading 0 at each station",
     "listed": "the order as listed, naive headings",
     "nearest": "the nearest station next, naive headings",
     "straight": "the order with the shortest straight lines, naive headings",

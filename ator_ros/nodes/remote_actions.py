@@ -219,7 +219,7 @@ class RemoteAction(Action):
                 if late
                 else Step(command, Status.RUNNING, unusable)
             )
-        self._sent = server.send(self._goals)
+        self._sent = server.send(self._goals, self._former)
         self._since = now
         return Step(None, Status.RUNNING, f"sent to {server.name}")
 
@@ -322,10 +322,13 @@ class RemoteServer:
             else ""
         )
 
-    def send(self, goals: Sequence[Goal]) -> RemoteGoal:
-        """Send a goal, or several as one."""
+    def send(self, goals: Sequence[Goal], former: RemoteGoal | None = None) -> RemoteGoal:
+        """Send a goal, or several as one, perhaps while this server executes a `former` one."""
         message = self._interface.written(goals)
-        return RemoteGoal(self._client, message, self._cancel, self.timeouts.silence)
+        sent = RemoteGoal(self._client, message, self._cancel, self.timeouts.silence)
+        if former is not None:
+            sent.has_answered = former.has_answered
+        return sent
 
     def release(self, sent: RemoteGoal) -> None:
         """Cancel a goal unless it is over.
@@ -392,7 +395,8 @@ class RemoteServer:
 class RemoteGoal:
     """One goal of a server.
 
-    `accepted` is None before the answer; `status` and `result` are those of the server. DDS lists a
+    `accepted` is None before the answer; `status` and `result` are those of the server.
+    `has_answered` is whether the server has answered a request while it drives. DDS lists a
     server that was killed for up to 20 s. Therefore the server is requested periodically, one
     request at a time, to cancel an unknown goal. Each server answers that immediately, except one
     that has no free thread while it drives: missing answers count only after a first one. A
@@ -412,7 +416,7 @@ class RemoteGoal:
         self._cancel = cancel
         self._period = max(silence / _REQUESTS, _LEAST_PERIOD)
         self._request: Future | None = None
-        self._has_answered = False
+        self.has_answered = False
         self._silence = 0.0
         self._checked_at = self._requested_at = math.inf
         goal_id = self._cancellation.goal_info.goal_id
@@ -468,11 +472,11 @@ class RemoteGoal:
             self._requested_at = now
             self._request = self._cancel.call_async(cancel_request_for_unknown_goal())
             self._request.add_done_callback(self._take_reply)
-        return self._silence if self._has_answered else 0.0
+        return self._silence if self.has_answered else 0.0
 
     def _take_reply(self, _: Future) -> None:
         self._request = None
-        self._has_answered = True
+        self.has_answered = True
         self._reset_silence()
 
     def _reset_silence(self) -> None:

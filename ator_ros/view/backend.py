@@ -6,7 +6,7 @@ import contextlib
 import re
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -23,7 +23,7 @@ from rclpy.task import Future
 from std_srvs.srv import SetBool
 
 from ator_interfaces.action import ExecuteChain
-from ator_interfaces.msg import ChainPerformance, Objective, Outcome, SearchCurve
+from ator_interfaces.msg import ChainPerformance, Objective, Outcome, Performance, SearchCurve
 from ator_interfaces.srv import PlaceObject, PlaceRobot, RefineSubgoal
 from ator_ros.bases.description import Robot
 from ator_ros.domains.domain import Domain
@@ -308,8 +308,8 @@ class Backend:
             chain=replace(chain, sent_as=order_from(answer.order)),
             refined=answer.refined,
             reason=answer.reason,
-            before=tuple(action.duration for action in answer.before_actions),
-            after=tuple(action.duration for action in answer.after_actions),
+            before=_durations_as_sent(answer.before_actions, answer.original_order),
+            after=_durations_as_sent(answer.after_actions, answer.best_order),
             curves=tuple(map(_curve_from, answer.curves)),
             chosen=answer.chosen,
             cut_short=answer.cut_short,
@@ -475,11 +475,15 @@ class Backend:
             run.record = message
 
     def _draft_from(self, message: ChainPerformance) -> Draft:
-        """Return the goal of another client; raises MessageError."""
+        """Return the goal of another client in its order as sent; raises MessageError."""
         if not re.fullmatch("[0-9a-f]{32}", message.chain_id):
             raise MessageError("chain_id: expected 32 hexadecimal digits")
         action_set = action_set_from(message.chain, allowed=self.libraries)
         chain = chain_from(message.chain, self.libraries[action_set], frame=self._frame)
+        if message.order:
+            if sorted(message.order) != list(range(len(chain))):
+                raise MessageError(f"order: expected {len(chain)} different indices")
+            chain = chain.reordered(np.argsort(message.order).tolist())
         start = world_from(message.start, frame=self._frame, where="start")
         return Draft(start, chain, action_set)
 
@@ -494,6 +498,12 @@ class Backend:
             self.history.add(message)
         except MessageError as error:
             self._warn(f"performance/chain: ignored: {error}")
+
+
+def _durations_as_sent(actions: Iterable[Performance], order: Iterable[int]) -> tuple[float, ...]:
+    """Return durations in s in the order as sent; `order` has the index as sent of each action."""
+    durations = (action.duration for action in actions)
+    return tuple(duration for _, duration in sorted(zip(order, durations, strict=True)))
 
 
 def _curve_from(curve: SearchCurve) -> SubgoalCurve:

@@ -221,6 +221,8 @@ class Editor:
         self._stale = False
         self._refine(as_given=goal.driven and not record.refined)
         chain = goal.draft.chain
+        if record.order:
+            chain = chain.reordered(record.order)
         if self.answer is None:  # the chain is drawn without predictions
             self.answer = Answer(chain, chain, record.refined, goal.reason)
             self.problem = ""

@@ -321,19 +321,23 @@ def clock_text(world: World | None, age: float, status: str, *, paused: bool) ->
 
 
 def times_text(answer: Answer | None, runs: Sequence[Run]) -> str:
-    """Return a Markdown table of predicted times of both chains and times of runs, by step."""
+    """Return a Markdown table of predicted times of both chains and times of runs.
+
+    It has a column for each call in the order as sent.
+    """
     if answer is None:
         return ""
-    tops = [plain(call.top.name) for call in answer.chain.calls]
+    indices = range(len(answer.chain))
+    tops = [plain(answer.chain.sent(index).top.name) for index in indices]
     rows = [
-        ("naive, predicted", answer.before, sum(answer.before)),
-        ("best, predicted", answer.after, sum(answer.after)),
-        *((f"{run.label}, driven", tuple(run.actual), run.elapsed) for run in runs),
+        ("naive, predicted", dict(enumerate(answer.before)), sum(answer.before)),
+        ("best, predicted", dict(enumerate(answer.after)), sum(answer.after)),
+        *((f"{run.label}, driven", run.actual, run.elapsed) for run in runs),
     ]
     table = [f"| s | {' | '.join(tops)} | chain |", f"|---|{'---|' * (len(tops) + 1)}"]
     for label, values, whole in rows:
-        missing = (len(tops) - len(values)) * ["-"]
-        cells = [label, *map(seconds, values), *missing, seconds(whole)]
+        durations = (values.get(index, math.nan) for index in indices)
+        cells = [label, *map(seconds, durations), seconds(whole)]
         table.append(f"| {' | '.join(cells)} |")
     return "\n".join(table)
 

@@ -39,7 +39,7 @@ class Answer:
     chain: TopChain  # to execute
     refined: bool
     reason: str  # of the gate
-    # predicted durations in s of the steps of `naive`; NaN without a model
+    # predicted durations in s of the calls in `naive`, in the order as sent; NaN without a model
     before: tuple[float, ...] = ()
     after: tuple[float, ...] = ()  # the same of the best chain found
     curves: tuple[SubgoalCurve, ...] = ()
@@ -53,7 +53,8 @@ class Run:
 
     label: str  # "naive", "refined" or "others"
     record: Any = None  # the executor's newest ChainPerformance; None before the first one
-    # of another client's goal: its start and current chain, with open variables
+    # of another client's goal: its start and its current chain, in the order as sent, with open
+    # variables
     draft: Draft | None = None
     problem: str = ""  # why the executor reports no outcome, such as a failed start
     worlds: list[World] = field(default_factory=list)  # observed states since the start
@@ -77,10 +78,12 @@ class Run:
         return math.nan if self.record is None else _duration_of(self.record)
 
     @property
-    def actual(self) -> list[float]:
-        """Durations in s of the steps that have succeeded."""
+    def actual(self) -> dict[int, float]:
+        """Durations in s of the calls that have succeeded, by their index as sent."""
         actions = [] if self.record is None else self.record.actions
-        return [each.actual.duration for each in actions if each.outcome.code == _SUCCEEDED]
+        return {
+            each.step: each.actual.duration for each in actions if each.outcome.code == _SUCCEEDED
+        }
 
     @property
     def reason(self) -> str:
@@ -158,7 +161,7 @@ class History:
         start = world_from(record.start, where="start")
         poses = [start.robot.pose]
         poses += [Pose(state.x, state.y, 0.0) for state in start.objects.values()]
-        poses += [pose_from(call.goal.pose, "chain") for call in record.chain.calls[-1:]]
+        poses += [pose_from(call.goal.pose, "chain") for call in _calls_as_sent(record)[-1:]]
         gain = math.nan
         if record.refined:
             naive = (
@@ -197,7 +200,14 @@ class History:
 
 
 def _tops(record: Any) -> list[str]:
-    return [call.top for call in record.chain.calls]
+    return [call.top for call in _calls_as_sent(record)]
+
+
+def _calls_as_sent(record: Any) -> list[Any]:
+    """Return the calls of a record's chain in the order as sent."""
+    calls = record.chain.calls
+    order = list(record.order) or range(len(calls))
+    return [call for _, call in sorted(zip(order, calls, strict=True), key=lambda pair: pair[0])]
 
 
 def _same(poses: Sequence[Pose], others: Sequence[Pose]) -> bool:

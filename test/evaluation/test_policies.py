@@ -17,6 +17,8 @@ from ator_ros.geometry import Pose
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.world.state import RobotState, World
 
+AT_ORIGIN = World(0.0, RobotState(Pose(0.0, 0.0, 0.0)))
+
 
 def trial(index: int = 0, chain: str = "dribble") -> Trial:
     return random_trial(SOCCER, chain, LIBRARY, seed=403, index=index)
@@ -104,7 +106,7 @@ def test_orders_by_length_of_stations_in_a_line(tools: Toolset) -> None:
     opened = frozenset({"yaw", "order"})
     top = LIBRARY["goToPose"]
     calls = tuple(TopCall(top, Goal(Pose(x, 0.0, 0.0)), opened) for x in (4.5, 1.0, -2.0))
-    drawn = Trial(World(0.0, RobotState(Pose(0.0, 0.0, 0.0))), TopChain(calls))
+    drawn = Trial(AT_ORIGIN, TopChain(calls))
 
     def places(name: str) -> list[float]:
         chosen = POLICIES[name](tools, drawn).chain
@@ -120,3 +122,16 @@ def test_orders_by_length_of_stations_in_a_line(tools: Toolset) -> None:
         assert refined.predicted.cost <= tools.predict(
             drawn.world, POLICIES[name](tools, drawn).chain
         ).cost + 0.05  # fmt: skip
+
+
+def test_the_listed_round_with_headings_0_keeps_headings_that_are_not_open(tools: Toolset) -> None:
+    top = LIBRARY["goToPose"]
+    first, dock, last = (Goal(Pose(x, 0.0, 1.5)) for x in (4.5, 1.0, -2.0))
+    opened = frozenset({"yaw", "order"})
+    calls = (TopCall(top, first, opened), TopCall(top, dock), TopCall(top, last, opened))
+    chosen = POLICIES["listed_fixed"](tools, Trial(AT_ORIGIN, TopChain(calls))).chain
+    assert [call.goal.pose for call in chosen.calls] == [
+        Pose(4.5, 0.0, 0.0),
+        Pose(1.0, 0.0, 1.5),
+        Pose(-2.0, 0.0, 0.0),
+    ]

@@ -216,3 +216,16 @@ def test_a_run_that_leaves_the_fence_is_stopped(kind: type[Early]) -> None:
     assert drive.x < 1.6
     assert drive.legs() == [(0, Ending.SUCCEEDED), (1, Ending.OUT_OF_BOUNDS)]
     assert drive.server.places == ()
+
+
+@kinds
+def test_a_station_beyond_the_fence_is_refused_and_never_passed(kind: type[Early]) -> None:
+    fence = Fence(-9.0, -9.0, 0.9, 9.0)
+    drive = Drive(kind, fence=fence)
+    assert "calls[0].goal (visit)" in (fence.violation(drive.run.executor.chain, ROBOT) or "")
+    drive.until()
+    assert drive.run.ending is Ending.OUT_OF_BOUNDS
+    assert "the robot would leave the fence" in drive.run.reason
+    assert drive.x < 0.9
+    assert drive.legs() == [(0, Ending.OUT_OF_BOUNDS)]
+    assert drive.server.places == ()

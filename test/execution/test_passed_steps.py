@@ -1,5 +1,6 @@
 """Chains whose steps pass their goals: the next action takes over while the robot drives."""
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -67,19 +68,18 @@ def executor(
     unreachable: float = 9.0,
     models: Mapping[str, Any] | None = None,
     driver: type[Driver] = Driver,
+    top: Top = VISIT,
 ) -> tuple[Any, list[str]]:
     """Return the executor of a chain of places (m) with whether the robot stops there."""
     events: list[str] = []
     library = TopLibrary(
         ROBOT,
         "default",
-        tops=(VISIT,),
+        tops=(top,),
         actions={"drive": lambda _: driver(events, unreachable)},
         goal_variables={"drive": (STOPS,)},
     )
-    calls = [
-        TopCall(VISIT, Goal(Pose(x, 0.0, 0.0), values={STOP: float(stop)})) for x, stop in stops
-    ]
+    calls = [TopCall(top, Goal(Pose(x, 0.0, 0.0), values={STOP: float(stop)})) for x, stop in stops]
     return ChainExecutor(library, TopChain(tuple(calls)), models=models or {}), events
 
 
@@ -123,6 +123,34 @@ def test_a_step_that_cannot_start_ends_the_chain_and_the_passed_action() -> None
     assert (step.status, step.message) == (Status.FAILED, "no way")
     assert events == ["start 1", "end 1"]
     assert [record.ending for record in run.records] == [Ending.SUCCEEDED, Ending.FAILED]
+
+
+CALM = dataclasses.replace(VISIT, pre=Condition((Term("robot.yaw", 0.0, 1.0),)))
+
+
+def test_the_pre_condition_of_the_next_step_must_hold_where_the_goal_is_passed() -> None:
+    run, events = executor((1.0, False), (2.0, True), top=CALM)
+    run.step(state(0.0, 0.0))
+    step = run.step(state(1.0, 0.8, 2.0))
+    assert step.status is Status.FAILED
+    assert step.message.startswith("pre-condition of visit: expected robot.yaw")
+    assert step.command == STANDING
+    assert events == ["start 1", "end 1"]
+    assert [(record.index, record.ending) for record in run.records] == [
+        (0, Ending.SUCCEEDED), (1, Ending.FAILED),
+    ]  # fmt: skip
+
+
+def test_a_step_that_cannot_take_over_yet_does_so_at_the_goal() -> None:
+    run, events = executor((1.0, False), (2.0, True), top=CALM, models={"drive": Nearer()})
+    run.step(state(0.0, 0.0))
+    step = run.step(state(0.6, 0.4, 2.0))
+    assert (step.command, step.status) == (None, Status.RUNNING)
+    assert events == ["start 1"]
+    run.step(state(0.8, 0.6, 0.0))  # not within its tolerance
+    assert events == ["start 1"]
+    run.step(state(1.0, 0.75, 0.0))
+    assert events[-2:] == ["2 takes over from 1", "end 1"]
 
 
 def test_an_interruption_ends_the_action_that_drives() -> None:

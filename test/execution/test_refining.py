@@ -339,6 +339,16 @@ def test_the_order_of_the_first_answer_is_executed(simulation: Simulation) -> No
     assert driven == pytest.approx([-1.0, -0.5, 0.0], abs=0.1)
 
 
+def test_the_order_of_a_chosen_alternative_is_that_of_its_own_calls() -> None:
+    run = execution(HERE, OPEN_STOPS, refine=True, now=0.0)
+    world = World(0.0, RobotState(START), {BALL: ObjectState(2.0, 0.0)})
+    run.tick(world, 0.0)
+    run.answer(Answer(OPEN_STOPS.reordered((1, 0, 2)), False, "3 s faster", chosen=1))
+    assert run.refining.reason == "alternative 1 is chosen: 3 s faster"
+    assert run.executor.chain.order == (1, 0, 2)
+    assert [each.goal.pose.x for each in run.executor.chain.calls] == [-1.0, -0.5, 0.0]
+
+
 def test_an_order_that_the_plan_does_not_open_is_refused() -> None:
     world = World(0.0, RobotState(START))
     question = Question(world, OPEN_STOPS, 0, 0.0)

@@ -41,6 +41,7 @@ def test_an_unchanged_robot_keeps_its_models(tmp_path: Path, shipped: Path) -> N
     assert switched <= 1
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("before", few([0, 150, 500], 0))
 def test_a_slower_robot_gets_new_models_soon(tmp_path: Path, shipped: Path, before: int) -> None:
     changed = episodes(45, seed=4, slower=1.3)
@@ -185,6 +186,7 @@ def test_avoided_failures_are_not_forgotten(tmp_path: Path) -> None:
     assert model.predict(direct_of(rows), ("success",)).success.mean() < 0.3
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("known", [True, False])
 def test_drives_that_were_held_up_are_described_apart(
     tmp_path: Path, shipped: Path, known: bool
@@ -206,6 +208,7 @@ def test_drives_that_were_held_up_are_described_apart(
     assert np.mean(np.abs(model.predict(direct_of(rows)).duration - rows["duration"])) < 0.4
 
 
+@pytest.mark.long
 def test_errors_of_a_tree_that_remains_become_known(tmp_path: Path) -> None:
     folder = tmp_path / "learned"
     file = folder / CURRENT / "goToPose.json"

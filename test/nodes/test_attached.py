@@ -38,6 +38,7 @@ def places(folder: Path, *points: tuple[float, float]) -> Path:
     return file
 
 
+@pytest.mark.long
 @pytest.mark.node
 def test_drives_are_kept_on_interruption_and_the_same_command_goes_on(
     hall: Hall, start: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

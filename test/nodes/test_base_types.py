@@ -71,6 +71,7 @@ def test_an_incompatible_quality_of_service_is_reported(host: Host, client: Clie
     assert outcome.reason.endswith(" fit: Volatile publisher and transient local subscription")
 
 
+@pytest.mark.long
 def test_the_result_reports_a_base_at_half_the_commanded_speed(host: Host, client: Client) -> None:
     host("executor", **SETTINGS)
     MovingBase(client, share=0.5).set_pace(3.0)

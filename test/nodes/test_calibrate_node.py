@@ -68,9 +68,10 @@ def test_constant_stamps_are_reported(
     )
 
 
+@pytest.mark.long
 def test_a_base_that_subscribes_to_stamped_commands_is_driven(domain: int, tmp_path: Path) -> None:
     client = Client(domain, silent=True)
-    MovingBase(client, TwistStamped).set_pace(10.0)
+    MovingBase(client, TwistStamped).set_pace(3.0)
     file = tmp_path / "mine.yaml"
     try:
         done = calibrate(domain, "--stamped", "true", "--v", "0.8", "--out", str(file))

@@ -24,6 +24,7 @@ EXECUTE = ("execute_chain", "ator_interfaces/action/ExecuteChain", CHAIN)
 PROGRAM = (sys.executable, str(ROOT / "examples" / "call.py"))
 
 
+@pytest.mark.long
 def test_a_service_is_called_and_its_answer_printed_and_a_topic_echoed(
     host: Host, client: Client, domain: int
 ) -> None:

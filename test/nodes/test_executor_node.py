@@ -19,8 +19,8 @@ from ator_ros.nodes.qos import LATCHED
 
 SETTINGS = {
     # Long, since the machine may be busy with other tests.
-    "executor": {"odom_timeout": 1.5, "refinement_timeout": 1.0},
-    "simulation": {"real_time_factor": 10.0, "command_wait": 0.5},
+    "executor": {"odom_timeout": 5.0, "refinement_timeout": 1.0},
+    "simulation": {"real_time_factor": 5.0, "command_wait": 2.0},
 }
 
 

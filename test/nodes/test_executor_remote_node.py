@@ -1,13 +1,17 @@
 """The executor with a domain file whose actions are on external servers."""
 
 import time
+from typing import Any
 
 import pytest
 from chain_client import call
 from hall import Hall
+from visualization_msgs.msg import MarkerArray
 
 from ator_interfaces.msg import Outcome
+from ator_interfaces.srv import RefineSubgoal
 from ator_ros.geometry import Pose
+from ator_ros.nodes.qos import LATCHED, SERVICES
 
 
 def test_a_chain_is_executed_by_a_server_while_cmd_vel_is_silent(hall: Hall) -> None:
@@ -27,6 +31,35 @@ def test_a_chain_is_executed_by_a_server_while_cmd_vel_is_silent(hall: Hall) -> 
         assert record.outcome.reason == "drive succeeded"
         assert record.actual.duration > 0.0
         assert record.actual.accuracy == pytest.approx(0.0, abs=1e-6)
+
+
+def test_stations_are_marked_with_their_numbers_as_sent_in_the_order_of_refinement(
+    hall: Hall,
+) -> None:
+    client = hall.client
+
+    def reverse(request: RefineSubgoal.Request, response: Any) -> Any:
+        response.chain.calls = list(request.chain.calls[::-1])
+        response.order = [1, 0]
+        response.accepted = response.refined = True
+        return response
+
+    client.within(
+        lambda: client.node.create_service(
+            RefineSubgoal, "refine_subgoal", reverse, qos_profile=SERVICES
+        )
+    )
+    markers = client.listen(MarkerArray, "chain_markers", LATCHED)
+    server, (first, second) = hall.serve(), (Pose(2.0, 0.0, 0.0), Pose(1.0, 0.0, 0.0))
+    chain = [call("visit", pose, opened=("order",)) for pose in (first, second)]
+    sent = hall.chains.send(chain, refine=True)
+    hall.reach(server, 1, second)
+    client.eventually(
+        lambda: {"2 (1st)", "1 (2nd)"} <= {each.text for each in markers[-1].markers}, "the numbers"
+    )
+    hall.reach(server, 2, first)
+    assert list(sent.result().record.order) == [1, 0]
+    assert sent.feedback[-1].step == 0
 
 
 @pytest.mark.parametrize("cancels", [True, False])

@@ -173,6 +173,7 @@ def test_a_chain_succeeds_with_lost_messages_and_a_late_ball(arena: Arena, relay
     assert outcome.code == Outcome.SUCCEEDED, outcome.reason
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("stage", few(STAGES, dribble))
 def test_the_executor_freezes(arena: Arena, stage: Stage) -> None:
     client = arena.new_client()
@@ -253,6 +254,7 @@ def test_nodes_start_in_any_order(order: tuple[str, ...], tmp_path: Path) -> Non
         arena.check()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", few(range(6), 0, 1))
 def test_goals_are_canceled_and_preempted_at_any_moment(arena: Arena, seed: int) -> None:
     """Send goals, each canceled or preempted after a random time; the last one succeeds."""

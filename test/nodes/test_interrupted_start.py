@@ -28,8 +28,8 @@ def handles_sigterm(pid: int) -> bool:
 
 
 @pytest.mark.parametrize("number", few([signal.SIGINT, signal.SIGTERM], signal.SIGINT))
-@pytest.mark.parametrize("delay", [0.0, 0.1, 0.3, 0.7, 1.5, 2.3])
-@pytest.mark.parametrize("program", PROGRAMS)
+@pytest.mark.parametrize("delay", few([0.0, 0.1, 0.3, 0.7, 1.5, 2.3], 0.3, 1.5))
+@pytest.mark.parametrize("program", few(list(PROGRAMS), "executor", "collect"))
 def test_a_signal_ends_a_program_that_starts_with_at_most_one_line(
     program: str, delay: float, number: signal.Signals, tmp_path: Path, domain: int
 ) -> None:

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 from process import PATIENCE, environment
+from selection import few
 
 OWN_NODES = """
 import signal, sys
@@ -72,7 +73,7 @@ def family(
             os.kill(child, signal.SIGKILL)
 
 
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
+@pytest.mark.parametrize("number", few([signal.SIGKILL, signal.SIGINT], signal.SIGKILL))
 def test_children_end_with_their_parent(
     family: tuple[subprocess.Popen[bytes], list[int]], number: signal.Signals
 ) -> None:

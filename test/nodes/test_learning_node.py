@@ -178,6 +178,7 @@ def published(place: Path, folder: Path) -> Path:
     return copy
 
 
+@pytest.mark.long
 def test_the_executor_loads_a_set(
     host: Host, client: Client, tmp_path: Path, slower: tuple[Path, Path]
 ) -> None:

@@ -54,6 +54,7 @@ def test_an_invalid_name_is_no_lease(client: Client, name: str) -> None:
     assert refusal(client, name).startswith("lease: expected the name of a topic")
 
 
+@pytest.mark.long
 def test_the_newest_lease_is_watched_until_its_client_is_gone(client: Client) -> None:
     lease = LeaseWatch(client.node)
     topic = client.within(lambda: publish_lease(client.node))

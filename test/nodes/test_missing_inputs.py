@@ -62,6 +62,7 @@ def test_missing_odometry(
     client.eventually(lambda: expected in health[-1].message, "diagnostics")
 
 
+@pytest.mark.long
 def test_an_object_with_stamps_of_another_clock_is_reported(host: Host, client: Client) -> None:
     host("executor", start_timeout=4.0)
     MovingBase(client)
@@ -77,6 +78,7 @@ def test_an_object_with_stamps_of_another_clock_is_reported(host: Host, client: 
     )
 
 
+@pytest.mark.long
 def test_a_goal_succeeds_though_odometry_is_slower_than_real_time(
     host: Host, client: Client
 ) -> None:
@@ -101,6 +103,7 @@ def test_a_robot_that_moves_when_odometry_returns_is_stopped(host: Host, client:
     client.eventually(lambda: base.commanded.linear.x == 0.0, "a command to stop")
 
 
+@pytest.mark.long
 def test_a_base_that_stalls_while_nodes_start_does_not_end_the_goal(
     host: Host, client: Client
 ) -> None:

@@ -14,6 +14,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from maps import hall_map
 from process import PATIENCE, environment
 from ros_client import Client, values_of
+from selection import few
 
 from ator_ros.bases.description import load_robot
 from ator_ros.domains.soccer.soccer_domain import SOCCER
@@ -189,6 +190,7 @@ refinement.main()
 """
 
 
+@pytest.mark.long
 def test_a_share_that_hangs_does_not_delay_the_end_of_a_node(tmp_path: Path, domain: int) -> None:
     arguments = ["--ros-args", "-p", f"learned:={tmp_path}"]
     ended = subprocess.run(
@@ -198,7 +200,7 @@ def test_a_share_that_hangs_does_not_delay_the_end_of_a_node(tmp_path: Path, dom
     assert ended.returncode == 0
 
 
-@pytest.mark.parametrize("fault", ["missing", "file", "stale", "gains"])
+@pytest.mark.parametrize("fault", few(["missing", "file", "stale", "gains"], "file"))
 def test_models_in_use_are_kept_while_the_learned_folder_has_a_fault(
     host: Host,
     client: Client,

@@ -40,6 +40,7 @@ def robots(shared: tuple[Processes, Client]) -> Iterator[dict[str, Client]]:
         client.close()
 
 
+@pytest.mark.long
 def test_a_chain_moves_one_robot_only(robots: dict[str, Client]) -> None:
     ann, bob = robots["ann"], robots["bob"]
     strange = [

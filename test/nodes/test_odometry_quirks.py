@@ -95,6 +95,7 @@ def base(client: Client) -> QuirkyBase:
     return QuirkyBase(client)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("quirk", [foreign, twist_in_odom])
 def test_odometry_with_a_quirk_drives_the_robot_to_its_goal(
     host: Host, client: Client, base: QuirkyBase, quirk: Quirk
@@ -109,6 +110,7 @@ def test_odometry_with_a_quirk_drives_the_robot_to_its_goal(
     assert "contradict" not in node.output
 
 
+@pytest.mark.long
 def test_an_unsigned_twist_drives_the_robot_to_a_goal_behind_it(
     host: Host, client: Client, base: QuirkyBase
 ) -> None:
@@ -121,6 +123,7 @@ def test_an_unsigned_twist_drives_the_robot_to_a_goal_behind_it(
     assert "pose and twist.linear contradict each other" in node.output
 
 
+@pytest.mark.long
 def test_a_twist_in_millimeters_drives_the_robot_to_its_goal_and_is_named(
     host: Host, client: Client, base: QuirkyBase
 ) -> None:

@@ -160,6 +160,7 @@ def test_both_robots_drive_at_the_same_time(planner: Planner) -> None:
         assert part.actual.duration == pytest.approx(part.predicted.duration, rel=0.1)
 
 
+@pytest.mark.long
 def test_the_printed_round_is_driven(planner: Planner) -> None:
     planner.reset()
     (text,) = (
@@ -173,6 +174,7 @@ def test_the_printed_round_is_driven(planner: Planner) -> None:
     assert "steps of ann 1, bob 2" in ran.stdout
 
 
+@pytest.mark.long
 def test_what_a_robot_leaves_the_other_one_does(
     planner: Planner, shared: tuple[Processes, Client]
 ) -> None:

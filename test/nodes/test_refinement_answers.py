@@ -1,11 +1,12 @@
 """Answers about invalid chains (in process)."""
 
+import numpy as np
 import pytest
 from chain_client import call
 from maps import hall_map
 from refinement_fakes import LIBRARY, ROBOT, USED, FakeModel, models, turning_time
 
-from ator_interfaces.msg import AlternativeChain, ObjectState, TopCall
+from ator_interfaces.msg import AlternativeChain, ObjectState, TopCall, TopChain
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.domains.domain import find_domain
 from ator_ros.execution.fence import Fence
@@ -13,6 +14,7 @@ from ator_ros.geometry import Pose
 from ator_ros.nodes.messages import answer_of, gain_of, pose_of
 from ator_ros.nodes.refinement import refine_request
 from ator_ros.refinement import RefinementError
+from ator_ros.refinement.gate import Gate
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.world.grid_map import GridMap
 
@@ -40,6 +42,40 @@ def test_openings_are_returned_unchanged() -> None:
     assert (
         sorted(answer.chain.calls[0].open) == sorted(answer.original.calls[0].open) == ["*", "yaw"]
     )
+
+
+def stations(*xs: float) -> list[TopCall]:
+    """Return stations on the line through the robot, which leave their order open."""
+    return [call("goToPose", Pose(x, 0.0, 0.0), opened=("order", "yaw")) for x in xs]
+
+
+def places(chain: TopChain) -> list[float]:
+    return [each.goal.pose.position.x for each in chain.calls]
+
+
+@pytest.mark.parametrize("refined", [True, False])
+def test_predictions_are_in_the_order_of_their_chains(refined: bool) -> None:
+    sent = request(*stations(2.0, -1.0, 1.0))
+    known = {"goToPose": FakeModel(turning_time, USED, spread=0.1 if refined else 100.0)}
+    refiner = Refiner(ROBOT, known, Gate(), ranges=LIBRARY.ranges)
+    found = refine_request(sent, refiner, LIBRARY, frame="odom")
+    answer = answer_of(found, sent, gain_of(), reason="", action_set="default", frame="odom")
+    assert answer.refined is refined
+    assert list(answer.original_order) == [0, 1, 2]
+    assert list(answer.best_order) == [1, 2, 0]
+    assert list(answer.order) == [1, 2, 0] if refined else [0, 1, 2]
+    assert places(answer.original) == [2.0, -1.0, 1.0]
+    assert places(answer.chain) == [-1.0, 1.0, 2.0] if refined else [2.0, -1.0, 1.0]
+    before, after = (
+        [action.duration for action in actions]
+        for actions in (answer.before_actions, answer.after_actions)
+    )
+    assert (sum(before), sum(after)) == pytest.approx(
+        (answer.before.duration, answer.after.duration)
+    )
+    assert np.argmax(after) == 1  # 2 m, the others 1 m
+    assert before[0] - after[0] == pytest.approx(3.0, abs=0.01)  # 4 m as listed
+    assert {free.subgoal for free in answer.free} == {0, 1, 2}
 
 
 class TestAlternatives:
@@ -108,6 +144,16 @@ class TestAlternatives:
 
     def test_chains_without_a_model_are_last(self) -> None:
         assert answered(self.request_for(self.near, self.far[:2]), "shoot").chosen == 1
+
+    def test_each_order_is_that_of_the_calls_of_its_own_chain(self) -> None:
+        sent = self.request_for(tuple(stations(4.0, 3.0, 2.0)), tuple(stations(0.0, -1.0)))
+        answer = answered(sent)
+        assert answer.chosen == 1
+        assert list(answer.order) == list(answer.best_order) == [1, 0]
+        assert places(answer.chain) == [-1.0, 0.0]
+        assert [list(each.order) for each in answer.alternatives] == [[2, 1, 0], [1, 0]]
+        assert places(answer.alternatives[0].chain) == [2.0, 3.0, 4.0]
+        assert answer.alternatives[1].cost == answer.cost_after < answer.alternatives[0].cost
 
     def test_a_single_chain_has_no_list(self) -> None:
         answer = answered(self.request_for(self.far))

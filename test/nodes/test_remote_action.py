@@ -14,6 +14,7 @@ from nav2_interfaces import provide_nav2_msgs
 from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from selection import few
 
 from ator_interfaces.action import ExecuteChain
 from ator_ros.actions.base import Goal, Status, Step
@@ -205,7 +206,10 @@ def test_a_goal_accepted_too_late_is_canceled(bench: Bench) -> None:
 
 @pytest.mark.parametrize(
     ("code", "most"),
-    [(CancelGoal.Response.ERROR_NONE, 1), (CancelGoal.Response.ERROR_UNKNOWN_GOAL_ID, 4)],
+    few(
+        [(CancelGoal.Response.ERROR_NONE, 1), (CancelGoal.Response.ERROR_UNKNOWN_GOAL_ID, 4)],
+        (CancelGoal.Response.ERROR_UNKNOWN_GOAL_ID, 4),
+    ),
 )
 def test_a_goal_whose_acceptance_is_lost_is_canceled_by_its_id(
     bench: Bench, code: int, most: int
@@ -394,6 +398,30 @@ def test_both_goals_are_canceled_if_the_newer_one_ends_first(bench: Bench) -> No
     bench.until(lambda: len(server.canceled) == 2)
 
 
+def test_a_server_that_hangs_before_it_accepts_a_newer_goal_is_detected(bench: Bench) -> None:
+    server = Server(bench.server_node)
+    bench.server_goals = lambda: server.goals
+    take_over(bench, early=True)
+    bench.freeze()
+    step, took = bench.outcome()
+    assert step.message == "drive did not answer the goal: expected that within 0.5 s"
+    assert took < 0.5 + SLACK
+    bench.resume()
+    bench.until(lambda: len(server.canceled) == 2)
+
+
+def test_a_server_that_hangs_as_soon_as_it_has_a_newer_goal_is_detected(bench: Bench) -> None:
+    server = Server(bench.server_node)
+    bench.server_goals = lambda: server.goals
+    take_over(bench, early=True)
+    bench.drive(lambda: len(server.goals) == 2)
+    bench.drive(lambda: bench.steps[-1].message == "executed by drive")
+    bench.freeze()
+    step, took = bench.outcome()
+    assert step.message == "drive is gone or hangs: expected a sign of life within 0.6 s, got none"
+    assert took < 0.6 + SLACK
+
+
 def test_a_server_is_ending_until_both_goals_are_over(bench: Bench) -> None:
     server = Server(bench.server_node)
     bench.server_goals = lambda: server.goals
@@ -424,9 +452,12 @@ def at(x: float) -> Goal:
 
 
 class Run:
-    """Actions that drive through three goals, with the server that does so."""
+    """Actions that drive through three goals, with the server that does so.
 
-    def __init__(self, bench: Bench, *, early: bool = False) -> None:
+    `result` is the timeout of its result in s.
+    """
+
+    def __init__(self, bench: Bench, *, early: bool = False, result: float = 600.0) -> None:
         kind = importlib.import_module("nav2_msgs.action").NavigateThroughPoses
         through = declared(
             server="through",
@@ -434,7 +465,7 @@ class Run:
             goal=(Filling("poses", source="goals", frame="map"),),
             success=Success(),
         )
-        timeouts = dataclasses.replace(through.timeouts, result=600.0)
+        timeouts = dataclasses.replace(through.timeouts, result=result)
         through = dataclasses.replace(through, timeouts=timeouts, early=early)
         self.bench = bench
         self.single = Server(bench.server_node)
@@ -511,6 +542,21 @@ def test_the_rest_of_a_run_is_sent_again_if_it_has_changed(through: Run) -> None
     through.bench.drive(lambda: len(through.server.goals) == 3)
     assert through.sent()[1:] == [[2.5, 3.0], [3.5]]
     assert not through.single.goals
+
+
+@pytest.mark.parametrize("early", [False, True])
+def test_each_leg_of_a_run_has_the_timeout_of_a_result(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch, early: bool
+) -> None:
+    provide_nav2_msgs(monkeypatch)
+    through = Run(bench, early=early, result=4.0)  # 0.8 real s
+    drive_for(bench, 0.5)
+    through.next(at(2.0), at(3.0))
+    drive_for(bench, 0.5)
+    step, took = bench.outcome()
+    assert step.message == "through took too long: expected a result within 4 s, got none"
+    assert took < 4.0 / 5.0 + SLACK
+    bench.until(lambda: through.server.goals[-1] in through.server.canceled)
 
 
 def test_a_run_is_canceled_in_its_middle(through: Run) -> None:

@@ -77,6 +77,7 @@ def updated(client: Client, queue: RoundSavingsQueue, *, is_busy: bool) -> Round
     return found
 
 
+@pytest.mark.long
 def test_the_planner_is_asked_once_a_second_and_only_while_the_server_is_idle(
     client: Client, planner: Planner
 ) -> None:

@@ -45,6 +45,7 @@ def world(shared: tuple[Processes, Client], simulation: Process) -> Client:
     return client
 
 
+@pytest.mark.long
 def test_state_is_published_at_20_hz_of_simulated_time(world: Client) -> None:
     client = world
     # A busy subscriber with a short queue would lose messages.

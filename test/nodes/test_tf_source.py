@@ -112,6 +112,7 @@ def test_requests_in_another_frame_are_transformed(host: Host, client: Client) -
     assert predicted("dock", Pose(0.0, 0.0, 0.0)) == pytest.approx(predicted("odom", dock))
 
 
+@pytest.mark.long
 def test_an_object_is_found_through_the_robots_camera(
     host: Host, client: Client, base: TfBase, tmp_path: Path
 ) -> None:
@@ -170,6 +171,7 @@ def test_transforms_that_wait_are_read_before_the_newest_pose_is_used(client: Cl
     assert len(taken) <= 3
 
 
+@pytest.mark.long
 def test_two_nodes_that_publish_the_robots_frame_are_named(
     host: Host, client: Client, base: TfBase
 ) -> None:

@@ -16,12 +16,12 @@ from std_srvs.srv import SetBool
 from tf2_msgs.msg import TFMessage
 
 from ator_interfaces.action import ExecuteChain
-from ator_interfaces.msg import ChainPerformance, Outcome
+from ator_interfaces.msg import ChainPerformance, Outcome, Performance
 from ator_interfaces.srv import PlaceObject, PlaceRobot, RefineSubgoal
 from ator_ros.domains.soccer.soccer_domain import SOCCER
 from ator_ros.domains.trials import random_trial
 from ator_ros.geometry import Pose
-from ator_ros.nodes.messages import object_odometry_of, odometry_of
+from ator_ros.nodes.messages import chain_of, object_odometry_of, odometry_of
 from ator_ros.nodes.network import NodesError
 from ator_ros.nodes.qos import LATCHED, NEWEST, RESULTS, SERVICES
 from ator_ros.nodes.simulation import transform_of
@@ -48,6 +48,7 @@ class MockNodes:
         self._ball: tuple[float, float] | None = None
         self._time, self._from_tf, self._sign = 0.0, from_tf, 1.0
         self.accepts = False
+        self.answer = RefineSubgoal.Response()
         self._goals: list[Any] = []
         self._own = Client(domain, name="executor", silent=True)
         node = self._own.node
@@ -58,7 +59,7 @@ class MockNodes:
             (PlaceRobot, "place_robot", self._place_robot),
             (PlaceObject, "place_ball", self._place_ball),
             (SetBool, "pause", self._pause),
-            (RefineSubgoal, "refine_subgoal", lambda _, response: response),
+            (RefineSubgoal, "refine_subgoal", lambda *_: self.answer),
         ):
             node.create_service(kind, name, answer, qos_profile=SERVICES)
         self._server = self._serve()
@@ -68,6 +69,10 @@ class MockNodes:
         self._status = node.create_publisher(ChainPerformance, "chain_under_way", LATCHED)
         node.create_timer(_PERIOD, self._publish)
         self.close = self._own.close
+
+    def report(self, status: ChainPerformance) -> None:
+        """Report the goal of another client."""
+        self._status.publish(status)
 
     def vanish(self) -> None:
         """Offer no action any more, as an executor that has ended."""
@@ -184,6 +189,7 @@ def mocked(domain: int, request: pytest.FixtureRequest) -> Iterator[Mocked]:
         yield backend, nodes
 
 
+@pytest.mark.long
 def test_a_noisy_object_does_not_delay_the_start(mocked: Mocked) -> None:
     backend, nodes = mocked
     backend.place(PLACES)
@@ -231,6 +237,7 @@ def test_a_chain_whose_executor_has_gone_is_lost(
     backend.stop()  # no chain is active any more
 
 
+@pytest.mark.long
 def test_an_interruption_waits_for_the_message_under_way(mocked: Mocked) -> None:
     backend, done = mocked[0], list[int]()
 
@@ -252,6 +259,35 @@ def test_a_robot_on_tf_is_observed(mocked: Mocked) -> None:
     world = backend.world()
     assert world.robot.pose.distance(nodes.robot) < 1e-6
     assert backend.state_age() < 5.0
+
+
+def test_orders_are_those_of_the_calls_as_sent(mocked: Mocked) -> None:
+    backend, nodes = mocked
+    sent, executed = (
+        chain_of(chain, action_set="", frame="odom")
+        for chain in (DRAFT.chain, DRAFT.chain.reordered((1, 0)))
+    )
+    nodes.answer = RefineSubgoal.Response(
+        accepted=True,
+        original=sent,
+        chain=executed,
+        order=[1, 0],
+        original_order=[0, 1],
+        best_order=[1, 0],
+        before_actions=[Performance(duration=each) for each in (1.0, 2.0)],
+        after_actions=[Performance(duration=each) for each in (3.0, 4.0)],
+    )
+    answer = backend.refine(DRAFT)
+    assert (answer.naive.order, answer.chain.order) == ((0, 1), (1, 0))
+    assert (answer.before, answer.after) == ((1.0, 2.0), (4.0, 3.0))
+
+    status = ChainPerformance(chain_id="a" * 32, chain=executed, order=[1, 0])
+    status.header.frame_id = status.start.header.frame_id = "odom"
+    nodes.report(status)
+    until(lambda: backend.external is not None, "the goal", lambda: backend.spin(0.02))
+    assert [call.top for call in backend.external.draft.chain.calls] == [
+        call.top for call in DRAFT.chain.calls
+    ]
 
 
 # With real nodes
@@ -284,7 +320,7 @@ def test_a_goal_of_another_client_is_followed_and_can_be_canceled(
     [run] = editor.runs
     assert record.outcome.code == Outcome.SUCCEEDED
     assert run.duration == pytest.approx(record.actual.duration)
-    assert run.actual == pytest.approx([action.actual.duration for action in record.actions])
+    assert run.actual == {each.step: each.actual.duration for each in record.actions}
     assert (answer.reason, answer.refined) == (record.refinement, record.refined)
 
     client.place(robot=START, ball=(0.0, 0.0))

@@ -100,6 +100,7 @@ def test_undisturbed_drives_are_learned_as_they_are() -> None:
     assert held_up_remark("drive_to", model.held_up) == []
 
 
+@pytest.mark.long
 def test_drives_that_are_long_for_a_reason_are_not_held_up() -> None:
     """Where the server has to turn by more than 120° it takes more than twice as long."""
     rows = dead_zone_drives(200, seed=6)

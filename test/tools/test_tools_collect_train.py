@@ -48,6 +48,7 @@ def learned(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "models"
 
 
+@pytest.mark.long
 def test_collect_writes_the_same_table_for_any_number_of_workers(tmp_path: Path) -> None:
     files = [tmp_path / "one.parquet", tmp_path / "two.parquet"]
     for jobs, file in enumerate(files, start=1):
@@ -90,6 +91,7 @@ def die(how: signal.Signals) -> None:
     os.kill(os.getpid(), how)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "number", few([signal.SIGINT, signal.SIGTERM, signal.SIGKILL], signal.SIGTERM)
 )

@@ -94,6 +94,7 @@ def test_result_is_the_same_for_any_number_of_workers(
     assert {name: row for name, row in again["summary"].items() if name != "command"} == first
 
 
+@pytest.mark.long
 def test_evaluation_continues_after_an_interruption(models: Path, tmp_path: Path) -> None:
     settings = Settings(
         seed=405,
@@ -115,6 +116,7 @@ def test_evaluation_continues_after_an_interruption(models: Path, tmp_path: Path
         )
 
 
+@pytest.mark.long
 def test_the_oracle_of_an_earlier_evaluation_is_taken(
     models: Path,
     finished: tuple[Path, dict[str, Any]],

@@ -3,6 +3,8 @@
 import dataclasses
 import math
 
+import numpy as np
+
 from ator_interfaces.msg import ActionPerformance, ChainPerformance, Outcome, Performance
 from ator_ros.domains.soccer.soccer_domain import SOCCER
 from ator_ros.evaluation.chain_run import run_chain
@@ -31,8 +33,8 @@ def record_of(
     outcome = Outcome(code=Outcome.SUCCEEDED)
     return ChainPerformance(
         actions=[
-            ActionPerformance(actual=Performance(duration=each), outcome=outcome)
-            for each in actions
+            ActionPerformance(step=step, actual=Performance(duration=each), outcome=outcome)
+            for step, each in enumerate(actions)
         ],
         actual=Performance(duration=duration),
         outcome=Outcome(code=code, reason=reason),
@@ -109,8 +111,11 @@ class InProcessBackend:
             found.refined,
             found.reason,
             *(
-                tuple(action["duration"] for action in whole.actions)
-                for whole in (found.before, found.after)
+                tuple(prediction.actions[place]["duration"] for place in np.argsort(chain.order))
+                for chain, prediction in (
+                    (found.original, found.before),
+                    (found.best, found.after),
+                )
             ),
             found.curves,
             selection.number,

@@ -26,6 +26,17 @@ def history_of(*chains: ChainPerformance) -> History:
     return history
 
 
+def test_chains_are_compared_in_the_order_as_sent() -> None:
+    naive, refined = (executed(duration, refined=duration < 9.0) for duration in (9.0, 7.5))
+    for record in (naive, refined):
+        for call, x in zip(record.chain.calls, (1.0, 2.0), strict=True):
+            call.goal.pose = pose_of(Pose(x, 0.0, 0.0))
+    refined.chain.calls = list(refined.chain.calls[::-1])
+    refined.order = [1, 0]
+    report = history_of(naive, refined).report()
+    assert "Gain over the naive chain from the same start: +1.50 s, mean of 1." in report
+
+
 def test_the_gain_is_over_the_last_unrefined_chain_from_the_same_start() -> None:
     history = history_of(
         executed(9.0, refined=False),

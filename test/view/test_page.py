@@ -1,6 +1,7 @@
 """The page, with clients that speak its protocol."""
 
 import contextlib
+import dataclasses
 import math
 import socket
 from collections.abc import Iterator
@@ -14,12 +15,15 @@ from view.in_process import InProcessBackend, record_of
 from view.viser_client import ViserClient, free_port
 
 from ator_interfaces.msg import Outcome
+from ator_ros.actions.base import Goal
+from ator_ros.actions.goal_variables import ORDER
 from ator_ros.domains.soccer.soccer_domain import SOCCER
 from ator_ros.geometry import Pose
 from ator_ros.nodes.segments import Label
 from ator_ros.simulation.urdf import robot_urdf
+from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.view.draft import situation_draft
-from ator_ros.view.editor import NAIVE, Editor
+from ator_ros.view.editor import NAIVE, REFINED, Editor
 from ator_ros.view.floor import LOOPBACK, Canvas, serve
 from ator_ros.view.page import Page, clock_text, gate_text, rules_text, times_text
 from ator_ros.view.runs import OTHERS, Run
@@ -230,6 +234,31 @@ def test_a_goal_of_another_client_is_drawn(shown: Shown) -> None:
     shown.step()
     client.until(lambda: "/trails/others" in client.scene, "the trail")
     client.close()
+
+
+def test_a_round_is_shown_in_its_order_with_the_numbers_of_its_stations(shown: Shown) -> None:
+    top = shown.backend.libraries["default"]["goToPose"]
+    opened = frozenset({"yaw", ORDER})
+    calls = [TopCall(top, Goal(Pose(x, 0.0, 0.0)), opened) for x in (2.0, 1.0)]
+    draft = dataclasses.replace(shown.editor.draft, chain=TopChain(tuple(calls)))
+    draft = draft.with_robot(Pose(0.0, 0.0, 0.0))
+    shown.page.commands.put(lambda: shown.editor.edit(lambda _: draft))
+    shown.step()
+    answer = shown.editor.answer
+    assert answer is not None
+    assert answer.chain.order == (1, 0)
+    client = shown.join()
+    for name, x in (("station0", 2.0), ("station1", 1.0)):
+        client.until(lambda n=name: client.scene.get(f"/chain/{n}"), name)
+        assert client.scene[f"/chain/{name}"][:2] == (x, 0.0)
+    client.close()
+    driven = record_of(2.5, 1.5, code=Outcome.SUCCEEDED, duration=4.0)
+    for action, step in zip(driven.actions, (1, 0), strict=True):
+        action.step = step
+    *_, naive, best, run = times_text(answer, [Run(REFINED, driven)]).splitlines()
+    assert run == "| refined, driven | 1.50 | 2.50 | 4.00 |"
+    # from the second station to the first one it is 1 m, from the start 2 m
+    assert float(best.split("|")[2]) < float(naive.split("|")[2])
 
 
 def test_a_port_in_use_is_skipped_and_a_foreign_host_rejected() -> None:
