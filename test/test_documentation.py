@@ -51,7 +51,6 @@ BY_TEST = {
     r".*examples/call\.py( /reset .*)?": "nodes/test_call_example.py::test_a_service_is_",
     r"ros2 (service|action) \w+": "nodes/test_call_example.py::test_a_service_is_",
     r"make run EXE=\w+ .*my_config.*": f"{_ROS}::test_a_copy_of_the_configuration_is_used",
-    r"ros2 action send_goal /execute_chain .*": f"{_ROS}::test_the_printed_requests",
     r"make run EXE=(simulation|executor|refinement)( .*factor.*)?": f"{_ROS}::test_nodes_run_witho",
     r"ros2 service call /(refine_subgoal|reset|place_ball) .*": f"{_ROS}::test_the_printed_request",
     r"ros2 service call /plan_chains .*": f"{_ROS}::test_the_printed_requests",

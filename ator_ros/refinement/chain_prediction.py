@@ -492,10 +492,7 @@ class ChainModel(StepModel):
             rows = [*rows, *reference.rows]
             calls = (*calls, *reference.calls)
         super().__init__(rows, calls, names, robot, models=models, objective=objective)
-        self.given = [
-            np.array([goal_values(call.goal)[name] for name in names], dtype=float)
-            for call, names in zip(chain.calls, self.names, strict=True)
-        ]
+        self.given = values_of(chain, names)
 
     def costs_of_step(self, index: int) -> StepCosts:
         """Return a function for the costs of one action alone, whatever the number of the step."""
@@ -543,6 +540,15 @@ class ChainModel(StepModel):
         """Return each step's index and direct variables, for values (k,) of each subgoal."""
         pairs = itertools.pairwise((np.zeros(0), *values))
         return [(index, self.rows[index].values(*pair)) for index, pair in enumerate(pairs, first)]
+
+
+def values_of(chain: TopChain, names: Sequence[Sequence[str]]) -> list[FloatArray]:
+    """Return the chain's own values of the goal variables with these names, shapes (k,)."""
+    found = []
+    for call, own in zip(chain.calls, names, strict=True):
+        values = goal_values(call.goal)
+        found.append(np.array([values[name] for name in own], dtype=float))
+    return found
 
 
 def error_of_sum(chains: Sequence[ChainModel], signs: Sequence[float]) -> GainError:

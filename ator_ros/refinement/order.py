@@ -123,7 +123,7 @@ class OrderSearch:
         possible = None
         if depends_on_order(self._chain) and self._is_exact:
             possible = possible_steps(self._chain, self._ordering, self._world, self._robot)
-        found: list[tuple[TopChain, float]] = []
+        found: tuple[_Table, list[LegOrder]] | None = None
         as_it_is = list(range(len(self._chain)))
         order = as_it_is
         for candidates in grids:
@@ -137,13 +137,15 @@ class OrderSearch:
             if all(each.order != tuple(as_it_is) for each in orders):
                 orders.append(LocalSearch(table.costs, self._ordering, as_it_is).found())
                 orders.sort(key=lambda each: each.cost)
-            chains = [(self._written(table, each), each.cost) for each in orders]
-            found = [each for each in chains if not each[0].violations(self._world, self._robot)]
-            if found:
-                order = list(orders[0].order)
+            found = table, orders
+            order = list(orders[0].order)
             if deadline():
                 break
-        return found
+        if found is None:
+            return []
+        table, orders = found
+        chains = [(self._written(table, each), each.cost) for each in orders]
+        return [each for each in chains if not each[0].violations(self._world, self._robot)]
 
     @property
     def _is_exact(self) -> bool:

@@ -19,6 +19,7 @@ from ator_ros.refinement.chain_prediction import (
     ChainPrediction,
     GainError,
     PredictsPerformance,
+    values_of,
 )
 from ator_ros.refinement.free_variables import (
     Analysis,
@@ -213,6 +214,7 @@ class Refiner:
         names = names_of(chain, analysis.free)
         work = Work(expected=expected_work(_axes(chain, analysis)))
         if placeholders:
+            chain = naive_on_paths(world, chain, self.robot, self.ranges)
             chain = self._fastest_alone(world, chain, analysis.free, regions, deadline, work)
         model = ChainModel(
             world, chain, self.robot, models=self.models, names=names, objective=objective
@@ -233,15 +235,21 @@ class Refiner:
         start: _Searched,
         deadline: Deadline,
         work: Work,
+        given: TopChain | None = None,
     ) -> _Searched:
-        """Return a chain with the best values of its free variables; unchanged without time."""
+        """Return a chain with the best values of its free variables; unchanged without time.
+
+        `given` has the values from which a searched chain is searched again.
+        """
         if deadline():
             return start
+        model = start.model
         optimum = search(
-            start.model.step_costs,
+            model.step_costs,
             _axes(start.chain, start.analysis),
-            start.model.given,
+            model.given if given is None else values_of(given, model.names),
             allowed=start.regions.allowing(),
+            first_costs=start.optimum.first_costs,
             deadline=deadline,
             work=work,
         )
@@ -292,7 +300,7 @@ class Refiner:
                 continue
             free = each.analysis.free
             naive = self._fastest_alone(world, each.chain, free, each.regions, deadline, work)
-            again = self._searched_from(world, naive, reference, deadline, work)
+            again = self._searched(each, deadline, work, naive)
             best = self._better(world, best, again)
         complete = best.optimum.complete and bool(orders) and not deadline()
         optimum = dataclasses.replace(best.optimum, complete=complete)
@@ -334,7 +342,8 @@ class Refiner:
         them, the value is that of `naive_on_paths`. Raises RefinementError as `refine` does.
         """
         analysis, regions = self.bounded(world, chain)
-        return self._fastest_alone(world, chain, analysis.free, regions, no_deadline, Work())
+        on_paths = naive_on_paths(world, chain, self.robot, self.ranges)
+        return self._fastest_alone(world, on_paths, analysis.free, regions, no_deadline, Work())
 
     def _fastest_alone(
         self,
@@ -345,8 +354,7 @@ class Refiner:
         deadline: Deadline,
         work: Work,
     ) -> TopChain:
-        """Return `chain` with naive values of its open variables, by models until the deadline."""
-        chain = naive_on_paths(world, chain, self.robot, self.ranges)
+        """Return `chain` with naive values of its free variables, by models until the deadline."""
         for variable in free:
             if variable.domain.rest is not None and variable.name != STOP:
                 chain = replaced(chain, variable.subgoal, {variable.name: variable.domain.rest})

@@ -55,6 +55,7 @@ _SHRINKS = 0.5  # least factor by which a window shrinks in a round
 _REACH = 2.0  # least half width of a window in last moves: windows follow a bent valley
 _TRIES = 40  # points tested for each candidate in a region, of _POINTS
 _POINTS = 1 << 13
+_NOT_KNOWN = np.empty((0, 0))
 _CALL = 40  # pairs that take as long as a call without pairs: 60 us, and 1.5 us, as shipped
 
 
@@ -143,6 +144,8 @@ class Optimum:
         Row of the best candidate among the last ones of each subgoal.
     costs : sequence of ndarray, shapes (n, m)
         Cost of each step with the last candidates of the subgoals before (n) and after it (m).
+    first_costs : sequence of ndarray, shapes (n, m)
+        The same with the first candidates, without the given values; empty if not all are known.
     complete : bool
         False if the deadline ended the search.
     """
@@ -152,6 +155,7 @@ class Optimum:
     curves: Sequence[SearchCurve]
     rows: Sequence[int] = ()
     costs: Sequence[FloatArray] = ()
+    first_costs: Sequence[FloatArray] = ()
     complete: bool = True
 
     @property
@@ -166,6 +170,7 @@ def search(
     given: Sequence[FloatArray] | None = None,
     *,
     allowed: Allowed | None = None,
+    first_costs: Sequence[FloatArray] = (),
     deadline: Deadline = no_deadline,
     work: Work | None = None,
 ) -> Optimum:
@@ -184,6 +189,8 @@ def search(
         never worse.
     allowed : callable, optional
         Limits the candidates, but for given values.
+    first_costs : sequence of ndarray, optional
+        Those of another search that differs in the given values only.
     deadline : callable, optional
         Once it has passed, subgoals that have not been searched keep their given values. Without
         given values, all first candidates are evaluated nevertheless.
@@ -204,17 +211,20 @@ def search(
                 candidates[index] = np.vstack((values, candidates[index]))
     elif not all(map(len, candidates)):
         raise NoCandidateError("expected candidates of every subgoal, got none")
-    path = least_path(step_costs, candidates, deadline if given is not None else no_deadline)
+    of_first = deadline if given is not None else no_deadline
+    path = least_path(step_costs, candidates, of_first, first_costs)
     curves = path.curves
+    if path.complete:
+        first_costs = _last_costs(path.costs, [len(window.first) for window in windows])
     cycle = _turns(free) * max(free)  # most valleys are narrow in one variable only
     without_gain = 0
     for number in range(cycle * _ROUNDS):
         if without_gain == cycle:
             break
         if not path.complete or deadline():
-            return dataclasses.replace(path, curves=curves, complete=False)
+            return dataclasses.replace(path, curves=curves, first_costs=first_costs, complete=False)
         candidates = []
-        known: list[FloatArray | None] = []  # costs between subgoals that keep their candidates
+        known = []  # costs between subgoals that keep their candidates
         rows_before = [0]
         kept_before = True
         for index, window in enumerate(windows):
@@ -226,7 +236,7 @@ def search(
                 costs = path.costs[index].take(rows_before, axis=0)
                 known.append(costs.take(best, axis=1))
             else:
-                known.append(None)
+                known.append(_NOT_KNOWN)
             candidates.append(centers if kept else window.around(centers, number))
             rows_before = best
             kept_before = kept
@@ -236,7 +246,16 @@ def search(
             window.shrink(start, end, number)
         gains = former.cost - path.cost > _GAIN * abs(former.cost) / len(axes)
         without_gain = 0 if gains else without_gain + 1
-    return dataclasses.replace(path, curves=curves)
+    return dataclasses.replace(path, curves=curves, first_costs=first_costs)
+
+
+def _last_costs(costs: Sequence[FloatArray], counts: Sequence[int]) -> list[FloatArray]:
+    """Return the costs of each step between so many of the last candidates of each subgoal."""
+    found = []
+    for cost, last in zip(costs, itertools.pairwise((1, *counts)), strict=True):
+        row, column = np.subtract(cost.shape, last).tolist()
+        found.append(cost[row:, column:])
+    return found
 
 
 def _counted(step_costs: StepCosts, work: Work) -> StepCosts:
@@ -261,14 +280,14 @@ def least_path(
     step_costs: StepCosts,
     candidates: Sequence[FloatArray],
     deadline: Deadline = no_deadline,
-    known: Sequence[FloatArray | None] = (),
+    known: Sequence[FloatArray] = (),
 ) -> Optimum:
     """Find the best candidate of each subgoal; after the deadline, later ones keep the first.
 
-    `known` are the costs (n, m) of each step, None where they must be evaluated; by default all
-    must be.
+    `known` are the costs (n, m) of each step with the last n and m candidates; the others are
+    evaluated, by default all.
     """
-    unknown = [None] * len(candidates)
+    unknown = [_NOT_KNOWN] * len(candidates)
     costs = _evaluated(step_costs, candidates, known or unknown, deadline)
     in_time = len(costs)
     if in_time < len(candidates):
@@ -296,41 +315,46 @@ def least_path(
         values.append(among[rows[index]])
         curves.append(SearchCurve(among, forward[index] + backward[index]))
     is_complete = in_time == len(candidates)
-    return Optimum(values, total, curves, rows, costs, is_complete)
+    return Optimum(values, total, curves, rows, costs, complete=is_complete)
 
 
 def _evaluated(
     evaluate: StepCosts,
     candidates: Sequence[FloatArray],
-    known: Sequence[FloatArray | None],
+    known: Sequence[FloatArray],
     deadline: Deadline,
 ) -> list[FloatArray]:
     """Return the costs (n, m) of each step, evaluated if not known; of fewer if time is up."""
     costs: list[FloatArray] = []
     blocks: list[tuple[list[Pairs], list[FloatArray]]] = []  # pairs, and their parts of the costs
     room = 0  # pairs for which the last block has room
+    before = np.zeros((1, 0))
     for index, after in enumerate(candidates):
-        given = known[index]
-        if given is not None:
-            costs.append(given)
-            continue
-        before = candidates[index - 1] if index else np.zeros((1, 0))
-        costs.append(np.empty((len(before), len(after))))
-        rows = max(1, BLOCK // len(after))
-        for first in range(0, len(before), rows):
-            part = costs[-1][first : first + rows]
-            room -= part.size
-            if room < 0:
-                blocks.append(([], []))
-                room = BLOCK - part.size
-            pairs, results = blocks[-1]
-            pairs.append((index, before[first : first + rows, None], after))
-            results.append(part)
+        cost = np.empty((len(before), len(after)))
+        new_rows, new_columns = np.subtract(cost.shape, known[index].shape).tolist()
+        cost[new_rows:, new_columns:] = known[index]
+        costs.append(cost)
+        unknown = [
+            (cost[:new_rows], before[:new_rows], after),
+            (cost[new_rows:, :new_columns], before[new_rows:], after[:new_columns]),
+        ]
+        for part, befores, afters in unknown:
+            rows = max(1, BLOCK // max(1, len(afters)))
+            for first in range(0, len(befores) if part.size else 0, rows):
+                result = part[first : first + rows]
+                room -= result.size
+                if room < 0:
+                    blocks.append(([], []))
+                    room = BLOCK - result.size
+                pairs, results = blocks[-1]
+                pairs.append((index, befores[first : first + rows, None], afters))
+                results.append(result)
+        before = after
     for pairs, results in blocks:
         if deadline():
             return costs[: pairs[0][0]]
-        for result, cost in zip(results, evaluate(pairs), strict=True):
-            result[:] = cost
+        for result, values in zip(results, evaluate(pairs), strict=True):
+            result[:] = values
     return costs
 
 

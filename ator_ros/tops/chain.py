@@ -55,8 +55,9 @@ class Top:
 
         Else None.
         """
-        holds = self.point is Point.HOLD or "hold" in self.pre.things() | self.post.things()
-        if not holds or robot.holder is not None:
+        if robot.holder is not None:
+            return None
+        if self.point is not Point.HOLD and "hold" not in self.pre.things() | self.post.things():
             return None
         return f"{self.name} needs a holder; robot {robot.name} has none"
 

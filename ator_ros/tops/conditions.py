@@ -10,7 +10,7 @@ import dataclasses
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated, Any
 
 import numpy as np
@@ -384,6 +384,20 @@ class Condition:
 
     terms: tuple[Statement, ...] = ()
     relations: tuple[Relation, ...] = ()
+    _things: frozenset[str] = field(init=False, repr=False, compare=False)
+    _objects: frozenset[str] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        names = (
+            name
+            for term in self.terms
+            for name in (term.variable, term.target)
+            if isinstance(name, str)
+        )
+        places = (place for relation in self.relations for place in relation.places)
+        things = frozenset((*(name.partition(".")[0] for name in names), *places))
+        object.__setattr__(self, "_things", things)  # once, as searches project many worlds
+        object.__setattr__(self, "_objects", things.difference(RESERVED))
 
     def goal_names(self) -> frozenset[str]:
         """Return the goal variables, also declared ones, that this condition names as targets."""
@@ -394,18 +408,11 @@ class Condition:
 
     def things(self) -> frozenset[str]:
         """Return the names before the dots of its variables: objects, robot, hold and goal."""
-        names = (
-            name
-            for term in self.terms
-            for name in (term.variable, term.target)
-            if isinstance(name, str)
-        )
-        places = (place for relation in self.relations for place in relation.places)
-        return frozenset((*(name.partition(".")[0] for name in names), *places))
+        return self._things
 
     def objects(self) -> frozenset[str]:
         """Return the names of the objects whose variables this condition names."""
-        return self.things().difference(RESERVED)
+        return self._objects
 
     def violations(
         self,

@@ -54,17 +54,25 @@ def test_a_round_is_predicted_and_driven(start: Start, client: Client, domain: i
     answer = yaml.safe_load(called("ros2 service call /predict_durations"))
     assert answer["durations"] == pytest.approx(stated(r"`\[(.*?)\]`\s+in s"), abs=0.01)
 
-    called("ros2 service call /reset")
-    times = r"([\d.]+) s\s+driven, ([\d.]+) s\s+predicted; nine of ten[^`]*?refined"
-    output = called("ros2 action send_goal -f ")
-    driven, predicted = stated(times, output)
-    assert [driven, predicted] == pytest.approx(stated(times), abs=0.5)
-    assert predicted == pytest.approx(stated(times)[1], abs=0.1)
+    def driven(*change: str) -> str:
+        called("ros2 service call /reset")
+        return called("ros2 action send_goal -f ", change or ("", ""))
+
+    times = r"([\d.]+) s\s+driven, ([\d.]+) s\s+predicted"
+    order = r"refined: order ([\d,\s]+\d),\s"
     saved = r"predicted to save ([\d.]+) s"
+    output = driven()
+    assert stated(times, output) == pytest.approx(stated(times), abs=0.5)
+    assert stated(times, output)[1] == pytest.approx(stated(times)[1], abs=0.1)
+    assert stated(order, output) == stated(order)
     assert stated(saved, output) == pytest.approx(stated(saved), abs=0.1)
 
-    called("ros2 service call /reset")
-    passing = called("ros2 action send_goal -f ", ("open: [yaw]", "open: [yaw, speed]"))
-    without_stops = stated(r"it need not stop: here ([\d.]+) s")
-    assert stated(r"([\d.]+) s driven", passing) == pytest.approx(without_stops, abs=0.5)
-    assert "arrived" in called("ros2 action send_goal /")
+    seconds = r"([\d.]+) s driven"
+    as_listed = driven(", order", "")
+    assert stated(seconds, as_listed) == pytest.approx(
+        stated(r"only headings are refined: ([\d.]+) s"), abs=0.5
+    )
+    passing = driven("order]", "order, speed]")
+    assert stated(seconds, passing) == pytest.approx(
+        stated(r"it need not stop: here ([\d.]+) s"), abs=0.5
+    )
