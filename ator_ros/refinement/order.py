@@ -197,7 +197,9 @@ class OrderSearch:
             work.add(size)
             block = []
             size = 0
-        costs_at_end = costs_of_end(candidates, self._names, self._ordering, width)
+        costs_at_end = costs_of_end(
+            candidates, self._names, self._ordering, width, self._chain.calls
+        )
         return _Table(candidates, costs, costs_at_end)
 
     def _possible(self, origin: int, end: int, candidates: Sequence[FloatArray]) -> BoolArray:
@@ -262,7 +264,7 @@ class OrderSearch:
             candidate = table.candidates[index][row]
             columns = dict(zip(self._names[index], candidate, strict=True))
             values = {name: columns[name] for name in self._free[index]}
-            if STOP in values and index == found.order[-1]:
+            if index == found.order[-1] and chain.calls[index].may_stop:
                 values[STOP] = 1.0
             if values:
                 chain = chain.with_goal(index, with_values(chain.calls[index].goal, values))

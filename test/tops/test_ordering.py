@@ -6,11 +6,12 @@ import itertools
 import pytest
 from refinement_fakes import ANGLE, LIBRARY, NOTHING, ROBOT, call, world
 
-from ator_ros.actions.goal_variables import ORDER
+from ator_ros.actions.goal_variables import ORDER, STOP, with_values
 from ator_ros.tops.chain import InvalidChainError, TopCall, TopChain
 from ator_ros.tops.ordering import in_valid_order, ordering_of, possible_steps
 
 OPEN = ANGLE | {ORDER}
+PASSED = {STOP: 0.0}
 
 
 def stop(x: float, *after: int, opened: frozenset[str] = OPEN) -> TopCall:
@@ -124,3 +125,15 @@ def test_possible_steps_are_those_of_the_valid_orders() -> None:
         moved = chain.reordered(order)
         assert can(order) == (not moved.violations(world(), ROBOT))
     assert LIBRARY["goToBall"].pre.terms
+
+
+def test_the_last_call_of_a_valid_order_stops() -> None:
+    passed = [
+        dataclasses.replace(each, goal=with_values(each.goal, PASSED))
+        for each in (stop(1.0), stop(2.0))
+    ]
+    last = stop(3.0)
+    valid = in_valid_order(TopChain((passed[0], last, passed[1])), world(), ROBOT)
+    assert valid.order[-1] == 1
+    with pytest.raises(InvalidChainError, match="passing: the last step of a chain must stop"):
+        in_valid_order(TopChain(tuple(passed)), world(), ROBOT)
