@@ -1,5 +1,6 @@
 """Models of an action that passes its goals: what a stop costs, and what is unknown of it."""
 
+import math
 from dataclasses import replace
 from functools import cache
 
@@ -9,10 +10,15 @@ import pytest
 from experience_rows import synthetic_experience
 from maps import hall_map
 
+from ator_ros.actions.goal_variables import STOP, with_values
 from ator_ros.domains.domain import find_domain
+from ator_ros.geometry import Pose
 from ator_ros.performance.features import feature_table
 from ator_ros.performance.model import Passing, PerformanceModel
 from ator_ros.performance.training import direct_of, train, without_errors
+from ator_ros.refinement.refiner import Refiner
+from ator_ros.tops.chain import TopCall, TopChain
+from ator_ros.world.state import RobotState, World
 
 DOMAIN = find_domain("patrol")
 ROBOT = DOMAIN.robot()
@@ -69,6 +75,39 @@ def test_drives_of_both_kinds_show_what_stops_cost() -> None:
     fresh = legs(200, 2, passing=True)
     errors = fresh["duration"] - model.predict(direct_of(fresh)).duration
     assert np.abs(errors).mean() < 0.15
+
+
+@pytest.mark.long
+def test_slow_sharp_turns_at_passed_stations_are_learned_and_refinement_stops_there() -> None:
+    rows = legs(100, 5, passing=True)
+    features = DOMAIN.candidates("pursue")
+    (moving_turn,) = (each for each in features if each.name == "moving_turn")
+    (turns,) = feature_table(direct_of(rows), ROBOT, [moving_turn]).T
+    slow = rows["duration"] + 6.0 * (turns > math.radians(120.0))
+    model = train("pursue", rows.assign(duration=slow, time_to_go=slow), ROBOT, features=features)
+
+    def duration(yaw: float) -> float:
+        direct = {**LEG, "v": 0.4, "stopg": 1.0, "yaw": yaw, "yawg": 0.0}
+        predicted = model.predict(direct).duration
+        assert predicted is not None
+        return float(predicted[0])
+
+    assert duration(3.1) > duration(1.0) + 2.0 * STOP_TIME
+
+    library = DOMAIN.library(ROBOT)
+    visit = library["visit"]
+    refiner = Refiner(ROBOT, {"pursue": model}, ranges=library.ranges)
+    start = World(0.0, RobotState(Pose(0.0, 0.0, 0.0)))
+
+    def first_stop(second_x: float) -> float:
+        places = (Pose(2.0, 0.0, 0.0), Pose(second_x, 0.5, 0.0))
+        goals = [with_values(library.goal(visit, place), {STOP: 1.0}) for place in places]
+        calls = [TopCall(visit, goal, frozenset({STOP})) for goal in goals]
+        best = refiner.refine(start, TopChain(tuple(calls)), placeholders=True).best
+        return best.calls[0].goal.values[STOP]
+
+    assert first_stop(4.0) == 0.0
+    assert first_stop(0.0) == 1.0
 
 
 def test_the_heading_of_a_goal_that_is_passed_does_not_count() -> None:

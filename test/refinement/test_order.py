@@ -365,3 +365,16 @@ def test_the_longest_chain_is_ordered() -> None:
     found = cheap.refine(here, chain, placeholders=True)
     assert sorted(found.best.order) == list(range(LONGEST_CHAIN))
     assert found.after.cost < 0.4 * found.before.cost
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", range(2))
+def test_thirty_stations_are_within_two_percent_of_the_best_known_order(seed: int) -> None:
+    """The best known order is that of four more searches, which begin with other orders."""
+    cheap = Refiner(ROBOT, {"goToPose": FakeModel(turning_time, USED)})
+    rng = np.random.default_rng(seed)
+    chain = TopChain(tuple(stop(*map(float, rng.uniform(-4.0, 4.0, 2))) for _ in range(30)))
+    found = cheap.refine(world(), chain, placeholders=True).after.cost
+    others = [chain.reordered(rng.permutation(30).tolist()) for _ in range(4)]
+    costs = [cheap.refine(world(), other, placeholders=True).after.cost for other in others]
+    assert found <= 1.02 * min(costs)

@@ -3,11 +3,14 @@
 import dataclasses
 import itertools
 import math
+from collections.abc import Mapping
 
 import numpy as np
 import pytest
+from maps import hall_map
 from refinement_fakes import ANGLE, NOTHING, ROBOT, USED, FakeModel, call, models, turning_time
 
+from ator_ros.bases.routes import routes_of
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.refinement.step_durations import HEADINGS, DurationTable, predict_durations
 from ator_ros.tops.chain import AllowedRange, TopCall
@@ -80,3 +83,36 @@ def test_parts_are_those_of_the_whole_table() -> None:
     for first, last in itertools.combinations(range(6), 2):
         for part, values in zip(table.part(2, first, last), whole, strict=True):
             assert part == pytest.approx(values[first:last, 2])
+
+
+def test_the_table_asks_a_planner_once_for_each_pair_of_places() -> None:
+    asked = []
+
+    def planner(start: tuple[float, float], goal: tuple[float, float]) -> FloatArray:
+        asked.append((start, goal))
+        return np.array([start, goal])
+
+    robot = dataclasses.replace(ROBOT, grid=dataclasses.replace(hall_map(), planner=planner))
+    routes = routes_of(robot)
+    assert routes is not None
+
+    def route_length(direct: Mapping[str, FloatArray]) -> FloatArray:
+        return routes.between(*(direct[name] for name in ("x", "y", "xg", "yg"))).length
+
+    known = {"goToPose": FakeModel(route_length, USED)}
+    places = [(float(x), float(y)) for x in (-3.0, 1.0, 3.0) for y in (-2.0, 2.0)]
+    stops = [call("goToPose", x, y, 0.0, ANGLE) for x, y in places]
+    start = World(0.0, RobotState(Pose(-1.0, 1.0, 0.0)))
+
+    def table() -> FloatArray:
+        made = DurationTable.of_pairs([start], stops, known, robot=robot, ranges=USUAL_RANGES)
+        return made.whole().durations
+
+    found = table()
+    lines = [[math.dist(one, other) for other in places] for one in [(-1.0, 1.0), *places]]
+    assert found == pytest.approx(np.array(lines))
+    expected = {(one, other) for one in [(-1.0, 1.0), *places] for other in places if one != other}
+    assert set(asked) == expected
+    assert len(asked) == len(expected)
+    table()
+    assert len(asked) == len(expected)
