@@ -70,3 +70,12 @@ def test_an_interrupted_demo_reports_its_runs_and_leaves_no_node(
     assert "of 1 situations succeeded" in output
     assert (tmp_path / "demo.png").is_file()
     assert not [pid for pid in nodes if Path(f"/proc/{pid}").exists()]
+
+
+@pytest.mark.long
+def test_a_team_plays_soccer_and_delivers(tmp_path: Path) -> None:
+    ended = run(DEMO, "--team", *QUICKLY, "--out", tmp_path / "team.png")
+    assert ended.returncode == 0, ended.stdout + ended.stderr
+    assert "   0.0 s: ann " in ended.stdout
+    assert " driven by the last robot, " in ended.stdout
+    assert (tmp_path / "team.png").read_bytes().startswith(b"\x89PNG")
