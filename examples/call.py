@@ -16,6 +16,7 @@ import argparse
 import importlib
 import math
 import re
+import signal
 import sys
 import time
 from collections.abc import Callable
@@ -255,4 +256,5 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
+    signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # end where a reader such as head has ended
     sys.exit(main())

@@ -84,7 +84,7 @@ class DriveMonitor:
         Takes all messages.
     domain : Domain
         The given one, with the watched paths as routes: models for `use` are for it.
-    speeds : ObservedDrives
+    observed : ObservedDrives
         What drives have shown so far.
     """
 
@@ -103,7 +103,7 @@ class DriveMonitor:
         self._frame = frame
         self._paths = paths
         self.domain = driven_on(self._paths, domain)
-        self.speeds = ObservedDrives()
+        self.observed = ObservedDrives()
         self._models: dict[str, PerformanceModel] = {}
         self._first_drives: defaultdict[str, deque[tuple[RobotState, Pose, float]]] = defaultdict(
             lambda: deque(maxlen=_FIRST)
@@ -175,7 +175,7 @@ class DriveMonitor:
             goal.pose,
             goal.first_path,
             model=model,
-            speeds=self.speeds,
+            observed=self.observed,
             values=usual_values(self.domain, goal.action),
             source=self._basis(goal.action),
         )
@@ -215,7 +215,7 @@ class DriveMonitor:
             length = float(np.hypot(*np.diff(path, axis=0).T).sum())
             if not goal.is_passed and length > LOOK_AHEAD:  # turns on the spot show no speed
                 limit = time_at_limits(self._robot, situation.robot, situation.goal.pose, path)
-                self.speeds.add(limit, made.duration, _pace_of(made))
+                self.observed.add(limit, made.duration, _pace_of(made))
             if not is_learned and not goal.is_passed:
                 drive = situation.robot, situation.goal.pose, made.duration
                 self._first_drives[goal.action].append(drive)

@@ -121,10 +121,10 @@ class DriveEstimator:
     """Estimates a running drive.
 
     At its start `total` s are predicted. The estimate keeps that total as long as the rest of the
-    path neither needs more time nor leaves less to do. What is left takes at least the length by
-    the greatest speed, and the turn at its end. It takes at most the length by the greatest speed,
-    and all the time beside that which was predicted, with its spread. An estimate outside these
-    bounds is moved to the nearer one.
+    path neither needs more time nor leaves less to do. What is left takes at least the length at
+    the greatest speed, and the turn at its end. It takes at most the length at the greatest speed,
+    and the predicted extra time with its spread. An estimate outside these bounds is moved to the
+    nearer one.
 
     Attributes
     ----------
@@ -136,8 +136,8 @@ class DriveEstimator:
         How the server drives at most.
     turn_rate : float
         The robot's greatest one in rad/s; that of drives without great turns is no bound.
-    beside : float
-        Predicted time in s beside that of the length by the greatest speed.
+    extra_time : float
+        Predicted time in s beyond that of the length at the greatest speed.
     goal_yaw : float
         The goal's heading in rad, to which the robot turns at the end of the path.
     """
@@ -148,7 +148,7 @@ class DriveEstimator:
     basis: str
     pace: Pace
     turn_rate: float
-    beside: float
+    extra_time: float
     goal_yaw: float
     _near: int = field(default=0, init=False)
     _last_turn: float = field(default=0.0, init=False)
@@ -168,7 +168,7 @@ class DriveEstimator:
         driving = max(0.0, rest - pace.ends_within) / pace.speed
         turning = max(0.0, turn - pace.ends_within_angle) / self.turn_rate
         least = driving + turning
-        most = rest / pace.speed + self.beside + self.spread
+        most = rest / pace.speed + self.extra_time + self.spread
         remaining = max(least, min(self.total - elapsed, most))
         return self._estimate(elapsed, remaining)
 
@@ -200,7 +200,7 @@ def drive_estimator(
     path: FloatArray,
     *,
     model: PerformanceModel | None,
-    speeds: ObservedDrives,
+    observed: ObservedDrives,
     values: Mapping[str, float] = MappingProxyType({}),
     source: str = "",
 ) -> DriveEstimator:
@@ -221,7 +221,7 @@ def drive_estimator(
     source : str
         What the model is, for `basis`.
     """
-    pace = speeds.pace
+    pace = observed.pace
     if pace is None:
         pace = Pace(robot.greatest_speed(), _USUAL_SHORT, _USUAL_SHORT)
     shortest = float(np.hypot(*np.diff(path, axis=0).T).sum()) / pace.speed
@@ -230,8 +230,8 @@ def drive_estimator(
         total, spread, bound = predicted
         basis = source
     else:
-        is_known = not math.isnan(speeds.lateness)
-        lateness = speeds.lateness if is_known else 1.0
+        is_known = not math.isnan(observed.lateness)
+        lateness = observed.lateness if is_known else 1.0
         total = lateness * time_at_limits(robot, start, goal, path)
         spread = _USUAL_SPREAD * total
         bound = total + _BOUND * spread
@@ -243,7 +243,7 @@ def drive_estimator(
         basis,
         pace,
         robot.greatest_turn_rate,
-        beside=max(0.0, total - shortest),
+        extra_time=max(0.0, total - shortest),
         goal_yaw=goal.yaw,
     )
 

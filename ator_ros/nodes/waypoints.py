@@ -20,7 +20,6 @@ from rclpy.node import Node
 from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import Outcome
 from ator_interfaces.msg import TopChain as ChainMessage
-from ator_ros.actions.goal_variables import ORDER, STOP, STOPS, with_values
 from ator_ros.bases.description import Robot
 from ator_ros.domains.domain import Domain
 from ator_ros.geometry import Pose
@@ -454,16 +453,11 @@ class WaypointsNode(Node):
             expect_frame(other, f"{where}.header.frame_id", expected=self._frame)
         if start is not None:
             pose = pose._replace(yaw=math.atan2(pose.y - start.y, pose.x - start.x))
-        violation = self._fence.violation(TopChain((self._call(pose),)), self._robot, where)
+        call = TopCall(self._top, self._library.goal(self._top, pose))
+        violation = self._fence.violation(TopChain((call,)), self._robot, where)
         if violation is not None:
             raise MessageError(violation)
         return pose
-
-    def _call(self, pose: Pose, opened: Iterable[str] = (), *, passes: bool = False) -> TopCall:
-        goal = self._library.goal(self._top, pose)
-        if passes:
-            goal = with_values(goal, {STOP: 0.0})
-        return TopCall(self._top, goal, frozenset(opened))
 
     def _kept_headings(self, goal: WaypointGoal) -> set[int]:
         """Return the indices of the waypoints that keep their heading in each round."""
@@ -487,25 +481,23 @@ class WaypointsNode(Node):
     def _may_pass(self, goal: WaypointGoal) -> bool:
         """Return whether refinement may decide that the robot passes waypoints of a goal."""
         passing = self._settings["passing"]
-        wanted = passing == ALWAYS or (passing == THROUGH_POSES and not goal.is_follow_waypoints)
-        return wanted and STOPS in self._library.goal_variables(self._top)
+        return passing == ALWAYS or (passing == THROUGH_POSES and not goal.is_follow_waypoints)
 
     def _chain(self, goal: WaypointGoal, legs: Sequence[int]) -> ChainMessage:
         calls = []
         kept = self._kept_headings(goal)
         for leg in legs:
-            opened = set()
-            passes = False
-            if not self._is_kept(goal, leg):
-                if goal.waypoint_index(leg) not in kept:
-                    opened.add("yaw")
-                    if self._may_pass(goal):
-                        opened.add(STOP)
-                        passes = leg != legs[-1] and not goal.is_follow_waypoints
-                keeps_place = leg == goal.end - 1 and self._settings["keep_last"]
-                if self._is_open and not keeps_place:
-                    opened.add(ORDER)
-            calls.append(self._call(goal.target(leg), opened, passes=passes))
+            is_kept = self._is_kept(goal, leg)
+            is_last = leg == goal.end - 1 and self._settings["keep_last"]
+            call = self._library.station(
+                self._top,
+                goal.target(leg),
+                keeps_place=is_kept or is_last or not self._is_open,
+                keeps_heading=is_kept or goal.waypoint_index(leg) in kept,
+                may_pass=self._may_pass(goal),
+                passes=leg != legs[-1] and not goal.is_follow_waypoints,
+            )
+            calls.append(call)
         return chain_of(TopChain(tuple(calls)), action_set="", frame=self._frame)
 
     async def _execute_chains(self, goal: WaypointGoal) -> tuple[int, str]:

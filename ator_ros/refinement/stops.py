@@ -15,6 +15,7 @@ import numpy as np
 from ator_ros.actions.goal_variables import STOP
 from ator_ros.geometry import BoolArray, FloatArray, wrap_angles
 from ator_ros.refinement.search import Allowed
+from ator_ros.tops.chain import TopCall
 from ator_ros.tops.ordering import Ordering
 
 
@@ -86,13 +87,17 @@ def costs_of_end(
     names: Sequence[tuple[str, ...]],
     ordering: Ordering,
     width: int,
+    calls: Sequence[TopCall],
 ) -> FloatArray:
     """Return the costs of ending with each candidate of each call, shape (n + 1, width).
 
-    The first row is of the start. They are infinite for candidates that pass the last call.
+    The first row is of the start. They are infinite for candidates that pass the last call, and for
+    calls that pass it and do not open that.
     """
     costs = np.zeros((len(candidates) + 1, width))
     for index in ordering.groups[-1]:
         passing = passing_rows(candidates[index], names[index])
         costs[index + 1, : len(passing)][passing] = math.inf
+        if calls[index].passing and not calls[index].may_stop:
+            costs[index + 1] = math.inf
     return costs

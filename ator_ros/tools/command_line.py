@@ -179,7 +179,7 @@ def run_tool(
         if getattr(options, "nav2", None) is not None:
             _find_nav2(options)
         domain = domain_for(options.domain, options.robot).on_map(options.map)
-    except (ReadableError, OSError, ValueError) as error:
+    except (ReadableError, OSError) as error:
         # parser.error would print the usage, which does not help with an error in a domain's file.
         parser.exit(2, f"{parser.prog}: error: {one_line(error, _LONGEST_LINE)}\n")
     options.domain = options.domain or domain.name

@@ -124,15 +124,12 @@ def table(situations: Sequence[DemoSituation]) -> str:
 def _times(situation: DemoSituation, run: Run) -> dict[str, str]:
     """Return predicted and actual time of each step and of the chain."""
     answer = situation.answer
-    refined = run.record.refined
-    predicted = answer.after if refined else answer.before
-    chain = answer.chain if refined else answer.naive
-    actual = [action.actual.duration for action in run.record.actions]  # fewer if it failed
-    steps = sorted(zip(chain.order, predicted, actual, strict=False))
+    predicted = answer.after if run.record.refined else answer.before
     cells = {}
-    for index, before, after in steps:
-        name = f"{index + 1} {situation.chain.calls[index].top.name}"
-        cells[name] = f"{seconds(before)} / {seconds(after)}"
+    for index, call in enumerate(situation.chain.calls):
+        if index in run.actual:  # not all if it failed
+            name = f"{index + 1} {call.top.name}"
+            cells[name] = f"{seconds(predicted[index])} / {seconds(run.actual[index])}"
     of_chain = f"{seconds(sum(predicted))} / {seconds(run.duration)}"
     return {**cells, "chain": "failed" if math.isnan(run.duration) else of_chain}
 

@@ -23,7 +23,6 @@ from rclpy.signals import SignalHandlerOptions
 
 from ator_interfaces.action import ExecuteChain
 from ator_interfaces.msg import Outcome
-from ator_ros.actions.goal_variables import ORDER, STOP, STOPS, with_values
 from ator_ros.bases.description import Robot
 from ator_ros.domains.domain import Domain
 from ator_ros.execution.fence import Fence
@@ -55,7 +54,8 @@ from ator_ros.world.state import RobotState, World
 _coordinate = number(-FARTHEST, FARTHEST)
 _angle = number(-math.tau, math.tau)
 _LARGEST = 100_000  # bytes of a file of places
-_DISCOVERY = 3.0  # real s in which DDS finds a running executor
+# real s in which DDS finds a running executor: two of its announcements, every 3 s
+_DISCOVERY = 6.0
 
 
 def _places(options: argparse.Namespace) -> list[list[float]]:
@@ -92,23 +92,20 @@ def _round(
 ) -> TopChain:
     """Return the chain to all places, and to `home` if it is given."""
     top = driving_top(library)
-    can_pass = options.passing and STOPS in library.goal_variables(top)
-    fixed_end = home is not None or options.as_listed or options.keep_last
     calls = []
     for index, (x, y, *yaw) in enumerate(places, start=1):
-        opened = set() if yaw else {"yaw"}
-        if options.passing and not yaw:
-            opened.add(STOP)
-        keeps_place = options.as_listed or (options.keep_last and index == len(places))
-        if not keeps_place:
-            opened.add(ORDER)
-        goal = library.goal(top, Pose(x, y, *(yaw or [0.0])))
-        is_end = home is None and index == len(places)
-        if can_pass and not yaw and fixed_end and not is_end:
-            goal = with_values(goal, {STOP: 0.0})
+        is_last = index == len(places)
+        call = library.station(
+            top,
+            Pose(x, y, *(yaw or [0.0])),
+            keeps_place=options.as_listed or (options.keep_last and is_last),
+            keeps_heading=bool(yaw),
+            may_pass=options.passing,
+            passes=home is not None or not is_last,
+        )
         headings = [] if yaw else options.headings
         allowed = tuple(AllowedRange("yaw", low, high) for low, high in headings)
-        call = TopCall(top, goal, frozenset(opened), allowed=allowed)
+        call = dataclasses.replace(call, allowed=allowed)
         calls.append(call.within_allowed(library.robot, library.ranges))
     if home is not None:
         calls.append(TopCall(top, library.goal(top, home)))

@@ -201,6 +201,11 @@ class TopCall:
         """Whether the robot passes the goal without a stop."""
         return passes(self.goal)
 
+    @property
+    def may_stop(self) -> bool:
+        """Whether the plan opens `STOP`, for an action that has it as a goal variable."""
+        return self.opens(STOP) and STOP in self.goal.values
+
     def stop_fault(self, following: TopCall | None) -> str | None:
         """Return why the robot cannot pass the goal if `following` is the next call.
 

@@ -7,12 +7,19 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from types import MappingProxyType
 
 from ator_ros.actions.base import Action, Goal
-from ator_ros.actions.goal_variables import GoalVariable, goal_values
+from ator_ros.actions.goal_variables import (
+    ORDER,
+    STOP,
+    STOPS,
+    GoalVariable,
+    goal_values,
+    with_values,
+)
 from ator_ros.actions.situation import Situation
 from ator_ros.bases.description import ConfigError, Robot
 from ator_ros.geometry import Pose
 from ator_ros.printable import quoted
-from ator_ros.tops.chain import Top
+from ator_ros.tops.chain import Top, TopCall
 from ator_ros.tops.conditions import state_of
 from ator_ros.tops.objects import missing_object
 from ator_ros.tops.ranges import USUAL_RANGES, Ranges
@@ -118,6 +125,42 @@ class TopLibrary(Mapping[str, Top]):
             top.point,
             values,
         )
+
+    def can_pass(self, top: Top) -> bool:
+        """Return whether the robot can pass goals of `top`, by `STOP` or with an arrival speed."""
+        return STOPS in self.goal_variables(top) or "speed" in self.ranges
+
+    def station(
+        self,
+        top: Top,
+        pose: Pose,
+        *,
+        keeps_place: bool,
+        keeps_heading: bool,
+        may_pass: bool = False,
+        passes: bool = False,
+    ) -> TopCall:
+        """Return the call of `top` that visits a station of a round.
+
+        Parameters
+        ----------
+        keeps_place, keeps_heading : bool
+            Whether its place in the round, and its heading, are not open.
+        may_pass : bool
+            Whether it is open if the robot stops there, unless the heading is kept.
+        passes : bool
+            Whether the robot passes it in the round as listed, if that is open. The last station of
+            a round must stop.
+        """
+        goal = self.goal(top, pose)
+        opened = set() if keeps_heading else {"yaw"}
+        if not keeps_heading and may_pass and self.can_pass(top):
+            opened.add(STOP)
+            if passes and STOP in goal.values:
+                goal = with_values(goal, {STOP: 0.0})
+        if not keeps_place:
+            opened.add(ORDER)
+        return TopCall(top, goal, frozenset(opened))
 
 
 def top_of(

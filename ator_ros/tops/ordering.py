@@ -7,7 +7,7 @@ orders further, and so do the conditions: in each step the pre-condition must ho
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -168,12 +168,13 @@ class _Search:
         ordering: Ordering,
         robot: Robot,
     ) -> None:
+        self._chain = chain
         self._calls = chain.calls
         self._before = ordering.before
         self._robot = robot
         self._group_at = [group for group in ordering.groups for _ in group]
         self._tried = 0
-        self._dead_ends: set[tuple[frozenset[int], RobotState, _Objects]] = set()
+        self._dead_ends: set[tuple[frozenset[int], RobotState, _Objects, tuple[int, ...]]] = set()
         self._deepest = -1
         self._violations: list[str] = []
 
@@ -190,7 +191,8 @@ class _Search:
         """
         if len(done) == len(self._calls):
             return done
-        situation = (frozenset(done), world.robot, _objects(world))
+        passed = done[-1:] if done and self._calls[done[-1]].passing else ()
+        situation = (frozenset(done), world.robot, _objects(world), passed)
         if situation in self._dead_ends:
             return None
         left = [index for index in self._group_at[len(done)] if index not in done]
@@ -200,30 +202,35 @@ class _Search:
             self._tried += 1
             if self._tried > _MOST_TRIED:
                 return None
-            call = self._calls[index]
-            state = state_of(world, self._robot)
-            violations = call.top.pre.violations(state, goal_values(call.goal))
-            if violations:
-                self._record(done, index, violations)
+            if fault := self._fault(world, done, index):
+                self._record(len(done), fault)
                 continue
-            found = self.order_from(projected(world, call, self._robot), (*done, index))
+            after = projected(world, self._calls[index], self._robot)
+            found = self.order_from(after, (*done, index))
             if found is not None:
                 return found
         self._dead_ends.add(situation)
         return None
 
-    def _record(
-        self,
-        done: tuple[int, ...],
-        index: int,
-        violations: Sequence[str],
-    ) -> None:
-        if len(done) > self._deepest:
-            self._deepest = len(done)
+    def _fault(self, world: World, done: tuple[int, ...], index: int) -> str:
+        """Return why a call cannot follow those `done`, after which `world` is; empty if it can."""
+        call = self._calls[index]
+        state = state_of(world, self._robot)
+        violations = call.top.pre.violations(state, goal_values(call.goal))
+        if violations:
+            return f"pre-condition of {self._chain.step_name(index)}: {violations[0]}"
+        fault = self._calls[done[-1]].stop_fault(call) if done else None
+        if fault:
+            return f"{self._chain.step_name(done[-1])}: passing: {fault}"
+        fault = call.stop_fault(None) if len(done) + 1 == len(self._calls) else None
+        return f"{self._chain.step_name(index)}: passing: {fault}" if fault else ""
+
+    def _record(self, depth: int, fault: str) -> None:
+        if depth > self._deepest:
+            self._deepest = depth
             self._violations = []
-        if len(done) == self._deepest:
-            where = f"pre-condition of step {index + 1} ({self._calls[index].top.name})"
-            self._violations.append(f"{where}: {violations[0]}")
+        if depth == self._deepest:
+            self._violations.append(fault)
 
 
 def possible_steps(
@@ -231,8 +238,11 @@ def possible_steps(
     ordering: Ordering,
     world: World,
     robot: Robot,
-) -> list[BoolArray]:
+    deadline: Callable[[], bool],
+) -> list[BoolArray] | None:
     """Return, group by group, which calls may follow in each situation, by their pre-conditions.
+
+    None if the deadline passed before the end.
 
     Element [done, last, j] of a group's array, shape (2**m, n + 1, m): whether the group's j-th
     call may follow call `last` - 1 (0: the start) after those calls of the group whose bits `done`
@@ -249,6 +259,8 @@ def possible_steps(
         reached: list[_Worlds] = [{} for _ in range(1 << size)]
         reached[0] = entries
         for done, last, number in _extensions(reached, needed):
+            if deadline():
+                return None
             call = calls[group[number]]
             for there in reached[done][last].values():
                 state = state_of(there, robot)

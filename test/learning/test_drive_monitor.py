@@ -125,7 +125,7 @@ def test_drives_that_pass_their_goals_bound_no_other_drive(tmp_path: Path) -> No
         (drive,) = watched.monitor.ended()
         assert drive.goal.is_passed
         assert drive.episode is not None
-    assert watched.monitor.speeds.pace is None
+    assert watched.monitor.observed.pace is None
 
 
 def test_paths_of_drives_survive_a_restart(watched: Watched) -> None:

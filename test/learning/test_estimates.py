@@ -104,22 +104,22 @@ def test_the_rest_of_a_path_that_crosses_itself_is_not_cut() -> None:
     assert rest == pytest.approx(18.0 - 2.5, abs=0.5)
 
 
-def start(speeds: ObservedDrives) -> DriveEstimator:
+def start(observed: ObservedDrives) -> DriveEstimator:
     return drive_estimator(
         ROBOT, AT_REST, Pose(LENGTH, 0.0, 0.0), PATH,
-        model=None, speeds=speeds,
+        model=None, observed=observed,
     )  # fmt: skip
 
 
 def test_without_a_model_it_is_the_time_at_the_limits_as_late_as_former_drives() -> None:
-    speeds = ObservedDrives()
-    first = start(speeds)
+    observed = ObservedDrives()
+    first = start(observed)
     gaining = ROBOT.greatest_speed() / (2.0 * min(axis.rate for axis in ROBOT.axes[:1]))
     assert first.total == pytest.approx(LENGTH / ROBOT.greatest_speed() + 2.0 * gaining, rel=0.05)
     assert first.basis == BY_LIMITS
     for _ in range(3):
-        speeds.add(4.0, 6.0, PACE)
-    later = start(speeds)
+        observed.add(4.0, 6.0, PACE)
+    later = start(observed)
     assert later.total == pytest.approx(1.5 * first.total)
     assert later.basis == BY_DRIVES
 
@@ -132,14 +132,14 @@ def test_turns_count_on_the_way_through_poses() -> None:
 
 
 def test_lateness_is_unknown_before_three_drives() -> None:
-    speeds = ObservedDrives()
-    speeds.add(4.0, 10.0, PACE)
-    assert math.isnan(speeds.lateness)
-    assert speeds.pace is None
+    observed = ObservedDrives()
+    observed.add(4.0, 10.0, PACE)
+    assert math.isnan(observed.lateness)
+    assert observed.pace is None
 
 
 def test_the_pace_is_bounded_by_all_drives() -> None:
-    speeds = ObservedDrives()
+    observed = ObservedDrives()
     for number in range(5):
-        speeds.add(4.0, 10.0, Pace(0.5, 0.1 * number, 0.2))
-    assert speeds.pace == Pace(0.5, pytest.approx(0.4), 0.2)
+        observed.add(4.0, 10.0, Pace(0.5, 0.1 * number, 0.2))
+    assert observed.pace == Pace(0.5, pytest.approx(0.4), 0.2)

@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import pytest
 from conftest import Host, Start
 from documentation import ROOT
+from nav_msgs.msg import Odometry
 from process import environment, run
 from ros_client import Client
 
@@ -39,6 +40,21 @@ def test_a_service_is_called_and_its_answer_printed_and_a_topic_echoed(
     assert printed[0] == "header:"
     assert "child_frame_id: base_link" in printed
     assert any("x: -2.0" in line for line in printed)  # pose.pose.position.x
+
+
+@pytest.mark.long
+def test_it_ends_quietly_where_its_reader_has_ended(client: Client, domain: int) -> None:
+    publisher = client.node.create_publisher(Odometry, "spoken", 10)
+    client.node.create_timer(0.05, lambda: publisher.publish(Odometry()))
+    command = (*PROGRAM, "echo", "spoken")
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "env": environment(domain)}
+    with subprocess.Popen(command, text=True, **pipes) as echoing:
+        assert echoing.stdout is not None
+        assert echoing.stdout.readline() == "header:\n"
+        echoing.stdout.close()
+        assert echoing.wait(timeout=60.0) == -signal.SIGPIPE
+        assert echoing.stderr is not None
+        assert echoing.stderr.read() == ""
 
 
 def test_a_goal_is_sent_and_feedback_and_result_printed_and_an_interrupt_cancels_it(

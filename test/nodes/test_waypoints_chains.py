@@ -91,7 +91,7 @@ def waypoints(
     """Yield a client of the node with the parameters of the test."""
     provide_nav2_msgs(monkeypatch)
     made = Waypoints(client)
-    host("waypoints", domain="drive", **request.param)
+    host("waypoints", **{"domain": "drive", **request.param})
     yield made
     made.close()
 
@@ -128,6 +128,27 @@ def test_a_waypoint_missed_in_an_open_order_is_named_as_sent(waypoints: Waypoint
     assert response.status == GoalStatus.STATUS_ABORTED
     assert [each.index for each in response.result.missed_waypoints] == [0]
     assert response.result.error_msg == "poses[0]: blocked"
+
+
+@pytest.mark.parametrize(
+    ("waypoints", "opened", "passing"),
+    [
+        ({"domain": "patrol"}, ["stop", "yaw"], True),
+        ({"domain": "patrol", "passing": "never"}, ["yaw"], False),
+        ({"domain": "patrol", "order": "open", "keep_last": False}, ["order", "stop", "yaw"], True),
+        ({"domain": "drive"}, ["stop", "yaw"], False),  # that is, an arrival speed
+        ({"domain": "tour"}, ["yaw"], False),  # it cannot pass
+    ],
+    indirect=["waypoints"],
+)
+def test_stations_may_be_passed_if_the_action_can(
+    waypoints: Waypoints, opened: list[str], passing: bool
+) -> None:
+    waypoints.send("NavigateThroughPoses", 3.0, 1.0, 2.0)
+    calls = waypoints.executor.goals[-1].request.chain.calls
+    assert [list(call.open) for call in calls[:2]] == [opened] * 2
+    assert [call.passing for call in calls] == [passing, passing, False]
+    waypoints.end([0, 1, 2])
 
 
 @with_parameters()

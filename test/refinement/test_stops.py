@@ -39,6 +39,9 @@ MODEL.passing = PASSING  # type: ignore[attr-defined]
 MODELS = {**models(), "goToPose": MODEL}
 REFINER = Refiner(ROBOT, MODELS, ranges={**USUAL_RANGES, **declared_ranges([STOPS])})
 
+UNAWARE = Refiner(ROBOT, models(), ranges={**USUAL_RANGES, **declared_ranges([STOPS])})
+"""Its models do not know of stops, as those of path times."""
+
 
 def station(x: float, y: float, *opened: str, stop: float = 1.0) -> TopCall:
     made = call("goToPose", x, y, 0.0, frozenset(opened))
@@ -112,10 +115,24 @@ def test_headings_are_refined_where_the_robot_stops() -> None:
 
 
 def test_a_model_that_does_not_know_of_stops_leaves_them() -> None:
-    refiner = Refiner(ROBOT, models(), ranges={**USUAL_RANGES, **declared_ranges([STOPS])})
-    found = refiner.refine(START, chain(station(1.0, 0.0, STOP), station(2.0, 0.0)))
+    found = UNAWARE.refine(START, chain(station(1.0, 0.0, STOP), station(2.0, 0.0)))
     assert stops(found.best) == [1.0, 1.0]
     assert found.not_free[0].reason == "used by no performance model of a neighboring action"
+
+
+def test_a_passed_station_becomes_the_last_one_only_if_its_stop_is_open() -> None:
+    for opened, order in (((STOP, ORDER), (1, 2, 0)), ((ORDER,), (1, 0, 2))):
+        sent = chain(
+            station(3.0, 0.0, *opened, stop=0.0),
+            station(0.0, 0.0, *opened, stop=0.0),
+            station(1.0, 0.0, STOP, ORDER),
+        )
+        found = UNAWARE.refine(START, sent, placeholders=True)
+        assert found.original.order == (0, 1, 2)
+        assert stops(found.original) == [0.0, 0.0, 1.0]
+        assert found.best.order == order
+        assert not found.best.violations(START, ROBOT)
+        assert found.complete
 
 
 def test_stop_opens_the_arrival_speed_of_an_action_that_has_one() -> None:
@@ -130,5 +147,4 @@ def test_the_reference_passes_where_the_plan_does() -> None:
     found = REFINER.refine(START, chain(*back), placeholders=True)
     assert stops(found.original) == [0.0, 0.0, 1.0]
     assert stops(found.best) == [1.0, 0.0, 1.0]
-    unaware = Refiner(ROBOT, models(), ranges={**USUAL_RANGES, **declared_ranges([STOPS])})
-    assert stops(unaware.refine(START, chain(*back), placeholders=True).best) == [0.0, 0.0, 1.0]
+    assert stops(UNAWARE.refine(START, chain(*back), placeholders=True).best) == [0.0, 0.0, 1.0]

@@ -38,6 +38,16 @@ def run(
     return Run("refined", record_of(*durations, code=code, duration=total, **given))
 
 
+def test_the_times_of_a_round_are_those_of_its_stations() -> None:
+    chain = TopChain(TRIAL.chain.calls[:2])
+    answer = Answer(chain, chain.reordered((1, 0)), True, "", (3.1, 4.1), (2.1, 5.1))
+    refined = run(total=7.0, refined=True)
+    refined.record.actions = [refined.record.actions[1], refined.record.actions[0]]
+    text = table([DemoSituation(TRIAL.world, chain, answer, run(total=7.0), refined)])
+    assert "1 refined 2.10 / 3.00" in " ".join(text.split())
+    assert "5.10 / 4.00 7.20 / 7.00" in " ".join(text.split())
+
+
 def test_the_table_shows_gains_and_failures() -> None:
     shorter = TopChain(TRIAL.chain.calls[:2])
     times = 2 * [(3.1, 4.1, math.nan)]
