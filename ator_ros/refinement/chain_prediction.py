@@ -7,6 +7,7 @@ actions in these situations and adds up their costs.
 
 from __future__ import annotations
 
+import copy
 import itertools
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -193,6 +194,19 @@ class StepRows:
         self._free = [direct_name(name) for name in free]
         self._changed = changed
 
+    def starting(
+        self,
+        start: Mapping[str, float],
+        changed: Callable[[FloatArray], Mapping[str, Any]] | None,
+    ) -> StepRows:
+        """Return the variables of a step to the same subgoal that starts elsewhere."""
+        other = copy.copy(self)
+        other._fixed = self._fixed.copy()
+        for name, value in start.items():
+            other._fixed[self._row[name]] = value
+        other._changed = changed
+        return other
+
     def values(self, before: FloatArray, after: FloatArray) -> FloatArray:
         """Return the direct variables, shape (names, ...), for candidates (..., k), broadcast.
 
@@ -276,10 +290,10 @@ def leg_rows(
             else _present(world)
         )
         changes.append(exact.start if call.top.arrives and free else None)
-    return [
-        StepRows(starts[origin + 1], calls[end].goal, names[end], changes[origin + 1])
-        for origin, end in legs
+    to_call = [
+        StepRows(starts[0], call.goal, free) for call, free in zip(calls, names, strict=True)
     ]
+    return [to_call[end].starting(starts[origin + 1], changes[origin + 1]) for origin, end in legs]
 
 
 def _present(world: World) -> dict[str, float]:

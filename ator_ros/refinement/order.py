@@ -21,7 +21,13 @@ from ator_ros.bases.routes import arrival_heading
 from ator_ros.geometry import BoolArray, FloatArray
 from ator_ros.refinement.chain_prediction import PredictsPerformance, StepModel, leg_rows
 from ator_ros.refinement.objective import Objective
-from ator_ros.refinement.order_search import LegOrder, LocalSearch, best_orders, nearest_next
+from ator_ros.refinement.order_search import (
+    MOST_TRIED,
+    LegOrder,
+    LocalSearch,
+    best_orders,
+    nearest_next,
+)
 from ator_ros.refinement.search import Allowed, Deadline, Pairs, Work, first_candidates
 from ator_ros.refinement.stops import (
     costs_of_end,
@@ -43,7 +49,6 @@ _FINE = (1, 12, 18, 24)
 _MANY = 40  # calls from which on a fine table would take too long
 _FINE_OF_MANY = (1, 8, 12, 16)
 _BLOCK = 2048  # pairs of candidates predicted between two checks of the deadline: 10 ms
-_MOST_MOVES = 50  # of a local search between two checks of the deadline: about 1 ms each
 _KICKS = 60  # of a local search; more of them hardly lower the cost of 30 calls
 
 
@@ -114,6 +119,8 @@ class OrderSearch:
         variables are those of the grid. Empty if the deadline passed before the first order was
         found.
         """
+        if deadline():
+            return []
         fine = _FINE if len(self._chain) < _MANY else _FINE_OF_MANY
         calls = range(len(self._chain))
         coarse_grid = [self._candidates(index, _COARSE) for index in calls]
@@ -122,7 +129,11 @@ class OrderSearch:
         work.expected += sum(self._pairs(candidates) for candidates in grids)
         possible = None
         if depends_on_order(self._chain) and self._is_exact:
-            possible = possible_steps(self._chain, self._ordering, self._world, self._robot)
+            possible = possible_steps(
+                self._chain, self._ordering, self._world, self._robot, deadline
+            )
+            if possible is None:
+                return []
         found: tuple[_Table, list[LegOrder]] | None = None
         as_it_is = list(range(len(self._chain)))
         order = as_it_is
@@ -244,8 +255,10 @@ class OrderSearch:
         rejected: set[int] = set()  # cursors behind moves that made the present order invalid
         while cursor >= 0 and not deadline():
             before = search.order, search.cost
-            cursor = search.improve(cursor, 1 if must_check else _MOST_MOVES)
-            if must_check and self._violates(search):
+            cursor = search.improve(cursor, 1 if must_check else MOST_TRIED)
+            if not must_check or search.cost == before[1]:
+                continue
+            if self._violates(search):
                 search.restore(*before)
                 if cursor in rejected:  # all moves were tried
                     return

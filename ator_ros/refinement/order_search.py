@@ -24,6 +24,8 @@ from ator_ros.tops.ordering import Ordering
 
 _LONGEST_MOVED = 3  # calls of a part that is moved (Or-opt)
 _NEAR = 10  # calls tried as successors of a call: those with the cheapest legs
+MOST_TRIED = 1000
+"""Moves that one call of `LocalSearch.improve` tries: a few ms for 100 calls."""
 _WIDEST_KICK = 24  # calls of which a kick exchanges two parts
 
 
@@ -329,19 +331,20 @@ class LocalSearch:
         self._rng = np.random.default_rng(len(order))  # the same request has the same answer
         self.order = np.array(order, dtype=np.intp)
         self.cost = self._cost(self.order)
+        self._since = 0  # moves tried since the last one that changed the order
 
     def _cost(self, order: IntArray) -> float:
         return float(_layers(self._costs, order)[1][0].min())
 
     def improve(self, cursor: int, most: int) -> int:
-        """Try moves from a `cursor` on (0: all moves); make at most `most` of them.
+        """Try up to `MOST_TRIED` moves from a `cursor` on; make at most `most` of them.
 
         Returns the cursor of the next move to try, or -1 after the last one: then no move
         improves the order.
         """
-        order, cost, cursor = _improved(
+        order, cost, cursor, self._since = _improved(
             self._costs, self._near, self._bounds, self._before,
-            self.order, cursor, most, self._has_precedences,
+            self.order, cursor, self._since, most, self._has_precedences,
         )  # fmt: skip
         self.order = order
         self.cost = cost
@@ -361,14 +364,14 @@ class LocalSearch:
             order = self.order.copy()
             order[begin:end] = np.concatenate((second_part, first_part))
             if not self._has_precedences or _keeps(order, self._before, begin, end - 1):
-                self.order = order
-                self.cost = self._cost(order)
+                self.restore(order, self._cost(order))
                 return
 
     def restore(self, order: IntArray, cost: float) -> None:
         """Continue with another order and its cost."""
         self.order = order
         self.cost = cost
+        self._since = 0
 
     def found(self) -> LegOrder:
         """Return the order with its best candidates."""
@@ -390,11 +393,11 @@ def nearest_next(costs: FloatArray, ordering: Ordering) -> list[int]:
     order: list[int] = []
     sums = costs[0, 0]  # of each call and candidate after the present one
     for group in ordering.groups:
-        left = list(group)
-        while left:
-            ready = [j for j in left if not ordering.before[left, j].any()]
-            call = min(ready, key=lambda j: float(sums[j].min()))
-            left.remove(call)
+        left = np.array(group)
+        while left.size:
+            ready = left[~ordering.before[np.ix_(left, left)].any(axis=0)]
+            call = int(ready[sums[ready].min(axis=1).argmin()])
+            left = left[left != call]
             order.append(call)
             least = sums[call].min()
             arrived = sums[call] - least if np.isfinite(least) else sums[call]
@@ -471,12 +474,14 @@ def _improved(
     before: BoolArray,
     order: IntArray,
     cursor: int,
+    since: int,
     most: int,
     has_precedences: bool,
-) -> tuple[IntArray, float, int]:
+) -> tuple[IntArray, float, int, int]:
     """Return an improved order, its cost, and the cursor of the next move; see `LocalSearch`.
 
-    A move makes a call, of a few near ones, follow another call or the start.
+    A move makes a call, of a few near ones, follow another call or the start. `since` moves were
+    tried since the last one that changed the order; their new number is the last item.
     """
     order = order.copy()
     trial = order.copy()
@@ -485,15 +490,16 @@ def _improved(
     cost = forward[-1].min()
     kinds = 3 * _LONGEST_MOVED + 1
     moves = near.size * kinds
-    since = 0  # moves tried since the last one that improved the order
     made = 0
+    tried = 0
     while since < moves:
-        if made == most:
-            return order, cost, cursor
+        if made == most or tried == MOST_TRIED:
+            return order, cost, cursor, since
         move, kind = divmod(cursor, kinds)
         origin, choice = divmod(move, near.shape[1])
         cursor = (cursor + 1) % moves
         since += 1
+        tried += 1
         low, high = _moved(order, trial, origin - 1, near[origin, choice], kind)
         good = (
             low < high
@@ -510,7 +516,7 @@ def _improved(
                 made += 1
         if low < high:
             trial[low : high + 1] = order[low : high + 1]
-    return order, cost, -1
+    return order, cost, -1, 0
 
 
 @compiled

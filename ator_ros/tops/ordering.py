@@ -7,7 +7,7 @@ orders further, and so do the conditions: in each step the pre-condition must ho
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -238,8 +238,11 @@ def possible_steps(
     ordering: Ordering,
     world: World,
     robot: Robot,
-) -> list[BoolArray]:
+    deadline: Callable[[], bool],
+) -> list[BoolArray] | None:
     """Return, group by group, which calls may follow in each situation, by their pre-conditions.
+
+    None if the deadline passed before the end.
 
     Element [done, last, j] of a group's array, shape (2**m, n + 1, m): whether the group's j-th
     call may follow call `last` - 1 (0: the start) after those calls of the group whose bits `done`
@@ -256,6 +259,8 @@ def possible_steps(
         reached: list[_Worlds] = [{} for _ in range(1 << size)]
         reached[0] = entries
         for done, last, number in _extensions(reached, needed):
+            if deadline():
+                return None
             call = calls[group[number]]
             for there in reached[done][last].values():
                 state = state_of(there, robot)

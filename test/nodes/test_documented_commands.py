@@ -121,7 +121,6 @@ def test_the_printed_requests(shell: Shell) -> None:
     for beginning in ("ros2 service call /reset", "ros2 service call /place_ball"):
         assert "success: true" in shell.run(printed(beginning))
     assert "arrived" in shell.run(printed("ros2 action send_goal --feedback"))
-    assert "arrived" in shell.run(printed("ros2 action send_goal /execute_chain"))
     assert "top: shoot" in shell.run(printed("ros2 service call /plan_chains"))
 
 

@@ -20,10 +20,15 @@ from refinement_fakes import (
 )
 
 from ator_ros.actions.goal_variables import ORDER
-from ator_ros.geometry import FloatArray, Pose, wrap_angle
+from ator_ros.geometry import BoolArray, FloatArray, Pose, wrap_angle
 from ator_ros.refinement import RefinementError
 from ator_ros.refinement.order import MOST_EXACT
-from ator_ros.refinement.order_search import LocalSearch, best_orders, nearest_next
+from ator_ros.refinement.order_search import (
+    MOST_TRIED,
+    LocalSearch,
+    best_orders,
+    nearest_next,
+)
 from ator_ros.refinement.refiner import ITS_DEADLINE, LONGEST_CHAIN, Refinement, Refiner, choose
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.ordering import ordering_of
@@ -247,6 +252,63 @@ def test_the_best_orders_on_a_table_are_those_of_all_orders(seed: int) -> None:
         assert each.cost == pytest.approx(least_cost(costs, each.order))
 
 
+def least_of_all_orders(costs: FloatArray, before: BoolArray) -> float:
+    """Return the least cost of all orders that keep the precedences, by sets of calls."""
+    count = len(before)
+    least = {(frozenset({j}), j): costs[0, 0, j] for j in range(count) if not before[:, j].any()}
+    for _ in range(count - 1):
+        longer: dict[tuple[frozenset[int], int], FloatArray] = {}
+        for (done, last), sums in least.items():
+            for j in set(range(count)) - done:
+                if not set(np.flatnonzero(before[:, j])) <= done:
+                    continue
+                total = (sums[:, None] + costs[last + 1, :, j]).min(axis=0)
+                key = (done | {j}, j)
+                longer[key] = np.minimum(longer.get(key, math.inf), total)
+        least = longer
+    return min(float(sums.min()) for sums in least.values())
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("count", [8, 9])
+def test_up_to_nine_free_calls_with_several_headings_are_ordered_exactly(
+    count: int, seed: int
+) -> None:
+    """The candidates of each call have random turns, so the best ones differ between legs."""
+    rng = np.random.default_rng(seed)
+    precedences = rng.integers(count, size=(seed, 2))
+    after = {int(late): int(early) for early, late in precedences if early < late}
+    calls = [stop(0.0, 0.0, *([after[j]] if j in after else [])) for j in range(count)]
+    ordering = ordering_of(TopChain(tuple(calls)))
+    costs = random_table(count, 4, seed)
+    found = best_orders(costs, ordering, None, 1)[0]
+    assert found.cost == pytest.approx(least_of_all_orders(costs, ordering.before))
+    assert found.cost == pytest.approx(cost_of(costs, found.order, found.rows))
+    assert ordering.fault(found.order) is None
+
+
+def climb(search: LocalSearch) -> int:
+    """Improve an order until no move does; return the number of parts that it takes."""
+    cursor = 0
+    parts = 0
+    while cursor >= 0:
+        cursor = search.improve(cursor, 1000)
+        parts += 1
+    return parts
+
+
+def test_local_search_of_many_calls_returns_between_its_moves() -> None:
+    """The deadline is checked between its parts."""
+    chain = TopChain(tuple(stop(float(x), 0.0) for x in range(LONGEST_CHAIN)))
+    costs = random_table(LONGEST_CHAIN, 2, seed=1)
+    search = LocalSearch(costs, ordering_of(chain), range(LONGEST_CHAIN))
+    climb(search)
+    best = search.cost
+    near = 10 * LONGEST_CHAIN  # each call has ten near ones, each of which allows several moves
+    assert climb(search) > near // MOST_TRIED
+    assert search.cost == best
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_local_search_is_near_the_best_order(seed: int) -> None:
     chain = random_round(MOST_EXACT, seed)
@@ -254,7 +316,7 @@ def test_local_search_is_near_the_best_order(seed: int) -> None:
     costs = random_table(MOST_EXACT, 3, seed)
     best = best_orders(costs, ordering, None, 1)[0]
     search = LocalSearch(costs, ordering, nearest_next(costs, ordering))
-    assert search.improve(0, 1000) == -1
+    climb(search)
     found = search.found()
     assert ordering.fault(found.order) is None
     assert found.cost == pytest.approx(cost_of(costs, found.order, found.rows))

@@ -109,7 +109,9 @@ def test_possible_steps_are_those_of_the_valid_orders() -> None:
     carry = call("dribbleBall", 1.0, 1.0, 0.0, OPEN)
     chain = TopChain((fetch, carry, stop(2.0), stop(3.0, 1, opened=NOTHING | {ORDER})))
     ordering = ordering_of(chain)
-    (possible,) = possible_steps(chain, ordering, world(), ROBOT)
+    found = possible_steps(chain, ordering, world(), ROBOT, lambda: False)
+    assert found is not None
+    (possible,) = found
 
     def can(order: tuple[int, ...]) -> bool:
         done = 0
@@ -125,6 +127,20 @@ def test_possible_steps_are_those_of_the_valid_orders() -> None:
         moved = chain.reordered(order)
         assert can(order) == (not moved.violations(world(), ROBOT))
     assert LIBRARY["goToBall"].pre.terms
+
+
+def test_possible_steps_are_given_up_at_the_first_check_after_the_deadline() -> None:
+    chain = TopChain(tuple(stop(float(x)) for x in range(10)))
+    left = 20
+    checks = 0
+
+    def passed() -> bool:
+        nonlocal checks
+        checks += 1
+        return checks > left
+
+    assert possible_steps(chain, ordering_of(chain), world(), ROBOT, passed) is None
+    assert checks == left + 1
 
 
 def test_the_last_call_of_a_valid_order_stops() -> None:
