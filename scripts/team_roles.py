@@ -1,6 +1,7 @@
 """Who goes to the ball: by predicted time, by distance, and while the robots drive.
 
     scripts/run python scripts/team_roles.py standing --robots 2 --situations 500
+    scripts/run python scripts/team_roles.py standing --mate config/pioneer_lx.yaml --mate-models M
     scripts/run python scripts/team_roles.py driving --robots 2 --episodes 8
     scripts/run python scripts/team_roles.py noise --episodes 3
 
@@ -23,7 +24,7 @@ import numpy as np
 from ator_ros.actions.base import Status
 from ator_ros.domains.soccer.field import BALL
 from ator_ros.evaluation.chain_run import run_chain
-from ator_ros.evaluation.toolset import ToolsetSource, tools_of
+from ator_ros.evaluation.toolset import Toolset, ToolsetSource, tools_of
 from ator_ros.execution.chain_executor import ChainExecutor, Ending
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.performance.accuracy import mean_ci95
@@ -33,6 +34,7 @@ from ator_ros.team.role_file import Role, RoleStep
 from ator_ros.team.roles import Decision, Member, decide
 from ator_ros.team.roster import PERIOD, Roster
 from ator_ros.tops.chain import TopChain
+from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import STOP, ObjectState, RobotState, World
 
 TOOLS, LIBRARY = tools_of(ToolsetSource())
@@ -101,36 +103,59 @@ FORMULAS: dict[str, Callable[[Pose, ObjectState], float]] = {
 }
 
 
-def standing(robots: int, situations: int, seed: int) -> None:
-    """Print which robot is chosen, and how much later it is at the ball than the fastest one."""
-    chosen: dict[str, list[int]] = {"predicted time": [], **{name: [] for name in FORMULAS}}
+Make = tuple[Toolset, TopLibrary]
+"""The models of a robot, and its library."""
+
+
+def standing(makes: Sequence[Make], situations: int, seed: int) -> None:
+    """Print which robot is chosen, and how much later it is at the ball than the fastest one.
+
+    With robots of different `makes`, times are also predicted by the first one's models for all.
+    """
+    own, every = "predicted time", "predicted time, the first one's models for all"
+    names = [own, every, *FORMULAS] if len(set(map(id, makes))) > 1 else [own, *FORMULAS]
+    chosen: dict[str, list[int]] = {name: [] for name in names}
     times = []
     for number in range(situations):
-        rng = np.random.default_rng([seed, robots, number])
-        *starts, there = places(rng, robots + 1)
+        rng = np.random.default_rng([seed, len(makes), number])
+        *starts, there = places(rng, len(makes) + 1)
         ball = ObjectState(*there)
         poses = [Pose(x, y, rng.uniform(-math.pi, math.pi)) for x, y in starts]
         members = [
             Member(name, World(0.0, RobotState(pose), {BALL: ball}), TOPS)
             for name, pose in zip(NAMES, poses, strict=False)
         ]
-        found = decide(members, ROLES[:1], TOOLS.refiner(), LIBRARY)
+        found = [fetching(*each) for each in zip(members, makes, strict=True)]
         durations = []
-        for member, (chain, *_) in zip(members, found.chains, strict=True):
-            run = run_chain(ROBOT, LIBRARY, member.world, chain or TopChain(()))
+        for member, (tools, library), (_, chain) in zip(members, makes, found, strict=True):
+            run = run_chain(tools.robot, library, member.world, chain)
             durations.append(run.duration if run.success else math.nan)
         if not np.isfinite(durations).all():
             continue
         times.append(durations)
-        chosen["predicted time"].append(int(found.costs[:, 0].argmin()))
-        for name, cost in FORMULAS.items():
-            chosen[name].append(int(np.argmin([cost(pose, ball) for pose in poses])))
+        costs = {name: [cost(pose, ball) for pose in poses] for name, cost in FORMULAS.items()}
+        costs[own] = [cost for cost, _ in found]
+        costs[every] = [fetching(member, makes[0])[0] for member in members]
+        for name, numbers in chosen.items():
+            numbers.append(int(np.argmin(costs[name])))
     table = np.array(times)
-    print(f"{robots} robots, {len(table)} of {situations} situations in which all reach the ball")
+    print(
+        f"{len(makes)} robots, {len(table)} of {situations} situations in which all reach the ball"
+    )
     print("| chosen by | the fastest one (%) | later than it (s) |\n| --- | --- | --- |")
     for name, robot in chosen.items():
         loss = table[np.arange(len(table)), robot] - table.min(axis=1)
         print(f"| {name} | {interval(100.0 * (loss < TICK / 2), 1)} | {interval(loss, 3)} |")
+
+
+def fetching(member: Member, make: Make) -> tuple[float, TopChain]:
+    """Return the predicted cost of fetching the ball by a robot of this make, and its chain."""
+    tools, library = make
+    found = decide([member], ROLES[:1], tools.refiner(), library)
+    chain = found.chains[0][0]
+    if chain is None:
+        raise SystemExit(f"{tools.robot.name}: expected a robot that can fetch the ball")
+    return float(found.costs[0, 0]), chain
 
 
 # Driving
@@ -395,9 +420,14 @@ def main() -> None:
     parser.add_argument("--episodes", type=int, default=4)
     parser.add_argument("--duration", type=float, default=30.0, help="s of an episode")
     parser.add_argument("--seed", type=int, default=8100)
+    parser.add_argument("--mate", default="", help="file of the other robots (default: the same)")
+    parser.add_argument("--mate-models", default="", help="folder of their models")
     options = parser.parse_args()
     if options.series == "standing":
-        standing(options.robots, options.situations, options.seed)
+        own = TOOLS, LIBRARY
+        source = ToolsetSource(robot=options.mate, models=options.mate_models)
+        mate = tools_of(source) if options.mate else own
+        standing([own, *[mate] * (options.robots - 1)], options.situations, options.seed)
     elif options.series == "driving":
         driving(options.robots, options.episodes, options.duration, options.seed)
     else:

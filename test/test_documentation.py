@@ -83,6 +83,7 @@ BY_TEST = {
     r"scripts/run pip install .* \./my_package": "nodes/test_outside_domain.py::test_a_domain_from",
     r"scripts/run python scripts/team_rounds\.py .*": "test_programs.py::test_divisions_of_a_",
     r"scripts/run python scripts/team_roles\.py .*": "test_programs.py::test_choices_of_a_robot_",
+    r"make demo ARGS='--team .*'|demo --team": "nodes/test_demo_node.py::test_a_team_plays_",
     r"ros2 launch ator_ros team(mate)?\.launch\.xml.*": "test_team_launch.py::test_nodes_are_inst",
     r".* examples/paper_in_one_file\.py": "test_paper_in_one_file.py::test_it_prints_",
     r".* examples/plan_with_durations\.py": "test_programs.py::test_durations_are_predicted_",

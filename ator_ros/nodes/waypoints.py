@@ -486,6 +486,7 @@ class WaypointsNode(Node):
     def _chain(self, goal: WaypointGoal, legs: Sequence[int]) -> ChainMessage:
         calls = []
         kept = self._kept_headings(goal)
+        ends_fixed = not self._is_open or self._is_kept(goal, legs[-1])
         for leg in legs:
             is_kept = self._is_kept(goal, leg)
             is_last = leg == goal.end - 1 and self._settings["keep_last"]
@@ -496,6 +497,7 @@ class WaypointsNode(Node):
                 keeps_heading=is_kept or goal.waypoint_index(leg) in kept,
                 may_pass=self._may_pass(goal),
                 passes=leg != legs[-1] and not goal.is_follow_waypoints,
+                may_be_last=leg == legs[-1] or not ends_fixed,
             )
             calls.append(call)
         return chain_of(TopChain(tuple(calls)), action_set="", frame=self._frame)

@@ -282,6 +282,14 @@ class _Racer:
 
 def _demo(options: argparse.Namespace, domain: Domain, _: str) -> None:
     """Execute the situations; print a table and write pictures, also after an interruption."""
+    if options.team:
+        from ator_ros.tools import team_demo  # few need it
+
+        scenes = [team_demo.play_soccer()]
+        scenes.append(team_demo.play_round(options.seed, options.real_time_factor))
+        team_demo.save_scenes(options.out, scenes)
+        print(f"\n{options.out.resolve()}: where the robots drove; dots show the starts")
+        return
     source = source_of(options)
     robot = source.described()
     library = domain.library(robot)
@@ -338,6 +346,10 @@ def arguments() -> argparse.ArgumentParser:
     parser.add_argument(
         "--seed", type=whole(), default=401, help="of the situations (default: %(default)s)"
     )
+    parser.add_argument(
+        "--team", action="store_true",
+        help="instead play a scene of soccer and one of deliveries with a team of three",
+    )  # fmt: skip
     add_setting(parser, action_set=False)
     parser.add_argument("--chain", metavar="NAME", help="of the domain (default: its last)")
     add_factor(parser, 0.0)

@@ -59,12 +59,13 @@ class NodeProcesses:
         self._logs = tempfile.TemporaryDirectory(prefix="ator_ros_")
         self._processes: dict[str, subprocess.Popen[bytes]] = {}
 
-    def start(self, name: str, parameters: Mapping[str, object]) -> None:
+    def start(self, name: str, parameters: Mapping[str, object], *, namespace: str = "") -> None:
         """Start an executable of this package with these parameters; raises NodesError."""
         words = [_executable("ator_ros", name, "nodes"), "--ros-args"]
+        words += ["-r", f"__ns:=/{namespace}"] if namespace else []
         for key, value in parameters.items():
             words += ["-p", f"{key}:={value}"]
-        self._run(name, words)
+        self._run(f"{namespace}/{name}".strip("/"), words)
 
     def start_server(self, server: DeclaredServer) -> None:
         """Start an action server of a domain; raises NodesError."""

@@ -92,16 +92,18 @@ def _round(
 ) -> TopChain:
     """Return the chain to all places, and to `home` if it is given."""
     top = driving_top(library)
+    ends_fixed = home is not None or options.as_listed or options.keep_last
     calls = []
     for index, (x, y, *yaw) in enumerate(places, start=1):
-        is_last = index == len(places)
+        is_last = home is None and index == len(places)
         call = library.station(
             top,
             Pose(x, y, *(yaw or [0.0])),
-            keeps_place=options.as_listed or (options.keep_last and is_last),
+            keeps_place=options.as_listed or (options.keep_last and index == len(places)),
             keeps_heading=bool(yaw),
             may_pass=options.passing,
-            passes=home is not None or not is_last,
+            passes=not is_last,
+            may_be_last=is_last or not ends_fixed,
         )
         headings = [] if yaw else options.headings
         allowed = tuple(AllowedRange("yaw", low, high) for low, high in headings)

@@ -126,10 +126,6 @@ class TopLibrary(Mapping[str, Top]):
             values,
         )
 
-    def can_pass(self, top: Top) -> bool:
-        """Return whether the robot can pass goals of `top`, by `STOP` or with an arrival speed."""
-        return STOPS in self.goal_variables(top) or "speed" in self.ranges
-
     def station(
         self,
         top: Top,
@@ -139,6 +135,7 @@ class TopLibrary(Mapping[str, Top]):
         keeps_heading: bool,
         may_pass: bool = False,
         passes: bool = False,
+        may_be_last: bool = True,
     ) -> TopCall:
         """Return the call of `top` that visits a station of a round.
 
@@ -149,14 +146,18 @@ class TopLibrary(Mapping[str, Top]):
         may_pass : bool
             Whether it is open if the robot stops there, unless the heading is kept.
         passes : bool
-            Whether the robot passes it in the round as listed, if that is open. The last station of
-            a round must stop.
+            Whether the robot passes it in the round as listed, if that is open.
+        may_be_last : bool
+            Whether the round may end there. Refinement stops at the end of a chain, but an arrival
+            speed that is open would be one there, too.
         """
         goal = self.goal(top, pose)
         opened = set() if keeps_heading else {"yaw"}
-        if not keeps_heading and may_pass and self.can_pass(top):
+        can_stop = STOPS in self.goal_variables(top)
+        can_pass = can_stop or ("speed" in self.ranges and not may_be_last)
+        if may_pass and can_pass and not keeps_heading:
             opened.add(STOP)
-            if passes and STOP in goal.values:
+            if passes and can_stop:
                 goal = with_values(goal, {STOP: 0.0})
         if not keeps_place:
             opened.add(ORDER)

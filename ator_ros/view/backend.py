@@ -23,7 +23,14 @@ from rclpy.task import Future
 from std_srvs.srv import SetBool
 
 from ator_interfaces.action import ExecuteChain
-from ator_interfaces.msg import ChainPerformance, Objective, Outcome, Performance, SearchCurve
+from ator_interfaces.msg import (
+    ChainPerformance,
+    Objective,
+    Outcome,
+    Performance,
+    Roles,
+    SearchCurve,
+)
 from ator_interfaces.srv import PlaceObject, PlaceRobot, RefineSubgoal
 from ator_ros.bases.description import Robot
 from ator_ros.domains.domain import Domain
@@ -46,7 +53,7 @@ from ator_ros.nodes.subscriptions import Subscriptions
 from ator_ros.printable import printable
 from ator_ros.refinement.refiner import SubgoalCurve
 from ator_ros.view.draft import Draft
-from ator_ros.view.runs import OTHERS, Answer, History, Run
+from ator_ros.view.runs import OTHERS, Answer, History, Run, plain
 from ator_ros.world.readers import MessageError, world_from
 from ator_ros.world.state import ObjectState, RobotState, World
 
@@ -105,6 +112,7 @@ class Backend:
         self.history = History()  # the executed chains of all clients
         self.path: list[tuple[float, float]] = []  # planned by the active action: x and y in m
         self.learned = ""  # the learned models in use
+        self.role = ""  # in its team, if its node `team` runs
         self.refused = ""  # why the last placement was refused
         self._newest: tuple[float, RobotState] | None = None
         self._objects: dict[str, tuple[float, ObjectState]] = {}
@@ -129,6 +137,7 @@ class Backend:
         subscribe(ChainPerformance, "chain_under_way", self._take_status, LATCHED)
         subscribe(ChainPerformance, "performance/chain", self._take_record, LATCHED_BY_MANY)
         subscribe(Path, "planned_path", self._take_path, LATCHED)
+        subscribe(Roles, "roles", self._take_roles, LATCHED)
         subscribe(DiagnosticArray, "/diagnostics", self._take_diagnostics, RESULTS)
         self._place_robot = node.create_client(PlaceRobot, "place_robot", qos_profile=SERVICES)
         self._place_objects = {
@@ -457,6 +466,9 @@ class Backend:
 
     def _run_of(self, chain_id: str) -> Run | None:
         return next((run for run in self._runs if run.chain_id == chain_id), None)
+
+    def _take_roles(self, message: Roles) -> None:
+        self.role = plain(message.role)
 
     def _take_status(self, message: ChainPerformance) -> None:
         run = self._run_of(message.chain_id)

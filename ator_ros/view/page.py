@@ -17,6 +17,7 @@ from ator_ros.nodes.segments import (
     BLUE,
     ORANGE,
     YELLOW,
+    Label,
     alternative_shapes,
     polyline,
     refinement_shapes,
@@ -47,6 +48,7 @@ _TRAILS = {NAIVE: ORANGE, REFINED: BLUE, OTHERS: BLUE}
 _TEXT_PERIOD = 0.2  # s between two updates of texts and trails
 _TRAIL_WIDTH = 0.025  # m
 _GOAL_RADIUS = 0.16  # m
+_NAME_HEIGHT = 0.6  # m, above a robot
 
 
 class Page:
@@ -76,6 +78,7 @@ class Page:
         area = robot.scene.area
         self._chain = Canvas(server, "/chain", area)
         self._trails = Canvas(server, "/trails", area, 0.03)
+        self._names = Canvas(server, "/names", area, _NAME_HEIGHT)
         self._robots = robots
         self._robot_models = {
             name: RobotModel(server, f"/robots/{name}", urdf, area) for name in robots
@@ -180,12 +183,17 @@ class Page:
             handle.show(movable.get(step))
 
     def _show_trails(self) -> None:
-        planned = polyline("planned", self._editor.backend.path, YELLOW, _TRAIL_WIDTH)
+        planned = (
+            polyline(f"planned {name}", backend.path, YELLOW, _TRAIL_WIDTH)
+            for name, backend in self._robots.items()
+        )
         driven = (
             polyline(run.label, run.path, _TRAILS[run.label], _TRAIL_WIDTH)
             for run in self._editor.runs
         )
-        self._trails.draw([planned, *driven])
+        self._trails.draw([*planned, *driven])
+        if len(self._robots) > 1:
+            self._names.label(robot_labels(self._robots))
 
     # The panel
 
@@ -350,6 +358,21 @@ def gate_text(answer: Answer | None, problem: str) -> str:
         return "no chain"
     chosen = f"alternative {answer.chosen}: " if answer.chosen else ""
     return f"{chosen}{plain(answer.reason)}"
+
+
+def robot_labels(robots: Mapping[str, Backend]) -> list[Label]:
+    """Return, at each robot, its name, its role in a team, and the steps of its chain."""
+    labels = []
+    for name, backend in robots.items():
+        world = backend.world()
+        if world is None:
+            continue
+        text = f"{name}: {backend.role}" if backend.role else name
+        run = backend.external
+        if run is not None and run.draft is not None and not run.ended:
+            text += f" ({', '.join(call.top.name for call in run.draft.chain.calls)})"
+        labels.append(Label(name, text, world.robot.pose.x, world.robot.pose.y))
+    return labels
 
 
 def rules_text(

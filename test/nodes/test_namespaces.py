@@ -68,7 +68,7 @@ def test_a_node_uses_exactly_what_its_profile_allows(robots: dict[str, Client], 
 
 
 def test_a_client_uses_the_nodes_interfaces_without_cmd_vel() -> None:
-    client, nodes = allowed("client"), [allowed(node) for node in (*ROBOTS["ann"], "watch")]
+    client, nodes = allowed("client"), [allowed(node) for node in (*ROBOTS["ann"], "watch", "team")]
     offered = frozenset.union(*(node.replies for node in nodes))
     assert client.requests == {name for name in offered if "/set_parameters" not in name}
     assert client.subscribes == frozenset.union(*(node.publishes for node in nodes))

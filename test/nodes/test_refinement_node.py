@@ -3,6 +3,7 @@
 import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 from chain_client import call
 from conftest import Host
@@ -14,10 +15,11 @@ from ros_client import Client
 from visualization_msgs.msg import MarkerArray
 
 from ator_interfaces.msg import GoalTerm, PlanGoal, Situation, TopCall
-from ator_interfaces.srv import PlanChains, PredictDurations
+from ator_interfaces.srv import PlanChains, PredictDurations, RefineSubgoal
 from ator_ros.geometry import Pose
 from ator_ros.nodes.messages import pose_of
 from ator_ros.nodes.qos import LATCHED
+from ator_ros.refinement.refiner import LONGEST_CHAIN
 
 
 @pytest.fixture(scope="module")
@@ -116,6 +118,31 @@ def test_without_learned_models_it_predicts_path_times_and_says_so(
     assert table.reason == "path times of goToPose, as no drives are known yet"
     assert table.durations[0] > 0.0
     client.eventually(lambda: health and health[-1].level == DiagnosticStatus.OK, "no problem")
+
+
+@pytest.mark.long
+def test_a_hundred_stations_are_answered_and_never_worse_than_as_sent(
+    host: Host, client: Client
+) -> None:
+    """With the deadline that the node has by default."""
+    host("refinement", domain="drive")
+    places = np.random.default_rng(7).uniform(-3.0, 3.0, (LONGEST_CHAIN, 2)).tolist()
+    request = RefineSubgoal.Request()
+    request.chain.calls = [
+        call("goToPose", Pose(x, y, 0.0), opened=("order", "yaw")) for x, y in places
+    ]
+    answer = refine(client, request)
+    assert answer.accepted, answer.reason
+    assert list(answer.original_order) == list(range(LONGEST_CHAIN))
+    assert sorted(answer.order) == sorted(answer.best_order) == list(range(LONGEST_CHAIN))
+    assert answer.cost_after <= answer.cost_before
+    for index, step in zip(answer.order, answer.chain.calls, strict=True):
+        place = step.goal.pose.position
+        assert [place.x, place.y] == places[index]
+    request.chain.calls.append(call("goToPose", Pose(0.0, 0.0, 0.0)))
+    refused = refine(client, request)
+    assert not refused.accepted
+    assert "chain.calls: expected 1 to 100 items, got 101" in refused.reason
 
 
 def test_markers_of_the_last_search_are_latched(service_client: Client) -> None:

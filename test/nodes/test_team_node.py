@@ -9,6 +9,7 @@ from action_servers import Server
 from conftest import Host, Start
 from nav_msgs.msg import Odometry
 from process import PATIENCE
+from profiles import assert_profile
 from ros_client import Client
 
 from ator_interfaces.msg import Outcome, Roles, Teammate
@@ -106,6 +107,7 @@ def test_a_team_of_two_agrees_and_drives(field: Field, host: Host) -> None:
     assert field.mate is not None
     field.mate.ready = False
     field.wait_for("ball")
+    assert_profile(field.client, "team", "ann")
 
 
 def test_of_two_robots_with_one_role_the_first_one_by_name_keeps_it(

@@ -16,7 +16,7 @@ from std_srvs.srv import SetBool
 from tf2_msgs.msg import TFMessage
 
 from ator_interfaces.action import ExecuteChain
-from ator_interfaces.msg import ChainPerformance, Outcome, Performance
+from ator_interfaces.msg import ChainPerformance, Outcome, Performance, Roles
 from ator_interfaces.srv import PlaceObject, PlaceRobot, RefineSubgoal
 from ator_ros.domains.soccer.soccer_domain import SOCCER
 from ator_ros.domains.trials import random_trial
@@ -66,6 +66,7 @@ class MockNodes:
         self._odom = node.create_publisher(Odometry, "odom", NEWEST)
         self._balls = node.create_publisher(Odometry, "ball", NEWEST)
         self._tf = node.create_publisher(TFMessage, "/tf", RESULTS)
+        self.beliefs = node.create_publisher(Roles, "roles", LATCHED)
         self._status = node.create_publisher(ChainPerformance, "chain_under_way", LATCHED)
         node.create_timer(_PERIOD, self._publish)
         self.close = self._own.close
@@ -259,6 +260,13 @@ def test_a_robot_on_tf_is_observed(mocked: Mocked) -> None:
     world = backend.world()
     assert world.robot.pose.distance(nodes.robot) < 1e-6
     assert backend.state_age() < 5.0
+
+
+def test_the_role_in_a_team_is_known(mocked: Mocked) -> None:
+    backend, nodes = mocked
+    assert not backend.role
+    nodes.beliefs.publish(Roles(robot="ann", role="ball"))
+    until(lambda: backend.role == "ball", "the role", lambda: backend.spin(0.02))
 
 
 def test_orders_are_those_of_the_calls_as_sent(mocked: Mocked) -> None:

@@ -137,6 +137,7 @@ def test_a_waypoint_missed_in_an_open_order_is_named_as_sent(waypoints: Waypoint
         ({"domain": "patrol", "passing": "never"}, ["yaw"], False),
         ({"domain": "patrol", "order": "open", "keep_last": False}, ["order", "stop", "yaw"], True),
         ({"domain": "drive"}, ["stop", "yaw"], False),  # that is, an arrival speed
+        ({"domain": "drive", "order": "open", "keep_last": False}, ["order", "yaw"], False),
         ({"domain": "tour"}, ["yaw"], False),  # it cannot pass
     ],
     indirect=["waypoints"],

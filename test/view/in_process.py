@@ -62,7 +62,7 @@ class InProcessBackend:
         self.executed: list[TopChain] = []
         self.external: Run | None = None
         self.path: list[tuple[float, float]] = []
-        self.learned = self.refused = ""
+        self.learned = self.refused = self.role = ""
 
     def editor(self) -> Editor:
         """Return an editor of this backend, after its first step."""

@@ -25,7 +25,7 @@ from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.view.draft import situation_draft
 from ator_ros.view.editor import NAIVE, REFINED, Editor
 from ator_ros.view.floor import LOOPBACK, Canvas, serve
-from ator_ros.view.page import Page, clock_text, gate_text, rules_text, times_text
+from ator_ros.view.page import Page, clock_text, gate_text, robot_labels, rules_text, times_text
 from ator_ros.view.runs import OTHERS, Run
 from ator_ros.world.state import RobotState, World
 
@@ -116,6 +116,25 @@ def test_a_drag_keeps_the_offset_of_its_start(shown: Shown) -> None:
         "the drag",
     )
     client.close()
+
+
+def test_robots_of_a_team_have_their_roles_and_chains(shown: Shown) -> None:
+    """Each with its name; a robot whose state is unknown has none."""
+    ann = shown.backend
+    assert [label.text for label in robot_labels({"ann": ann})] == ["ann"]
+    ann.role = "ball"
+    ann.external = Run(OTHERS, draft=shown.editor.draft)
+    (label,) = robot_labels({"ann": ann})
+    assert label.text == "ann: ball (goToBall, dribbleBall)"
+    assert (label.x, label.y) == ann.world().robot.pose[:2]
+    assert not robot_labels({"eve": Unobserved()})
+
+
+class Unobserved(InProcessBackend):
+    """A robot without odometry."""
+
+    def world(self) -> None:
+        """Return that no state is known."""
 
 
 HOSTILE = [
