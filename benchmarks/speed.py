@@ -9,6 +9,7 @@ make bench ARGS='refinement --requests 50'
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import gc
 import itertools
 import math
@@ -29,6 +30,7 @@ from ator_ros.domains.trials import open_places, open_speeds, random_trial
 from ator_ros.evaluation.toolset import ToolsetSource, tools_of
 from ator_ros.geometry import BoolArray, FloatArray, Pose
 from ator_ros.planning.planner import chains_for
+from ator_ros.refinement.refiner import Refiner
 from ator_ros.simulation.scene_simulation import CONTROL_RATE, Simulation
 from ator_ros.tops.chain import EVERYTHING, TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
@@ -101,11 +103,40 @@ def ordering(requests: int) -> Rows:
         times = []
         for index in range(max(3, requests // stations)):
             world, chain = random_round(library, stations, seed=index)
-            began = time.process_time()
-            refiner.refine(world, chain, placeholders=True)
-            times.append(time.process_time() - began)
+            times.append(_cpu_time(refiner, world, chain))
         median = 1000.0 * statistics.median(times)
         yield f"round of {stations} stations", f"p50 {median:.0f} ms of {limit} ms"
+
+
+def ordering_on_map(requests: int) -> Rows:
+    """Measure the same in a building, at a first request with new places and at a second one."""
+    tools, library = tools_of(ToolsetSource(domain="building"))
+    refiner = tools.refiner(gated=True)
+    for stations, limit in STATIONS.items():
+        times: dict[str, list[float]] = {"new": [], "known": []}
+        for index in range(max(3, requests // (10 * stations))):
+            first = index * stations
+            trials = [
+                random_trial(tools.domain, "round", library, seed=805, index=first + number)
+                for number in range(stations)
+            ]
+            opened = frozenset({"yaw", ORDER})
+            calls = (dataclasses.replace(trial.chain.calls[0], open=opened) for trial in trials)
+            chain = TopChain(tuple(calls))
+            for measured in times.values():
+                measured.append(_cpu_time(refiner, trials[0].world, chain))
+        for kind, measured in times.items():
+            median = 1000.0 * statistics.median(measured)
+            allowed = f" of {limit} ms" if kind == "known" else ""
+            name = f"round of {stations} stations in a building, {kind} places"
+            yield name, f"p50 {median:.0f} ms{allowed}"
+
+
+def _cpu_time(refiner: Refiner, world: World, chain: TopChain) -> float:
+    """Return the CPU time in s of the refinement of a chain."""
+    began = time.process_time()
+    refiner.refine(world, chain, placeholders=True)
+    return time.process_time() - began
 
 
 def random_round(library: TopLibrary, stations: int, seed: int) -> tuple[World, TopChain]:
@@ -351,6 +382,7 @@ def _percentiles(times: Sequence[float]) -> str:
 PARTS: dict[str, Callable[[int], Rows]] = {
     "refinement": refinement,
     "round": ordering,
+    "building": ordering_on_map,
     "plans": plans,
     "ticks": ticks,
     "route": route,
