@@ -7,7 +7,6 @@ from moving_base import MovingBase
 from process import PATIENCE
 from rclpy.action import ActionClient
 from ros_client import Client, SentGoal
-from selection import few
 
 from ator_interfaces.action import DriveTo
 from ator_ros.geometry import Pose
@@ -16,10 +15,10 @@ from ator_ros.nodes.messages import pose_of
 
 @pytest.mark.parametrize(
     ("executable", "action"),
-    few(
-        [("drive_to_server", "drive_to"), ("pursuit_server", "pursue")],
+    [
+        pytest.param("drive_to_server", "drive_to", marks=pytest.mark.long),
         ("pursuit_server", "pursue"),
-    ),
+    ],
 )
 def test_a_goal_executes_until_arrival_cancellation_or_a_newer_goal(
     start: Start, client: Client, executable: str, action: str

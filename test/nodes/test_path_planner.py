@@ -24,7 +24,6 @@ from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
 from refinement_requests import refine
 from ros_client import Client
-from selection import few
 
 from ator_interfaces.srv import RefineSubgoal
 from ator_ros.domains.domain import find_domain
@@ -190,15 +189,12 @@ def test_the_thread_of_a_learned_set_does_not_ask_it(
 
 @pytest.mark.parametrize(
     ("namespace", "name", "is_in_file"),
-    few(
-        [
-            ("/robot1", "compute_path_to_pose", False),
-            ("/robot2", "/robot2/compute_path_to_pose", False),
-            ("/robot3", "compute_path_to_pose", True),
-            ("/robot4", "/robot4/compute_path_to_pose", True),
-        ],
+    [
+        pytest.param("/robot1", "compute_path_to_pose", False, marks=pytest.mark.long),
+        pytest.param("/robot2", "/robot2/compute_path_to_pose", False, marks=pytest.mark.long),
         ("/robot3", "compute_path_to_pose", True),
-    ),
+        pytest.param("/robot4", "/robot4/compute_path_to_pose", True, marks=pytest.mark.long),
+    ],
 )
 def test_names_of_a_planner_are_alike_in_files_parameters_and_namespaces(
     host: Host,

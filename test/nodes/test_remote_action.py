@@ -14,7 +14,6 @@ from nav2_interfaces import provide_nav2_msgs
 from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from selection import few
 
 from ator_interfaces.action import ExecuteChain
 from ator_ros.actions.base import Goal, Status, Step
@@ -206,10 +205,10 @@ def test_a_goal_accepted_too_late_is_canceled(bench: Bench) -> None:
 
 @pytest.mark.parametrize(
     ("code", "most"),
-    few(
-        [(CancelGoal.Response.ERROR_NONE, 1), (CancelGoal.Response.ERROR_UNKNOWN_GOAL_ID, 4)],
+    [
+        pytest.param(CancelGoal.Response.ERROR_NONE, 1, marks=pytest.mark.long),
         (CancelGoal.Response.ERROR_UNKNOWN_GOAL_ID, 4),
-    ),
+    ],
 )
 def test_a_goal_whose_acceptance_is_lost_is_canceled_by_its_id(
     bench: Bench, code: int, most: int
