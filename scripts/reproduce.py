@@ -47,9 +47,9 @@ class Sizes:
     chains: int = 60  # that are longer, or gain more
     tours: int = 40  # of other robots
     rounds: int = 15  # tours with models from few drives
-    orders: int = 40  # rounds of six stations in any order
+    orders: int = 200  # rounds of six stations in any order
     patrol_drives: int = 100
-    patrol_rounds: int = 40
+    patrol_rounds: int = 200
     on_the_job: int = 100  # chains, while learning
     actions: int = 50
     study_episodes: int = 200
