@@ -59,7 +59,7 @@ docs: setup
 bench: setup
 	@$(RUN) python benchmarks/speed.py $(ARGS)
 
-# Learn the shipped models again from nothing and make every table and figure, in at most an hour; ARGS='tour' makes a
+# Learn the shipped models again from nothing and make every table and figure, in about two hours; ARGS='tour' makes a
 # part, ARGS=--list shows the steps.
 reproduce: setup
 	@$(RUN) python scripts/reproduce.py $(ARGS)

@@ -1,6 +1,6 @@
 """Make again what ships: models, tables, figures and reports.
 
-    make reproduce                       # everything: at most an hour on two idle cores
+    make reproduce                       # everything: about two hours on two idle cores
     make reproduce ARGS='tour bezier'    # some parts, with what they need
     make reproduce ARGS='--small --out build/small'    # a trial that changes nothing that ships
 
