@@ -348,7 +348,8 @@ def arguments() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         "--team", action="store_true",
-        help="instead play a scene of soccer and one of deliveries with a team of three",
+        help="instead play a scene of soccer and one of deliveries with a team of three; only "
+        "--seed, --real-time-factor and --out count",
     )  # fmt: skip
     add_setting(parser, action_set=False)
     parser.add_argument("--chain", metavar="NAME", help="of the domain (default: its last)")

@@ -157,6 +157,18 @@ def _executable(package: str, name: str, where: str = "servers") -> str:
 
 
 @contextmanager
+def unused_domain() -> Iterator[NodeProcesses]:
+    """Yield processes of nodes on a ROS domain that has none, and that other machines do not reach.
+
+    Raises RuntimeError if all domains are in use.
+    """
+    os.environ[RANGE] = THIS_MACHINE
+    stay_on_this_machine(os.environ)
+    with free_domain() as number, NodeProcesses(number) as nodes:
+        yield nodes
+
+
+@contextmanager
 def all_nodes(
     real_time_factor: float,
     source: ToolsetSource,
@@ -172,9 +184,7 @@ def all_nodes(
     setting = {"robot": source.robot, "domain": source.domain, "map": source.map}
     named = {name: value for name, value in setting.items() if value}
     models = {"models": source.models} if source.models else {}
-    os.environ[RANGE] = THIS_MACHINE
-    stay_on_this_machine(os.environ)
-    with free_domain() as number, NodeProcesses(number) as nodes:
+    with unused_domain() as nodes:
         pace = {"real_time_factor": real_time_factor, "command_wait": 1.0}
         nodes.start("simulation", {**named, **pace, **(simulated or {})})
         # The robot stands while the executor waits for the answer.

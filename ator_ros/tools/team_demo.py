@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import itertools
 import math
-import os
 import time
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
@@ -38,19 +37,13 @@ from ator_ros.domains.soccer.field import BALL, field_of
 from ator_ros.files import atomic_write
 from ator_ros.geometry import Pose
 from ator_ros.nodes.messages import pose_of
-from ator_ros.nodes.network import (
-    RANGE,
-    THIS_MACHINE,
-    NodesError,
-    free_domain,
-    stay_on_this_machine,
-)
+from ator_ros.nodes.network import NodesError
 from ator_ros.nodes.qos import LATCHED_BY_MANY, SENSOR_DATA
 from ator_ros.nodes.subscriptions import TfListener
 from ator_ros.nodes.team import TEAMMATES
 from ator_ros.resources import resource_path
 from ator_ros.tools.floor_plan import draw_floor
-from ator_ros.tools.own_nodes import NodeProcesses
+from ator_ros.tools.own_nodes import NodeProcesses, unused_domain
 from ator_ros.world.readers import pose_from_placement
 from ator_ros.world.transforms import Placement
 
@@ -155,10 +148,8 @@ class _Observer:
 @contextmanager
 def _team(domain: Domain, *, has_roles: bool, pace: float) -> Iterator[_Observer]:
     """Yield an observer of three robots of a domain, whose nodes are ready."""
-    os.environ[RANGE] = THIS_MACHINE
-    stay_on_this_machine(os.environ)
     starts = [value for pose in _STARTS.values() for value in pose]
-    with free_domain() as number, NodeProcesses(number) as nodes:
+    with unused_domain() as nodes:
         simulated = {
             "domain": domain.name,
             "robots": list(_STARTS),
@@ -180,7 +171,7 @@ def _team(domain: Domain, *, has_roles: bool, pace: float) -> Iterator[_Observer
                 nodes.start("refinement", own, namespace=name)
         if not has_roles:
             nodes.start("plan_team", {})
-        print(f"{domain.name}: three robots start on ROS domain {number} …", flush=True)
+        print(f"{domain.name}: three robots start on ROS domain {nodes.domain} …", flush=True)
         with closing(_Observer(nodes)) as observer:
             wanted = {f"/{name}/execute_chain/_action/send_goal" for name in _STARTS}
             if not has_roles:
@@ -198,8 +189,11 @@ def play_soccer() -> Scene:
     robot = domain.robot()
     goal_x, _ = field_of(robot).goal_center()
     with _team(domain, has_roles=True, pace=_PACE) as team:
-        team.until(lambda: set(team.roles) == set(_STARTS), "teammates", _START_TIMEOUT)
-        team.until(lambda: all(team.roles.values()), "roles of all", _START_TIMEOUT)
+        team.until(
+            lambda: team.ball and set(team.roles) == set(_STARTS) and all(team.roles.values()),
+            "a ball, and roles of all robots",
+            _START_TIMEOUT,
+        )
         for name in _STARTS:
             client = AsyncParameterClient(team.node, f"/{name}/team")
             team.until(client.services_are_ready, f"the parameters of /{name}/team", _START_TIMEOUT)
