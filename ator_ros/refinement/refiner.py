@@ -288,7 +288,7 @@ class Refiner:
         best = reference.predicted()
         found: list[_Searched] = []
         for candidate, cost in starts:
-            if cost > _PROMISING * starts[0][1] or deadline():
+            if cost > _PROMISING * starts[0][1] or (found and deadline()):
                 break
             found.append(self._searched_from(world, candidate, reference, deadline, work))
             best = self._better(world, best, found[-1])
@@ -716,7 +716,7 @@ def choose(
             judged.append(chain)
             continue
         try:
-            valid = in_valid_order(chain, world, refiner.robot)
+            valid = in_valid_order(chain, world, refiner.robot, deadline)
             judged.append(
                 refiner.refine(
                     world, valid, objective, placeholders=placeholders, deadline=deadline
