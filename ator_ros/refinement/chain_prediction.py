@@ -29,7 +29,7 @@ from ator_ros.refinement.search import Pairs, StepCosts
 from ator_ros.tops.chain import Top, TopCall, TopChain, projected
 from ator_ros.world.state import World
 
-REPORTED = ("duration", "spread", "noise", "bound", "success", "accuracy")
+REPORTED = ("duration", "spread", "noise", "bound", "delay", "success", "accuracy")
 """Fields predicted for every action regardless of the objective."""
 
 
@@ -365,6 +365,11 @@ class ChainPrediction:
         return sum(action["duration"] for action in self.actions)
 
     @property
+    def delay(self) -> float:
+        """Expected delay in s by being held up, where that depends on the situation."""
+        return sum(action.get("delay", 0.0) for action in self.actions)
+
+    @property
     def spread(self) -> float:
         """Standard deviation in s of the summed duration: of single runs, and of the models.
 
@@ -621,7 +626,9 @@ def _summed(
         {name: float(value) for name, value in step.items() if name != "cost"} for step in steps
     )
     cost = float(np.sum([step["cost"] for step in steps]))
-    return ChainPrediction(actions, cost, error, held_up)
+    pairs = zip(held_up, actions, strict=True)
+    of_steps = tuple(each.where_expected(action.get("delay")) for each, action in pairs)
+    return ChainPrediction(actions, cost, error, of_steps)
 
 
 def predict_chain(

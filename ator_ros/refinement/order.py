@@ -58,7 +58,7 @@ _MANY = 40  # calls from which on tables of all legs would take too long
 _NEAR = 12  # legs of each of many calls, to it and from it, that tables with a grid have
 _BLOCK = 2048  # pairs of candidates predicted between two checks of the deadline: 10 ms
 _PER_LEG = 10  # of them that each leg counts in addition
-_KICKS = 60  # of a local search; more of them hardly lower the cost of 30 calls
+_KICKS_PER_CALL = 2  # of a local search; more of them hardly lower the cost of 30 calls
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -155,7 +155,7 @@ class OrderSearch:
             if self._is_exact:
                 orders = best_orders(table.costs, self._ordering, possible, most, table.end)
             else:
-                kicks = _KICKS if candidates is grids[-1] else 0
+                kicks = _KICKS_PER_CALL * len(calls) if candidates is grids[-1] else 0
                 orders = self._improved(table, order, kicks, deadline)
             if all(each.order != tuple(as_it_is) for each in orders):
                 orders.append(LocalSearch(table.costs, self._ordering, as_it_is).found())

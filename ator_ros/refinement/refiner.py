@@ -131,8 +131,12 @@ class Refinement:
 
     @property
     def saved(self) -> float:
-        """The expected gain in duration, in s: the predicted one and its expected error."""
-        return self.before.duration - self.after.duration + self.error.expected
+        """The expected gain in duration, in s: the predicted one and its expected error.
+
+        Delays by being held up count where they depend on the situation.
+        """
+        gain = self.before.duration - self.after.duration + self.error.expected
+        return gain + self.before.delay - self.after.delay
 
     @property
     def uncertainty(self) -> float:

@@ -343,12 +343,12 @@ def test_after_a_climb_no_call_is_better_elsewhere(seed: int) -> None:
     order = search.order.tolist()
     legs = costs.min(axis=(1, 3))
     near = np.argsort(legs + np.vstack((np.zeros(count), np.diag([np.inf] * count))), axis=1)
-    for call in order:
-        others = [each for each in order if each != call]
+    for number in order:
+        others = [each for each in order if each != number]
         for place in range(count):
-            moved = (*others[:place], call, *others[place:])
+            moved = (*others[:place], number, *others[place:])
             before = others[place - 1] + 1 if place else 0
-            if call in near[before, :10]:
+            if number in near[before, :10]:
                 assert cost_of(costs, moved, (0,) * count) >= search.cost - 1e-9
 
 
