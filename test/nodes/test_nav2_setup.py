@@ -10,6 +10,7 @@ import yaml
 from geometry_msgs.msg import Point32, PolygonStamped
 from maps import hall_map
 from process import PATIENCE
+from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 from ros_client import Client
 from tf2_msgs.msg import TFMessage
 
@@ -113,6 +114,47 @@ def test_the_footprint_is_found_in_a_namespace_while_the_robot_drives(
         rclpy.shutdown()
     assert found == OUTLINE  # to the digit: a digest of it names a folder
     assert not missing
+
+
+class Starting(LifecycleNode):
+    """A node that has its parameters once it is configured, as Nav2's with plugins."""
+
+    def __init__(self, client: Client, name: str, namespace: str, values: dict[str, Any]) -> None:
+        self._values = values
+        super().__init__(
+            name, namespace=f"robot_1/{namespace}".rstrip("/"), context=client.node.context
+        )
+        client.add(self)
+
+    def on_configure(self, _: Any) -> TransitionCallbackReturn:
+        for parameter, value in self._values.items():
+            self.declare_parameter(parameter, value)
+        return TransitionCallbackReturn.SUCCESS
+
+
+@pytest.mark.node
+def test_nodes_that_are_not_active_have_no_parameters_yet(domain: int, client: Client) -> None:
+    described = {**PARAMETERS, ("planner_server", ""): {}}
+    nodes = [Starting(client, *place, values) for place, values in described.items()]
+    rclpy.init(args=[], domain_id=domain)
+    finder = Finder("robot_1", "map")
+    try:
+        with pytest.raises(Nav2Error, match="expected bt_navigator to be active, got unconfigured"):
+            finder.parameters(0.5)
+        timer = client.node.create_timer(0.5, lambda: start(nodes, timer))
+        found = finder.parameters(PATIENCE)
+    finally:
+        finder.destroy_node()
+        rclpy.shutdown()
+    assert facts_of(found, Given()) == facts_of(nav2(), Given())
+
+
+def start(nodes: list[Starting], timer: Any) -> None:
+    """Configure and activate nodes, once."""
+    timer.cancel()
+    for node in nodes:
+        node.trigger_configure()
+        node.trigger_activate()
 
 
 def test_without_a_velocity_smoother_the_speed_is_that_of_the_controller() -> None:
