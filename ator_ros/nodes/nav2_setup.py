@@ -48,12 +48,13 @@ CONTROLLER = "controller_server"
 SMOOTHER = "velocity_smoother"
 PLANNER = "planner_server"
 COSTMAP = "local_costmap/local_costmap"
+_GLOBAL_COSTMAP = "global_costmap/global_costmap"
 ROBOT_FILE = "robot.yaml"
 DOMAIN_FILE = "stations.yaml"
 MAP_FILE = "map.yaml"
 """Files in a folder that `set_up` returns."""
 FOOTPRINT = "local_costmap/published_footprint"
-DRIVING_NODES = (CONTROLLER, SMOOTHER, PLANNER)
+DRIVING_NODES = (NAVIGATOR, CONTROLLER, SMOOTHER, PLANNER, COSTMAP, _GLOBAL_COSTMAP)
 """Nodes whose parameters change how Nav2 drives, and so how long drives take."""
 _OF_ROS = ("use_sim_time", "qos_overrides", "start_type_description_service")
 _SPEEDS = ("desired_linear_vel", "max_vel_x", "vx_max")  # of controllers, in m/s
@@ -407,9 +408,7 @@ class Finder(Node):
 
     def parameters(self, wait: float) -> dict[str, dict[str, Any]]:
         """Return the parameters of Nav2's nodes; those that are missing after `wait` s are not."""
-        clients = {
-            name: AsyncParameterClient(self, name) for name in (NAVIGATOR, COSTMAP, *DRIVING_NODES)
-        }
+        clients = {name: AsyncParameterClient(self, name) for name in DRIVING_NODES}
         end = time.monotonic() + wait
         needed = (NAVIGATOR, CONTROLLER, COSTMAP)
         self._wait_for([clients[name] for name in needed], end)

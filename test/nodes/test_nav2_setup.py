@@ -134,7 +134,7 @@ class Starting(LifecycleNode):
 
 @pytest.mark.node
 def test_nodes_that_are_not_active_have_no_parameters_yet(domain: int, client: Client) -> None:
-    described = {**PARAMETERS, ("planner_server", ""): {}}
+    described = {**PARAMETERS, ("planner_server", ""): {}, ("global_costmap", "global_costmap"): {}}
     nodes = [Starting(client, *place, values) for place, values in described.items()]
     rclpy.init(args=[], domain_id=domain)
     finder = Finder("robot_1", "map")
@@ -184,9 +184,13 @@ def test_what_cannot_be_found_out_is_one_argument(
 def test_other_ways_to_drive_have_another_folder() -> None:
     facts = facts_of(nav2(), Given())
     same = nav2(CONTROLLER, use_sim_time=True)
-    faster = nav2(CONTROLLER, **{"FollowPath.desired_linear_vel": 0.5})
     assert digest_of_driving(same, facts) == digest_of_driving(nav2(), facts)
-    assert digest_of_driving(faster, facts) != digest_of_driving(nav2(), facts)
+    for changed in (
+        nav2(CONTROLLER, **{"FollowPath.desired_linear_vel": 0.5}),
+        nav2(COSTMAP, **{"inflation_layer.inflation_radius": 0.4}),  # paths keep off walls
+        nav2(NAVIGATOR, default_nav_to_pose_bt_xml="without_replanning.xml"),
+    ):
+        assert digest_of_driving(changed, facts) != digest_of_driving(nav2(), facts)
 
 
 def test_the_files_describe_robot_domain_and_nodes(tmp_path: Path) -> None:
