@@ -94,7 +94,7 @@ def test_one_that_follows_raises_no_fault(name: str, goal: str) -> None:
     assert done.watch.remark == ""
 
 
-@pytest.mark.parametrize("changes", [{"strength": 0.6}, {"share": 0.6}, {"latency": 0.1}])
+@pytest.mark.parametrize("changes", [{"strength": 0.8}, {"share": 0.6}, {"latency": 0.1}])
 @pytest.mark.parametrize("goal", ["ahead", "oblique"])
 def test_one_weaker_slower_or_later_than_described_raises_no_fault(
     changes: dict[str, float], goal: str
