@@ -189,9 +189,12 @@ class Routes:
     def _between(self, ends: FloatArray) -> FloatArray:
         """Return routes of pairs x, y, to_x, to_y in m, shape (4, n), as rows of a `RouteSet`."""
         if self.grid.planner is not None:
-            distinct, rows = np.unique(ends, axis=1, return_inverse=True)  # others differ in yaw
-            planned = [self._planned(self.grid.planner, *pair) for pair in distinct.T.tolist()]
-            return np.array(planned).reshape(-1, 6).T[:, rows.ravel()]
+            differs = (ends[:, 1:] != ends[:, :-1]).any(axis=0)  # neighbors mostly differ in yaw
+            rows = np.cumsum(np.append(0, differs))[: ends.shape[1]]
+            firsts = np.append(True, differs)[: ends.shape[1]]
+            pairs = ends[:, firsts].T.tolist()
+            planned = [self._planned(self.grid.planner, *pair) for pair in pairs]
+            return np.array(planned).reshape(-1, 6).T[:, rows]
         found = self._routes(self._places(*ends[:2]), self._places(*ends[2:]))
         found[[0, 2]] *= self._cell
         found[3:5] = wrap_angles(found[3:5] + self.grid.origin.yaw)

@@ -6,6 +6,7 @@ example of how long the action takes, and is described apart.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -42,6 +43,7 @@ _SHORT = 0.5
 # more than hard drives differ from easy ones, and less than most delays.
 _CLIPPED_AT = 2.5
 _KEPT = 0.9  # share of drives that keep a bound
+_MOST_EXPECTED = 0.5  # share of drives that are held up in a situation, as `HeldUp` allows
 _MOST_KEPT = 0.999  # of those that are not held up; more would assume that errors are normal
 _HALVINGS = 40  # of an interval: what is left of the longest delay is far below a control tick
 _LEAST_SPREAD = 1e-6  # s; a normal distribution needs some
@@ -65,20 +67,36 @@ class HeldUp:
         was held up.
     """
 
-    share: Annotated[float, Within(0.0, 0.5)] = 0.0
+    share: Annotated[float, Within(0.0, _MOST_EXPECTED)] = 0.0
     delay: Annotated[float, Within(0.0)] = 0.0
     drives: Annotated[int, Within(0)] = 0
     late: float = 0.0
 
-    def bound(self, durations: FloatArray, spreads: FloatArray) -> FloatArray:
+    def bound(
+        self, durations: FloatArray, spreads: FloatArray, delays: FloatArray | None = None
+    ) -> FloatArray:
         """Return what nine of ten drives take at most, shape (n,), in s.
 
-        `durations` (n,) are predicted, `spreads` (n,) the standard deviations in s of
-        undisturbed drives.
+        Parameters
+        ----------
+        durations, spreads : ndarray, shape (n,)
+            Predicted durations in s, and standard deviations in s of undisturbed drives.
+        delays : ndarray, shape (n,), optional
+            Expected delays in s, if they depend on the situation.
         """
+        if delays is not None and self.delay > 0.0:
+            usual = durations + NormalDist().inv_cdf(_KEPT) * spreads
+            is_often = delays > (1.0 - _KEPT) * self.delay
+            return np.asarray(usual + np.where(is_often, self.delay, 0.0))
         quantile = min(_KEPT / (1.0 - self.share), _MOST_KEPT)
         deviations = NormalDist().inv_cdf(quantile)
         return np.asarray(durations + np.maximum(self.late, deviations * spreads))
+
+    def where_expected(self, delay: float | None) -> HeldUp:
+        """Return it for a situation with an expected delay in s; None: like any other."""
+        if delay is None or self.delay == 0.0:
+            return self
+        return dataclasses.replace(self, share=min(delay / self.delay, _MOST_EXPECTED))
 
 
 NOT_HELD_UP = HeldUp()

@@ -34,8 +34,12 @@ MEASURES: dict[str, str] = {
     "success": "",
     "accuracy": "m",
     "heading": "rad",
+    "held_up": "",
 }
-"""What is predicted, with units: time, probability of success, and the errors at the end."""
+"""What is predicted, with units.
+
+The time, the probability of success, the errors at the end, and the probability to be held up.
+"""
 
 
 @dataclass(frozen=True)
@@ -58,6 +62,9 @@ class Prediction:
     bound : ndarray or None
         What nine of ten drives take at most in s, those included that are held up. It is predicted
         with the spread.
+    delay : ndarray or None
+        Expected delay in s by being held up, if it depends on the situation. It is predicted with
+        the duration, which does not contain it.
     """
 
     duration: FloatArray | None = None
@@ -68,6 +75,7 @@ class Prediction:
     heading: FloatArray | None = None
     error_of_sum: tuple[FloatArray, FloatArray] | None = None
     bound: FloatArray | None = None
+    delay: FloatArray | None = None
 
 
 @dataclass(frozen=True)
@@ -133,7 +141,8 @@ class PerformanceModel:
     robot : Robot
         The robot whose limits the features use.
     trees : mapping of str to ModelTree
-        A tree for each measure that was learned; "duration" is always among them.
+        A tree for each measure that was learned. "duration" is always among them, "held_up" if
+        some situations were held up more often than others.
     features : mapping of str to Feature
         By name: those of the trees, and perhaps others.
     metadata : mapping
@@ -223,12 +232,15 @@ class PerformanceModel:
             if name == "duration":
                 if "duration" in measures or "spread" in measures:
                     fields |= self._durations(geometry, deviations)
+            elif name == "held_up":
+                shares = self._values(geometry, tree, 1.0)
+                fields["delay"] = self.held_up.delay * shares
             elif name in measures:
                 highest = 1.0 if name == "success" else math.inf
                 fields[name] = self._values(geometry, tree, highest)
         bound = None
         if "spread" in measures:
-            bound = self.held_up.bound(fields["duration"], fields["spread"])
+            bound = self.held_up.bound(fields["duration"], fields["spread"], fields.get("delay"))
         return Prediction(**fields, error_of_sum=error, bound=bound)
 
     def _errors(

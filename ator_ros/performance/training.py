@@ -95,6 +95,9 @@ _STOPG = direct_name(STOP)
 _LEAST_PASSING = 5  # episodes that show how an action passes its goals
 # share of passed legs that may come less near than expected: a goal that is missed costs seconds
 _NEARLY_NONE = 0.02
+# drives that were held up, and drives at a leaf, from which it is learned where drives are held up
+_LEAST_HELD_UP = 5
+_LEAF_OF_HELD_UP = 10
 _LEAST_AT_GOAL = 3  # episodes that show how long an action takes there
 # A robot may still be stopping when an action starts: this share of starts is slower than that.
 _MOSTLY = 0.95
@@ -117,6 +120,7 @@ def train(
 ) -> PerformanceModel:
     """Learn the performance model of an action (paper, section 3).
 
+    Where drives are held up is learned if a tree predicts it better than their share does.
     Fewer than `LEAST_DRIVES` that succeeded correct the times of paths, see
     `ator_ros.performance.path_times`. Of more, the success is learned from all episodes: its rate
     if no tree is better. Durations are learned from those that succeeded and were not held up, see
@@ -173,9 +177,14 @@ def train(
         values = examples[measure].values
         table = examples[measure].table[list(names_of(features))]
         if measure == "success":
-            trees[measure] = _success_tree(values, table)
+            trees[measure] = _rate_tree(values, table)
         elif len(values) >= LEAST_DRIVES:
             trees[measure] = small_tree(table, values)
+    if learned.held_up.sum() >= _LEAST_HELD_UP:
+        table = learned.table[list(names_of(features))].reset_index(drop=True)
+        tree = _rate_tree(learned.held_up.astype(float), table, leaf=_LEAF_OF_HELD_UP)
+        if tree.used_features():
+            trees["held_up"] = tree
     named = {feature.name: feature for feature in learned.features}
     table = learned.table[~learned.held_up]
     every = np.full(len(table), True)
@@ -676,8 +685,8 @@ def small_tree(
     return learned.narrowed()
 
 
-def _success_tree(happened: FloatArray, table: pd.DataFrame) -> ModelTree:
-    """Learn the probability of success: a constant rate, unless a tree predicts it better."""
+def _rate_tree(happened: FloatArray, table: pd.DataFrame, *, leaf: int = SMALL_LEAF) -> ModelTree:
+    """Learn a probability: a constant rate, unless a tree predicts it better."""
     # A few failures make leaves of any shape, and refinement would avoid each, as failures cost
     # much. So the tree must have a smaller squared error (Brier score) in cross-validation, by two
     # standard errors.
@@ -686,14 +695,14 @@ def _success_tree(happened: FloatArray, table: pd.DataFrame) -> ModelTree:
     for number in range(_FOLDS if happened.min() < happened.max() else 0):
         held = fold == number
         seen = fold != number
-        tree = small_tree(table[seen], happened[seen])
+        tree = small_tree(table[seen], happened[seen], leaf=leaf)
         features = table.loc[held, list(tree.names)].to_numpy()
         predicted = tree.predict(features).clip(0.0, 1.0)
         error_of_rate = (happened[seen].mean() - happened[held]) ** 2
         gains[held] = error_of_rate - (predicted - happened[held]) ** 2
     standard_error = gains.std() / math.sqrt(len(gains))
     if gains.mean() > 2.0 * standard_error:
-        return small_tree(table, happened)
+        return small_tree(table, happened, leaf=leaf)
     return small_tree(table, np.full(len(happened), happened.mean()))
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import copy
 import itertools
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
@@ -29,7 +29,7 @@ from ator_ros.refinement.search import Pairs, StepCosts
 from ator_ros.tops.chain import Top, TopCall, TopChain, projected
 from ator_ros.world.state import World
 
-REPORTED = ("duration", "spread", "noise", "bound", "success", "accuracy")
+REPORTED = ("duration", "spread", "noise", "bound", "delay", "success", "accuracy")
 """Fields predicted for every action regardless of the objective."""
 
 
@@ -267,9 +267,9 @@ def leg_rows(
     chain: TopChain,
     robot: Robot,
     names: Sequence[Sequence[str]],
-    legs: Iterable[tuple[int, int]],
+    legs: Sequence[tuple[int, int]],
     models: Mapping[str, PredictsPerformance],
-) -> list[StepRows]:
+) -> Sequence[StepRows]:
     """Return the direct variables of legs from one call of `chain` (-1: the start) to another.
 
     A leg may lead to a call that does not follow in the chain. It starts exactly at the goal, as
@@ -293,7 +293,24 @@ def leg_rows(
     to_call = [
         StepRows(starts[0], call.goal, free) for call, free in zip(calls, names, strict=True)
     ]
-    return [to_call[end].starting(starts[origin + 1], changes[origin + 1]) for origin, end in legs]
+    return _LegRows(to_call, starts, changes, legs)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _LegRows(Sequence[StepRows]):
+    """The rows of many legs, each made when it is needed: a search may end before."""
+
+    to_call: Sequence[StepRows]
+    starts: Sequence[Mapping[str, float]]
+    changes: Sequence[Callable[[FloatArray], Mapping[str, Any]] | None]
+    legs: Sequence[tuple[int, int]]
+
+    def __len__(self) -> int:
+        return len(self.legs)
+
+    def __getitem__(self, number: Any) -> Any:
+        origin, end = self.legs[number]
+        return self.to_call[end].starting(self.starts[origin + 1], self.changes[origin + 1])
 
 
 def _present(world: World) -> dict[str, float]:
@@ -346,6 +363,11 @@ class ChainPrediction:
     def duration(self) -> float:
         """Sum of the durations in s."""
         return sum(action["duration"] for action in self.actions)
+
+    @property
+    def delay(self) -> float:
+        """Expected delay in s by being held up, where that depends on the situation."""
+        return sum(action.get("delay", 0.0) for action in self.actions)
 
     @property
     def spread(self) -> float:
@@ -565,32 +587,6 @@ def values_of(chain: TopChain, names: Sequence[Sequence[str]]) -> list[FloatArra
     return found
 
 
-def error_of_sum(chains: Sequence[ChainModel], signs: Sequence[float]) -> GainError:
-    """Return the error of a signed sum of the predicted durations of chains.
-
-    The chains are of robots of one make with the same models; each may start in another situation.
-    """
-    models: dict[str, PredictsPerformance] = {}
-    tables: list[tuple[int, FloatArray]] = []
-    rows: list[StepRows] = []
-    for chain in chains:
-        models |= chain._models
-        first = len(rows)
-        tables += [(first + index, table) for index, table in chain._tables(chain.given)]
-        rows += chain.rows[: len(chain.given)]
-    steps = StepModel(
-        rows,
-        [call for chain in chains for call in chain.calls[: len(chain.given)]],
-        [names for chain in chains for names in chain.names],
-        chains[0]._robot,
-        models=models,
-        objective=chains[0].objective,
-    )
-    of_steps = np.repeat(signs, [len(chain.given) for chain in chains])
-    _, error, variance = steps._predicted(tables, (), of_steps)
-    return GainError(float(error), math.sqrt(variance))
-
-
 def _root(error: FloatArray, variance: FloatArray) -> float:
     """Return the root mean square in s of an error with this expected value and variance."""
     return math.sqrt(error**2 + variance)
@@ -604,7 +600,9 @@ def _summed(
         {name: float(value) for name, value in step.items() if name != "cost"} for step in steps
     )
     cost = float(np.sum([step["cost"] for step in steps]))
-    return ChainPrediction(actions, cost, error, held_up)
+    pairs = zip(held_up, actions, strict=True)
+    of_steps = tuple(each.where_expected(action.get("delay")) for each, action in pairs)
+    return ChainPrediction(actions, cost, error, of_steps)
 
 
 def predict_chain(

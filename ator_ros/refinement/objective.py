@@ -26,6 +26,9 @@ MOST_WEIGHT = 1e6
 class Objective:
     """Weights of the measures; the cost of a chain is the weighted sum over its actions.
 
+    The expected delay by being held up counts as the duration does, where it depends on the
+    situation.
+
     Raises RefinementError for an unknown measure, for a weight that is neither 0 nor from
     LEAST_WEIGHT to MOST_WEIGHT, and if no weight is above 0.
 
@@ -76,6 +79,8 @@ class Objective:
         terms = []
         for name in self.needs:
             values = getattr(prediction, name, None)
+            if name == "duration" and getattr(prediction, "delay", None) is not None:
+                values = values + prediction.delay
             if values is not None:
                 terms.append(self.weights[name] * (1.0 - values if name == "success" else values))
             elif name not in self.where_predicted or len(self.needs) == 1:

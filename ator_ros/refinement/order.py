@@ -4,12 +4,15 @@ The table has the cost of each leg from call to call, for a grid of candidates o
 variables. `ator_ros.refinement.order_search` finds the best orders on it, up to `MOST_EXACT` calls
 of a group exactly. The refiner then searches the variables of the best few without a grid.
 
-A table with a coarse grid comes first. It has an order long before the fine one is complete.
+A table with a coarse grid comes first. It has an order long before the fine one is complete. The
+first table of many calls has their given values only; further ones predict only legs that are cheap
+on it.
 """
 
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -19,7 +22,12 @@ from ator_ros.actions.goal_variables import STOP, goal_values, with_values
 from ator_ros.bases.description import Robot
 from ator_ros.bases.routes import arrival_heading
 from ator_ros.geometry import BoolArray, FloatArray
-from ator_ros.refinement.chain_prediction import PredictsPerformance, StepModel, leg_rows
+from ator_ros.refinement.chain_prediction import (
+    PredictsPerformance,
+    StepModel,
+    leg_rows,
+    values_of,
+)
 from ator_ros.refinement.objective import Objective
 from ator_ros.refinement.order_search import (
     MOST_TRIED,
@@ -46,10 +54,11 @@ MOST_EXACT = 10
 """Calls of a group up to which the best order on the table is found exactly."""
 _COARSE = (1, 4, 6, 8)  # candidates by the number of a call's free variables
 _FINE = (1, 12, 18, 24)
-_MANY = 40  # calls from which on a fine table would take too long
-_FINE_OF_MANY = (1, 8, 12, 16)
+_MANY = 40  # calls from which on tables of all legs would take too long
+_NEAR = 12  # legs of each of many calls, to it and from it, that tables with a grid have
 _BLOCK = 2048  # pairs of candidates predicted between two checks of the deadline: 10 ms
-_KICKS = 60  # of a local search; more of them hardly lower the cost of 30 calls
+_PER_LEG = 10  # of them that each leg counts in addition
+_KICKS_PER_CALL = 2  # of a local search; more of them hardly lower the cost of 30 calls
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -121,12 +130,13 @@ class OrderSearch:
         """
         if deadline():
             return []
-        fine = _FINE if len(self._chain) < _MANY else _FINE_OF_MANY
         calls = range(len(self._chain))
-        coarse_grid = [self._candidates(index, _COARSE) for index in calls]
-        fine_grid = [self._candidates(index, fine) for index in calls]
-        grids = coarse_grid, fine_grid
-        work.expected += sum(self._pairs(candidates) for candidates in grids)
+        grids = [[self._candidates(index, each) for index in calls] for each in (_COARSE, _FINE)]
+        work.expected += sum(map(self._pairs, grids))
+        if len(calls) >= _MANY:
+            given = values_of(self._chain, self._names)
+            grids.insert(0, [values[None] for values in given])
+            work.expected += len(self._legs)
         possible = None
         if depends_on_order(self._chain) and self._is_exact:
             possible = possible_steps(
@@ -135,16 +145,18 @@ class OrderSearch:
             if possible is None:
                 return []
         found: tuple[_Table, list[LegOrder]] | None = None
+        rough: FloatArray | None = None
         as_it_is = list(range(len(self._chain)))
         order = as_it_is
         for candidates in grids:
-            table = self._table(candidates, deadline, work)
+            table = self._table(candidates, rough, deadline, work)
             if table is None:
                 break
             if self._is_exact:
                 orders = best_orders(table.costs, self._ordering, possible, most, table.end)
             else:
-                orders = self._improved(table, order, deadline)
+                kicks = _KICKS_PER_CALL * len(calls) if candidates is grids[-1] else 0
+                orders = self._improved(table, order, kicks, deadline)
             if all(each.order != tuple(as_it_is) for each in orders):
                 orders.append(LocalSearch(table.costs, self._ordering, as_it_is).found())
                 orders.sort(key=lambda each: each.cost)
@@ -152,6 +164,8 @@ class OrderSearch:
             order = list(orders[0].order)
             if deadline():
                 break
+            if len(calls) >= _MANY and rough is None:
+                rough = table.costs[:, 0, :, 0]
         if found is None:
             return []
         table, orders = found
@@ -178,24 +192,38 @@ class OrderSearch:
         return with_passing(points, names, values, counts[1]) if STOP in free else points
 
     def _pairs(self, candidates: Sequence[FloatArray]) -> int:
+        """Return how many pairs of candidates a table has; an upper bound for many calls."""
         counts = [1, *map(len, candidates)]
-        pairs = [counts[origin + 1] * counts[end + 1] for origin, end in self._legs]
-        return sum(pairs)
+        pairs = sum(counts[origin + 1] * counts[end + 1] for origin, end in self._legs)
+        if len(candidates) < _MANY:
+            return pairs
+        return math.ceil(pairs * min(2 * _NEAR * len(counts) / len(self._legs), 1.0))
 
     def _table(
-        self, candidates: Sequence[FloatArray], deadline: Deadline, work: Work
+        self,
+        candidates: Sequence[FloatArray],
+        rough: FloatArray | None,
+        deadline: Deadline,
+        work: Work,
     ) -> _Table | None:
-        """Return the table of predicted costs; None if the deadline passed before its end."""
+        """Return the table of predicted costs; None if the deadline passed before its end.
+
+        Only legs that are cheap by `rough` costs (n + 1, n) are predicted; others have that cost.
+        """
         width = max(map(len, candidates))
-        costs = np.full((len(candidates) + 1, width, len(candidates), width), np.inf)
+        costs = self._far(candidates, width, rough)
         starts = [np.zeros((1, 0)), *candidates]
+        legs = list(enumerate(self._legs))
+        if rough is not None:
+            near = _near(rough)
+            legs = [(number, leg) for number, leg in legs if near[leg[0] + 1, leg[1]]]
         block: list[Pairs] = []
         size = 0
-        for number, (origin, end) in enumerate(self._legs):
+        for number, (origin, end) in legs:
             before = starts[origin + 1]
             block.append((number, before[:, None], candidates[end]))
             size += len(before) * len(candidates[end])
-            if size < _BLOCK and number + 1 < len(self._legs):
+            if size + _PER_LEG * len(block) < _BLOCK and number != legs[-1][0]:
                 continue
             if deadline():
                 return None
@@ -213,6 +241,23 @@ class OrderSearch:
         )
         return _Table(candidates, costs, costs_at_end)
 
+    def _far(
+        self, candidates: Sequence[FloatArray], width: int, rough: FloatArray | None
+    ) -> FloatArray:
+        """Return the costs of a table before legs are predicted.
+
+        They are infinite, or the `rough` costs for candidates at which the robot stops.
+        """
+        count = len(candidates)
+        if rough is None:
+            return np.full((count + 1, width, count, width), np.inf)
+        stops = np.zeros((count + 1, width), dtype=bool)
+        stops[0, 0] = True
+        for index, (points, names) in enumerate(zip(candidates, self._names, strict=True), 1):
+            stops[index, : len(points)] = ~passing_rows(points, names)
+        is_possible = stops[:, :, None, None] & stops[1:]
+        return np.where(is_possible, rough[:, None, :, None], np.inf)
+
     def _possible(self, origin: int, end: int, candidates: Sequence[FloatArray]) -> BoolArray:
         """Return which pairs of candidates a leg may have, where the robot passes either call."""
         calls = self._chain.calls
@@ -229,7 +274,9 @@ class OrderSearch:
             ends = reached(candidates[end], self._names[end], direction)
         return starts[:, None] & ends
 
-    def _improved(self, table: _Table, order: Sequence[int], deadline: Deadline) -> list[LegOrder]:
+    def _improved(
+        self, table: _Table, order: Sequence[int], kicks: int, deadline: Deadline
+    ) -> list[LegOrder]:
         """Return the order of a local search from the better of `order` and `nearest_next`."""
         starts = [order, nearest_next(table.costs, self._ordering)]
         searches = [LocalSearch(table.costs, self._ordering, start) for start in starts]
@@ -238,15 +285,15 @@ class OrderSearch:
         if must_check and self._violates(search):
             search = searches[0]
         self._climb(search, deadline, must_check=must_check)
-        for _ in range(_KICKS):
+        for _ in range(kicks):
             if deadline():
                 break
-            best = search.order, search.cost
+            best = search.state()
             search.kick()
             if not (must_check and self._violates(search)):
                 self._climb(search, deadline, must_check=must_check)
-            if search.cost >= best[1]:
-                search.restore(*best)
+            if search.cost >= best.cost:
+                search.restore(best)
         return [search.found()]
 
     def _climb(self, search: LocalSearch, deadline: Deadline, *, must_check: bool) -> None:
@@ -254,12 +301,12 @@ class OrderSearch:
         cursor = 0
         rejected: set[int] = set()  # cursors behind moves that made the present order invalid
         while cursor >= 0 and not deadline():
-            before = search.order, search.cost
+            before = search.state()
             cursor = search.improve(cursor, 1 if must_check else MOST_TRIED)
-            if not must_check or search.cost == before[1]:
+            if not must_check or search.cost == before.cost:
                 continue
             if self._violates(search):
-                search.restore(*before)
+                search.restore(before)
                 if cursor in rejected:  # all moves were tried
                     return
                 rejected.add(cursor)
@@ -282,6 +329,12 @@ class OrderSearch:
             if values:
                 chain = chain.with_goal(index, with_values(chain.calls[index].goal, values))
         return chain.reordered(found.order)
+
+
+def _near(costs: FloatArray) -> BoolArray:
+    """Return which legs are among the cheapest from their start or to their end, by (n + 1, n)."""
+    shares = [np.argsort(np.argsort(costs, axis), axis) < _NEAR for axis in (0, 1)]
+    return np.asarray(shares[0] | shares[1])
 
 
 def _legs(ordering: Ordering) -> Iterator[tuple[int, int]]:

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -295,6 +296,14 @@ def _following(costs: FloatArray, groups: Sequence[_Group], step: _Step) -> _Ste
 # Local search
 
 
+class SearchState(NamedTuple):
+    """An order of n calls, its cost, and after which of them, shape (n + 1,), to try moves."""
+
+    order: IntArray
+    cost: float
+    pending: BoolArray
+
+
 class LocalSearch:
     """Improves the order of many calls.
 
@@ -331,6 +340,8 @@ class LocalSearch:
         self._rng = np.random.default_rng(len(order))  # the same request has the same answer
         self.order = np.array(order, dtype=np.intp)
         self.cost = self._cost(self.order)
+        # calls (from 1; 0: the start) after which a move may improve the order ("don't-look bits")
+        self._pending = np.ones(len(order) + 1, dtype=bool)
         self._since = 0  # moves tried since the last one that changed the order
 
     def _cost(self, order: IntArray) -> float:
@@ -343,8 +354,8 @@ class LocalSearch:
         improves the order.
         """
         order, cost, cursor, self._since = _improved(
-            self._costs, self._near, self._bounds, self._before,
-            self.order, cursor, self._since, most, self._has_precedences,
+            self._costs, self._near, self._bounds, self._before, self.order, self._pending,
+            cursor, self._since, most, self._has_precedences,
         )  # fmt: skip
         self.order = order
         self.cost = cost
@@ -364,13 +375,21 @@ class LocalSearch:
             order = self.order.copy()
             order[begin:end] = np.concatenate((second_part, first_part))
             if not self._has_precedences or _keeps(order, self._before, begin, end - 1):
-                self.restore(order, self._cost(order))
+                self.order = order
+                self.cost = self._cost(order)
+                self._since = 0
+                _touch(self._pending, order, begin, end - 1)
                 return
 
-    def restore(self, order: IntArray, cost: float) -> None:
-        """Continue with another order and its cost."""
-        self.order = order
-        self.cost = cost
+    def state(self) -> SearchState:
+        """Return the state of the search, to go back to it."""
+        return SearchState(self.order, self.cost, self._pending.copy())
+
+    def restore(self, state: SearchState) -> None:
+        """Go back to a former state."""
+        self.order = state.order
+        self.cost = state.cost
+        self._pending = state.pending.copy()
         self._since = 0
 
     def found(self) -> LegOrder:
@@ -473,6 +492,7 @@ def _improved(
     bounds: IntArray,
     before: BoolArray,
     order: IntArray,
+    pending: BoolArray,
     cursor: int,
     since: int,
     most: int,
@@ -480,8 +500,9 @@ def _improved(
 ) -> tuple[IntArray, float, int, int]:
     """Return an improved order, its cost, and the cursor of the next move; see `LocalSearch`.
 
-    A move makes a call, of a few near ones, follow another call or the start. `since` moves were
-    tried since the last one that changed the order; their new number is the last item.
+    A move makes a call, of a few near ones, follow another call or the start that is `pending`.
+    `since` moves were tried since the last one that changed the order; their new number is the last
+    item.
     """
     order = order.copy()
     trial = order.copy()
@@ -489,14 +510,19 @@ def _improved(
     forward, backward = _layers(costs, order)
     cost = forward[-1].min()
     kinds = 3 * _LONGEST_MOVED + 1
-    moves = near.size * kinds
+    of_one = near.shape[1] * kinds  # moves of one call
+    moves = len(near) * of_one
     made = 0
     tried = 0
-    while since < moves:
+    while pending.any():
         if made == most or tried == MOST_TRIED:
             return order, cost, cursor, since
-        move, kind = divmod(cursor, kinds)
-        origin, choice = divmod(move, near.shape[1])
+        origin, move = divmod(cursor, of_one)
+        if not pending[origin]:
+            cursor = (origin + 1) * of_one % moves
+            since = 0
+            continue
+        choice, kind = divmod(move, kinds)
         cursor = (cursor + 1) % moves
         since += 1
         tried += 1
@@ -512,11 +538,23 @@ def _improved(
                 order[low : high + 1] = trial[low : high + 1]
                 forward, backward = _layers(costs, order)
                 cost = forward[-1].min()
+                _touch(pending, order, low, high)
                 since = 0
                 made += 1
         if low < high:
             trial[low : high + 1] = order[low : high + 1]
+        if move + 1 == of_one and since >= of_one:
+            pending[origin] = False
     return order, cost, -1, 0
+
+
+@compiled
+def _touch(pending: BoolArray, order: IntArray, low: int, high: int) -> None:
+    """Note that the places `low` to `high` of an order have changed, and their neighbors' legs."""
+    if low == 0:
+        pending[0] = True
+    for place in range(max(low - 1, 0), min(high + 2, len(order))):
+        pending[order[place] + 1] = True
 
 
 @compiled

@@ -131,8 +131,12 @@ class Refinement:
 
     @property
     def saved(self) -> float:
-        """The expected gain in duration, in s: the predicted one and its expected error."""
-        return self.before.duration - self.after.duration + self.error.expected
+        """The expected gain in duration, in s: the predicted one and its expected error.
+
+        Delays by being held up count where they depend on the situation.
+        """
+        gain = self.before.duration - self.after.duration + self.error.expected
+        return gain + self.before.delay - self.after.delay
 
     @property
     def uncertainty(self) -> float:
@@ -288,7 +292,7 @@ class Refiner:
         best = reference.predicted()
         found: list[_Searched] = []
         for candidate, cost in starts:
-            if cost > _PROMISING * starts[0][1] or deadline():
+            if cost > _PROMISING * starts[0][1] or (found and deadline()):
                 break
             found.append(self._searched_from(world, candidate, reference, deadline, work))
             best = self._better(world, best, found[-1])
@@ -716,7 +720,7 @@ def choose(
             judged.append(chain)
             continue
         try:
-            valid = in_valid_order(chain, world, refiner.robot)
+            valid = in_valid_order(chain, world, refiner.robot, deadline)
             judged.append(
                 refiner.refine(
                     world, valid, objective, placeholders=placeholders, deadline=deadline

@@ -141,10 +141,11 @@ def in_valid_order(
     chain: TopChain,
     world: World,
     robot: Robot,
+    deadline: Callable[[], bool] = lambda: False,
 ) -> TopChain:
     """Return the chain, in the first order in which it is a valid plan if it is none as it is.
 
-    Raises InvalidChainError with the reasons if there is none.
+    Raises InvalidChainError with the reasons if none is found until the deadline.
     """
     ordering = ordering_of(chain)
     violations = chain.violations(world, robot)
@@ -152,10 +153,11 @@ def in_valid_order(
         return chain
     if not ordering.is_open or any(call.top.lacks(robot) for call in chain.calls):
         raise InvalidChainError("; ".join(violations))
-    search = _Search(chain, ordering, robot)
+    search = _Search(chain, ordering, robot, deadline)
     order = search.order_from(world)
     if order is None:
-        raise InvalidChainError(f"in no order: {search.reasons()}")
+        where = "in none of the orders that were tried" if search.was_cut_short else "in no order"
+        raise InvalidChainError(f"{where}: {search.reasons()}")
     return chain.reordered(order)
 
 
@@ -167,8 +169,10 @@ class _Search:
         chain: TopChain,
         ordering: Ordering,
         robot: Robot,
+        deadline: Callable[[], bool],
     ) -> None:
         self._chain = chain
+        self._deadline = deadline
         self._calls = chain.calls
         self._before = ordering.before
         self._robot = robot
@@ -177,6 +181,7 @@ class _Search:
         self._dead_ends: set[tuple[frozenset[int], RobotState, _Objects, tuple[int, ...]]] = set()
         self._deepest = -1
         self._violations: list[str] = []
+        self.was_cut_short = False
 
     def reasons(self) -> str:
         """Return the conditions that end the longest valid beginnings of an order."""
@@ -200,7 +205,8 @@ class _Search:
             if any(self._before[other, index] for other in left):
                 continue
             self._tried += 1
-            if self._tried > _MOST_TRIED:
+            if self._tried > _MOST_TRIED or self._deadline():
+                self.was_cut_short = True
                 return None
             if fault := self._fault(world, done, index):
                 self._record(len(done), fault)

@@ -10,6 +10,7 @@ from selection import few
 
 from ator_ros.bases.description import load_robot
 from ator_ros.domains.soccer.soccer_domain import SOCCER
+from ator_ros.geometry import FloatArray, wrap_angles
 from ator_ros.performance.held_up import (
     NOT_HELD_UP,
     HeldUp,
@@ -111,6 +112,37 @@ def test_drives_that_are_long_for_a_reason_are_not_held_up() -> None:
     assert model.held_up.share < 0.03
     predicted = model.predict(direct_of(rows)).duration
     assert np.abs(predicted - slow).mean() < 0.15 * slow.mean()
+
+
+def turn_at_departure(rows: pd.DataFrame) -> FloatArray:
+    """Return the angle in rad by which a robot must turn to face its goal."""
+    to_goal = np.arctan2(rows["yg"] - rows["y"], rows["xg"] - rows["x"])
+    return np.abs(wrap_angles((to_goal - rows["yaw"]).to_numpy()))
+
+
+def test_where_drives_are_held_up_is_learned() -> None:
+    """Before sharp turns the server waits for 20 s in 40 % of drives, and nowhere else."""
+    rows = dead_zone_drives(200, seed=12)
+    is_sharp = turn_at_departure(rows) > np.radians(120.0)
+    waits = is_sharp & (np.random.default_rng(12).random(len(rows)) < 0.4)
+    late = rows["duration"] + 20.0 * waits
+    model = learned(rows.assign(duration=late, time_to_go=late))
+    assert model.held_up.drives == waits.sum()
+    predicted = model.predict(direct_of(FRESH), ("duration", "spread"))
+    assert predicted.delay is not None
+    assert predicted.bound is not None
+    sharp = turn_at_departure(FRESH) > np.radians(120.0)
+    assert predicted.delay[sharp].mean() == pytest.approx(0.4 * 20.0, rel=0.3)
+    assert predicted.delay[~sharp].mean() < 1.0
+    assert error_of(model) < 0.2  # of drives that do not wait
+    beyond = predicted.bound - predicted.duration
+    assert np.median(beyond[sharp]) > 20.0 > np.median(beyond[~sharp]) * 10.0
+
+
+def test_delays_that_happen_anywhere_depend_on_nothing() -> None:
+    model = learned(held(dead_zone_drives(200, seed=13), share=0.1, seed=13)[0])
+    assert model.held_up.drives == 20
+    assert model.predict(direct_of(FRESH)).delay is None
 
 
 def test_a_drive_needs_to_take_half_as_long_again_as_similar_ones() -> None:

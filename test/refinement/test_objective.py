@@ -33,6 +33,11 @@ def test_only_measures_with_a_weight_are_needed() -> None:
     assert objective.cost(SimpleNamespace(duration=1.0, accuracy=0.5)) == 2.0
 
 
+def test_expected_delays_cost_as_much_as_durations() -> None:
+    late = SimpleNamespace(duration=np.array([2.0, 3.0]), delay=np.array([0.5, 0.0]))
+    assert Objective({"duration": 2.0}).cost(late) == pytest.approx([5.0, 6.0])
+
+
 @pytest.mark.parametrize("weight", [LEAST_WEIGHT, MOST_WEIGHT])
 def test_weights_have_bounds(weight: float) -> None:
     assert Objective({"duration": weight}).needs == ("duration",)

@@ -199,6 +199,27 @@ def test_more_time_gives_no_higher_cost_and_never_one_above_that_as_sent() -> No
         pytest.fail("expected a complete search")
 
 
+@pytest.mark.parametrize("count", [6, 20, 50])
+def test_a_search_that_is_cut_short_returns_the_best_order_found(count: int) -> None:
+    """The deadline passes when the first table of legs is known, long before the end."""
+    rng = np.random.default_rng(count)
+    chain = TopChain(tuple(stop(*place) for place in rng.uniform(-4.0, 4.0, (count, 2)).tolist()))
+    counted = Refiner(ROBOT, models())
+    checks = 0
+
+    def never() -> bool:
+        nonlocal checks
+        checks += 1
+        return False
+
+    full = counted.refine(world(), chain, placeholders=True, deadline=never)
+    half = counted.refine(world(), chain, placeholders=True, deadline=after(checks // 2))
+    assert not half.complete
+    assert half.best.order != tuple(range(count))
+    gained = (half.before.cost - half.after.cost) / (full.before.cost - full.after.cost)
+    assert 0.8 < gained <= 1.0 + 1e-9
+
+
 def test_values_that_were_sent_are_the_reference_if_they_are_no_placeholders() -> None:
     chain = TopChain((stop(1.0, 0.0, yaw=2.0), stop(0.0, 0.0, yaw=-2.0)))
     found = REFINER.refine(world(), chain)
@@ -302,11 +323,33 @@ def test_local_search_of_many_calls_returns_between_its_moves() -> None:
     chain = TopChain(tuple(stop(float(x), 0.0) for x in range(LONGEST_CHAIN)))
     costs = random_table(LONGEST_CHAIN, 2, seed=1)
     search = LocalSearch(costs, ordering_of(chain), range(LONGEST_CHAIN))
-    climb(search)
-    best = search.cost
     near = 10 * LONGEST_CHAIN  # each call has ten near ones, each of which allows several moves
     assert climb(search) > near // MOST_TRIED
+    best = search.cost
+    climb(search)
     assert search.cost == best
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_after_a_climb_no_call_is_better_elsewhere(seed: int) -> None:
+    """A call that was moved makes other moves worth trying again."""
+    count = 30
+    chain = TopChain(tuple(stop(float(x), 0.0) for x in range(count)))
+    costs = random_table(count, 1, seed)
+    search = LocalSearch(costs, ordering_of(chain), range(count))
+    climb(search)
+    search.kick()
+    climb(search)
+    order = search.order.tolist()
+    legs = costs.min(axis=(1, 3))
+    near = np.argsort(legs + np.vstack((np.zeros(count), np.diag([np.inf] * count))), axis=1)
+    for number in order:
+        others = [each for each in order if each != number]
+        for place in range(count):
+            moved = (*others[:place], number, *others[place:])
+            before = others[place - 1] + 1 if place else 0
+            if number in near[before, :10]:
+                assert cost_of(costs, moved, (0,) * count) >= search.cost - 1e-9
 
 
 @pytest.mark.parametrize("seed", range(5))
