@@ -95,3 +95,19 @@ def test_an_arrival_speed_above_the_limit_is_refused() -> None:
     world = World(0.0, RobotState(Pose(0.0, 0.0, 0.0)))
     with pytest.raises(ActionError, match="expected an arrival speed from 0 to 3 m/s, got 4"):
         PlanarGoToPose(ALIKE).start(world, Goal(Pose(2.0, 0.0, 0.0), 4.0))
+
+
+def test_a_robot_that_misses_a_goal_which_it_should_pass_comes_back() -> None:
+    goal = Goal(Pose(1.0, 0.0, 0.0), 1.0)
+    with Simulation(ALIKE) as simulation:
+        simulation.place_robot(Pose(-2.0, 0.0, 0.0))
+
+        def pushed(action: Action, world: World) -> Step:
+            if world.robot.pose.x > 0.9 and world.time < 3.0:
+                turned = world.robot.pose._replace(yaw=1.5)
+                simulation.place_robot(turned, world.robot.velocity)
+            return action.step(simulation.world())
+
+        done = run_action(simulation, PlanarGoToPose(ALIKE), goal, step=pushed, time_limit=20.0)
+        assert done.status is Status.SUCCEEDED, done.message
+        assert simulation.world().robot.pose.distance(goal.pose) < 0.06

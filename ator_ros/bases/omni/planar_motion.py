@@ -26,6 +26,7 @@ from ator_ros.world.state import RobotState
 _BISECTIONS = 30  # of a share of the acceleration: times of both components agree to 1 ns
 _SLOWINGS = 24  # bisections of the share of the limits at which a drive takes as long as its turn
 _LEAST_SHARE = 0.02  # of the limits: a robot that has to turn that long arrives before it is turned
+_MOST_LATE = 1.1  # times the turn, that a slower drive may take
 _STRAIGHT = 1e-6  # m/s: lateral speed up to which a motion is straight
 
 Axis = tuple[float, float, float]
@@ -165,7 +166,8 @@ def fastest_leg(leg: PlanarLeg, rates: PlanarRates) -> tuple[float, float, float
         Angle in rad whose cosine and sine are the shares of the limits along and across the line.
     share : float
         Share of the limits that the translation uses: 1 unless the robot passes its goal, and the
-        turn takes longer than the drive.
+        turn takes longer than the drive. No share may suffice for that, as near the goal: then the
+        robot arrives before it is turned.
     """
     turned, turn_time = turn_between(leg.turn, leg.w, rates)
     direction, along, across = _split(leg)
@@ -177,13 +179,19 @@ def fastest_leg(leg: PlanarLeg, rates: PlanarRates) -> tuple[float, float, float
         low = _LEAST_SHARE
         high = 1.0
         for _ in range(_SLOWINGS):
-            share = 0.5 * (low + high)
-            on, beside = _limits_towards(direction - leg.yaw, turned, share, rates)
-            time, split = _translation(along, across, on, beside)
-            if time < turn_time:
-                high = share
+            tried = 0.5 * (low + high)
+            on, beside = _limits_towards(direction - leg.yaw, turned, tried, rates)
+            slower, slower_split = _translation(along, across, on, beside)
+            if slower > _MOST_LATE * turn_time:  # it would have to drive back first
+                low = tried
             else:
-                low = share
+                if slower >= turn_time:
+                    low = tried
+                else:
+                    high = tried
+                time = slower
+                split = slower_split
+                share = tried
     return max(time, turn_time), turned, split, share
 
 

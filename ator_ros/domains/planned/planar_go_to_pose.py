@@ -43,7 +43,7 @@ class PlanarGoToPose(Action):
     def start(self, world: World, goal: Goal) -> None:
         """Plan the motion to `goal`; see `Action.start`."""
         check_arrival(goal, self._base.limits.v, self.name)
-        self._goal = goal
+        self._speed = goal.speed  # m/s, with which it arrives
         self._target = goal.robot_pose(self.robot)
         self._replans = 0
         self._nearest = world.robot.pose.distance(self._target)  # m, when `_replans` was 0
@@ -63,8 +63,11 @@ class PlanarGoToPose(Action):
         if is_over and why is None:
             return self._arrived(world)
         is_due = world.time - self._planned_at >= _REPLAN_PERIOD
-        if is_over or (is_due and tracker.disturbed(world)):
-            return self._replan(world, why if is_over and why else "disturbed")
+        if is_over and why is not None:
+            self._speed = 0.0  # it comes back to a goal that it did not pass
+            return self._replan(world, why)
+        if is_due and tracker.disturbed(world):
+            return self._replan(world, "disturbed")
         return self._following(world, f"driving, {tracker.left(world):.1f} s to go")
 
     def path(self) -> FloatArray | None:
@@ -79,10 +82,20 @@ class PlanarGoToPose(Action):
             # conceal that from the motion watch.
             planned = self._tracker.planned_velocity(world)
             start = RobotState(start.pose, planned.vx, planned.w, vy=planned.vy)
-        plan = planar_plan(start, self._target, self._goal.speed, self._limits)
+        plan = self._arriving(start)
         self._expect_free(plan)
         self._planned_at = world.time
         return PlanarTracker(self._base, plan, world.time)
+
+    def _arriving(self, start: RobotState) -> PlanarPlan:
+        """Return a plan to the goal: at its speed, or at rest if the robot then misses the goal."""
+        plan = planar_plan(start, self._target, self._speed, self._limits)
+        end = plan.at(plan.duration).pose
+        misses = end.distance(self._target) > POSITION_TOLERANCE
+        if misses or abs(end.relative(self._target).yaw) > HEADING_TOLERANCE:
+            self._speed = 0.0
+            plan = planar_plan(start, self._target, 0.0, self._limits)
+        return plan
 
     def _expect_free(self, plan: PlanarPlan) -> None:
         """Raise ActionError if a plan touches the walls of bays or of the map."""
@@ -127,7 +140,7 @@ class PlanarGoToPose(Action):
     def _missed(self, world: World) -> str | None:
         """Return why the robot is not at the goal; None if it is."""
         # A goal with a speed is passed between two ticks.
-        most = max(POSITION_TOLERANCE, self._goal.speed * CONTROL_PERIOD)
+        most = max(POSITION_TOLERANCE, self._speed * CONTROL_PERIOD)
         distance, heading = self._off(world)
         is_near = distance <= most and heading <= HEADING_TOLERANCE
         return None if is_near else f"missed: {_described(distance, heading)}"
@@ -138,7 +151,7 @@ class PlanarGoToPose(Action):
         return pose.distance(self._target), abs(pose.relative(self._target).yaw)
 
     def _arrived(self, world: World) -> Step:
-        command = Command(self._goal.speed) if self._goal.speed else STOP
+        command = Command(self._speed) if self._speed else STOP
         message = f"arrived, {_described(*self._off(world))}"
         return finished(Status.SUCCEEDED, message, command)
 
