@@ -22,6 +22,7 @@ from ator_ros.geometry import FloatArray
 from ator_ros.world.state import CONTROL_PERIOD, STOP, Command, RobotState, World
 
 _INTERVAL = 0.05  # s between the poses of a plan that are checked and drawn
+_BESIDE_PATH = 0.01  # m: greatest distance from the path of a robot that passes its goal
 # plans that bring the robot no nearer, after which an action fails: an undisturbed drive needs one
 _REPLANS = 20
 # s between two plans of a disturbed robot: those that start at the speed of a base that does not
@@ -58,7 +59,8 @@ class PlanarGoToPose(Action):
         if tracker is None:
             return self._arrived(world)
         tracker.keep_time(world)
-        is_over = tracker.left(world) <= 0.0
+        # A goal with a speed is passed between two ticks: the nearer one counts.
+        is_over = tracker.left(world) <= (0.5 * CONTROL_PERIOD if self._speed else 0.0)
         why = self._missed(world)
         if is_over and why is None:
             return self._arrived(world)
@@ -139,8 +141,7 @@ class PlanarGoToPose(Action):
 
     def _missed(self, world: World) -> str | None:
         """Return why the robot is not at the goal; None if it is."""
-        # A goal with a speed is passed between two ticks.
-        most = max(POSITION_TOLERANCE, self._speed * CONTROL_PERIOD)
+        most = max(POSITION_TOLERANCE, self._speed * CONTROL_PERIOD + _BESIDE_PATH)
         distance, heading = self._off(world)
         is_near = distance <= most and heading <= HEADING_TOLERANCE
         return None if is_near else f"missed: {_described(distance, heading)}"
