@@ -1,8 +1,9 @@
 """An omnidirectional base that does not follow its commands is stopped; see `longest`.
 
-One that follows them raises no fault.
+One that follows them raises no fault, and stays inside the fence.
 """
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -15,9 +16,10 @@ from ator_ros.actions.base import Goal as ActionGoal
 from ator_ros.bases.omni.omni_robot import OmniRobot
 from ator_ros.domains.drive import DRIVE
 from ator_ros.execution.chain_executor import Ending
+from ator_ros.execution.fence import Fence
 from ator_ros.geometry import Pose
 from ator_ros.tops.chain import TopCall, TopChain
-from ator_ros.world.state import RobotState
+from ator_ros.world.state import STOP, Command, RobotState
 
 NAMED = {robot.name: robot for robot in ROBOTS}
 START = Pose(0.0, 0.0, 0.0)
@@ -115,3 +117,35 @@ def test_one_that_fails_on_any_axis_is_stopped(name: str) -> None:
 def test_each_failure_is_detected_on_each_drive(name: str) -> None:
     places = ("command", "motion", "odometry")
     assert late_stops(NAMED[name], list(GOALS.values()), places) == {}
+
+
+@pytest.mark.parametrize("direction", [0.0, 1.5, 3.0, -2.0])
+@pytest.mark.parametrize("name", NAMED)
+def test_it_is_stopped_before_it_leaves_the_fence(name: str, direction: float) -> None:
+    """It moves fast in any direction while it turns, and no plan can brake in time."""
+    robot = NAMED[name]
+    speed = 0.9 * robot.limits.sideways
+    late = 0.1 + 2.0 * robot.motor_time_constant  # s; two messages, and the motors
+    x = 1.0 - late * speed - speed**2 / (2.0 * robot.stop.moving)
+    assert 1.0 - x < speed**2 / (2.0 * robot.limits.least_change)
+    turning = 0.3 * robot.limits.w
+    moves = Command(speed * math.cos(direction), turning, vy=speed * math.sin(direction))
+    base = KinematicBase(robot, Pose(x, 0.0, -direction), setpoint=moves, speeds=moves)
+    library = DRIVE.library(robot)
+    chain = TopChain((TopCall(library["goToPose"], ActionGoal(Pose(0.5, 0.0, 0.0))),))
+    done = execute(library, chain, base, fence=Fence(-9.0, -9.0, 1.0, 9.0))
+    assert done.ending is Ending.OUT_OF_BOUNDS
+    assert "the robot would leave the fence" in done.execution.reason
+    assert max(state.pose.x for _, state in done.states) < 1.0
+    assert done.commands[-1] == STOP
+
+
+@pytest.mark.parametrize("name", NAMED)
+def test_a_goal_beside_the_edge_of_the_fence_succeeds(name: str) -> None:
+    robot = NAMED[name]
+    library = DRIVE.library(robot)
+    fence = Fence(-5.0, -5.0, 1.0, 5.0)
+    call = TopCall(library["goToPose"], ActionGoal(Pose(0.8, 1.0, 1.5)))
+    for start in (Pose(-3.0, 0.0, 0.0), Pose(0.5, -3.0, -2.0)):
+        done = execute(library, TopChain((call,)), KinematicBase(robot, start), fence=fence)
+        assert done.ending is Ending.SUCCEEDED, done.execution.reason

@@ -114,13 +114,17 @@ class OmniBase(Robot):
         return speed**2 / (2.0 * min(self.stop.moving, self.limits.least_change))
 
     def standstills(self, robot: RobotState, seconds: float) -> Standstills:
-        """Return where the robot may stand: on along the line of its velocity over the floor."""
-        reached = self.moved(robot, None, seconds)
+        """Return where the robot may stand: on along the line of its velocity over the floor.
+
+        Actions keep that velocity while the robot turns. An action that brakes does so already,
+        since its commands are early by the lag: at 3 m/s, `seconds` are as long as a third of the
+        distance in which the base stops.
+        """
         speed = robot.speed
-        stop = speed**2 / (2.0 * self.stop.moving)
+        stop = seconds * speed + speed**2 / (2.0 * self.stop.moving)
         brake = speed**2 / (2.0 * self.limits.least_change)
-        path = tuple(_place_ahead(reached, share * brake) for share in (0.5, 1.0))
-        return Standstills(_place_ahead(reached, stop), (path,))
+        path = tuple(_place_ahead(robot, share * brake) for share in (0.5, 1.0))
+        return Standstills(_place_ahead(robot, stop), (path,))
 
     def unobserved_driving(self) -> OmniDriving:
         """See `Base.unobserved_driving`."""
