@@ -148,3 +148,20 @@ def test_the_reference_passes_where_the_plan_does() -> None:
     assert stops(found.original) == [0.0, 0.0, 1.0]
     assert stops(found.best) == [1.0, 0.0, 1.0]
     assert stops(UNAWARE.refine(START, chain(*back), placeholders=True).best) == [0.0, 0.0, 1.0]
+
+
+@pytest.mark.parametrize("passed", [0.0, 1.0])
+def test_the_prediction_is_that_of_the_places_chosen(passed: float) -> None:
+    """The robot comes to the second station in another direction if the first is elsewhere."""
+    places = [(2.0, 1.5), (3.0, 0.0), (3.0, 3.0)]
+    first, second, last = itertools.starmap(station, places)
+    first = dataclasses.replace(first, open=frozenset({"x", "y"}))
+    second = dataclasses.replace(second, goal=with_values(second.goal, {STOP: passed}))
+    for opened in (frozenset(), frozenset({ORDER})):
+        sent = chain(*(dataclasses.replace(c, open=c.open | opened) for c in (first, second, last)))
+        found = REFINER.refine(START, sent)
+        assert found.refined
+        assert found.best.sent(0).goal.pose.distance(first.goal.pose) > 0.1
+        exact = predict_chain(START, found.best, MODELS, ROBOT)
+        assert found.after.cost == pytest.approx(exact.cost, abs=1e-9)
+        assert found.after.cost < found.before.cost
