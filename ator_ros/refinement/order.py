@@ -291,9 +291,10 @@ class OrderSearch:
                 break
             best = search.state()
             search.kick()
-            if not (must_check and self._violates(search)):
+            is_valid = not (must_check and self._violates(search))
+            if is_valid:
                 self._climb(search, deadline, must_check=must_check)
-            if search.cost >= best.cost:
+            if not is_valid or search.cost >= best.cost:
                 search.restore(best)
         return [search.found()]
 
