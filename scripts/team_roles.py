@@ -38,7 +38,6 @@ from ator_ros.team.roles import (
     bids_of,
     common_objects,
     course_in,
-    decide,
     plan_roles,
 )
 from ator_ros.team.roster import PERIOD, Roster
@@ -324,8 +323,7 @@ class Episode:
         )
         own = replace(own, bids=bids_of(plans))
         player.roster.take(own, now)
-        found = decide(player.roster.members(now), roles, self._setting.gate)
-        player.roster.believe(found, tuple(role.name for role in roles))
+        found = player.roster.decide(roles, now, self._setting.gate)
         player.belief = {each.name: each.role for each in player.roster.members(now)}
         role = player.roster.role()
         self.counts.changes += bool(before) and role != before
@@ -420,12 +418,12 @@ def driving(robots: int, episodes: int, duration: float, seed: int) -> None:
         print(f"| {robots} | {name} | {row(setting, episodes, duration, seed)} |", flush=True)
 
 
-def noise(episodes: int, duration: float, seed: int) -> None:
+def noise(robots: int, episodes: int, duration: float, seed: int) -> None:
     """Print the table for errors of positions and lost messages."""
     print(f"| messages | noise (m) | {' | '.join(HEADER)} |\n{'| --- ' * 7}|", flush=True)
     for name, lost in (("all", 0.0), ("30 % lost", 0.3), ("none", None)):
         for deviation in (0.0, 0.1, 0.5):
-            setting = Setting(noise=deviation, lost=lost)
+            setting = Setting(robots, noise=deviation, lost=lost)
             print(
                 f"| {name} | {deviation:g} | {row(setting, episodes, duration, seed)} |", flush=True
             )
@@ -451,7 +449,7 @@ def main() -> None:
     elif options.series == "driving":
         driving(options.robots, options.episodes, options.duration, options.seed)
     else:
-        noise(options.episodes, options.duration, options.seed)
+        noise(options.robots, options.episodes, options.duration, options.seed)
 
 
 if __name__ == "__main__":
