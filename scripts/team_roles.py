@@ -222,7 +222,7 @@ class Player:
     errors: Errors
     executor: ChainExecutor | None = None
     chain: TopChain = field(default_factory=partial(TopChain, ()))
-    course: Course | None = None
+    courses: dict[str, Course | None] = field(default_factory=dict)
     role: str = ""
     belief: dict[str, str] = field(default_factory=dict)
 
@@ -314,23 +314,33 @@ class Episode:
         for member in seen:
             player.roster.take(member, now)
         objects = common_objects(player.roster.members(now), ROBOT)
-        predict = partial(plan_roles, roles=roles, refiner=self._refiner, library=LIBRARY)
-        for member in seen:
-            plans = predict(member.world, objects=objects)
-            player.roster.take(replace(member, bids=bids_of(plans)), now)
-        plans = predict(
-            own.world, objects=objects, barred=player.roster.barred(now), course=player.course
-        )
-        own = replace(own, bids=bids_of(plans))
-        player.roster.take(own, now)
+        plans = {}
+        for member in (own, *seen):
+            plans[member.name] = plan_roles(
+                member.world,
+                roles,
+                self._refiner,
+                LIBRARY,
+                objects,
+                barred=player.roster.barred(now) if member is own else (),
+                course=player.courses.get(member.name),
+            )
+        for member in (own, *seen):
+            player.roster.take(replace(member, bids=bids_of(plans[member.name])), now)
         found = player.roster.decide(roles, now, self._setting.gate)
         player.belief = {each.name: each.role for each in player.roster.members(now)}
+        for member in (own, *seen):
+            role = player.belief[member.name]
+            course = player.courses.get(member.name)
+            player.courses[member.name] = (
+                course_in(role, plans[member.name][role], course, now, ROBOT.reach)
+                if role
+                else None
+            )
         role = player.roster.role()
         self.counts.changes += bool(before) and role != before
-        plan = plans.get(role)
-        player.course = (
-            course_in(role, plan, player.course, own.world.time, ROBOT.reach) if plan else None
-        )
+        plan = plans[player.name].get(role)
+        own = replace(own, bids=bids_of(plans[player.name]))
         player.send(None if found.waits(player.name) else plan, role, truth)
         if self._setting.lost is not None:
             for other in self._others(player):
