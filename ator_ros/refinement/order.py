@@ -158,7 +158,8 @@ class OrderSearch:
                 kicks = _KICKS_PER_CALL * len(calls) if candidates is grids[-1] else 0
                 orders = self._improved(table, order, kicks, deadline)
             if all(each.order != tuple(as_it_is) for each in orders):
-                orders.append(LocalSearch(table.costs, self._ordering, as_it_is).found())
+                as_sent = LocalSearch(table.costs, self._ordering, as_it_is, table.end)
+                orders.append(as_sent.found())
                 orders.sort(key=lambda each: each.cost)
             found = table, orders
             order = list(orders[0].order)
@@ -279,7 +280,7 @@ class OrderSearch:
     ) -> list[LegOrder]:
         """Return the order of a local search from the better of `order` and `nearest_next`."""
         starts = [order, nearest_next(table.costs, self._ordering)]
-        searches = [LocalSearch(table.costs, self._ordering, start) for start in starts]
+        searches = [LocalSearch(table.costs, self._ordering, start, table.end) for start in starts]
         search = min(searches, key=lambda each: each.cost)
         must_check = depends_on_order(self._chain)
         if must_check and self._violates(search):
@@ -318,12 +319,18 @@ class OrderSearch:
         return bool(chain.violations(self._world, self._robot))
 
     def _written(self, table: _Table, found: LegOrder) -> TopChain:
-        """Return the chain in an order, with its candidates; its last call stops."""
+        """Return the chain in an order, with its candidates; its last call stops.
+
+        A call that is passed has an allowed heading all the same: the robot may miss it.
+        """
         chain = self._chain
         for index, row in zip(found.order, found.rows, strict=True):
             candidate = table.candidates[index][row]
             columns = dict(zip(self._names[index], candidate, strict=True))
             values = {name: columns[name] for name in self._free[index]}
+            if "yaw" in values and columns.get(STOP) == 0.0:  # its direction may not be allowed
+                headings = self._axes[index][self._free[index].index("yaw")]
+                values["yaw"] = float(headings.nearest(np.array([values["yaw"]]))[0])
             if index == found.order[-1] and chain.calls[index].may_stop:
                 values[STOP] = 1.0
             if values:

@@ -366,6 +366,27 @@ def test_local_search_is_near_the_best_order(seed: int) -> None:
     assert best.cost - 1e-9 <= found.cost <= 1.15 * best.cost
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_local_search_counts_the_cost_of_the_end(seed: int) -> None:
+    """Two calls may be the last one, each with one candidate only."""
+    count = 6
+    chain = TopChain(tuple(stop(float(x), 0.0) for x in range(count)))
+    ordering = ordering_of(chain)
+    costs = random_table(count, 3, seed)
+    end = np.full((count + 1, 3), np.inf)
+    end[2, 1] = 0.0
+    end[5, 2] = 1.0
+    best = best_orders(costs, ordering, None, 1, end)[0]
+    search = LocalSearch(costs, ordering, [1, 4, 0, 2, 3, 5], end)
+    assert search.cost == np.inf
+    climb(search)
+    found = search.found()
+    assert (found.order[-1], found.rows[-1]) in {(1, 1), (4, 2)}
+    ending = end[found.order[-1] + 1, found.rows[-1]]
+    assert found.cost == pytest.approx(cost_of(costs, found.order, found.rows) + ending)
+    assert best.cost - 1e-9 <= found.cost <= 1.15 * best.cost
+
+
 def test_nearest_next_lists_all_calls_also_where_no_leg_leads() -> None:
     chain = TopChain(tuple(stop(x, 0.0) for x in (1.0, 2.0, 3.0)))
     costs = random_table(3, 2, 1)
