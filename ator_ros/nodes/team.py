@@ -52,7 +52,6 @@ from ator_ros.team.roles import (
     bids_of,
     common_objects,
     course_in,
-    decide,
     plan_roles,
 )
 from ator_ros.team.roster import PERIOD, Roster
@@ -249,8 +248,7 @@ class TeamNode(Node):
             plans = self._plans(self._world, now)
             own = dataclasses.replace(own, bids=bids_of(plans))
             self._roster.take(own, now)
-            decision = decide(self._roster.members(now), self._file.roles)
-            self._roster.believe(decision, self._role_names)
+            decision = self._roster.decide(self._file.roles, now)
             self._beliefs.publish(self._belief(decision, self._world, now))
             self._act(plans.get(self._roster.role()), self._world, decision)
             status = self._reason(decision)

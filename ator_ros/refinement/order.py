@@ -212,7 +212,9 @@ class OrderSearch:
         Only legs that are cheap by `rough` costs (n + 1, n) are predicted; others have that cost.
         """
         width = max(map(len, candidates))
-        costs = self._far(candidates, width, rough)
+        costs = self._far(candidates, width, rough, deadline)
+        if costs is None:
+            return None
         starts = [np.zeros((1, 0)), *candidates]
         legs = list(enumerate(self._legs))
         if rough is not None:
@@ -243,9 +245,13 @@ class OrderSearch:
         return _Table(candidates, costs, costs_at_end)
 
     def _far(
-        self, candidates: Sequence[FloatArray], width: int, rough: FloatArray | None
-    ) -> FloatArray:
-        """Return the costs of a table before legs are predicted.
+        self,
+        candidates: Sequence[FloatArray],
+        width: int,
+        rough: FloatArray | None,
+        deadline: Deadline,
+    ) -> FloatArray | None:
+        """Return the costs of a table before legs are predicted; None if the deadline passed.
 
         They are infinite, or the `rough` costs for candidates at which the robot stops.
         """
@@ -256,8 +262,13 @@ class OrderSearch:
         stops[0, 0] = True
         for index, (points, names) in enumerate(zip(candidates, self._names, strict=True), 1):
             stops[index, : len(points)] = ~passing_rows(points, names)
-        is_possible = stops[:, :, None, None] & stops[1:]
-        return np.where(is_possible, rough[:, None, :, None], np.inf)
+        costs = np.empty((count + 1, width, count, width))
+        for origin, legs in enumerate(costs):  # 0.1 s for 100 calls with many candidates
+            if deadline():
+                return None
+            is_possible = stops[origin, :, None, None] & stops[1:]
+            legs[:] = np.where(is_possible, rough[origin, None, :, None], np.inf)
+        return costs
 
     def _possible(self, origin: int, end: int, candidates: Sequence[FloatArray]) -> BoolArray:
         """Return which pairs of candidates a leg may have, where the robot passes either call."""
@@ -291,9 +302,10 @@ class OrderSearch:
                 break
             best = search.state()
             search.kick()
-            if not (must_check and self._violates(search)):
+            is_valid = not (must_check and self._violates(search))
+            if is_valid:
                 self._climb(search, deadline, must_check=must_check)
-            if search.cost >= best.cost:
+            if not is_valid or search.cost >= best.cost:
                 search.restore(best)
         return [search.found()]
 
