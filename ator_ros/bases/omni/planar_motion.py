@@ -34,6 +34,9 @@ _BISECTIONS = 30  # of a share of the acceleration: times of both components agr
 _SLOWINGS = 24  # bisections of the share of the limits at which a drive takes as long as its turn
 _LEAST_SHARE = 0.02  # of the limits: a robot that has to turn that long arrives before it is turned
 _MOST_LATE = 1.1  # times the turn, that a slower drive may take
+# m/s and rad/s up to which a start counts as a standstill: a robot that just arrived still rolls
+_SLOW = 0.1
+_SLOW_TURN = 0.2
 _BETTER = 1e-6  # s that a heading of its own must gain
 _STRAIGHT = 1e-6  # m/s: lateral speed up to which a motion is straight
 
@@ -261,11 +264,13 @@ def fastest_leg(leg: PlanarLeg, rates: PlanarRates) -> tuple[float, float, float
 @compiled
 def _may_face(leg: PlanarLeg, rates: PlanarRates) -> bool:
     """Return whether a leg between standstills may be faster with a heading of its own."""
-    moving = abs(leg.vx) + abs(leg.vy) + abs(leg.end_vx) + abs(leg.end_vy) + abs(leg.w)
+    begins_slowly = math.hypot(leg.vx, leg.vy) <= _SLOW and abs(leg.w) <= _SLOW_TURN
+    ends = leg.end_vx == 0.0 and leg.end_vy == 0.0
     speeds_alike = rates.v == rates.v_side and rates.v == rates.v_back
     changes_alike = rates.a == rates.a_side and rates.brake == rates.a_side
     is_alike = speeds_alike and changes_alike and not rates.box
-    return moving == 0.0 and not is_alike and (leg.x != 0.0 or leg.y != 0.0)
+    moves = leg.x != 0.0 or leg.y != 0.0
+    return begins_slowly and ends and moves and not is_alike
 
 
 @compiled

@@ -89,8 +89,9 @@ def test_the_time_of_searches_is_that_of_the_plan(
     assert times(robot, state, goal, speed)[0] == pytest.approx(plan.duration, abs=1e-9)
     begin = plan.at(0.0)
     assert begin.pose.distance(start) < 1e-9
-    assert begin.velocity.vx == pytest.approx(state.vx, abs=1e-6)
-    assert begin.velocity.vy == pytest.approx(state.vy, abs=1e-6)
+    rolls = 0.0 if robot is ALIKE else 0.1  # m/s up to which a start counts as a standstill
+    assert begin.velocity.vx == pytest.approx(state.vx, abs=rolls + 1e-6)
+    assert begin.velocity.vy == pytest.approx(state.vy, abs=rolls + 1e-6)
 
 
 @given(goal=POSES, shares=st.tuples(SHARES, SHARES, SHARES))
