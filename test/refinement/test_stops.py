@@ -15,7 +15,7 @@ from ator_ros.geometry import Pose, wrap_angles
 from ator_ros.performance.model import Passing
 from ator_ros.refinement.chain_prediction import chain_situations, predict_chain
 from ator_ros.refinement.free_variables import NotFree
-from ator_ros.refinement.refiner import Refiner
+from ator_ros.refinement.refiner import ITS_DEADLINE, Refiner
 from ator_ros.tops.chain import TopCall, TopChain
 from ator_ros.tops.ordering import ordering_of
 from ator_ros.tops.ranges import USUAL_RANGES, declared_ranges
@@ -148,3 +148,32 @@ def test_the_reference_passes_where_the_plan_does() -> None:
     assert stops(found.original) == [0.0, 0.0, 1.0]
     assert stops(found.best) == [1.0, 0.0, 1.0]
     assert stops(UNAWARE.refine(START, chain(*back), placeholders=True).best) == [0.0, 0.0, 1.0]
+
+
+def test_a_station_that_the_plan_passes_is_not_ordered_before_another_action() -> None:
+    """Along the line, each passed station would come before one of the other action."""
+    other = dataclasses.replace(LIBRARY["goToPose"], name="work", action="dribbleBall")
+    calls = []
+    for x in (1.0, 3.0, 5.0):
+        calls.append(station(x, 0.0, ORDER, stop=0.0))
+        calls.append(dataclasses.replace(station(x + 1.0, 0.0, ORDER), top=other))
+    sent = chain(station(0.0, 0.0, ORDER), *calls)
+    valid = []
+    for order in itertools.permutations(range(len(sent))):
+        moved = sent.reordered(order)
+        if not moved.violations(START, ROBOT):
+            valid.append(moved)
+    reference = valid[-1]
+    found = REFINER.refine(START, reference)
+    least = min(predict_chain(START, each, MODELS, ROBOT).duration for each in valid)
+    assert not found.best.violations(START, ROBOT)
+    assert found.after.duration <= 1.03 * least
+
+
+@pytest.mark.parametrize("opened", [(STOP,), (ORDER,), (STOP, ORDER)])
+def test_a_round_that_is_the_best_as_sent_is_searched_to_the_end(opened: tuple[str, ...]) -> None:
+    found = REFINER.refine(START, chain(*(station(x, 0.0, *opened) for x in (0.0, 1.0, 3.0))))
+    again = REFINER.refine(START, found.best)
+    assert again.complete
+    assert not again.refined
+    assert ITS_DEADLINE not in again.reason
