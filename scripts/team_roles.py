@@ -31,7 +31,15 @@ from ator_ros.performance.accuracy import mean_ci95
 from ator_ros.refinement.gate import NO_GATE, Gate
 from ator_ros.simulation.scene_simulation import TICK, Simulation
 from ator_ros.team.role_file import Role, RoleStep
-from ator_ros.team.roles import Decision, Member, decide
+from ator_ros.team.roles import (
+    Course,
+    Member,
+    Plan,
+    bids_of,
+    common_objects,
+    course_in,
+    plan_roles,
+)
 from ator_ros.team.roster import PERIOD, Roster
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
@@ -49,7 +57,6 @@ ROLES = (
     Role("keeper", (RoleStep("goToPose", x=-3.0),)),
 )
 NAMES = ("ann", "bob", "eve")
-TOPS = frozenset(LIBRARY)
 SPACING = 0.8  # m, least distance of robots and ball from each other and from the edges
 TIMEOUT = 1.0  # s, as that of the node
 DELAY = 0.05  # s from a message to its arrival
@@ -121,21 +128,18 @@ def standing(makes: Sequence[Make], situations: int, seed: int) -> None:
         *starts, there = places(rng, len(makes) + 1)
         ball = ObjectState(*there)
         poses = [Pose(x, y, rng.uniform(-math.pi, math.pi)) for x, y in starts]
-        members = [
-            Member(name, World(0.0, RobotState(pose), {BALL: ball}), TOPS)
-            for name, pose in zip(NAMES, poses, strict=False)
-        ]
-        found = [fetching(*each) for each in zip(members, makes, strict=True)]
+        worlds = [World(0.0, RobotState(pose), {BALL: ball}) for pose in poses]
+        found = [fetching(*each) for each in zip(worlds, makes, strict=True)]
         durations = []
-        for member, (tools, library), (_, chain) in zip(members, makes, found, strict=True):
-            run = run_chain(tools.robot, library, member.world, chain)
+        for world, (tools, library), (_, chain) in zip(worlds, makes, found, strict=True):
+            run = run_chain(tools.robot, library, world, chain)
             durations.append(run.duration if run.success else math.nan)
         if not np.isfinite(durations).all():
             continue
         times.append(durations)
         costs = {name: [cost(pose, ball) for pose in poses] for name, cost in FORMULAS.items()}
         costs[own] = [cost for cost, _ in found]
-        costs[every] = [fetching(member, makes[0])[0] for member in members]
+        costs[every] = [fetching(world, makes[0])[0] for world in worlds]
         for name, numbers in chosen.items():
             numbers.append(int(np.argmin(costs[name])))
     table = np.array(times)
@@ -148,14 +152,13 @@ def standing(makes: Sequence[Make], situations: int, seed: int) -> None:
         print(f"| {name} | {interval(100.0 * (loss < TICK / 2), 1)} | {interval(loss, 3)} |")
 
 
-def fetching(member: Member, make: Make) -> tuple[float, TopChain]:
+def fetching(world: World, make: Make) -> tuple[float, TopChain]:
     """Return the predicted cost of fetching the ball by a robot of this make, and its chain."""
     tools, library = make
-    found = decide([member], ROLES[:1], tools.refiner(), library)
-    chain = found.chains[0][0]
-    if chain is None:
+    (plan,) = plan_roles(world, ROLES[:1], tools.refiner(), library, world.objects).values()
+    if plan.chain is None or plan.bid is None:
         raise SystemExit(f"{tools.robot.name}: expected a robot that can fetch the ball")
-    return float(found.costs[0, 0]), chain
+    return plan.bid.cost, plan.chain
 
 
 # Driving
@@ -219,6 +222,7 @@ class Player:
     errors: Errors
     executor: ChainExecutor | None = None
     chain: TopChain = field(default_factory=partial(TopChain, ()))
+    courses: dict[str, Course | None] = field(default_factory=dict)
     role: str = ""
     belief: dict[str, str] = field(default_factory=dict)
 
@@ -236,17 +240,16 @@ class Player:
         ball = truth.objects[BALL]
         return World(truth.time, robot, {BALL: ObjectState(ball.x + dx, ball.y + dy)})
 
-    def send(self, decision: Decision, role: str, world: World) -> None:
+    def send(self, plan: Plan | None, role: str, world: World) -> None:
         """Execute the role's chain as the node does: a running one that ends there goes on."""
-        chain = decision.chain_of(self.name)
-        may_go_on = self.executor is not None and role == self.role and chain is not None
-        if may_go_on and (not chain or decision.goes_on(self.name, self.chain, ROBOT.reach)):
+        same = self.executor is not None and role == self.role
+        if plan is not None and same and (not plan.chain or plan.goes_on(self.chain, ROBOT.reach)):
             return
         self.stop(world)
         self.role = role
-        if chain:
-            self.executor = ChainExecutor(LIBRARY, chain, models=TOOLS.models)
-            self.chain = chain
+        if plan is not None and plan.chain:
+            self.executor = ChainExecutor(LIBRARY, plan.chain, models=TOOLS.models)
+            self.chain = plan.chain
 
     def stop(self, world: World) -> None:
         """End the running chain."""
@@ -265,7 +268,7 @@ class Episode:
         self._players = [
             Player(
                 number,
-                Roster(NAMES[number], TIMEOUT, -TIMEOUT, reach=ROBOT.reach),
+                Roster(NAMES[number], TIMEOUT, -TIMEOUT),
                 Errors(setting.noise, self._rng),
             )
             for number in range(setting.robots)
@@ -303,33 +306,58 @@ class Episode:
             self._messages.remove(message)
             message[1].roster.take(message[2], now)
         truth = simulation.world(number=player.number)
-        own = Member(
-            player.name,
-            player.estimate(truth, player.name),
-            TOPS,
-            player.roster.role(),
-            player.roster.barred(now),
-        )
-        player.roster.take(own, now)
-        if self._setting.lost is None:
-            for other in self._others(player):
-                seen = player.estimate(simulation.world(number=other.number), other.name)
-                role = player.belief.get(other.name, "")
-                player.roster.take(Member(other.name, seen, TOPS, role), now)
         roles = ROLES[: self._setting.robots]
-        found = decide(
-            player.roster.members(now, now), roles, self._refiner, LIBRARY, gate=self._setting.gate
-        )
         before = player.roster.role()
-        player.roster.believe(found, tuple(role.name for role in roles), now)
+        own = Member(player.name, player.estimate(truth, player.name), ROBOT.reach, before)
+        player.roster.take(own, now)
+        seen = self._seen(player, simulation) if self._setting.lost is None else []
+        for member in seen:
+            player.roster.take(member, now)
+        objects = common_objects(player.roster.members(now), ROBOT)
+        plans = {}
+        for member in (own, *seen):
+            plans[member.name] = plan_roles(
+                member.world,
+                roles,
+                self._refiner,
+                LIBRARY,
+                objects,
+                barred=player.roster.barred(now) if member is own else (),
+                course=player.courses.get(member.name),
+            )
+        for member in (own, *seen):
+            player.roster.take(replace(member, bids=bids_of(plans[member.name])), now)
+        found = player.roster.decide(roles, now, self._setting.gate)
         player.belief = {each.name: each.role for each in player.roster.members(now)}
+        for member in (own, *seen):
+            role = player.belief[member.name]
+            course = player.courses.get(member.name)
+            player.courses[member.name] = (
+                course_in(role, plans[member.name][role], course, now, ROBOT.reach)
+                if role
+                else None
+            )
         role = player.roster.role()
         self.counts.changes += bool(before) and role != before
-        player.send(found, role, truth)
+        plan = plans[player.name].get(role)
+        own = replace(own, bids=bids_of(plans[player.name]))
+        player.send(None if found.waits(player.name) else plan, role, truth)
         if self._setting.lost is not None:
             for other in self._others(player):
                 if self._rng.random() >= self._setting.lost:
                     self._messages.append((now + DELAY, other, replace(own, role=role)))
+
+    def _seen(self, player: Player, simulation: Simulation) -> list[Member]:
+        """Return the other robots as a robot observes them, with the roles that it expects."""
+        return [
+            Member(
+                other.name,
+                player.estimate(simulation.world(number=other.number), other.name),
+                ROBOT.reach,
+                player.belief.get(other.name, ""),
+            )
+            for other in self._others(player)
+        ]
 
     def _others(self, player: Player) -> Iterator[Player]:
         return (other for other in self._players if other is not player)
@@ -400,12 +428,12 @@ def driving(robots: int, episodes: int, duration: float, seed: int) -> None:
         print(f"| {robots} | {name} | {row(setting, episodes, duration, seed)} |", flush=True)
 
 
-def noise(episodes: int, duration: float, seed: int) -> None:
+def noise(robots: int, episodes: int, duration: float, seed: int) -> None:
     """Print the table for errors of positions and lost messages."""
     print(f"| messages | noise (m) | {' | '.join(HEADER)} |\n{'| --- ' * 7}|", flush=True)
     for name, lost in (("all", 0.0), ("30 % lost", 0.3), ("none", None)):
         for deviation in (0.0, 0.1, 0.5):
-            setting = Setting(noise=deviation, lost=lost)
+            setting = Setting(robots, noise=deviation, lost=lost)
             print(
                 f"| {name} | {deviation:g} | {row(setting, episodes, duration, seed)} |", flush=True
             )
@@ -431,7 +459,7 @@ def main() -> None:
     elif options.series == "driving":
         driving(options.robots, options.episodes, options.duration, options.seed)
     else:
-        noise(options.episodes, options.duration, options.seed)
+        noise(options.robots, options.episodes, options.duration, options.seed)
 
 
 if __name__ == "__main__":

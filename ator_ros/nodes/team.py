@@ -41,12 +41,32 @@ from ator_ros.nodes.subscriptions import Subscriptions
 from ator_ros.printable import one_line, quoted
 from ator_ros.refinement.refiner import Refiner
 from ator_ros.team.role_file import RoleFile, load_roles
-from ator_ros.team.roles import SAME_FRAME, Decision, Member, as_observed, decide
+from ator_ros.team.roles import (
+    SAME_FRAME,
+    Bid,
+    Course,
+    Decision,
+    Member,
+    Plan,
+    as_observed,
+    bids_of,
+    common_objects,
+    course_in,
+    plan_roles,
+)
 from ator_ros.team.roster import PERIOD, Roster
 from ator_ros.tops.chain import TopChain
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.inputs import ClockJumpError, Inputs
-from ator_ros.world.readers import MessageError, name, plain_frame, world_from
+from ator_ros.world.readers import (
+    MessageError,
+    name,
+    names,
+    number,
+    plain_frame,
+    position,
+    world_from,
+)
 from ator_ros.world.sightings import ObjectTracker, Sightings
 from ator_ros.world.state import ObjectState, RobotState, World
 
@@ -55,6 +75,8 @@ TEAMMATES = "/teammates"
 _MOST_ROBOTS = 16  # as many pairs with roles as `Roles.msg` has
 _OBJECT_TIMEOUT = 1.0  # s for which an object that is not observed any more counts as known
 _MOST_REFUSALS = 3  # of chains in a row, after which the robot has failed
+_FARTHEST_REACH = 100.0  # m
+_GREATEST_COST = 1e6  # s
 
 PARAMETERS = (
     *FRAMES,
@@ -83,7 +105,8 @@ class TeamNode(Node):
         (nav_msgs/Odometry), or /tf and /tf_static, and the topics of the domain's objects: the
         robot's own state. the topic of a map, if `map` names one.
     Publishes, five times a second
-        /teammates (ator_interfaces/Teammate, transient local): the robot's state and its role.
+        /teammates (ator_interfaces/Teammate, transient local): the robot's state, its role, and
+        what each role costs it.
         roles (ator_interfaces/Roles, transient local): who takes which role, and at which cost.
         /diagnostics, once a second.
     Calls
@@ -115,6 +138,7 @@ class TeamNode(Node):
         self._failed_until = -math.inf
         self._failure = ""
         self._refusals = 0  # in a row
+        self._course: Course | None = None
         self._sent: SentChain | None = None
         self._sent_role = ""
         self._sent_chain = TopChain(())
@@ -127,7 +151,7 @@ class TeamNode(Node):
         )  # fmt: skip
         self._tf = subscribed.tf
         self.create_subscription(Teammate, TEAMMATES, self._take_mate, LATCHED_BY_MANY)
-        self._roster = Roster(self._name, settings["timeout"], time.monotonic(), reach=robot.reach)
+        self._roster = Roster(self._name, settings["timeout"], time.monotonic())
         self.create_timer(PERIOD, self._decide, clock=STEADY)
         Diagnostics(self, self._health)
         self.get_logger().info(
@@ -139,7 +163,6 @@ class TeamNode(Node):
         self._domain = domain
         self._robot = robot
         self._library = domain.library(robot)
-        self._tops = frozenset(top.name for top in self._library.usable())
 
     def _take_map(self, domain: Domain, robot: Robot) -> None:
         self._use(domain, robot)
@@ -174,26 +197,37 @@ class TeamNode(Node):
             self._odom_at = now
 
     def _take_mate(self, message: Teammate) -> None:
+        if message.name == self._name:
+            return
         now = time.monotonic()
         try:
-            name(message.role, "role", allowed=("", *self._role_names))
-            into_frame(self._settings["frame"], self._tf.base, (), [message.situation])
-            world = world_from(message.situation, frame=self._settings["frame"])
+            member = self._member_from(message)
         except MessageError as error:
             self._warn(f"{TEAMMATES}: ignored {quoted(message.name)}: {error}")
-            return
-        if message.name == self._name:
             return
         known = {member.name for member in self._roster.members(now)}
         if message.name not in known and len(known) >= _MOST_ROBOTS:
             self._warn(f"{TEAMMATES}: expected at most {_MOST_ROBOTS} robots, got more")
             return
+        self._roster.take(member, now, ready=message.ready)
+
+    def _member_from(self, message: Teammate) -> Member:
+        """Read the message of a teammate, in the frame of this robot; raises MessageError."""
+        frame = self._settings["frame"]
+        origin = self._tf.base(frame, message.situation.header.frame_id) or SAME_FRAME
+        into_frame(frame, self._tf.base, (), [message.situation])
+        world = world_from(message.situation, frame=frame)
         objects = {
             each: world.objects[each] for each in self._domain.objects if each in world.objects
         }
-        known_world = dataclasses.replace(world, objects=objects)
-        member = Member(message.name, known_world, frozenset(message.tops), message.role)
-        self._roster.take(member, now, ready=message.ready)
+        names([each.role for each in message.roles], "roles", allowed=self._role_names)
+        return Member(
+            message.name,
+            dataclasses.replace(world, objects=objects),
+            number(message.reach, "reach", low=0.0, high=_FARTHEST_REACH, unit="m"),
+            name(message.role, "role", allowed=("", *self._role_names)),
+            {each.role: _bid_from(each, origin) for each in message.roles},
+        )
 
     # Decisions
 
@@ -205,25 +239,33 @@ class TeamNode(Node):
             return
         status = self._problem(now)
         is_ready = not status
-        role = self._roster.role()
-        own = Member(self._name, self._world, self._tops, role, self._roster.barred(now))
+        own = Member(self._name, self._world, self._robot.reach, self._roster.role())
         self._roster.take(own, now, ready=is_ready)
         if not is_ready:
+            self._course = None
             self._stop()
         else:
-            decision = decide(
-                self._roster.members(now, self._world.time),
-                self._file.roles,
-                self._refiner(self._sets.present[DEFAULT_SET]),
-                self._library,
-                origin=self._origin() or SAME_FRAME,
-            )
-            self._roster.believe(decision, self._role_names, self._world.time)
-            self._beliefs.publish(self._belief(decision, self._world))
-            if self._settings["execute"]:
-                self._send(decision)
+            plans = self._plans(self._world, now)
+            own = dataclasses.replace(own, bids=bids_of(plans))
+            self._roster.take(own, now)
+            decision = self._roster.decide(self._file.roles, now)
+            self._beliefs.publish(self._belief(decision, self._world, now))
+            self._act(plans.get(self._roster.role()), self._world, decision)
             status = self._reason(decision)
-        self._publish_state(self._world, status, ready=is_ready)
+        self._publish_state(own, status, ready=is_ready)
+
+    def _plans(self, world: World, now: float) -> dict[str, Plan]:
+        """Return how the robot would act in each role."""
+        return plan_roles(
+            world,
+            self._file.roles,
+            self._refiner(self._sets.present[DEFAULT_SET]),
+            self._library,
+            common_objects(self._roster.members(now), self._robot),
+            origin=self._origin() or SAME_FRAME,
+            barred=self._roster.barred(now),
+            course=self._course,
+        )
 
     def _problem(self, now: float) -> str:
         """Return why the robot cannot take a role; empty if it can."""
@@ -252,14 +294,14 @@ class TeamNode(Node):
         """Return in a sentence what the robot does, and why roles do not change."""
         role = self._roster.role()
         text = f"has the role {role}" if role else "has no role"
-        if decision.waiting[decision.names.index(self._name)]:
+        if decision.waits(self._name):
             text += " and waits, as a more important role needs its place"
         found = decision.assignment
         if found.gain:
             text += f"; a change would gain {found.gain:.2f} s ± {found.uncertainty:.2f} s"
         return text
 
-    def _belief(self, decision: Decision, world: World) -> Roles:
+    def _belief(self, decision: Decision, world: World, now: float) -> Roles:
         """Write a decision."""
         message = Roles(
             robot=self._name,
@@ -270,50 +312,46 @@ class TeamNode(Node):
         )
         message.header.stamp = stamp_of(world.time)
         message.header.frame_id = self._settings["frame"]
-        for row, robot in enumerate(decision.names):
-            for column, role in enumerate(self._role_names):
-                is_able = decision.chains[row][column] is not None
-                message.pairs.append(
-                    RoleMessage(
-                        robot=robot,
-                        role=role,
-                        holds=decision.assignment.roles[row] == column,
-                        cost=float(decision.costs[row, column]) if is_able else math.nan,
-                        uncertainty=float(decision.errors[row, column]) if is_able else math.nan,
-                    )
-                )
+        members = {member.name: member for member in self._roster.members(now)}
+        for robot in decision.names:
+            for role in self._role_names:
+                message.pairs.append(_role_message(members[robot], role))
         return message
 
-    def _publish_state(self, world: World, status: str, *, ready: bool) -> None:
+    def _publish_state(self, own: Member, status: str, *, ready: bool) -> None:
+        own = dataclasses.replace(own, role=self._roster.role())
         self._mates.publish(
             Teammate(
                 name=self._name,
-                situation=situation_of(world, frame=self._settings["frame"]),
-                tops=sorted(self._tops),
+                situation=situation_of(own.world, frame=self._settings["frame"]),
+                reach=own.reach,
                 ready=ready,
-                role=self._roster.role(),
+                role=own.role,
+                roles=[_role_message(own, role) for role in own.bids],
                 status=one_line(status),
             )
         )
 
     # Driving
 
-    def _send(self, decision: Decision) -> None:
-        """Let the executor execute the role's chain; a running one that ends there goes on."""
+    def _act(self, plan: Plan | None, world: World, decision: Decision) -> None:
+        """Follow the plan of the robot's role, with `execute` also on the floor."""
         role = self._roster.role()
-        chain = decision.chain_of(self._name)
+        reach = self._robot.reach
+        self._course = course_in(role, plan, self._course, world.time, reach) if plan else None
+        if not self._settings["execute"]:
+            return
         same = self._sent is not None and role == self._sent_role
-        if chain is None or (not chain and not same):
+        if plan is None or decision.waits(self._name) or not (plan.chain or same):
             self._stop()
             return
-        reach = self._robot.reach
-        if not chain or (same and decision.goes_on(self._name, self._sent_chain, reach)):
+        if not plan.chain or (same and plan.goes_on(self._sent_chain, reach)):
             return
-        observed = chain if self._world is None else as_observed(chain, self._world)
+        observed = as_observed(plan.chain, world)
         message = chain_of(observed, action_set=DEFAULT_SET, frame=self._settings["frame"])
         self._sent = self._chains.send(ExecuteChain.Goal(chain=message))
         self._sent_role = role
-        self._sent_chain = chain
+        self._sent_chain = plan.chain
 
     def _stop(self) -> None:
         """Cancel the role's chain."""
@@ -352,10 +390,34 @@ class TeamNode(Node):
         """Stop the robot, and leave the team, before the node ends."""
         self._chains.abandon(Outcome.SHUTDOWN, "the node team was ended")
         if self._world is not None:
-            own = Member(self._name, self._world, self._tops)
+            own = Member(self._name, self._world, self._robot.reach)
             self._roster.take(own, time.monotonic(), ready=False)
-            self._publish_state(self._world, "the node team was ended", ready=False)
+            self._publish_state(own, "the node team was ended", ready=False)
         spin_out(self)
+
+
+def _role_message(member: Member, role: str) -> RoleMessage:
+    """Write what a role costs a robot."""
+    bid = member.bids.get(role)
+    message = RoleMessage(robot=member.name, role=role, holds=role == member.role)
+    message.cost = math.nan if bid is None else float(bid.cost)
+    message.uncertainty = math.nan if bid is None else float(bid.error)
+    message.end.x, message.end.y = (math.nan, math.nan) if bid is None else map(float, bid.end)
+    return message
+
+
+def _bid_from(message: RoleMessage, origin: Pose) -> Bid:
+    """Read what a role costs a robot; `origin` is its frame in that of this robot."""
+    x = position(message.end.x, f"{message.role}: end: x")
+    y = position(message.end.y, f"{message.role}: end: y")
+    error = message.uncertainty
+    if error != math.inf:  # that of models without known errors
+        error = number(error, f"{message.role}: uncertainty", low=0.0, high=_GREATEST_COST)
+    return Bid(
+        number(message.cost, f"{message.role}: cost", low=0.0, high=_GREATEST_COST, unit="s"),
+        error,
+        origin.compose(Pose(x, y, 0.0))[:2],
+    )
 
 
 def _roles_of(file: str, library: TopLibrary, domain: Domain) -> RoleFile:

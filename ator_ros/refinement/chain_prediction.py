@@ -587,32 +587,6 @@ def values_of(chain: TopChain, names: Sequence[Sequence[str]]) -> list[FloatArra
     return found
 
 
-def error_of_sum(chains: Sequence[ChainModel], signs: Sequence[float]) -> GainError:
-    """Return the error of a signed sum of the predicted durations of chains.
-
-    The chains are of robots of one make with the same models; each may start in another situation.
-    """
-    models: dict[str, PredictsPerformance] = {}
-    tables: list[tuple[int, FloatArray]] = []
-    rows: list[StepRows] = []
-    for chain in chains:
-        models |= chain._models
-        first = len(rows)
-        tables += [(first + index, table) for index, table in chain._tables(chain.given)]
-        rows += chain.rows[: len(chain.given)]
-    steps = StepModel(
-        rows,
-        [call for chain in chains for call in chain.calls[: len(chain.given)]],
-        [names for chain in chains for names in chain.names],
-        chains[0]._robot,
-        models=models,
-        objective=chains[0].objective,
-    )
-    of_steps = np.repeat(signs, [len(chain.given) for chain in chains])
-    _, error, variance = steps._predicted(tables, (), of_steps)
-    return GainError(float(error), math.sqrt(variance))
-
-
 def _root(error: FloatArray, variance: FloatArray) -> float:
     """Return the root mean square in s of an error with this expected value and variance."""
     return math.sqrt(error**2 + variance)

@@ -160,7 +160,8 @@ class OrderSearch:
                 kicks = _KICKS_PER_CALL * len(calls) if candidates is grids[-1] else 0
                 orders = self._improved(table, order, kicks, deadline)
             if all(each.order != tuple(as_it_is) for each in orders):
-                orders.append(LocalSearch(table.costs, self._ordering, as_it_is).found())
+                as_sent = LocalSearch(table.costs, self._ordering, as_it_is, table.end)
+                orders.append(as_sent.found())
                 orders.sort(key=lambda each: each.cost)
             found = table, orders
             order = list(orders[0].order)
@@ -217,7 +218,9 @@ class OrderSearch:
         Only legs that are cheap by `rough` costs (n + 1, n) are predicted; others have that cost.
         """
         width = max(map(len, candidates))
-        costs = self._far(candidates, width, rough)
+        costs = self._far(candidates, width, rough, deadline)
+        if costs is None:
+            return None
         starts = [np.zeros((1, 0)), *candidates]
         legs = list(enumerate(self._legs))
         if rough is not None:
@@ -248,9 +251,13 @@ class OrderSearch:
         return _Table(candidates, costs, costs_at_end)
 
     def _far(
-        self, candidates: Sequence[FloatArray], width: int, rough: FloatArray | None
-    ) -> FloatArray:
-        """Return the costs of a table before legs are predicted.
+        self,
+        candidates: Sequence[FloatArray],
+        width: int,
+        rough: FloatArray | None,
+        deadline: Deadline,
+    ) -> FloatArray | None:
+        """Return the costs of a table before legs are predicted; None if the deadline passed.
 
         They are infinite, or the `rough` costs for candidates at which the robot stops, and for all
         of a call that it always passes.
@@ -263,8 +270,13 @@ class OrderSearch:
         for index, points in enumerate(candidates):
             passing = self._passing(index, candidates)
             stops[index + 1, : len(points)] = ~passing | passing.all()
-        is_possible = stops[:, :, None, None] & stops[1:]
-        return np.where(is_possible, rough[:, None, :, None], np.inf)
+        costs = np.empty((count + 1, width, count, width))
+        for origin, legs in enumerate(costs):  # 0.1 s for 100 calls with many candidates
+            if deadline():
+                return None
+            is_possible = stops[origin, :, None, None] & stops[1:]
+            legs[:] = np.where(is_possible, rough[origin, None, :, None], np.inf)
+        return costs
 
     def _possible(self, origin: int, end: int, candidates: Sequence[FloatArray]) -> BoolArray:
         """Return which pairs of candidates a leg may have, where the robot passes either call."""
@@ -291,7 +303,7 @@ class OrderSearch:
     ) -> list[LegOrder]:
         """Return the order of a local search from the better of `order` and `nearest_next`."""
         starts = [order, nearest_next(table.costs, self._ordering)]
-        searches = [LocalSearch(table.costs, self._ordering, start) for start in starts]
+        searches = [LocalSearch(table.costs, self._ordering, start, table.end) for start in starts]
         search = min(searches, key=lambda each: each.cost)
         must_check = depends_on_order(self._chain)
         if must_check and self._violates(search):
@@ -302,9 +314,10 @@ class OrderSearch:
                 break
             best = search.state()
             search.kick()
-            if not (must_check and self._violates(search)):
+            is_valid = not (must_check and self._violates(search))
+            if is_valid:
                 self._climb(search, deadline, must_check=must_check)
-            if search.cost >= best.cost:
+            if not is_valid or search.cost >= best.cost:
                 search.restore(best)
         return [search.found()]
 
@@ -330,12 +343,18 @@ class OrderSearch:
         return bool(chain.violations(self._world, self._robot))
 
     def _written(self, table: _Table, found: LegOrder) -> TopChain:
-        """Return the chain in an order, with its candidates; its last call stops."""
+        """Return the chain in an order, with its candidates; its last call stops.
+
+        A call that is passed has an allowed heading all the same: the robot may miss it.
+        """
         chain = self._chain
         for index, row in zip(found.order, found.rows, strict=True):
             candidate = table.candidates[index][row]
             columns = dict(zip(self._names[index], candidate, strict=True))
             values = {name: columns[name] for name in self._free[index]}
+            if "yaw" in values:  # the direction in which it is passed may not be allowed
+                headings = self._axes[index][self._free[index].index("yaw")]
+                values["yaw"] = float(headings.nearest(np.array([values["yaw"]]))[0])
             if index == found.order[-1] and chain.calls[index].may_stop:
                 values[STOP] = 1.0
             if values:

@@ -228,7 +228,7 @@ class Refiner:
         if ordering.is_open or may_pass:
             best = self._ordered(world, reference, ordering, deadline, work)
         elif analysis.free:
-            best = self._searched(reference, deadline, work)
+            best = self._searched(world, reference, reference.model, deadline, work)
         else:
             return self._left_alone(chain, analysis, model)
         kept = KEPT_NAIVE if placeholders else KEPT_AS_SENT
@@ -236,7 +236,9 @@ class Refiner:
 
     def _searched(
         self,
+        world: World,
         start: _Searched,
+        reference: ChainModel,
         deadline: Deadline,
         work: Work,
         given: TopChain | None = None,
@@ -257,7 +259,41 @@ class Refiner:
             deadline=deadline,
             work=work,
         )
-        return dataclasses.replace(start, optimum=optimum)
+        found = dataclasses.replace(start, optimum=optimum)
+        if any({"x", "y"} & set(own) for own in model.names):
+            return self._at_its_places(world, start, found, reference)
+        return found
+
+    def _at_its_places(
+        self,
+        world: World,
+        start: _Searched,
+        found: _Searched,
+        reference: ChainModel,
+    ) -> _Searched:
+        """Return a chain whose places were searched, with the prediction for them.
+
+        A search assumes that the robot comes to each place in the direction from that before it as
+        they were at its start. If the prediction for the places found is no better than that for
+        the values at the start, these are the best ones.
+        """
+        chain = found.refined
+        model = ChainModel(
+            world,
+            chain,
+            self.robot,
+            models=self.models,
+            names=found.model.names,
+            objective=reference.objective,
+            reference=reference,
+        )
+        cost = model.predict().cost
+        before = start.predicted()
+        optimum = dataclasses.replace(found.optimum, cost=cost, first_costs=())
+        if cost <= before.optimum.cost:
+            return dataclasses.replace(found, model=model, optimum=optimum)
+        kept = dataclasses.replace(optimum, values=before.optimum.values, cost=before.optimum.cost)
+        return dataclasses.replace(found, model=before.model, optimum=kept)
 
     def _ordered(
         self,
@@ -306,7 +342,7 @@ class Refiner:
                 continue
             free = each.analysis.free
             naive = self._fastest_alone(world, each.chain, free, each.regions, deadline, work)
-            again = self._searched(each, deadline, work, naive)
+            again = self._searched(world, each, model, deadline, work, naive)
             best = self._better(world, best, again)
         optimum = dataclasses.replace(best.optimum, complete=not deadline())
         return dataclasses.replace(best, optimum=optimum)
@@ -331,7 +367,7 @@ class Refiner:
             reference=reference.model,
         )
         start = _Searched(chain, analysis, regions, model, unsearched(model.given, math.nan))
-        return self._searched(start, deadline, work).predicted()
+        return self._searched(world, start, reference.model, deadline, work).predicted()
 
     def _better(self, world: World, best: _Searched, other: _Searched) -> _Searched:
         """Return the one with the lower cost; `other` only if it is a valid plan."""

@@ -1,13 +1,13 @@
 """The assignment of roles to robots, and the rule by which a robot keeps its role.
 
-Robots are listed in the order of their names, on all robots of a team alike. This order decides
-where costs are equal, and which of several robots keeps a role that they all hold. Roles are listed
-in the order of their importance.
+Robots are listed in the order of their names, on all robots of a team alike, and roles in the order
+of their importance. Where sums of costs are equal, the first robot gets the more important role.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,11 +16,9 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components, maximum_bipartite_matching
 
 from ator_ros.geometry import BoolArray, FloatArray
-from ator_ros.refinement.chain_prediction import GainError
 from ator_ros.refinement.gate import Gate
 
-ErrorOf = Callable[[FloatArray], GainError]
-"""Returns the error of a sum of costs with these signs, shape (n, m)."""
+_TIE = 1e-9  # s; below all differences that matter
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,9 +42,10 @@ class Assignment:
 
 def assign(
     costs: FloatArray,
+    errors: FloatArray,
     held: Sequence[int | None],
-    error_of: ErrorOf,
     gate: Gate,
+    may_change: Sequence[bool] | None = None,
 ) -> Assignment:
     """Assign m roles to n robots so that the sum of the costs is least.
 
@@ -54,17 +53,24 @@ def assign(
     Robots keep their roles unless the gain of a change is expected to pay, by the comparison of
     `gate`. Changes that do not depend on each other are compared one by one.
 
+    Errors of the costs count as independent. Those of robots of different make are, as their models
+    come from different drives. Robots with the same models, and one robot in two roles, err alike
+    in similar situations: the gain is then less uncertain than assumed, and a role is kept longer.
+
     Parameters
     ----------
-    costs : ndarray, shape (n, m)
-        What each role costs each robot, in s; infinite or NaN if the robot cannot take it.
+    costs, errors : ndarray, shape (n, m)
+        What each role costs each robot, and what this may be wrong by (root mean square), in s. The
+        cost is infinite or NaN if the robot cannot take the role.
     held : sequence of int or None
-        The present role of each robot. Of several robots with one role, the first one keeps it.
-    error_of : callable
-        See `ErrorOf`.
+        The present role of each robot. Of several robots with one role, the one with the least cost
+        keeps it.
     gate : Gate
         Compares the gain of a change with its uncertainty.
+    may_change : sequence of bool, optional
+        Whether the role of each robot may change because it pays; None: all.
     """
+    may = np.ones(len(costs), dtype=bool) if may_change is None else np.array(may_change)
     costs = np.where(np.isfinite(costs), costs, np.inf)
     filled = _filled(np.isfinite(costs))
     costs[:, ~filled] = np.inf
@@ -73,37 +79,33 @@ def assign(
     if cheapest is not None:
         kept = _cheapest(_with_held(costs, held), filled)
         if kept is not None:
-            chosen = _changed_where_it_pays(costs, kept, cheapest, error_of, gate)
+            chosen = _changed_where_it_pays(costs, errors, kept, cheapest, gate, may)
     if chosen is None or cheapest is None:
         return Assignment((None,) * len(costs))
     roles = tuple(int(row.argmax()) if row.any() else None for row in chosen)
-    signs = chosen.astype(float) - cheapest
-    if not signs.any():
-        return Assignment(roles)
-    gain = float(costs[chosen].sum() - costs[cheapest].sum())
-    error = error_of(signs)
-    return Assignment(roles, gate.judged(gain, error), error.deviation)
+    return Assignment(roles, *_gain(costs, errors, chosen, cheapest))
 
 
 def waiting(
     roles: Sequence[int | None],
     places: Sequence[tuple[float, float]],
-    distance: float,
+    reaches: Sequence[float],
 ) -> tuple[bool, ...]:
     """Return whether each robot must wait, as a robot with a more important role needs its place.
 
-    `places` are where the robots would end (m); they must be `distance` m apart.
+    `places` are where the robots would end (m); they must be as far apart as the `reaches` of both
+    robots together (m).
     """
-    taken: list[tuple[float, float]] = []
+    sent: list[int] = []
     found = [False] * len(roles)
     numbered = ((role, robot) for robot, role in enumerate(roles) if role is not None)
     for _, robot in sorted(numbered):
-        x, y = places[robot]
         found[robot] = any(
-            np.hypot(x - other_x, y - other_y) < distance for other_x, other_y in taken
+            math.dist(places[robot], places[other]) < reaches[robot] + reaches[other]
+            for other in sent
         )
         if not found[robot]:
-            taken.append((x, y))
+            sent.append(robot)
     return tuple(found)
 
 
@@ -124,8 +126,10 @@ def _cheapest(
     """Return the pairs of the cheapest assignment of the filled roles; None if there is none."""
     pairs = np.zeros(costs.shape, dtype=bool)
     columns = np.flatnonzero(filled)
+    later = np.outer(np.arange(len(costs)), np.arange(costs.shape[1], 0, -1))
+    in_order = costs + _TIE * later
     try:
-        robots, roles = linear_sum_assignment(costs[:, columns])
+        robots, roles = linear_sum_assignment(in_order[:, columns])
     except ValueError:  # scipy's sign that some role has no robot
         return None
     pairs[robots, columns[roles]] = True
@@ -139,8 +143,11 @@ def _with_held(
     """Return the costs with infinite ones for all that would change a role that is held."""
     found = costs.copy()
     taken: set[int] = set()
-    for robot, role in enumerate(held):
-        if role is None or role in taken or not np.isfinite(costs[robot, role]):
+    claims = [
+        (costs[robot, role], robot, role) for robot, role in enumerate(held) if role is not None
+    ]
+    for cost, robot, role in sorted(claims):
+        if role in taken or not np.isfinite(cost):
             continue
         taken.add(role)
         found[robot] = np.inf
@@ -151,10 +158,11 @@ def _with_held(
 
 def _changed_where_it_pays(
     costs: FloatArray,
+    errors: FloatArray,
     kept: BoolArray,
     cheapest: BoolArray,
-    error_of: ErrorOf,
     gate: Gate,
+    may_change: BoolArray,
 ) -> BoolArray:
     """Return `kept` with those parts of `cheapest` whose gain is expected to pay."""
     robots, roles = kept.shape
@@ -166,10 +174,19 @@ def _changed_where_it_pays(
         inside = (part_of[:robots] == part)[:, None] & (part_of[robots:] == part)[None, :]
         before = kept & inside
         after = cheapest & inside
-        if (before == after).all():
-            continue
-        gain = float(costs[before].sum() - costs[after].sum())
-        error = error_of(before.astype(float) - after)
-        if gate.pays(gate.judged(gain, error), error.deviation):
+        may = may_change[part_of[:robots] == part].all()
+        if may and gate.pays(*_gain(costs, errors, before, after)):
             chosen[inside] = cheapest[inside]
     return chosen
+
+
+def _gain(
+    costs: FloatArray,
+    errors: FloatArray,
+    before: BoolArray,
+    after: BoolArray,
+) -> tuple[float, float]:
+    """Return by how much the pairs of `after` cost less, and the uncertainty of that, in s."""
+    gain = float(costs[before].sum() - costs[after].sum())
+    different = errors[before ^ after]
+    return gain, math.sqrt(float(np.square(different).sum()))

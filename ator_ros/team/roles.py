@@ -1,7 +1,7 @@
-"""Who takes which role: what each role costs each robot, and the assignment.
+"""Who takes which role: what each role costs a robot, and the assignment.
 
-The result depends only on the arguments. Robots of a team that have received the same messages
-therefore decide alike.
+Each robot predicts what the roles cost it by its own models, and publishes that. The assignment
+depends only on what the robots publish, so that those that received the same messages decide alike.
 """
 
 from __future__ import annotations
@@ -9,18 +9,17 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 
 from ator_ros.actions.goal_variables import with_values
-from ator_ros.geometry import FloatArray, Pose
+from ator_ros.bases.description import Robot
+from ator_ros.geometry import Pose
 from ator_ros.refinement import RefinementError
-from ator_ros.refinement.chain_prediction import ChainModel, GainError, error_of_sum
 from ator_ros.refinement.gate import Gate
-from ator_ros.refinement.objective import expected_time
 from ator_ros.refinement.refiner import Refiner, choose
 from ator_ros.team.assignment import Assignment, assign, waiting
 from ator_ros.team.role_file import Role
@@ -34,15 +33,94 @@ SAME_FRAME = Pose(0.0, 0.0, 0.0)
 USUAL_GATE = Gate()
 
 
-class Course(NamedTuple):
-    """What a robot does in its role: where, and in how many s it is expected to be done.
+class Bid(NamedTuple):
+    """What a role costs a robot, as the robot itself predicts it.
 
-    That was predicted when it began. Predictions from the middle of a drive would often include
-    another approach.
+    Attributes
+    ----------
+    cost, error : float
+        The predicted cost of the refined chain, and what the models may be wrong by in its
+        duration, in s.
+    end : tuple of float
+        Where the robot ends, in m.
     """
 
+    cost: float
+    error: float
+    end: tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Member:
+    """A robot of a team, as it describes itself.
+
+    Attributes
+    ----------
+    world : World
+        Its state, and the objects that it observes.
+    reach : float
+        From the center of its axle to its farthest part, in m.
+    role : str
+        The role that it holds; empty: none.
+    bids : mapping of str to Bid
+        What each role that it can take costs it, by the name of the role.
+    """
+
+    name: str
+    world: World
+    reach: float
+    role: str = ""
+    bids: Mapping[str, Bid] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """How a robot would act in a role.
+
+    Attributes
+    ----------
+    wanted : tuple of TopChain
+        The role's chain and its alternatives, before refinement.
+    chain : TopChain or None
+        The refined chain; None if the robot cannot take the role. Empty: nothing is left to do.
+    bid : Bid or None
+        What the chain costs; None if there is none.
+    """
+
+    wanted: tuple[TopChain, ...]
+    chain: TopChain | None = None
+    bid: Bid | None = None
+
+    @property
+    def places(self) -> tuple[tuple[float, float], ...]:
+        """The goals of the role's chain in m; none if an object is unknown."""
+        goals = [call.goal.pose for chain in self.wanted[:1] for call in chain.calls]
+        return tuple((pose.x, pose.y) for pose in goals)
+
+    def goes_on(
+        self,
+        running: TopChain,
+        distance: float,
+    ) -> bool:
+        """Return whether a running chain still ends where the role, or an alternative of it, does.
+
+        The robot then goes on with it; places may differ by up to `distance` m.
+        """
+        end = running.calls[-1].goal.pose
+        ends = [chain.calls[-1].goal.pose for chain in self.wanted]
+        return any(each.distance(end) <= distance for each in ends)
+
+
+class Course(NamedTuple):
+    """A role that a robot has begun: its places in m, and the time in s when it should be done.
+
+    The time was predicted at the beginning. Predictions from the middle of a drive would often
+    include another approach.
+    """
+
+    role: str
     places: tuple[tuple[float, float], ...]
-    left: float
+    end: float
 
     def leads_to(
         self,
@@ -54,33 +132,29 @@ class Course(NamedTuple):
         return all(math.dist(*pair) <= distance for pair in pairs)
 
 
-@dataclass(frozen=True, slots=True)
-class Member:
-    """A robot of a team.
+def course_in(
+    role: str,
+    plan: Plan,
+    before: Course | None,
+    time: float,
+    distance: float,
+) -> Course | None:
+    """Return the course of a robot that has a role at a time in s; None if it cannot take it.
 
-    Attributes
-    ----------
-    world : World
-        Its state, and the objects that it observes itself.
-    tops : frozenset of str
-        The TOPs that it can execute.
-    role : str
-        The role that it holds; empty: none.
-    barred : frozenset of str
-        The roles that it must not take.
-    course : Course or None
-        What it does in the role that it holds.
+    The expected end stays that of the course before, unless the role is another one, that end has
+    passed, or a place of the role is more than `distance` m elsewhere.
     """
+    if plan.bid is None:
+        return None
+    course = Course(role, plan.places, time + plan.bid.cost)
+    if before is None or before.role != role or before.end <= time:
+        return course
+    if before.leads_to(plan.places, distance):
+        return course._replace(end=before.end)  # also where an object moves with the robot
+    return course
 
-    name: str
-    world: World
-    tops: frozenset[str]
-    role: str = ""
-    barred: frozenset[str] = frozenset()
-    course: Course | None = None
 
-
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True)
 class Decision:
     """Who takes which role.
 
@@ -88,13 +162,6 @@ class Decision:
     ----------
     names : tuple of str
         The n robots in the order of their names.
-    costs, errors : ndarray, shape (n, m)
-        Predicted cost of each role for each robot, and what the models may be wrong by in its
-        duration, in s; infinite where the robot cannot take the role.
-    wanted : tuple of tuple of TopChain
-        The chain of each role and its alternatives, before refinement.
-    chains : tuple of tuple of TopChain or None
-        The refined chain of each role for each robot. An empty chain: nothing is left to do.
     assignment : Assignment
         Roles by their indices. Its gain counts seconds by the weights of the roles.
     waiting : tuple of bool
@@ -102,10 +169,6 @@ class Decision:
     """
 
     names: tuple[str, ...]
-    costs: FloatArray
-    errors: FloatArray
-    wanted: tuple[tuple[TopChain, ...], ...]
-    chains: tuple[tuple[TopChain | None, ...], ...]
     assignment: Assignment
     waiting: tuple[bool, ...]
 
@@ -113,38 +176,18 @@ class Decision:
         """Return the role of a robot."""
         return self.assignment.roles[self.names.index(name)]
 
-    def chain_of(self, name: str) -> TopChain | None:
-        """Return the chain of a robot's role; None if it has none, or must wait."""
-        robot = self.names.index(name)
-        role = self.assignment.roles[robot]
-        return None if role is None or self.waiting[robot] else self.chains[robot][role]
-
-    def goes_on(
-        self,
-        name: str,
-        running: TopChain,
-        distance: float,
-    ) -> bool:
-        """Return whether a running chain still ends where its role, or an alternative of it, does.
-
-        The robot then goes on with it; places may differ by up to `distance` m.
-        """
-        role = self.role_of(name)
-        end = running.calls[-1].goal.pose
-        ends = [] if role is None else [chain.calls[-1].goal.pose for chain in self.wanted[role]]
-        return any(each.distance(end) <= distance for each in ends)
+    def waits(self, name: str) -> bool:
+        """Return whether a robot must not be sent."""
+        return self.waiting[self.names.index(name)]
 
 
 def decide(
     members: Sequence[Member],
     roles: Sequence[Role],
-    refiner: Refiner,
-    library: TopLibrary,
-    *,
     gate: Gate = USUAL_GATE,
-    origin: Pose = SAME_FRAME,
+    may_change: Collection[str] | None = None,
 ) -> Decision:
-    """Assign roles to the robots of a team.
+    """Assign roles to the robots of a team by what they cost each robot.
 
     Parameters
     ----------
@@ -152,73 +195,48 @@ def decide(
         The robots that can take a role, in any order.
     roles : sequence of Role
         The roles, the most important ones first.
-    refiner : Refiner
-        Predicts and refines the chains; without a gate, as there is no chain to compare with.
-    library : TopLibrary
-        The TOPs of the roles.
     gate : Gate
         Decides whether a change of roles pays.
-    origin : Pose
-        The frame of the roles, in that of the robots.
+    may_change : collection of str, optional
+        The robots whose roles may change because it pays; None: all.
     """
     members = sorted(members, key=lambda member: member.name)
-    objects = common_objects([member.world for member in members], library)
-    wanted = [role.chains(library, objects, origin) for role in roles]
-    offers = [_offers(member, roles, wanted, objects, refiner) for member in members]
     shape = (len(members), len(roles))
-    costs = np.empty(shape)
-    errors = np.empty(shape)
-    for robot, row in enumerate(offers):
-        for role, offer in enumerate(row):
-            costs[robot, role] = offer.cost
-            errors[robot, role] = offer.error
-
-    def error_of(signs: FloatArray) -> GainError:
-        models = []
-        weighted = []
-        for robot, role in np.argwhere(signs).tolist():
-            model = offers[robot][role].model(refiner)
-            if model is not None:
-                models.append(model)
-                weighted.append(signs[robot, role] * weights[role])
-        return error_of_sum(models, weighted) if models else GainError()
-
-    weights = np.array([role.weight for role in roles])
+    costs = np.full(shape, np.inf)
+    errors = np.full(shape, np.inf)
+    for row, member in enumerate(members):
+        for column, role in enumerate(roles):
+            if bid := member.bids.get(role.name):
+                costs[row, column] = role.weight * bid.cost
+                errors[row, column] = role.weight * bid.error
     numbers = {role.name: number for number, role in enumerate(roles)}
     held = [numbers.get(member.role) for member in members]
-    found = assign(costs * weights, held, error_of, gate)
-    ends = []
-    for row, number in zip(offers, found.roles, strict=True):
-        ends.append(row[0 if number is None else number].end(refiner))
+    may = [may_change is None or member.name in may_change for member in members]
+    found = assign(costs, errors, held, gate, may)
+    ends = [
+        member.world.robot.pose[:2] if number is None else member.bids[roles[number].name].end
+        for member, number in zip(members, found.roles, strict=True)
+    ]
     return Decision(
         tuple(member.name for member in members),
-        costs,
-        errors,
-        tuple(map(tuple, wanted)),
-        tuple(tuple(offer.chain for offer in row) for row in offers),
         found,
-        waiting(found.roles, ends, 2.0 * refiner.robot.reach),
+        waiting(found.roles, ends, [member.reach for member in members]),
     )
 
 
-def places_of(chains: Sequence[TopChain]) -> tuple[tuple[float, float], ...]:
-    """Return the goals of a role's chain in m; none if an object is unknown."""
-    goals = [call.goal.pose for chain in chains[:1] for call in chain.calls]
-    return tuple((pose.x, pose.y) for pose in goals)
-
-
 def common_objects(
-    worlds: Sequence[World],
-    library: TopLibrary,
+    members: Sequence[Member],
+    robot: Robot,
 ) -> dict[str, ObjectState]:
     """Return where objects come to rest: the mean of the places that the robots observe.
 
-    An object at the front of a robot moves with it, and is where the first such robot observes it.
+    An object at the front of a robot moves with it, and is where the first such robot by name
+    observes it. `robot` describes how objects roll, and where the front is.
     """
-    robot = library.robot
     places: defaultdict[str, list[ObjectState]] = defaultdict(list)
     moved: dict[str, ObjectState] = {}
-    for world in worlds:
+    for member in sorted(members, key=lambda member: member.name):
+        world = member.world
         for name, there in at_rest(world, robot).objects.items():
             places[name].append(there)
             if robot.holder is not None and is_at_front(world, robot, name):
@@ -231,83 +249,93 @@ def common_objects(
     return found | {name: ObjectState(each.x, each.y) for name, each in moved.items()}
 
 
-@dataclass(frozen=True, slots=True)
-class _Offer:
-    """What a role costs a robot; `chain` is None if the robot cannot take it."""
-
-    world: World
-    chain: TopChain | None = None
-    cost: float = math.inf
-    error: float = math.inf
-
-    def model(self, refiner: Refiner) -> ChainModel | None:
-        """Return the prediction's model; None if nothing is left to do."""
-        if not self.chain:
-            return None
-        return ChainModel(
-            self.world,
-            self.chain,
-            refiner.robot,
-            models=refiner.models,
-            names=[()] * len(self.chain),
-            objective=expected_time(refiner.failure_cost),
-        )
-
-    def end(self, refiner: Refiner) -> tuple[float, float]:
-        """Return where the robot ends, in m."""
-        world = self.world
-        for call in self.chain.calls if self.chain else ():
-            world = projected(world, call, refiner.robot)
-        return world.robot.pose[:2]
-
-
-def _offers(
-    member: Member,
+def plan_roles(
+    world: World,
     roles: Sequence[Role],
-    wanted: Sequence[Sequence[TopChain]],
-    objects: Mapping[str, ObjectState],
     refiner: Refiner,
-) -> list[_Offer]:
-    """Return what each role costs a robot; the one that it holds as was predicted at its start."""
-    found = []
-    for role, chains in zip(roles, wanted, strict=True):
-        allowed = [] if role.name in member.barred else chains
-        offer = _offer(member, allowed, objects, refiner)
-        course = member.course if role.name == member.role and offer.chain is not None else None
-        if course is not None and course.leads_to(places_of(chains), refiner.robot.reach):
-            offer = dataclasses.replace(offer, cost=min(offer.cost, course.left))
-        found.append(offer)
-    return found
+    library: TopLibrary,
+    objects: Mapping[str, ObjectState],
+    *,
+    origin: Pose = SAME_FRAME,
+    barred: Collection[str] = (),
+    course: Course | None = None,
+) -> dict[str, Plan]:
+    """Return how a robot would act in each role, by the name of the role.
+
+    Parameters
+    ----------
+    world : World
+        The robot's state, and the objects that it observes.
+    refiner : Refiner
+        Predicts and refines its chains; without a gate, as there is no chain to compare with.
+    library : TopLibrary
+        The TOPs of the roles.
+    objects : mapping of str to ObjectState
+        Where the team observes the objects at rest (`common_objects`).
+    origin : Pose
+        The frame of the roles, in that of the robot.
+    barred : collection of str
+        The roles that the robot must not take.
+    course : Course, optional
+        What it has begun: this role costs at most what was predicted at the beginning.
+    """
+    observed = {name: objects[name] for name in world.objects}
+    at_places = dataclasses.replace(world, objects=observed)
+    usable = {top.name for top in library.usable()}
+    plans = {}
+    for role in roles:
+        wanted = tuple(role.chains(library, objects, origin))
+        able = [chain for chain in wanted if {call.top.name for call in chain.calls} <= usable]
+        plan = _plan(wanted, [] if role.name in barred else able, at_places, refiner)
+        if course is not None and course.role == role.name:
+            plan = _as_begun(plan, course, world.time, refiner.robot.reach)
+        plans[role.name] = plan
+    return plans
 
 
-def _offer(
-    member: Member,
-    chains: Sequence[TopChain],
-    objects: Mapping[str, ObjectState],
+def bids_of(plans: Mapping[str, Plan]) -> dict[str, Bid]:
+    """Return what the roles cost that a robot can take."""
+    return {role: plan.bid for role, plan in plans.items() if plan.bid is not None}
+
+
+def _plan(
+    wanted: tuple[TopChain, ...],
+    able: Sequence[TopChain],
+    world: World,
     refiner: Refiner,
-) -> _Offer:
-    """Return what the best of a role's chains costs a robot."""
-    observed = {name: objects[name] for name in member.world.objects}
-    world = dataclasses.replace(member.world, objects=observed)
-    nothing = _Offer(world)
-    left = [what_is_left(chain, world, refiner) for chain in chains if _is_able(member, chain)]
+) -> Plan:
+    """Return the plan with the best of the chains that the robot is able to execute."""
+    nothing = Plan(wanted)
+    left = [what_is_left(chain, world, refiner) for chain in able]
     if any(not chain for chain in left):
-        return _Offer(world, TopChain(()), 0.0, 0.0)
-    usable: list[TopChain | str] = [chain for chain in left if not missing_in(chain.calls, world)]
-    if not usable:
+        return Plan(wanted, TopChain(()), Bid(0.0, 0.0, world.robot.pose[:2]))
+    chains: list[TopChain | str] = [chain for chain in left if not missing_in(chain.calls, world)]
+    if not chains:
         return nothing
     try:
-        found = choose(refiner, world, usable).refinement
+        found = choose(refiner, world, chains).refinement
     except RefinementError:
         return nothing
-    return _Offer(world, found.chain, found.predicted.cost, found.predicted.error)
+    predicted = found.predicted
+    if not math.isfinite(predicted.cost):
+        return nothing
+    end = world
+    for call in found.chain.calls:
+        end = projected(end, call, refiner.robot)
+    return Plan(wanted, found.chain, Bid(predicted.cost, predicted.error, end.robot.pose[:2]))
 
 
-def _is_able(
-    member: Member,
-    chain: TopChain,
-) -> bool:
-    return {call.top.name for call in chain.calls} <= member.tops
+def _as_begun(
+    plan: Plan,
+    course: Course,
+    time: float,
+    distance: float,
+) -> Plan:
+    """Return the plan with at most the cost that was predicted when the robot began it."""
+    if plan.bid is None or course.end <= time or not course.leads_to(plan.places, distance):
+        return plan
+    cost = min(plan.bid.cost, course.end - time)
+    return dataclasses.replace(plan, bid=plan.bid._replace(cost=cost))
 
 
 def what_is_left(

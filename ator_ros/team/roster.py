@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import NamedTuple
+from collections.abc import Sequence
 
-from ator_ros.team.roles import Course, Decision, Member, places_of
+from ator_ros.refinement.gate import Gate
+from ator_ros.team.role_file import Role
+from ator_ros.team.roles import USUAL_GATE, Decision, Member, decide
 
 PERIOD = 0.2
 """Real s between two messages of a robot, and between two decisions."""
@@ -14,19 +16,11 @@ CONFLICT = 2.0 * PERIOD
 """Real s after which the later of two robots by name leaves a role that both claim."""
 
 
-class _Begun(NamedTuple):
-    """A role that a robot has begun, its places, and the time in s at which it should be done."""
-
-    role: str
-    places: tuple[tuple[float, float], ...]
-    end: float
-
-
 class Roster:
     """The newest message of each robot, and its role.
 
     A role is the one of the newest message, or of a newer decision. Times are real times on this
-    robot's clock, or stamps of its own state; those of other robots are not used.
+    robot's clock; stamps of other robots are not used.
 
     Attributes
     ----------
@@ -34,8 +28,6 @@ class Roster:
         This robot.
     timeout : float
         Real s after which a robot without messages drops out.
-    reach : float
-        Distance in m up to which the places of a role are the same.
     """
 
     def __init__(
@@ -43,16 +35,13 @@ class Roster:
         name: str,
         timeout: float,
         now: float,
-        *,
-        reach: float = 0.5,
     ) -> None:
         self.name = name
         self.timeout = timeout
-        self.reach = reach
-        self._begun: dict[str, _Begun] = {}
         self._since = now
         self._members: dict[str, tuple[Member, float]] = {}
         self._claims: dict[str, str] = {}  # the role in the newest message of each robot
+        self._wanted: dict[str, tuple[int | None, float]] = {}  # what pays, and since when
         self._conflict_since = math.inf
         self._barred: set[str] = set()
 
@@ -70,22 +59,10 @@ class Roster:
         else:
             self._members.pop(member.name, None)
 
-    def members(
-        self,
-        now: float,
-        stamp: float = 0.0,
-    ) -> list[Member]:
-        """Return the robots that can take a role; `stamp` is that of this robot's state in s."""
-        found = []
-        for member, arrival in self._members.values():
-            if now - arrival > self.timeout:
-                continue
-            begun = self._begun.get(member.name)
-            if begun is not None and begun.role == member.role and begun.end > stamp:
-                course = Course(begun.places, begun.end - stamp)
-                member = dataclasses.replace(member, course=course)
-            found.append(member)
-        return found
+    def members(self, now: float) -> list[Member]:
+        """Return the robots that can take a role; what they have begun ends earlier by now."""
+        ages = [(member, now - arrival) for member, arrival in self._members.values()]
+        return [_after(member, age) for member, age in ages if age <= self.timeout]
 
     def is_listening(self, now: float) -> bool:
         """Return whether messages of teammates may not have come yet, so that no role is taken."""
@@ -95,7 +72,7 @@ class Roster:
         """Return the roles that this robot must not take.
 
         An earlier robot by name keeps claiming them, although it knows that this robot does, too:
-        they predict the gain of a change a little differently.
+        each compares its own newest costs with older ones of the other.
         """
         earlier = [each.name for each in self.members(now) if each.name < self.name]
         claimed = {self._claims[name] for name in earlier} - {""}
@@ -106,45 +83,46 @@ class Roster:
         self._barred &= claimed
         return frozenset(self._barred)
 
-    def believe(
+    def decide(
         self,
-        decision: Decision,
-        roles: tuple[str, ...],
-        stamp: float = 0.0,
-    ) -> None:
-        """Take the roles of a decision, until newer messages come; `roles` are their names.
+        roles: Sequence[Role],
+        now: float,
+        gate: Gate = USUAL_GATE,
+    ) -> Decision:
+        """Decide who takes which role, and take that for true until newer messages come.
 
-        `stamp` is that of this robot's state in s.
+        A change of roles must pay until a message of every teammate has come since it first paid:
+        the costs before may be those of another situation, such as with the ball elsewhere.
         """
+        members = self.members(now)
+        wanted = decide(members, roles, gate)
+        for name, role in zip(wanted.names, wanted.assignment.roles, strict=True):
+            if name not in self._wanted or self._wanted[name][0] != role:
+                self._wanted[name] = (role, now)
+        others = [self._members[each.name][1] for each in members if each.name != self.name]
+        oldest = min(others, default=math.inf)
+        settled = {each.name for each in members if self._wanted[each.name][1] < oldest}
+        decision = decide(members, roles, gate, settled)
         for name in decision.names:
             member, arrival = self._members[name]
             number = decision.role_of(name)
-            role = "" if number is None else roles[number]
-            self._members[name] = (dataclasses.replace(member, role=role), arrival)
-            self._note(name, decision, role, stamp)
-
-    def _note(
-        self,
-        name: str,
-        decision: Decision,
-        role: str,
-        stamp: float,
-    ) -> None:
-        """Note when a robot is expected to be done, if it begins a role or its places jump."""
-        number = decision.role_of(name)
-        if number is None:
-            self._begun.pop(name, None)
-            return
-        places = places_of(decision.wanted[number])
-        end = stamp + float(decision.costs[decision.names.index(name), number])
-        begun = self._begun.get(name)
-        if begun is None or begun.role != role or begun.end <= stamp:
-            begun = _Begun(role, places, end)
-        if Course(begun.places, 0.0).leads_to(places, self.reach):
-            end = begun.end  # also where an object moves with a robot
-        self._begun[name] = _Begun(role, places, end)
+            role_name = "" if number is None else roles[number].name
+            self._members[name] = (dataclasses.replace(member, role=role_name), arrival)
+        return decision
 
     def role(self) -> str:
         """Return this robot's role; empty if it has none."""
         found = self._members.get(self.name)
         return "" if found is None else found[0].role
+
+
+def _after(
+    member: Member,
+    age: float,
+) -> Member:
+    """Return a robot some s after its message: what it does in its role costs that much less."""
+    bid = member.bids.get(member.role)
+    if bid is None:
+        return member
+    left = bid._replace(cost=max(bid.cost - age, 0.0))
+    return dataclasses.replace(member, bids={**member.bids, member.role: left})

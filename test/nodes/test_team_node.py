@@ -12,7 +12,7 @@ from process import PATIENCE
 from profiles import assert_profile
 from ros_client import Client
 
-from ator_interfaces.msg import Outcome, Roles, Teammate
+from ator_interfaces.msg import Outcome, Role, Roles, Teammate
 from ator_ros.geometry import Pose
 from ator_ros.nodes.messages import object_odometry_of, odometry_of, situation_of
 from ator_ros.nodes.parameters import SetupError
@@ -27,8 +27,12 @@ SETTINGS = {"roles": ROLES, "domain": "soccer"}
 BALL = ObjectState(0.0, 0.0)
 HERE = Pose(-2.0, 0.0, 0.0)
 NEAR = Pose(-0.8, 0.0, 0.0)
-FAR = Pose(-3.0, 2.0, 3.0)
-TOPS = ["goToPose", "goToBall", "dribbleBall", "shoot"]
+TOPS = ["goToBall", "dribbleBall", "shoot"]
+REACH = 0.3  # m
+FAST, SLOW = 2.0, 12.0
+"""Costs in s of the role ball; the robot ann needs about 9.5 s."""
+SUPPORT = 3.0
+"""Cost in s of the role support."""
 PERIOD = 0.05
 
 
@@ -55,11 +59,20 @@ class Field:
         if self.mate is not None:
             self._mates.publish(self.mate)
 
-    def appears(self, pose: Pose, name: str = "bob", role: str = "", stamp: float = 1e6) -> None:
-        """Let a teammate publish its state, by a clock of its own."""
-        world = World(stamp, RobotState(pose), {"ball": BALL})
-        situation = situation_of(world, frame="odom")
-        self.mate = Teammate(name=name, situation=situation, tops=TOPS, ready=True, role=role)
+    def appears(self, cost: float, name: str = "bob", role: str = "", stamp: float = 1e6) -> None:
+        """Let a teammate publish what the role ball costs it in s, by a clock of its own."""
+        world = World(stamp, RobotState(NEAR), {"ball": BALL})
+        costs = {"ball": cost, "support": SUPPORT}
+        self.mate = Teammate(
+            name=name,
+            situation=situation_of(world, frame="odom"),
+            reach=REACH,
+            ready=True,
+            role=role,
+            roles=[
+                Role(robot=name, role=each, cost=costs[each], uncertainty=0.2) for each in costs
+            ],
+        )
 
     def role(self) -> str:
         """Return the role that ann publishes."""
@@ -89,20 +102,27 @@ def field(client: Client) -> Iterator[Field]:
 def test_a_team_of_two_agrees_and_drives(field: Field, host: Host) -> None:
     host("team", "-r", "__ns:=/ann", execute=True, **SETTINGS)
     field.wait_for("ball")
-    field.client.eventually(lambda: field.tops() == TOPS[1:], "the chain of the role ball")
+    field.client.eventually(lambda: field.tops() == TOPS, "the chain of the role ball")
     pairs = {each.role: each for each in field.beliefs[-1].pairs}
     assert pairs["ball"].holds
     assert 0.0 < pairs["ball"].uncertainty < pairs["ball"].cost
-    # A nearer robot takes over, whatever its clock says.
-    field.appears(NEAR)
+    # A nearer robot does not take over if it is slower, and a faster one does, whatever its clock.
+    field.appears(SLOW)
+    field.client.eventually(lambda: len(field.beliefs[-1].pairs) > len(pairs), "two robots")
+    time.sleep(0.5)
+    assert field.role() == "ball"
+    field.appears(FAST)
     field.wait_for("support")
     field.client.eventually(lambda: field.tops() == ["goToPose"], "the chain of support")
     found = {(each.robot, each.role) for each in field.beliefs[-1].pairs if each.holds}
     assert found == {("ann", "support"), ("bob", "ball")}
+    costs = {each.role: each.cost for each in field.beliefs[-1].pairs if each.robot == "bob"}
+    assert costs["ball"] == pytest.approx(FAST, abs=1.0)  # it is on its way since its message
+    assert math.isnan(costs["keeper"])
     # It falls silent, comes back and is not ready.
     field.mate = None
     assert field.wait_for("ball") > 0.5
-    field.appears(NEAR, stamp=1e6 - 0.1)
+    field.appears(FAST, stamp=1e6 - 0.1)
     field.wait_for("support")
     assert field.mate is not None
     field.mate.ready = False
@@ -110,15 +130,16 @@ def test_a_team_of_two_agrees_and_drives(field: Field, host: Host) -> None:
     assert_profile(field.client, "team", "ann")
 
 
-def test_of_two_robots_with_one_role_the_first_one_by_name_keeps_it(
+def test_of_two_robots_with_one_role_the_later_one_by_name_leaves_it(
     field: Field, host: Host
 ) -> None:
     host("team", "-r", "__ns:=/ann", **SETTINGS)
     field.wait_for("ball")
-    field.appears(HERE, role="ball")
+    field.appears(SLOW, role="ball")
     time.sleep(1.0)
     assert field.role() == "ball"
-    field.appears(HERE, name="abe", role="ball")
+    # The robot abe would need longer, but goes on.
+    field.appears(SLOW, name="abe", role="ball")
     field.wait_for("support")
     assert not field.server.goals
 
@@ -137,9 +158,11 @@ def test_a_robot_whose_chain_failed_drops_out_for_a_while(field: Field, host: Ho
 def test_what_a_teammate_must_not_send_is_ignored(field: Field, host: Host) -> None:
     node = host("team", "-r", "__ns:=/ann", **SETTINGS)
     field.wait_for("ball")
-    field.appears(NEAR, role="king")
+    field.appears(FAST, role="king")
     field.client.eventually(lambda: "role: expected one of" in node.output, "a warning")
-    field.appears(NEAR)
+    field.appears(math.nan)
+    field.client.eventually(lambda: "ball: cost: expected a finite" in node.output, "a third")
+    field.appears(FAST)
     assert field.mate is not None
     field.mate.situation.header.frame_id = "moon"
     field.client.eventually(

@@ -2,20 +2,31 @@
 
 import dataclasses
 import math
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
-import numpy as np
 import pytest
 
 from ator_ros.evaluation.toolset import Toolset, ToolsetSource, tools_of
 from ator_ros.files import FileError
 from ator_ros.geometry import Pose
-from ator_ros.refinement.chain_prediction import ChainModel, error_of_sum
 from ator_ros.refinement.gate import Gate
-from ator_ros.refinement.objective import Objective
 from ator_ros.resources import resource_path
 from ator_ros.team.role_file import Role, RoleStep, load_roles
-from ator_ros.team.roles import Course, Decision, Member, as_observed, common_objects, decide
+from ator_ros.team.roles import (
+    Bid,
+    Course,
+    Decision,
+    Member,
+    Plan,
+    as_observed,
+    bids_of,
+    common_objects,
+    course_in,
+    decide,
+    plan_roles,
+)
 from ator_ros.tops.library import TopLibrary
 from ator_ros.world.state import ObjectState, RobotState, World
 
@@ -42,16 +53,53 @@ class Team:
         """Return a robot that stands and faces the middle of the field."""
         pose = Pose(x, y, math.atan2(-y, -x))
         objects = {} if ball is None else {"ball": ball}
-        return Member(name, World(0.0, RobotState(pose), objects), frozenset(self.library), role)
+        reach = self.library.robot.reach
+        return Member(name, World(0.0, RobotState(pose), objects), reach, role)
 
-    def decide(self, members: list[Member], roles: list[Role], **options: Pose) -> Decision:
-        return decide(members, roles, self.tools.refiner(), self.library, **options)
+    def plans(
+        self, member: Member, roles: list[Role], others: Sequence[Member] = (), **options: Any
+    ) -> dict[str, Plan]:
+        """Return how a robot would act in each role, with the objects that all observe."""
+        objects = common_objects([member, *others], self.library.robot)
+        return plan_roles(
+            member.world, roles, self.tools.refiner(), self.library, objects, **options
+        )
 
-    def roles(self, members: list[Member], roles: list[Role]) -> dict[str, str]:
+    def bidding(self, members: Sequence[Member], roles: list[Role]) -> list[Member]:
+        """Return the robots with what the roles cost each of them."""
+        return [
+            dataclasses.replace(each, bids=bids_of(self.plans(each, roles, members)))
+            for each in members
+        ]
+
+    def decide(self, members: Sequence[Member], roles: list[Role]) -> Decision:
+        return decide(self.bidding(members, roles), roles)
+
+    def roles(self, members: Sequence[Member], roles: list[Role]) -> dict[str, str]:
         """Return the role of each robot that has one."""
-        found = self.decide(members, roles)
-        numbers = {name: found.role_of(name) for name in found.names}
-        return {name: roles[role].name for name, role in numbers.items() if role is not None}
+        return named(self.decide(members, roles), roles)
+
+
+def named(found: Decision, roles: list[Role]) -> dict[str, str]:
+    """Return the names of the roles of robots that have one."""
+    numbers = {name: found.role_of(name) for name in found.names}
+    return {name: roles[role].name for name, role in numbers.items() if role is not None}
+
+
+def tops_of(plan: Plan) -> list[str]:
+    assert plan.chain is not None
+    return [call.top.name for call in plan.chain.calls]
+
+
+def goal_of(plan: Plan) -> Pose:
+    """Return where the first step of a plan leads."""
+    assert plan.chain is not None
+    return plan.chain.calls[0].goal.pose
+
+
+def cost_of(plan: Plan) -> float:
+    assert plan.bid is not None
+    return plan.bid.cost
 
 
 @pytest.fixture(scope="module")
@@ -80,16 +128,55 @@ def test_the_order_in_which_robots_are_listed_changes_nothing(team: Team) -> Non
     assert team.roles(members[::-1], [BALL, LEFT]) == one
 
 
+def test_robots_that_have_the_same_bids_decide_alike_whatever_they_observe(team: Team) -> None:
+    members = team.bidding([team.member("ann", -2.0), team.member("bob", 1.5)], [BALL, LEFT])
+    blind = [
+        dataclasses.replace(each, world=World(9.0, RobotState(Pose(0.0, 0.0, 0.0))))
+        for each in members
+    ]
+    assert decide(members, [BALL, LEFT]) == decide(blind, [BALL, LEFT])
+
+
+def test_a_slower_robot_that_is_nearer_does_not_get_the_role() -> None:
+    roles = [BALL]
+    ann, bob = (
+        Member(name, World(0.0, RobotState(Pose(x, 0.0, 0.0))), 0.3, bids={"ball": bid})
+        for name, x, bid in (
+            ("ann", -3.0, Bid(3.0, 0.2, (0.0, 0.0))),
+            ("bob", -1.0, Bid(5.0, 0.2, (0.0, 0.0))),
+        )
+    )
+    assert named(decide([ann, bob], roles), roles) == {"ann": "ball"}
+
+
 def test_a_robot_in_its_role_goes_on_as_was_predicted_when_it_began(team: Team) -> None:
     ann = team.member("ann", -2.0, role="ball")
-    left = team.decide([ann], [BALL]).costs[0, 0] - 1.0
+    fresh = cost_of(team.plans(ann, [BALL])["ball"])
+    left = fresh - 1.0
     here = ((MIDDLE.x, MIDDLE.y),)
-    going = dataclasses.replace(ann, course=Course(here, left))
-    assert team.decide([going], [BALL]).costs[0, 0] == pytest.approx(left)
-    elsewhere = dataclasses.replace(ann, course=Course(((3.0, 0.0),), left))
-    assert team.decide([elsewhere], [BALL]).costs[0, 0] == pytest.approx(left + 1.0)
-    other = dataclasses.replace(going, role="left")
-    assert team.decide([other], [BALL]).costs[0, 0] == pytest.approx(left + 1.0)
+    for course, cost in (
+        (Course("ball", here, left), left),
+        (Course("ball", ((3.0, 0.0),), left), fresh),
+        (Course("left", here, left), fresh),
+        (Course("ball", here, -1.0), fresh),
+    ):
+        plan = team.plans(ann, [BALL], course=course)["ball"]
+        assert cost_of(plan) == pytest.approx(cost)
+
+
+def test_a_course_keeps_its_end_unless_the_role_or_its_places_change(team: Team) -> None:
+    plan = team.plans(team.member("ann", -2.0), [BALL])["ball"]
+    begun = course_in("ball", plan, None, 10.0, 0.3)
+    assert begun == Course("ball", ((MIDDLE.x, MIDDLE.y),), 10.0 + cost_of(plan))
+    assert course_in("ball", plan, begun, 11.0, 0.3) == begun
+    for before in (
+        begun._replace(role="left"),
+        begun._replace(places=((1.0, 0.0),)),
+        begun._replace(end=10.5),
+    ):
+        again = course_in("ball", plan, before, 11.0, 0.3)
+        assert again == begun._replace(end=begun.end + 1.0)
+    assert course_in("ball", Plan(()), begun, 11.0, 0.3) is None
 
 
 def test_equal_costs_are_decided_by_name(team: Team) -> None:
@@ -97,18 +184,20 @@ def test_equal_costs_are_decided_by_name(team: Team) -> None:
     assert team.roles(members, [BALL]) == {"ann": "ball"}
 
 
-def test_a_robot_without_a_top_or_without_the_ball_does_not_get_the_role(team: Team) -> None:
+def test_a_robot_without_a_holder_or_without_the_ball_does_not_get_the_role(team: Team) -> None:
+    robot = dataclasses.replace(team.library.robot, holder=None)
+    tools = dataclasses.replace(team.tools, robot=robot)
+    bare = Team(tools, team.tools.domain.library(robot))
     near = team.member("bob", 1.0, role="ball")
+    assert set(bids_of(bare.plans(near, [BALL, LEFT]))) == {"left"}
     far = team.member("ann", -3.0)
-    unable = dataclasses.replace(near, tops=frozenset({"goToPose"}))
-    assert team.roles([far, unable], [BALL, LEFT]) == {"ann": "ball", "bob": "left"}
     blind = team.member("bob", 1.0, role="ball", ball=None)
     assert team.roles([far, blind], [BALL, LEFT]) == {"ann": "ball", "bob": "left"}
 
 
-def test_a_robot_does_not_get_a_role_that_it_must_not_take(team: Team) -> None:
-    near = dataclasses.replace(team.member("bob", 1.0, role="ball"), barred=frozenset({"ball"}))
-    assert team.roles([team.member("ann", -3.0), near], [BALL]) == {"ann": "ball"}
+def test_a_robot_does_not_bid_for_a_role_that_it_must_not_take(team: Team) -> None:
+    plans = team.plans(team.member("bob", 1.0, role="ball"), [BALL, LEFT], barred={"ball"})
+    assert set(bids_of(plans)) == {"left"}
 
 
 def test_a_role_beside_an_object_that_nobody_observes_is_not_taken(team: Team) -> None:
@@ -129,78 +218,77 @@ def test_the_better_alternative_counts(team: Team) -> None:
     ahead = dataclasses.replace(behind, x=1.0)
     role = Role("beside", (behind,), ((ahead,),))
     for x in (-2.0, 2.0):
-        found = team.decide([team.member("ann", x)], [role])
-        chain = found.chain_of("ann")
-        assert chain is not None
-        assert chain.calls[0].goal.pose.x == pytest.approx(math.copysign(1.0, x))
+        plan = team.plans(team.member("ann", x), [role])["beside"]
+        assert goal_of(plan).x == pytest.approx(math.copysign(1.0, x))
 
 
 def test_a_robot_goes_on_to_an_alternative_that_is_no_longer_the_best(team: Team) -> None:
     behind = RoleStep("goToPose", at="ball", x=-1.0, open=("yaw",))
     role = Role("beside", (behind,), ((dataclasses.replace(behind, x=1.0),),))
-    running = team.decide([team.member("ann", -2.0)], [role]).chain_of("ann")
+    running = team.plans(team.member("ann", -2.0), [role])["beside"].chain
     assert running is not None
-    later = team.decide([team.member("ann", 2.0)], [role])
-    assert later.goes_on("ann", running, 0.1)
-    moved = team.decide([team.member("ann", 2.0, ball=ObjectState(0.2, 0.0))], [role])
-    assert not moved.goes_on("ann", running, 0.1)
+    later = team.plans(team.member("ann", 2.0), [role])["beside"]
+    assert later.goes_on(running, 0.1)
+    moved = team.plans(team.member("ann", 2.0, ball=ObjectState(0.2, 0.0)), [role])["beside"]
+    assert not moved.goes_on(running, 0.1)
 
 
 def test_steps_that_are_done_cost_nothing(team: Team) -> None:
-    robot = team.library.robot
     ann = team.member("ann", 1.0)
-    hold = robot.hold_point(ann.world.robot.pose)
+    hold = team.library.robot.hold_point(ann.world.robot.pose)
     holding = team.member("ann", 1.0, ball=ObjectState(hold.x, hold.y))
-    assert team.decide([holding], [BALL]).costs[0, 0] == 0.0
+    done = team.plans(holding, [BALL])["ball"]
+    assert done.bid == (0.0, 0.0, ann.world.robot.pose[:2])
     further = Role("carry", (*BALL.steps, RoleStep("dribbleBall", x=2.0)))
-    chain = team.decide([holding], [further]).chain_of("ann")
-    assert chain is not None
-    assert [call.top.name for call in chain.calls] == ["dribbleBall"]
+    assert tops_of(team.plans(holding, [further])["carry"]) == ["dribbleBall"]
 
 
 def test_a_robot_at_a_place_with_an_open_heading_is_done(team: Team) -> None:
     here = Role("here", (RoleStep("goToPose", x=1.0, open=("yaw",)),))
-    assert team.decide([team.member("ann", 1.0)], [here]).costs[0, 0] == 0.0
+    assert cost_of(team.plans(team.member("ann", 1.0), [here])["here"]) == 0.0
 
 
 def test_the_robot_is_sent_to_the_ball_that_it_observes(team: Team) -> None:
-    rolling = ObjectState(0.1, 0.0, 0.5, 0.0)
-    members = [team.member("ann", -1.0, ball=rolling), team.member("bob", 3.0)]
-    chain = team.decide(members, [BALL]).chain_of("ann")
+    rolling = team.member("ann", -1.0, ball=ObjectState(0.1, 0.0, 0.5, 0.0))
+    chain = team.plans(rolling, [BALL], [team.member("bob", 3.0)])["ball"].chain
     assert chain is not None
-    place = as_observed(chain, members[0].world).calls[0].goal.pose
+    place = as_observed(chain, rolling.world).calls[0].goal.pose
     assert (place.x, place.y) == (0.1, 0.0)
 
 
 def test_no_two_robots_are_sent_to_places_closer_than_their_sizes(team: Team) -> None:
     beside = dataclasses.replace(LEFT, name="beside", steps=(RoleStep("goToPose", x=0.3, y=2.0),))
     found = team.decide([team.member("ann", -1.0), team.member("bob", 1.0)], [LEFT, beside])
-    assert sorted(name for name in found.names if found.chain_of(name) is None) == ["bob"]
+    assert [name for name in found.names if found.waits(name)] == ["bob"]
+
+
+def test_a_robot_bids_where_it_ends(team: Team) -> None:
+    bid = team.plans(team.member("ann", 1.0), [LEFT])["left"].bid
+    assert bid is not None
+    assert bid.end == pytest.approx((0.0, 2.0))
 
 
 def test_the_frame_of_the_roles_may_differ_from_that_of_the_robots(team: Team) -> None:
     ann = team.member("ann", 1.0)
-    found = team.decide([ann], [LEFT], origin=Pose(1.0, 0.0, math.pi / 2.0)).chain_of("ann")
-    assert found is not None
-    assert found.calls[0].goal.pose == pytest.approx(Pose(-1.0, 0.0, math.pi / 2.0))
+    plan = team.plans(ann, [LEFT], origin=Pose(1.0, 0.0, math.pi / 2.0))["left"]
+    assert goal_of(plan) == pytest.approx(Pose(-1.0, 0.0, math.pi / 2.0))
 
 
 def test_goals_beside_an_object_stay_in_the_area(team: Team) -> None:
     corner = ObjectState(-3.9, 2.4)
     role = Role("behind", (RoleStep("goToPose", at="ball", x=-1.0, y=1.0),))
-    found = team.decide([team.member("ann", 1.0, ball=corner)], [role]).chain_of("ann")
-    assert found is not None
-    x, y, _ = found.calls[0].goal.pose
+    x, y, _ = goal_of(team.plans(team.member("ann", 1.0, ball=corner), [role])["behind"])
     area = team.library.robot.scene.area
     assert abs(x) < area.length / 2.0
     assert abs(y) < area.width / 2.0
 
 
 def test_the_ball_is_where_the_robots_observe_it_in_the_mean(team: Team) -> None:
-    worlds = [
-        team.member("ann", 1.0, ball=ball).world for ball in (MIDDLE, ObjectState(0.2, -0.4), None)
+    members = [
+        team.member(name, 1.0, ball=ball)
+        for name, ball in (("ann", MIDDLE), ("bob", ObjectState(0.2, -0.4)), ("eve", None))
     ]
-    found = common_objects(worlds, team.library)["ball"]
+    found = common_objects(members, team.library.robot)["ball"]
     assert (found.x, found.y) == pytest.approx((0.1, -0.2))
 
 
@@ -211,31 +299,9 @@ def test_a_ball_that_a_robot_carries_does_not_roll_ahead_of_it(team: Team) -> No
     holding = team.member("ann", 1.0, role="carry", ball=carried)
     ahead = team.member("bob", -1.0, ball=carried)
     role = Role("carry", (*BALL.steps, RoleStep("dribbleBall", x=-3.0)))
-    found = team.decide([holding, ahead], [role])
-    chain = found.chain_of("ann")
-    assert chain is not None
-    assert [call.top.name for call in chain.calls] == ["dribbleBall"]
-    assert common_objects([ahead.world], team.library)["ball"].x < hold.x - 0.1
-
-
-def test_the_uncertainty_of_a_difference_is_at_most_the_sum_of_both(team: Team) -> None:
-    members = [team.member("ann", -2.0, role="ball"), team.member("bob", 1.98)]
-    found = team.decide(members, [BALL])
-    assert found.assignment.gain > 0.0
-    assert 0.0 < found.assignment.uncertainty <= found.errors.sum() + 1e-9
-
-
-def test_the_same_drive_twice_differs_for_certain(team: Team) -> None:
-    model = ChainModel(
-        team.member("ann", -2.0).world,
-        BALL.chains(team.library, {"ball": MIDDLE}, Pose(0.0, 0.0, 0.0))[0],
-        team.library.robot,
-        models=team.tools.models,
-        names=[()],
-        objective=Objective(),
-    )
-    assert error_of_sum([model, model], [1.0, -1.0]) == pytest.approx((0.0, 0.0), abs=1e-6)
-    assert math.hypot(*error_of_sum([model], [1.0])) == pytest.approx(model.predict().error)
+    assert team.roles([holding, ahead], [role]) == {"ann": "carry"}
+    assert tops_of(team.plans(holding, [role], [ahead])["carry"]) == ["dribbleBall"]
+    assert common_objects([ahead], team.library.robot)["ball"].x < hold.x - 0.1
 
 
 @pytest.mark.parametrize("name", ["soccer"])
@@ -247,9 +313,9 @@ def test_shipped_roles_can_be_taken(team: Team, name: str) -> None:
         team.member("bob", 1.0, 1.0),
         team.member("eve", 1.0, -1.0),
     ]
-    found = team.decide(members, roles)
-    assert np.isfinite(found.costs).all()
-    assert found.waiting == (False, False, False)
+    bidding = team.bidding(members, roles)
+    assert all(len(each.bids) == len(roles) for each in bidding)
+    assert decide(bidding, roles).waiting == (False, False, False)
 
 
 @pytest.mark.parametrize(
