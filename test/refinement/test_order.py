@@ -418,6 +418,23 @@ def test_many_stations_keep_places_precedences_and_conditions() -> None:
     assert choice.refinement.after.cost < 0.75 * choice.refinement.before.cost
 
 
+@pytest.mark.parametrize("seed", range(2))
+def test_more_time_gives_no_higher_cost_of_many_steps_with_conditions(seed: int) -> None:
+    """A ball is carried four times, with four drives between: few orders are valid."""
+    rng = np.random.default_rng(seed)
+    places = [(0.0, 0.0), (-1.0, 0.0), (3.5, 0.0), (-2.0, 0.0), (3.5, 1.0)]
+    steps = [stop(float(x), float(y)) for x, y in rng.uniform(-3.0, 3.0, (4, 2))]
+    for start, end in itertools.pairwise(places):
+        steps.append(call("goToBall", *start, 0.0, OPEN))
+        steps.append(call("dribbleBall", *end, 0.0, OPEN))
+    chain = TopChain(tuple(steps))
+    found = refined(chain)
+    assert not found.best.violations(world(), ROBOT)
+    for checks in (30, 60, 100, 200):
+        cut = REFINER.refine(world(), chain, placeholders=True, deadline=after(checks))
+        assert found.after.cost <= 1.001 * cut.after.cost
+
+
 @pytest.mark.long
 def test_the_longest_chain_is_ordered() -> None:
     cheap = Refiner(ROBOT, {"goToPose": FakeModel(turning_time, USED)})
