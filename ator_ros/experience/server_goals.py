@@ -41,6 +41,8 @@ _MOVED = 0.5  # m by which a goal may move between two paths, as that of a tree 
 _EARLY = 0.5  # s by which a path may come before the message that its goal is executed
 _RECENT = 1.0  # s by which a goal_pose may precede its goal, and a goal the first status message
 _ENDED = ("succeeded", "canceled", "aborted")
+LOST = "lost"
+"""Status of a goal whose server has ended or restarted while it was executed."""
 
 
 def remote_calls(domain: Vocabulary) -> dict[str, RemoteCall]:
@@ -90,7 +92,7 @@ class ServerGoal:
     begin, end : float
         When its execution began and ended, in s by odometry's stamps; NaN: not recorded.
     status : str
-        How it ended; empty: not recorded.
+        How it ended, perhaps `LOST`; empty: not recorded.
     start : RobotState or None
         The robot in odometry's frame when its execution began.
     frame, pose : str, Pose or None
@@ -223,6 +225,7 @@ class ServerGoal:
             "accepted before the recording began": self.before_recording,
             "its end was not recorded": not self.status,
             "canceled": self.status == "canceled",
+            "its server ended or restarted": self.status == LOST,
             "preempted by another goal": self.is_preempted and not self.is_passed,
             "its start was not recorded": math.isnan(self.begin),
             "odometry was interrupted": not self.begin <= self.end,
@@ -294,7 +297,18 @@ class ServerGoals:
                 if odom_pose is not None and robot is not None:
                     goal.final_pose = odom_pose.compose(robot.pose)
                 ended.append(goal)
-        return ended
+        listed = {bytes(item.goal_info.goal_id.uuid) for item in message.status_list}
+        return ended + self.lose(action, listed)
+
+    def lose(self, action: str, kept: Collection[bytes] = ()) -> list[ServerGoal]:
+        """End the active goals of an action that its server does not have any more; return them.
+
+        `kept` are the ids of those that it has. A server always lists all active goals.
+        """
+        lost = [goal for goal in self.active if goal.action == action and goal.goal_id not in kept]
+        for goal in lost:
+            goal.status = LOST
+        return lost
 
     def add_feedback(self, action: str, message: Any, now: float) -> None:
         """Add the feedback of a goal at `now` (s by odometry), as far as it is that of Nav2."""

@@ -305,10 +305,19 @@ class WatchNode(Node):
 
     def _update(self) -> None:
         self._take_feedback()
+        self._lose_goals()
         self._use_models()
         self._publish_estimates()
         self._monitor.watch.forget()
         self._compare_rounds()
+
+    def _lose_goals(self) -> None:
+        """End the goals of servers that are gone: nobody else would."""
+        lost = {goal.action for goal in self._monitor.watch.active}
+        for action in lost:
+            if not self.count_publishers(f"{self._servers[action]}{STATUS_SUFFIX}"):
+                self._monitor.watch.lose(action)
+                self._take_ended()
 
     def _compare_rounds(self) -> None:
         """Compare rounds that have ended with what refinement would have changed."""

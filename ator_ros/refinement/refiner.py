@@ -199,7 +199,7 @@ class Refiner:
         """Find the best free variables of `chain` from the state `world`; the gate decides.
 
         Raises RefinementError if the chain is empty or too long, an action has no model, or no
-        candidate has a finite prediction.
+        candidate has a finite prediction. Raises InvalidChainError if its precedences cannot hold.
 
         Parameters
         ----------
@@ -326,6 +326,8 @@ class Refiner:
             starts.append((candidate, cost))
             if candidate.order == chain.order:  # its own values may lead to better ones
                 starts.append((chain, cost))
+        if not starts and not deadline():  # no order on the grid is a valid plan
+            starts.append((chain, math.inf))
         best = reference.predicted()
         found: list[_Searched] = []
         for candidate, cost in starts:
@@ -344,8 +346,7 @@ class Refiner:
             again = self._searched(world, each, model, deadline, work, naive)
             best = self._better(world, best, again)
         best = self._with_other_stops(world, best, reference, deadline, work)
-        complete = best.optimum.complete and bool(orders) and not deadline()
-        optimum = dataclasses.replace(best.optimum, complete=complete)
+        optimum = dataclasses.replace(best.optimum, complete=not deadline())
         return dataclasses.replace(best, optimum=optimum)
 
     def _with_other_stops(

@@ -91,6 +91,20 @@ def test_a_drive_that_is_preempted_at_its_goal_has_passed_it(
         assert episode == "preempted by another goal"
 
 
+def test_a_server_that_restarts_has_lost_its_goal(robot: Robot) -> None:
+    robot.start(1)
+    robot.odometry(0.5)
+    robot.states.clear()
+    robot.start(2)
+    (goal,) = robot.watch.take_ended()
+    assert episode_of(robot, goal) == "its server ended or restarted"
+    (active,) = robot.watch.active
+    assert active.goal_id != goal.goal_id
+    robot.watch.lose("navigate")
+    assert robot.watch.active == []
+    assert len(robot.watch.take_ended()) == 1
+
+
 def test_an_aborted_drive_is_a_failure(robot: Robot) -> None:
     assert not episode_of(robot, robot.drive(1, ABORTED, recoveries=3)).success
 

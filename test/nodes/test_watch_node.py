@@ -53,7 +53,7 @@ class Nav2:
         self._ended = Future()
         self._odom = node.create_publisher(Odometry, "odom", RESULTS)
         self._plan = node.create_publisher(PathMessage, "plan", RESULTS)
-        self._server = ActionServer(
+        self._server: ActionServer | None = ActionServer(
             node, self.kind, "navigate_to_pose", self._drive,
             cancel_callback=lambda _: CancelResponse.ACCEPT,
         )  # fmt: skip
@@ -67,7 +67,11 @@ class Nav2:
         return SentGoal(self.client, self._sender, goal)
 
     def close(self) -> None:
-        self.client.within(self._server.destroy)
+        """End the server, once."""
+        self._goal = None
+        if self._server is not None:
+            self.client.within(self._server.destroy)
+            self._server = None
 
     async def _drive(self, handle: ServerGoalHandle) -> Any:
         self._goal, self._ended = handle, Future()
@@ -185,7 +189,12 @@ def test_drives_are_estimated_recorded_and_counted_but_never_commanded(
     client.eventually(lambda: reason in node.output, "a drive with other parameters")
     assert (tallies[-1].drives, len(records)) == (5, 1)
 
-    assert nav2.goals == 4  # none but the client's
+    nav2.send(nav2.x + 20.0)
+    client.eventually(lambda: estimates[-1].goal.pose.position.x > nav2.x + 10.0, "an estimate")
+    nav2.close()
+    client.eventually(lambda: tallies[-1].ended_early == 2, "a drive whose server is gone")
+
+    assert nav2.goals == 5  # none but the client's
     names = [name for name, _ in node.node.get_client_names_and_types_by_node("watch", "/")]
     assert not names
 
