@@ -86,6 +86,20 @@ def test_orders_and_stops_are_nearly_the_best_of_all(seed: int) -> None:
     assert least - 1e-9 <= found.after.duration <= 1.03 * least
 
 
+@pytest.mark.parametrize("turned", [0.3, 2.3, -1.1])
+def test_no_stop_is_better_the_other_way(turned: float) -> None:
+    """The directions of the table differ from those of the round, however the round is turned."""
+    places = np.random.default_rng(4).uniform(-4.0, 4.0, (7, 2))
+    cos, sin = math.cos(turned), math.sin(turned)
+    places = places @ np.array([[cos, sin], [-sin, cos]])
+    sent = chain(*(station(x, y, STOP, ORDER, "yaw") for x, y in places.tolist()))
+    found = REFINER.refine(START, sent, placeholders=True)
+    for index, each in enumerate(found.best.calls[:-1]):
+        goal = with_values(each.goal, {STOP: 1.0 - each.goal.values[STOP]})
+        other = found.best.with_goal(index, goal)
+        assert predict_chain(START, other, MODELS, ROBOT).cost > 0.999 * found.after.cost
+
+
 def test_the_next_leg_begins_where_the_robot_passes() -> None:
     start = World(0.0, RobotState(Pose(0.0, 0.0, 1.0)))
     plan = chain(station(0.0, 2.0, stop=0.0), station(4.0, 2.0))
