@@ -335,11 +335,12 @@ class TeamNode(Node):
     # Driving
 
     def _act(self, plan: Plan | None, world: World, decision: Decision) -> None:
-        """Follow the plan of the robot's role, with `execute` also on the floor."""
+        """Note when the robot should be done in its role, and with `execute` send the chain."""
         role = self._roster.role()
         reach = self._robot.reach
         self._course = course_in(role, plan, self._course, world.time, reach) if plan else None
         if not self._settings["execute"]:
+            self._stop()
             return
         same = self._sent is not None and role == self._sent_role
         if plan is None or decision.waits(self._name) or not (plan.chain or same):

@@ -39,6 +39,7 @@ from ator_ros.refinement.order_search import (
 from ator_ros.refinement.search import Allowed, Deadline, Pairs, Work, first_candidates
 from ator_ros.refinement.stops import (
     costs_of_end,
+    may_pass,
     passing_rows,
     reached,
     table_names,
@@ -106,7 +107,8 @@ class OrderSearch:
         self._chain = chain
         self._ordering = ordering
         self._robot = robot
-        self._names = [table_names(each) for each in names]
+        calls = zip(chain.calls, names, strict=True)
+        self._names = [table_names(call, own) for call, own in calls]
         self._free = names
         self._axes = axes
         self._allowed = allowed
@@ -178,19 +180,23 @@ class OrderSearch:
         return max(map(len, self._ordering.groups)) <= MOST_EXACT
 
     def _candidates(self, index: int, counts: Sequence[int]) -> FloatArray:
-        values = goal_values(self._chain.calls[index].goal)
-        names = self._names[index]
+        call = self._chain.calls[index]
+        values = goal_values(call.goal)
         free = self._free[index]
         others = [name for name in free if name != STOP]
-        named_axes = zip(free, self._axes[index], strict=True)
-        axes = [axis for name, axis in named_axes if name != STOP]
         points = np.array([[values[name] for name in others]])
-        if others:
+        may_stop = STOP in free or not call.passing
+        if others and may_stop:
+            named_axes = zip(free, self._axes[index], strict=True)
+            axes = [axis for name, axis in named_axes if name != STOP]
             count = counts[min(len(others), len(counts) - 1)]
             allowed = while_stopping(self._allowed, free)
             found, _ = first_candidates(index, axes, count, allowed)
             points = found if len(found) else points
-        return with_passing(points, names, values, counts[1]) if STOP in free else points
+        if may_stop and STOP not in free:
+            return points
+        stopping = points if may_stop else points[:0]
+        return with_passing(stopping, self._names[index], values, counts[1])
 
     def _pairs(self, candidates: Sequence[FloatArray]) -> int:
         """Return how many pairs of candidates a table has; an upper bound for many calls."""
@@ -253,15 +259,17 @@ class OrderSearch:
     ) -> FloatArray | None:
         """Return the costs of a table before legs are predicted; None if the deadline passed.
 
-        They are infinite, or the `rough` costs for candidates at which the robot stops.
+        They are infinite, or the `rough` costs for candidates at which the robot stops, and for all
+        of a call that it always passes.
         """
         count = len(candidates)
         if rough is None:
             return np.full((count + 1, width, count, width), np.inf)
         stops = np.zeros((count + 1, width), dtype=bool)
         stops[0, 0] = True
-        for index, (points, names) in enumerate(zip(candidates, self._names, strict=True), 1):
-            stops[index, : len(points)] = ~passing_rows(points, names)
+        for index, points in enumerate(candidates):
+            passing = self._passing(index, candidates)
+            stops[index + 1, : len(points)] = ~passing | passing.all()
         costs = np.empty((count + 1, width, count, width))
         for origin, legs in enumerate(costs):  # 0.1 s for 100 calls with many candidates
             if deadline():
@@ -279,12 +287,16 @@ class OrderSearch:
             place = calls[origin].goal.robot_pose(self._robot)[:2]
             starts = np.ones(len(candidates[origin]), dtype=bool)
             if calls[origin].top.action != calls[end].top.action:
-                starts = ~passing_rows(candidates[origin], self._names[origin])
+                starts = ~self._passing(origin, candidates)
         ends = np.ones(len(candidates[end]), dtype=bool)
-        if STOP in self._names[end]:
+        if may_pass(calls[end], self._names[end]):
             direction = arrival_heading(place, calls[end].goal.pose, self._robot)
-            ends = reached(candidates[end], self._names[end], direction)
+            ends = reached(calls[end], candidates[end], self._names[end], direction)
         return starts[:, None] & ends
+
+    def _passing(self, index: int, candidates: Sequence[FloatArray]) -> BoolArray:
+        """Return with which of its candidates the robot passes a call."""
+        return passing_rows(self._chain.calls[index], candidates[index], self._names[index])
 
     def _improved(
         self, table: _Table, order: Sequence[int], kicks: int, deadline: Deadline
@@ -340,7 +352,7 @@ class OrderSearch:
             candidate = table.candidates[index][row]
             columns = dict(zip(self._names[index], candidate, strict=True))
             values = {name: columns[name] for name in self._free[index]}
-            if "yaw" in values and columns.get(STOP) == 0.0:  # its direction may not be allowed
+            if "yaw" in values:  # the direction in which it is passed may not be allowed
                 headings = self._axes[index][self._free[index].index("yaw")]
                 values["yaw"] = float(headings.nearest(np.array([values["yaw"]]))[0])
             if index == found.order[-1] and chain.calls[index].may_stop:

@@ -19,6 +19,7 @@ from ator_ros.refinement.chain_prediction import (
     ChainPrediction,
     GainError,
     PredictsPerformance,
+    predict_chain,
     values_of,
 )
 from ator_ros.refinement.free_variables import (
@@ -198,7 +199,7 @@ class Refiner:
         """Find the best free variables of `chain` from the state `world`; the gate decides.
 
         Raises RefinementError if the chain is empty or too long, an action has no model, or no
-        candidate has a finite prediction.
+        candidate has a finite prediction. Raises InvalidChainError if its precedences cannot hold.
 
         Parameters
         ----------
@@ -325,6 +326,8 @@ class Refiner:
             starts.append((candidate, cost))
             if candidate.order == chain.order:  # its own values may lead to better ones
                 starts.append((chain, cost))
+        if not starts and not deadline():  # no order on the grid is a valid plan
+            starts.append((chain, math.inf))
         best = reference.predicted()
         found: list[_Searched] = []
         for candidate, cost in starts:
@@ -342,9 +345,44 @@ class Refiner:
             naive = self._fastest_alone(world, each.chain, free, each.regions, deadline, work)
             again = self._searched(world, each, model, deadline, work, naive)
             best = self._better(world, best, again)
-        complete = best.optimum.complete and bool(orders) and not deadline()
-        optimum = dataclasses.replace(best.optimum, complete=complete)
+        best = self._with_other_stops(world, best, reference, deadline, work)
+        optimum = dataclasses.replace(best.optimum, complete=not deadline())
         return dataclasses.replace(best, optimum=optimum)
+
+    def _with_other_stops(
+        self,
+        world: World,
+        best: _Searched,
+        reference: _Searched,
+        deadline: Deadline,
+        work: Work,
+    ) -> _Searched:
+        """Return the best chain after each stop was tried the other way.
+
+        On the table a robot passes a call in one of few directions. Where sharp turns are held up,
+        a few degrees decide.
+        """
+        chain = best.refined
+        cost = best.optimum.cost
+        changed = chain
+        for variable in reference.analysis.free:
+            if variable.name != STOP or deadline():
+                continue
+            place = chain.order.index(reference.chain.order[variable.subgoal])
+            goal = changed.calls[place].goal
+            other = changed.with_goal(place, with_values(goal, {STOP: 1.0 - goal.values[STOP]}))
+            if other.violations(world, self.robot):
+                continue
+            predicted = predict_chain(
+                world, other, self.models, self.robot, reference.model.objective
+            )
+            if predicted.cost < cost:
+                changed = other
+                cost = predicted.cost
+        if changed is chain:
+            return best
+        found = self._searched_from(world, changed, reference, deadline, work)
+        return self._better(world, best, found)
 
     def _searched_from(
         self,

@@ -127,6 +127,11 @@ def test_a_team_of_two_agrees_and_drives(field: Field, host: Host) -> None:
     assert field.mate is not None
     field.mate.ready = False
     field.wait_for("ball")
+    field.client.eventually(lambda: field.tops() == TOPS, "the chain of the role ball again")
+    # Without `execute` the chain is canceled, and the role goes on.
+    assert field.client.set_parameters("/ann/team", execute=False)[0].successful
+    field.client.eventually(lambda: not field.tops(), "a canceled chain")
+    assert field.role() == "ball"
     assert_profile(field.client, "team", "ann")
 
 

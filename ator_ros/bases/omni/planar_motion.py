@@ -5,7 +5,9 @@ acceleration, is constant, and changes again (bang-bang). If the base already mo
 motion, the two components of the translation share the acceleration so that both end at the same
 time, as robot soccer teams do (Purwin and D'Andrea 2006): the shares are found by bisection.
 
-The limits of a translation are the least ones in its direction for all headings of the turn.
+The limits of a translation are the least ones in its direction for all headings of the turn. A base
+that is not alike in all directions may instead turn at both ends of a drive between standstills,
+and keep one heading in between: that of its start or goal, along its way or against it.
 """
 
 from __future__ import annotations
@@ -16,7 +18,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ator_ros.bases.differential.durations import Rates, drive_parts, drive_time
+from ator_ros.bases.differential.durations import (
+    Rates,
+    change_distance,
+    drive_parts,
+    drive_time,
+)
 from ator_ros.bases.direct import HOLD, SPEEDG, VY, XG, YAW, YAWG, YG, V, W, X, Y, wrapped
 from ator_ros.bases.omni.omni_limits import OmniLimits, PlanarRates, least_extent
 from ator_ros.compiled import compiled
@@ -27,6 +34,10 @@ _BISECTIONS = 30  # of a share of the acceleration: times of both components agr
 _SLOWINGS = 24  # bisections of the share of the limits at which a drive takes as long as its turn
 _LEAST_SHARE = 0.02  # of the limits: a robot that has to turn that long arrives before it is turned
 _MOST_LATE = 1.1  # times the turn, that a slower drive may take
+# m/s and rad/s up to which a start counts as a standstill: a robot that just arrived still rolls
+_SLOW = 0.1
+_SLOW_TURN = 0.2
+_BETTER = 1e-6  # s that a heading of its own must gain
 _STRAIGHT = 1e-6  # m/s: lateral speed up to which a motion is straight
 
 Axis = tuple[float, float, float]
@@ -153,7 +164,44 @@ def _split(leg: PlanarLeg) -> tuple[float, Axis, Axis]:
 
 
 @compiled
-def fastest_leg(leg: PlanarLeg, rates: PlanarRates) -> tuple[float, float, float, float]:
+def _facing_times(
+    leg: PlanarLeg, facing: float, rates: PlanarRates
+) -> tuple[float, float, float, float, float, float]:
+    """Return the times of a drive between standstills with one heading between two turns.
+
+    `facing` is that heading in rad. The base gains speed in the first turn, and loses it in the
+    last one, within the least limits of their headings.
+
+    Returns
+    -------
+    first, between, last : float
+        Times in s of the first turn, of the drive between the turns, and of the last turn;
+        `between` is infinite if the goal is too near.
+    v_first, v_last : float
+        Speeds in m/s after the first turn and before the last one.
+    distance : float
+        Of the drive between the turns, in m.
+    """
+    direction, along, _ = _split(leg)
+    turn = wrapped(facing - leg.yaw)
+    turn_back = wrapped(leg.yaw + leg.turn - facing)
+    _, first = turn_between(turn, 0.0, rates)
+    _, last = turn_between(turn_back, 0.0, rates)
+    gaining, _ = _limits_towards(direction - leg.yaw, turn, 1.0, rates)
+    on, _ = _limits_towards(direction - facing, 0.0, 1.0, rates)
+    losing, _ = _limits_towards(direction - facing, turn_back, 1.0, rates)
+    v_first = min(gaining.v, gaining.a * first)
+    v_last = min(losing.v, losing.brake * last)
+    distance = along[0] - v_first * (first - 0.5 * v_first / gaining.a)
+    distance -= v_last * (last - 0.5 * v_last / losing.brake)
+    between = np.inf
+    if distance >= change_distance(v_first, v_last, on):
+        between = drive_time(distance, v_first, v_last, on)
+    return first, between, last, v_first, v_last, distance
+
+
+@compiled
+def fastest_leg(leg: PlanarLeg, rates: PlanarRates) -> tuple[float, float, float, float, float]:
     """Return the fastest motion of a leg.
 
     Returns
@@ -168,6 +216,9 @@ def fastest_leg(leg: PlanarLeg, rates: PlanarRates) -> tuple[float, float, float
         Share of the limits that the translation uses: 1 unless the robot passes its goal, and the
         turn takes longer than the drive. No share may suffice for that, as near the goal: then the
         robot arrives before it is turned.
+    facing : float
+        The heading in rad between two turns, see `_facing_times`; NaN if the base turns at once. It
+        then turns by `turned` in sum.
     """
     turned, turn_time = turn_between(leg.turn, leg.w, rates)
     direction, along, across = _split(leg)
@@ -192,7 +243,34 @@ def fastest_leg(leg: PlanarLeg, rates: PlanarRates) -> tuple[float, float, float
                 time = slower
                 split = slower_split
                 share = tried
-    return max(time, turn_time), turned, split, share
+    time = max(time, turn_time)
+    facing = math.nan
+    if not _may_face(leg, rates):
+        return time, turned, split, share, facing
+    goal = leg.yaw + leg.turn
+    for number in range(4):
+        tried = direction + number * math.pi
+        if number > 1:
+            tried = leg.yaw if number == 2 else goal
+        first, between, last, _, _, _ = _facing_times(leg, tried, rates)
+        other = first + between + last
+        if other < time - _BETTER:
+            time = other
+            facing = tried
+            turned = abs(wrapped(tried - leg.yaw)) + abs(wrapped(goal - tried))
+    return time, turned, split, share, facing
+
+
+@compiled
+def _may_face(leg: PlanarLeg, rates: PlanarRates) -> bool:
+    """Return whether a leg between standstills may be faster with a heading of its own."""
+    begins_slowly = math.hypot(leg.vx, leg.vy) <= _SLOW and abs(leg.w) <= _SLOW_TURN
+    ends = leg.end_vx == 0.0 and leg.end_vy == 0.0
+    speeds_alike = rates.v == rates.v_side and rates.v == rates.v_back
+    changes_alike = rates.a == rates.a_side and rates.brake == rates.a_side
+    is_alike = speeds_alike and changes_alike and not rates.box
+    moves = leg.x != 0.0 or leg.y != 0.0
+    return begins_slowly and ends and moves and not is_alike
 
 
 @compiled
@@ -222,28 +300,29 @@ def leg_times(legs: FloatArray, hold: float, rates: PlanarRates) -> FloatArray:
             legs[W, at],
             heading - yaw,
         )
-        time, turned, _, _ = fastest_leg(leg, rates)
+        time, turned, _, _, _ = fastest_leg(leg, rates)
         found[0, at] = time
         found[1, at] = abs(turned)
     return found
 
 
+Phase = tuple[float, float, float]
+"""A phase of constant acceleration: duration in s, velocity before and after it."""
+
+
 @dataclass(frozen=True, slots=True)
 class _Profile:
-    """A motion along one axis: three phases of constant acceleration."""
+    """A motion along one axis."""
 
     begin: float
-    durations: tuple[float, float, float]
-    speeds: tuple[float, float, float, float]
+    phases: tuple[Phase, ...]
 
     def at(self, time: float) -> tuple[float, float]:
         """Return position and velocity at a time in s from the start, constant outside."""
         position = self.begin
-        speed = self.speeds[0]
+        speed = self.phases[0][1]
         left = max(time, 0.0)
-        for number, duration in enumerate(self.durations):
-            before = self.speeds[number]
-            after = self.speeds[number + 1]
+        for duration, before, after in self.phases:
             passed = min(left, duration)
             speed = before + (after - before) * passed / duration if duration > 0.0 else after
             position += 0.5 * (before + speed) * passed
@@ -253,13 +332,14 @@ class _Profile:
         return position + left * speed, speed
 
 
-def _profile(begin: float, axis: Axis, rates: Rates) -> _Profile:
+def _phases(axis: Axis, rates: Rates) -> tuple[Phase, ...]:
     distance, before, after = axis
-    gaining, steady, losing, top = drive_parts(distance, before, after, rates)
-    return _Profile(
-        begin,
-        (float(gaining), float(steady), float(losing)),
-        (before, float(top), float(top), after),
+    gaining, steady, losing, peak = drive_parts(distance, before, after, rates)
+    top = float(peak)
+    return (
+        (float(gaining), before, top),
+        (float(steady), top, top),
+        (float(losing), top, after),
     )
 
 
@@ -310,25 +390,67 @@ def planar_plan(start: RobotState, goal: Pose, speed: float, limits: OmniLimits)
     """Return the fastest motion from a state to a pose, with a forward speed in m/s there."""
     rates = limits.rates
     leg = _leg_between(start, goal, speed)
-    duration, turned, split, share = fastest_leg(leg, rates)
+    duration, turned, split, share, facing = fastest_leg(leg, rates)
+    if not math.isnan(facing):
+        return _facing_plan(leg, facing, rates, start.pose, goal)
     direction, along, across = _split(leg)
     on, beside = _limits_towards(direction - leg.yaw, turned, share, rates)
     on = _axis_rates(on.v, on.a, on.brake, math.cos(split), along)
     beside = _axis_rates(beside.v, beside.a, beside.brake, math.sin(split), across)
-    turning = Rates(max(rates.w, abs(leg.w)), 1.0, rates.aw, rates.aw, 1.0)
     is_straight = split == 0.0
     return PlanarPlan(
         duration=duration,
         goal=goal,
         _start=start.pose,
         _direction=direction,
-        _along=_profile(0.0, along, on),
-        _across=_RESTING if is_straight else _profile(0.0, across, beside),
-        _heading=_profile(leg.yaw, (turned, leg.w, 0.0), turning),
+        _along=_Profile(0.0, _phases(along, on)),
+        _across=_RESTING if is_straight else _Profile(0.0, _phases(across, beside)),
+        _heading=_Profile(leg.yaw, _turn_phases(turned, leg.w, rates)),
     )
 
 
-_RESTING = _Profile(0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0))
+def _facing_plan(
+    leg: PlanarLeg, facing: float, rates: PlanarRates, start: Pose, goal: Pose
+) -> PlanarPlan:
+    """Return the motion that keeps a heading in rad between two turns, see `_facing_times`."""
+    first, between, last, v_first, v_last, distance = _facing_times(leg, facing, rates)
+    direction, _, _ = _split(leg)
+    turn = wrapped(facing - leg.yaw)
+    turn_back = wrapped(leg.yaw + leg.turn - facing)
+    gaining, _ = _limits_towards(direction - leg.yaw, turn, 1.0, rates)
+    on, _ = _limits_towards(direction - facing, 0.0, 1.0, rates)
+    losing, _ = _limits_towards(direction - facing, turn_back, 1.0, rates)
+    gained = v_first / gaining.a
+    lost = v_last / losing.brake
+    along = (
+        (gained, 0.0, v_first),
+        (first - gained, v_first, v_first),
+        *_phases((distance, v_first, v_last), on),
+        (last - lost, v_last, v_last),
+        (lost, v_last, 0.0),
+    )
+    heading = (
+        *_turn_phases(turn, 0.0, rates),
+        (between, 0.0, 0.0),
+        *_turn_phases(turn_back, 0.0, rates),
+    )
+    return PlanarPlan(
+        duration=first + between + last,
+        goal=goal,
+        _start=start,
+        _direction=direction,
+        _along=_Profile(0.0, along),
+        _across=_RESTING,
+        _heading=_Profile(leg.yaw, heading),
+    )
+
+
+def _turn_phases(angle: float, w: float, rates: PlanarRates) -> tuple[Phase, ...]:
+    turning = Rates(max(rates.w, abs(w)), 1.0, rates.aw, rates.aw, 1.0)
+    return _phases((angle, w, 0.0), turning)
+
+
+_RESTING = _Profile(0.0, ((0.0, 0.0, 0.0),))
 
 
 def _leg_between(start: RobotState, goal: Pose, speed: float) -> PlanarLeg:

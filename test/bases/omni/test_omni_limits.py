@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ator_ros.bases.omni.omni_limits import OmniLimits, extent, least_extent
@@ -15,6 +15,7 @@ SHAPES = st.booleans()
 
 
 @given(AXES, ANGLES, SHAPES)
+@settings(deadline=None)  # the first call compiles
 def test_a_set_contains_its_half_axes_and_lies_within_its_box(
     axes: tuple[float, float, float], angle: float, box: bool
 ) -> None:
@@ -29,11 +30,13 @@ def test_a_set_contains_its_half_axes_and_lies_within_its_box(
 
 
 @given(AXES, ANGLES)
+@settings(deadline=None)  # the first call compiles
 def test_a_box_contains_the_ellipse(axes: tuple[float, float, float], angle: float) -> None:
     assert extent(*axes, angle, True) >= extent(*axes, angle, False) - 1e-9
 
 
 @given(AXES, ANGLES, ANGLES, SHAPES)
+@settings(deadline=None)  # the first call compiles
 def test_the_least_extent_is_that_of_some_heading_of_the_turn(
     axes: tuple[float, float, float], angle: float, turned: float, box: bool
 ) -> None:

@@ -89,8 +89,9 @@ def test_the_time_of_searches_is_that_of_the_plan(
     assert times(robot, state, goal, speed)[0] == pytest.approx(plan.duration, abs=1e-9)
     begin = plan.at(0.0)
     assert begin.pose.distance(start) < 1e-9
-    assert begin.velocity.vx == pytest.approx(state.vx, abs=1e-6)
-    assert begin.velocity.vy == pytest.approx(state.vy, abs=1e-6)
+    rolls = 0.0 if robot is ALIKE else 0.1  # m/s up to which a start counts as a standstill
+    assert begin.velocity.vx == pytest.approx(state.vx, abs=rolls + 1e-6)
+    assert begin.velocity.vy == pytest.approx(state.vy, abs=rolls + 1e-6)
 
 
 @given(goal=POSES, shares=st.tuples(SHARES, SHARES, SHARES))
@@ -138,20 +139,27 @@ def test_left_and_right_take_equally_long(goal: Pose, shares: tuple[float, float
     assert times(UNLIKE, mirrored, other) == pytest.approx(expected, rel=1e-4, abs=1e-4)
 
 
-@pytest.mark.parametrize("robot", ROBOTS, ids=lambda robot: robot.name)
-def test_turns_hide_behind_long_translations_of_a_base_alike_in_all_directions(
-    robot: OmniRobot,
-) -> None:
+def test_turns_hide_behind_long_translations_of_a_base_alike_in_all_directions() -> None:
     start = RobotState(Pose(0.0, 0.0, 0.0))
-    straight = times(robot, start, Pose(5.0, 0.0, 0.0))[0]
-    turned = times(robot, start, Pose(5.0, 0.0, 1.5))[0]
-    aside = times(robot, start, Pose(0.0, 5.0, 0.0))[0]
-    if robot is ALIKE:
-        assert turned == pytest.approx(straight)
-        assert aside == pytest.approx(straight)
-    else:
-        assert turned > 1.1 * straight
-        assert aside > 1.1 * straight
+    straight = times(ALIKE, start, Pose(5.0, 0.0, 0.0))[0]
+    assert times(ALIKE, start, Pose(5.0, 0.0, 1.5))[0] == pytest.approx(straight)
+    assert times(ALIKE, start, Pose(0.0, 5.0, 0.0))[0] == pytest.approx(straight)
+
+
+def test_a_base_that_is_slower_aside_turns_to_the_front_for_long_drives_only() -> None:
+    start = RobotState(Pose(0.0, 0.0, 0.0))
+
+    def middle(distance: float) -> RobotState:
+        plan = planar_plan(start, Pose(0.0, distance, 0.0), 0.0, UNLIKE.limits)
+        return plan.at(0.5 * plan.duration)
+
+    near, far = middle(1.0), middle(20.0)
+    assert near.pose.yaw == pytest.approx(0.0, abs=1e-6)
+    assert near.vy > 0.1
+    assert far.pose.yaw == pytest.approx(math.pi / 2.0)
+    assert far.vx == pytest.approx(UNLIKE.limits.v)
+    only_aside = 20.0 / UNLIKE.limits.sideways
+    assert times(UNLIKE, start, Pose(0.0, 20.0, 0.0))[0] < only_aside
 
 
 def test_a_turn_on_the_spot_takes_as_long_as_the_limits_say() -> None:
