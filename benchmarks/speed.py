@@ -29,8 +29,10 @@ from ator_ros.domains.soccer.field import BALL, ball_of, field_of, objects_of
 from ator_ros.domains.trials import open_places, open_speeds, random_trial
 from ator_ros.evaluation.toolset import ToolsetSource, tools_of
 from ator_ros.geometry import BoolArray, FloatArray, Pose
+from ator_ros.performance.model import PerformanceModel
 from ator_ros.planning.planner import chains_for
-from ator_ros.refinement.refiner import Refiner
+from ator_ros.refinement.refiner import LONGEST_CHAIN, Refiner
+from ator_ros.refinement.step_durations import DurationTable
 from ator_ros.simulation.scene_simulation import CONTROL_RATE, Simulation
 from ator_ros.tops.chain import EVERYTHING, TopCall, TopChain
 from ator_ros.tops.library import TopLibrary
@@ -99,13 +101,14 @@ def ordering(requests: int) -> Rows:
     """Measure the CPU time of the search for order and headings in a hall without walls."""
     tools, library = tools_of(ToolsetSource(domain="drive"))
     refiner = tools.refiner(gated=True)
-    for stations, limit in STATIONS.items():
+    for stations in (*STATIONS, LONGEST_CHAIN):
         times = []
         for index in range(max(3, requests // stations)):
             world, chain = random_round(library, stations, seed=index)
             times.append(_cpu_time(refiner, world, chain))
         median = 1000.0 * statistics.median(times)
-        yield f"round of {stations} stations", f"p50 {median:.0f} ms of {limit} ms"
+        allowed = f" of {STATIONS[stations]} ms" if stations in STATIONS else ""
+        yield f"round of {stations} stations", f"p50 {median:.0f} ms{allowed}"
 
 
 def ordering_on_map(requests: int) -> Rows:
@@ -130,6 +133,48 @@ def ordering_on_map(requests: int) -> Rows:
             allowed = f" of {limit} ms" if kind == "known" else ""
             name = f"round of {stations} stations in a building, {kind} places"
             yield name, f"p50 {median:.0f} ms{allowed}"
+
+
+def pairs_on_map(requests: int) -> Rows:
+    """Measure the table of pairs of new places in a building, without the planner's own time."""
+    tools, library = tools_of(ToolsetSource(domain="building"))
+    assert tools.robot.grid is not None
+    find_path = tools.robot.grid.planner
+    assert find_path is not None
+    spent = []
+
+    def planner(*ends: tuple[float, float]) -> FloatArray | None:
+        began = time.perf_counter()
+        path = find_path(*ends)
+        spent.append(time.perf_counter() - began)
+        return path
+
+    grid = dataclasses.replace(tools.robot.grid, planner=planner)
+    robot = dataclasses.replace(tools.robot, grid=grid)
+    refiner = tools.refiner(gated=True)
+    models = {
+        name: dataclasses.replace(model, robot=robot)
+        for name, model in refiner.models.items()
+        if isinstance(model, PerformanceModel)
+    }
+    for stations in (6, 30):
+        others = []
+        for index in range(max(3, requests // (10 * stations))):
+            first = 1000 + index * stations
+            trials = [
+                random_trial(tools.domain, "round", library, seed=806, index=first + number)
+                for number in range(stations)
+            ]
+            opened = frozenset({"yaw"})
+            calls = [dataclasses.replace(trial.chain.calls[0], open=opened) for trial in trials]
+            spent.clear()
+            began = time.perf_counter()
+            DurationTable.of_pairs(
+                [trials[0].world], calls, models, robot=robot, ranges=refiner.ranges
+            ).whole()
+            others.append(time.perf_counter() - began - math.fsum(spent))
+        name = f"table of {stations} stations, {len(spent)} new paths"
+        yield name, f"p50 {1000.0 * statistics.median(others):.0f} ms besides the paths"
 
 
 def _cpu_time(refiner: Refiner, world: World, chain: TopChain) -> float:
@@ -383,6 +428,7 @@ PARTS: dict[str, Callable[[int], Rows]] = {
     "refinement": refinement,
     "round": ordering,
     "building": ordering_on_map,
+    "pairs": pairs_on_map,
     "plans": plans,
     "ticks": ticks,
     "route": route,

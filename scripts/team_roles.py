@@ -38,7 +38,6 @@ from ator_ros.team.roles import (
     bids_of,
     common_objects,
     course_in,
-    decide,
     plan_roles,
 )
 from ator_ros.team.roster import PERIOD, Roster
@@ -223,7 +222,7 @@ class Player:
     errors: Errors
     executor: ChainExecutor | None = None
     chain: TopChain = field(default_factory=partial(TopChain, ()))
-    course: Course | None = None
+    courses: dict[str, Course | None] = field(default_factory=dict)
     role: str = ""
     belief: dict[str, str] = field(default_factory=dict)
 
@@ -315,24 +314,33 @@ class Episode:
         for member in seen:
             player.roster.take(member, now)
         objects = common_objects(player.roster.members(now), ROBOT)
-        predict = partial(plan_roles, roles=roles, refiner=self._refiner, library=LIBRARY)
-        for member in seen:
-            plans = predict(member.world, objects=objects)
-            player.roster.take(replace(member, bids=bids_of(plans)), now)
-        plans = predict(
-            own.world, objects=objects, barred=player.roster.barred(now), course=player.course
-        )
-        own = replace(own, bids=bids_of(plans))
-        player.roster.take(own, now)
-        found = decide(player.roster.members(now), roles, self._setting.gate)
-        player.roster.believe(found, tuple(role.name for role in roles))
+        plans = {}
+        for member in (own, *seen):
+            plans[member.name] = plan_roles(
+                member.world,
+                roles,
+                self._refiner,
+                LIBRARY,
+                objects,
+                barred=player.roster.barred(now) if member is own else (),
+                course=player.courses.get(member.name),
+            )
+        for member in (own, *seen):
+            player.roster.take(replace(member, bids=bids_of(plans[member.name])), now)
+        found = player.roster.decide(roles, now, self._setting.gate)
         player.belief = {each.name: each.role for each in player.roster.members(now)}
+        for member in (own, *seen):
+            role = player.belief[member.name]
+            course = player.courses.get(member.name)
+            player.courses[member.name] = (
+                course_in(role, plans[member.name][role], course, now, ROBOT.reach)
+                if role
+                else None
+            )
         role = player.roster.role()
         self.counts.changes += bool(before) and role != before
-        plan = plans.get(role)
-        player.course = (
-            course_in(role, plan, player.course, own.world.time, ROBOT.reach) if plan else None
-        )
+        plan = plans[player.name].get(role)
+        own = replace(own, bids=bids_of(plans[player.name]))
         player.send(None if found.waits(player.name) else plan, role, truth)
         if self._setting.lost is not None:
             for other in self._others(player):
@@ -420,12 +428,12 @@ def driving(robots: int, episodes: int, duration: float, seed: int) -> None:
         print(f"| {robots} | {name} | {row(setting, episodes, duration, seed)} |", flush=True)
 
 
-def noise(episodes: int, duration: float, seed: int) -> None:
+def noise(robots: int, episodes: int, duration: float, seed: int) -> None:
     """Print the table for errors of positions and lost messages."""
     print(f"| messages | noise (m) | {' | '.join(HEADER)} |\n{'| --- ' * 7}|", flush=True)
     for name, lost in (("all", 0.0), ("30 % lost", 0.3), ("none", None)):
         for deviation in (0.0, 0.1, 0.5):
-            setting = Setting(noise=deviation, lost=lost)
+            setting = Setting(robots, noise=deviation, lost=lost)
             print(
                 f"| {name} | {deviation:g} | {row(setting, episodes, duration, seed)} |", flush=True
             )
@@ -451,7 +459,7 @@ def main() -> None:
     elif options.series == "driving":
         driving(options.robots, options.episodes, options.duration, options.seed)
     else:
-        noise(options.episodes, options.duration, options.seed)
+        noise(options.robots, options.episodes, options.duration, options.seed)
 
 
 if __name__ == "__main__":

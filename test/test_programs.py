@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from documentation import ROOT
 
+from ator_ros.domains.drive import DRIVE
 from ator_ros.evaluation.running import KIND, RESULT
 from ator_ros.files import save
-from benchmarks import along, speed
+from benchmarks import along, omni_drives, speed
 from examples.plan_with_durations import plan
 from scripts import figures, rounds
 
@@ -51,6 +52,17 @@ def test_refining_along_the_way_is_measured(capsys: pytest.CaptureFixture[str]) 
     assert once.endswith(" s, 0 failed")
     assert along_the_way.endswith(" s, 0 failed")
     assert gained.startswith("gained along the way: ")
+
+
+@pytest.mark.parametrize("name", omni_drives.ROBOTS)
+def test_no_motion_is_predicted_to_be_faster_than_the_bound(name: str) -> None:
+    robot = omni_drives.shipped(name)
+    rng = np.random.default_rng(65)
+    drive = DRIVE.actions()["goToPose"]
+    situations = [drive.situation(robot, rng) for _ in range(200)]
+    predicted = robot.fastest(omni_drives.legs_of(situations), None)[0]
+    bounds = np.array([omni_drives.bound(robot, situation) for situation in situations])
+    assert (predicted >= bounds - 1e-6).all()
 
 
 @pytest.mark.long

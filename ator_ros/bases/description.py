@@ -31,10 +31,9 @@ GROUP = "ator_ros.bases"
 """The group of entry points by which packages add kinds of bases: subclasses of `Robot`."""
 DEFAULT_DRIVE = "differential"
 """The kind of base of a file without the field `drive`."""
-_SHIPPED_DRIVE = EntryPoint(
-    DEFAULT_DRIVE,
-    "ator_ros.bases.differential.robot:DifferentialRobot",
-    GROUP,
+_SHIPPED_DRIVES = (
+    EntryPoint(DEFAULT_DRIVE, "ator_ros.bases.differential.robot:DifferentialRobot", GROUP),
+    EntryPoint("omni", "ator_ros.bases.omni.omni_robot:OmniRobot", GROUP),
 )
 _LARGEST = 100_000  # bytes of a description; ours has 2 kB
 _LOOSE = 2.0  # widths of an object above which the gap between the fingers is too wide to hold it
@@ -226,11 +225,11 @@ def robot_of(content: Any) -> Robot:
 
 
 def kind_of(drive: object) -> type[Robot]:
-    """Return the class of robots with this `drive`: the shipped one, or an entry point of `GROUP`.
+    """Return the class of robots with this `drive`: a shipped one, or an entry point of `GROUP`.
 
     Raises ConfigError if there is none.
     """
-    found = {entry.name: entry for entry in (_SHIPPED_DRIVE, *entry_points(group=GROUP))}
+    found = {entry.name: entry for entry in (*_SHIPPED_DRIVES, *entry_points(group=GROUP))}
     if drive not in found:
         raise ConfigError(
             f"robot.drive: expected one of {', '.join(sorted(found))}, got {quoted(drive)}"

@@ -9,7 +9,7 @@ from ator_ros.actions import DEFAULT_SET
 from ator_ros.bases.description import Robot
 from ator_ros.domains.domain import Domain
 from ator_ros.performance.model import PerformanceModel
-from ator_ros.performance.model_file import NoModelsError, load_models
+from ator_ros.performance.model_file import NoModelsError, OtherBaseError, load_models
 from ator_ros.performance.path_times import path_time_model
 
 
@@ -22,7 +22,8 @@ def models_for(
 ) -> dict[str, PerformanceModel]:
     """Return a model of each action of a set, by action.
 
-    An action without a model file has `path_time_model`.
+    An action without a model file has `path_time_model`. So has one whose shipped model is of a
+    robot with another kind of base.
 
     Parameters
     ----------
@@ -44,8 +45,9 @@ def models_for(
     if folder or root.is_dir():
         try:
             learned = load_models(robot, domain.known_features, action_set=action_set, folder=root)
-        except NoModelsError:
-            learned = {}
+        except NoModelsError as error:
+            if folder and isinstance(error, OtherBaseError):
+                raise
     return with_path_times(learned, domain, robot, action_set)
 
 

@@ -1,4 +1,4 @@
-"""The domain `drive`: a robot with two driven wheels drives to poses; there are no objects."""
+"""The domain `drive`: a robot drives to poses; there are no objects."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from ator_ros.domains.places import (
     random_pose,
     random_start,
 )
-from ator_ros.domains.planned.go_to_pose import GoToPose
+from ator_ros.domains.planned.planar_go_to_pose import planned_go_to_pose
 from ator_ros.resources import resource_path
 from ator_ros.tops.chain import Top, TopCall, TopChain
 from ator_ros.tops.conditions import Condition, Term
@@ -101,7 +101,7 @@ def tops_for(robot: Robot) -> tuple[Top, ...]:
 DRIVE = Domain(
     "drive",
     (GO_TO_POSE,),
-    {DEFAULT_SET: (ActionSpec("goToPose", GoToPose, go_to_pose),)},
+    {DEFAULT_SET: (ActionSpec("goToPose", planned_go_to_pose, go_to_pose),)},
     chains={"passing": partial(two_drives, time_limit=_LONG_TIME_LIMIT)},
     variables=RANGES,
     description=resource_path("config", "turtlebot4.yaml"),

@@ -183,6 +183,10 @@ class Watch:
                 (self._passing if goal.is_passed else self._ended).append(goal)
             self._observe_passing()
 
+    def lose(self, action: str) -> None:
+        """End the active goals of an action whose server is gone."""
+        self._ended += self._goals.lose(action)
+
     def _is_of_drive(self, message: Any) -> bool:
         """Return whether a path begins at the robot, as far as that is known.
 

@@ -34,11 +34,15 @@ NOT_CONNECTED = "tf does not connect odometry's frame with the goal's"
 _MOST_GOALS = 10_000  # of a recording: a week of drives of one minute
 _LONGEST_FRAME = 256  # characters of a frame's name
 _MOST_PLACES = 100_000  # of a path: 2.5 km in steps of 2.5 cm
-_MOST_ESTIMATES = 1000  # of the server for a goal: 8 min at 2 Hz
+_MOST_ESTIMATES = 1000  # of the server for a goal: 8 min
+_ESTIMATE_PERIOD = 0.5  # s; Nav2 sends feedback in each loop of its tree, every 10 ms
 _SAME_PLACE = 0.01  # m
+_MOVED = 0.5  # m by which a goal may move between two paths, as that of a tree that follows
 _EARLY = 0.5  # s by which a path may come before the message that its goal is executed
 _RECENT = 1.0  # s by which a goal_pose may precede its goal, and a goal the first status message
 _ENDED = ("succeeded", "canceled", "aborted")
+LOST = "lost"
+"""Status of a goal whose server has ended or restarted while it was executed."""
 
 
 def remote_calls(domain: Vocabulary) -> dict[str, RemoteCall]:
@@ -88,7 +92,7 @@ class ServerGoal:
     begin, end : float
         When its execution began and ended, in s by odometry's stamps; NaN: not recorded.
     status : str
-        How it ended; empty: not recorded.
+        How it ended, perhaps `LOST`; empty: not recorded.
     start : RobotState or None
         The robot in odometry's frame when its execution began.
     frame, pose : str, Pose or None
@@ -118,7 +122,8 @@ class ServerGoal:
     recoveries : int
         How often the server has recovered, as its feedback says; 0 without feedback.
     server_estimates : list of float
-        What the server estimated on the way that the drive takes in all, in s.
+        What the server estimated on the way that the drive takes in all, in s; at most two a
+        second.
     """
 
     action: str
@@ -143,6 +148,10 @@ class ServerGoal:
     poses: int = 0
     recoveries: int = 0
     server_estimates: list[float] = field(default_factory=list)
+    _estimated_at: float = field(default=-math.inf, init=False)
+    _plan_end: Pose | None = field(default=None, init=False)  # of the last path that was accepted
+    _last_end: Pose | None = field(default=None, init=False)  # of the last path
+    _is_confirmed: bool = field(default=False, init=False)  # whether two paths in a row led there
 
     @property
     def is_active(self) -> bool:
@@ -169,6 +178,30 @@ class ServerGoal:
             self.pose = pose
             self.from_goal_pose = from_goal_pose
 
+    def accepts_plan(self, end: Pose) -> bool:
+        """Return whether a path that ends there is the goal's, and not that of another request.
+
+        Planners publish all paths that they are asked for. Once two paths in a row have led to the
+        same place, a single one that leads elsewhere is ignored.
+        """
+        known = self._plan_end
+        repeats = self._last_end is not None and self._last_end.distance(end) <= _MOVED
+        self._last_end = end
+        if known is not None and self._is_confirmed and known.distance(end) > _MOVED:
+            if not repeats:
+                return False
+        else:
+            self._is_confirmed = known is not None and known.distance(end) <= _MOVED
+        self._plan_end = end
+        return True
+
+    def add_estimate(self, now: float, seconds: float) -> None:
+        """Add that the server estimated at `now` that so many s remain."""
+        is_due = now - self._estimated_at >= _ESTIMATE_PERIOD
+        if is_due and len(self.server_estimates) < _MOST_ESTIMATES:
+            self._estimated_at = now
+            self.server_estimates.append(now - self.begin + seconds)
+
     def set_path(self, path: FloatArray, headings: FloatArray) -> None:
         """Set the newest path to the goal in the frame of the pose: (n, 2) in m, (n,) in rad."""
         self.path = path
@@ -192,6 +225,7 @@ class ServerGoal:
             "accepted before the recording began": self.before_recording,
             "its end was not recorded": not self.status,
             "canceled": self.status == "canceled",
+            "its server ended or restarted": self.status == LOST,
             "preempted by another goal": self.is_preempted and not self.is_passed,
             "its start was not recorded": math.isnan(self.begin),
             "odometry was interrupted": not self.begin <= self.end,
@@ -263,7 +297,18 @@ class ServerGoals:
                 if odom_pose is not None and robot is not None:
                     goal.final_pose = odom_pose.compose(robot.pose)
                 ended.append(goal)
-        return ended
+        listed = {bytes(item.goal_info.goal_id.uuid) for item in message.status_list}
+        return ended + self.lose(action, listed)
+
+    def lose(self, action: str, kept: Collection[bytes] = ()) -> list[ServerGoal]:
+        """End the active goals of an action that its server does not have any more; return them.
+
+        `kept` are the ids of those that it has. A server always lists all active goals.
+        """
+        lost = [goal for goal in self.active if goal.action == action and goal.goal_id not in kept]
+        for goal in lost:
+            goal.status = LOST
+        return lost
 
     def add_feedback(self, action: str, message: Any, now: float) -> None:
         """Add the feedback of a goal at `now` (s by odometry), as far as it is that of Nav2."""
@@ -275,10 +320,10 @@ class ServerGoals:
         )
         goal.poses = max(goal.poses, int(getattr(message.feedback, "number_of_poses_remaining", 0)))
         remaining = getattr(message.feedback, "estimated_time_remaining", None)
-        if remaining is not None and len(goal.server_estimates) < _MOST_ESTIMATES:
+        if remaining is not None:
             seconds = seconds_from(remaining, "feedback.estimated_time_remaining")
             if seconds > 0.0:  # Nav2's is 0 while the robot stands
-                goal.server_estimates.append(now - goal.begin + seconds)
+                goal.add_estimate(now, seconds)
 
     def add_pose(self, message: Any, now: float) -> None:
         """Add the path to the active goal, or the pose of the goal that is sent next."""
@@ -295,6 +340,8 @@ class ServerGoals:
             if not self.active:
                 self._plan = now, message
             for goal in self.active:
+                if not goal.accepts_plan(pose):
+                    continue
                 goal.set_pose(frame, pose, self._odom_pose_in(frame), from_goal_pose=False)
                 if frame == goal.frame:
                     self.numbers += 0 if goal.first_path is not None else path.size

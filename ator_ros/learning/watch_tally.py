@@ -11,6 +11,7 @@ from typing import Annotated
 
 import numpy as np
 
+from ator_ros.experience.server_goals import LOST
 from ator_ros.files import DamagedFileError, FileError, load, save, set_aside
 from ator_ros.learning.drive_monitor import EndedDrive
 from ator_ros.learning.savings import RoundSavings, Saving
@@ -34,8 +35,8 @@ class Tally:
     Attributes
     ----------
     drives, held_up, recovered, ended_early : int
-        Undisturbed drives; those that took much longer; those with recoveries; canceled, preempted
-        or aborted ones.
+        Undisturbed drives; those that took much longer; those with recoveries; canceled, preempted,
+        aborted or lost ones.
     day : str
         The day of `driven` and `saved`, as in 2026-01-31.
     driven : float
@@ -65,7 +66,7 @@ class Tally:
         self._begin(day)
         if math.isfinite(drive.duration):
             self.driven = min(self.driven + max(0.0, drive.duration), _DAY)
-        if goal.status in ("canceled", "aborted") and not goal.is_passed:
+        if goal.status in ("canceled", "aborted", LOST) and not goal.is_passed:
             self.ended_early += 1
         elif goal.is_recovered:
             self.recovered += 1

@@ -15,7 +15,7 @@ import json
 import math
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,8 @@ from typing import Any
 import rclpy
 import yaml
 from geometry_msgs.msg import PolygonStamped
+from lifecycle_msgs.msg import State
+from lifecycle_msgs.srv import GetState
 from nav_msgs.msg import OccupancyGrid
 from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
@@ -35,7 +37,7 @@ from ator_ros.geometry import Pose
 from ator_ros.nodes.messages import grid_from
 from ator_ros.nodes.qos import LATCHED, RESULTS
 from ator_ros.nodes.subscriptions import TfListener
-from ator_ros.printable import ReadableError, one_line, quoted
+from ator_ros.printable import ReadableError, one_line, printable, quoted
 from ator_ros.resources import resource_path
 from ator_ros.world.grid_map import GridMap, save_map
 from ator_ros.world.readers import plain_frame, seconds_from
@@ -46,12 +48,13 @@ CONTROLLER = "controller_server"
 SMOOTHER = "velocity_smoother"
 PLANNER = "planner_server"
 COSTMAP = "local_costmap/local_costmap"
+_GLOBAL_COSTMAP = "global_costmap/global_costmap"
 ROBOT_FILE = "robot.yaml"
 DOMAIN_FILE = "stations.yaml"
 MAP_FILE = "map.yaml"
 """Files in a folder that `set_up` returns."""
 FOOTPRINT = "local_costmap/published_footprint"
-DRIVING_NODES = (CONTROLLER, SMOOTHER, PLANNER)
+DRIVING_NODES = (NAVIGATOR, CONTROLLER, SMOOTHER, PLANNER, COSTMAP, _GLOBAL_COSTMAP)
 """Nodes whose parameters change how Nav2 drives, and so how long drives take."""
 _OF_ROS = ("use_sim_time", "qos_overrides", "start_type_description_service")
 _SPEEDS = ("desired_linear_vel", "max_vel_x", "vx_max")  # of controllers, in m/s
@@ -60,6 +63,7 @@ _USUAL = (0.5, 2.5, 2.5, 3.2)
 _BESIDE = 0.05  # m and rad by which poses reached may be off beyond Nav2's tolerances
 _ANSWER = 5.0  # real s that an answer of a node may take
 _DISCOVERY = 3.0  # real s in which DDS finds a node, once it has found others of Nav2
+_ANNOUNCEMENT = 0.3  # real s in which DDS announces further services of a node that it has found
 _SPIN = 0.1
 _DIGITS = 4  # of published corners in m: those of two starts differ by single precision only
 
@@ -404,24 +408,44 @@ class Finder(Node):
 
     def parameters(self, wait: float) -> dict[str, dict[str, Any]]:
         """Return the parameters of Nav2's nodes; those that are missing after `wait` s are not."""
-        clients = {
-            name: AsyncParameterClient(self, name) for name in (NAVIGATOR, COSTMAP, *DRIVING_NODES)
-        }
+        clients = {name: AsyncParameterClient(self, name) for name in DRIVING_NODES}
         end = time.monotonic() + wait
-        needed = [clients[name] for name in (NAVIGATOR, CONTROLLER, COSTMAP)]
-        self._wait_for(needed, end)
+        needed = (NAVIGATOR, CONTROLLER, COSTMAP)
+        self._wait_for([clients[name] for name in needed], end)
+        self._wait_until_active(needed, end)
         # Without one of the others, its parameters would seem to have changed.
         self._wait_for(list(clients.values()), min(end, time.monotonic() + _DISCOVERY))
-        return {
-            name: self._read(client)
-            for name, client in clients.items()
-            if client.services_are_ready()
-        }
+        ready = {name: client for name, client in clients.items() if client.services_are_ready()}
+        self._wait_until_active(ready, end)
+        return {name: self._read(client) for name, client in ready.items()}
 
     def _wait_for(self, clients: Sequence[AsyncParameterClient], end: float) -> None:
         """Wait until all nodes are there, at most until a real time in s."""
         while time.monotonic() < end and not all(each.services_are_ready() for each in clients):
             rclpy.spin_once(self, timeout_sec=_SPIN)
+
+    def _wait_until_active(self, names: Iterable[str], end: float) -> None:
+        """Wait until the nodes with a life cycle are active, at most until a real time in s.
+
+        Before, they lack the parameters of their plugins. Raises Nav2Error for one that is not.
+        """
+        clients = {name: self.create_client(GetState, f"{name}/get_state") for name in names}
+        announced = min(end, time.monotonic() + _ANNOUNCEMENT)
+        while time.monotonic() < announced:
+            rclpy.spin_once(self, timeout_sec=_SPIN)
+        for name, client in clients.items():
+            while client.service_is_ready():
+                answer = self._answer(client.call_async(GetState.Request()))
+                state = answer.current_state if answer is not None else State(label="unknown")
+                if state.id == State.PRIMARY_STATE_ACTIVE:
+                    break
+                if time.monotonic() > end:
+                    raise Nav2Error(
+                        f"nav2: expected {name} to be active, got {printable(state.label)}; "
+                        "activate Nav2, or set a longer wait:=SECONDS"
+                    )
+                rclpy.spin_once(self, timeout_sec=_SPIN)
+            self.destroy_client(client)
 
     def _read(self, client: AsyncParameterClient) -> dict[str, Any]:
         listed = self._answer(client.list_parameters())

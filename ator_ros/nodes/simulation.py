@@ -42,7 +42,7 @@ from ator_ros.nodes.simulated_world import SimulatedRobot, SimulatedWorld
 from ator_ros.printable import quoted
 from ator_ros.simulation.scene_simulation import TICK
 from ator_ros.simulation.sensors import ObjectErrors, SensorConfig, Sensors
-from ator_ros.simulation.urdf import WHEEL_NAMES, robot_urdf
+from ator_ros.simulation.urdf import robot_urdf, wheel_names
 from ator_ros.world import readers as checks
 from ator_ros.world.readers import MessageError
 from ator_ros.world.scene import Area
@@ -99,7 +99,7 @@ class SimulationNode(Node):
         command.
     Publishes, every tick, as the robot's sensors observe it, stamped with the simulated time of
     observation
-        odom (nav_msgs/Odometry): the middle of the axle, twist in the robot's frame. NAME of each
+        odom (nav_msgs/Odometry): the robot's point, twist in the robot's frame. NAME of each
         object of the scene (nav_msgs/Odometry): position and velocity, both in the header's frame;
         nothing while the object is not there. joint_states (sensor_msgs/JointState), and tf
         (tf2_msgs/TFMessage) from the frame of odometry to the robot's own, if there are
@@ -379,6 +379,7 @@ class RobotTopics:
         self._objects = {
             name: node.create_publisher(Odometry, at, NEWEST) for name, at in topics.items()
         }
+        self._wheel_names = wheel_names(description)
         self._joints = node.create_publisher(JointState, self.resolved("joint_states"), RESULTS)
         self._tf = node.create_publisher(TFMessage, "tf", RESULTS)
         if robot.name:
@@ -398,7 +399,7 @@ class RobotTopics:
         return f"{self._robot.name}/{name}" if self._robot.name else name
 
     def publish(self, wheels: list[float]) -> None:
-        """Publish the last observation, and the angles of the left and the right wheel (rad)."""
+        """Publish the last observation, and the angles of the wheels in rad."""
         world = self._robot.observed
         state = self._robot.observed.robot
         # Objects first: subscribers that act on odom then have the objects of the same tick.
@@ -412,7 +413,7 @@ class RobotTopics:
             there = transform_of(world.time, state.pose, frame=self.frame, child=self.robot_frame)
             self._tf.publish(TFMessage(transforms=[there]))
         if self._joints.get_subscription_count():
-            message = JointState(name=list(WHEEL_NAMES), position=wheels)
+            message = JointState(name=list(self._wheel_names), position=wheels)
             message.header.stamp = stamp_of(world.time)
             self._joints.publish(message)
 

@@ -15,6 +15,7 @@ from typing import Any
 
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
+from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from tf2_msgs.msg import TFMessage
@@ -22,7 +23,7 @@ from tf2_msgs.msg import TFMessage
 from ator_ros.bases.description import Robot
 from ator_ros.geometry import Pose
 from ator_ros.nodes.parameters import STATE, SetupError
-from ator_ros.nodes.qos import LATCHED_BY_MANY, RESULTS, SENSOR_DATA
+from ator_ros.nodes.qos import LATCHED_BY_MANY, NEWEST, RESULTS, SENSOR_DATA
 from ator_ros.printable import listed, one_line, printable, quoted
 from ator_ros.world.readers import (
     MessageError,
@@ -132,6 +133,30 @@ class TfListener:
             except MessageError as error:
                 logger = self._node.get_logger()
                 logger.warning(f"ignored: {error}", throttle_duration_sec=WARNING_PERIOD)
+
+
+class _NeverExecuted(CallbackGroup):
+    """The group of subscriptions for which no executor waits."""
+
+    def can_execute(self, entity: Any) -> bool:  # noqa: ARG002
+        """Return False."""
+        return False
+
+
+class PolledTopic:
+    """The newest message of a topic, taken when it is needed: those in between cost no time."""
+
+    def __init__(self, node: Node, kind: type[Any], topic: str) -> None:
+        self._subscription = node.create_subscription(
+            kind, topic, lambda _: None, NEWEST, callback_group=_NeverExecuted()
+        )
+
+    def take(self) -> Any:
+        """Return the newest message since the last call; None without one."""
+        subscription = self._subscription
+        with subscription.handle:
+            waiting = subscription.handle.take_message(subscription.msg_type, subscription.raw)
+        return None if waiting is None else waiting[0]
 
 
 TYPES: dict[str, Any] = {

@@ -52,7 +52,6 @@ from ator_ros.team.roles import (
     bids_of,
     common_objects,
     course_in,
-    decide,
     plan_roles,
 )
 from ator_ros.team.roster import PERIOD, Roster
@@ -249,8 +248,7 @@ class TeamNode(Node):
             plans = self._plans(self._world, now)
             own = dataclasses.replace(own, bids=bids_of(plans))
             self._roster.take(own, now)
-            decision = decide(self._roster.members(now), self._file.roles)
-            self._roster.believe(decision, self._role_names)
+            decision = self._roster.decide(self._file.roles, now)
             self._beliefs.publish(self._belief(decision, self._world, now))
             self._act(plans.get(self._roster.role()), self._world, decision)
             status = self._reason(decision)
@@ -337,11 +335,12 @@ class TeamNode(Node):
     # Driving
 
     def _act(self, plan: Plan | None, world: World, decision: Decision) -> None:
-        """Follow the plan of the robot's role, with `execute` also on the floor."""
+        """Note when the robot should be done in its role, and with `execute` send the chain."""
         role = self._roster.role()
         reach = self._robot.reach
         self._course = course_in(role, plan, self._course, world.time, reach) if plan else None
         if not self._settings["execute"]:
+            self._stop()
             return
         same = self._sent is not None and role == self._sent_role
         if plan is None or decision.waits(self._name) or not (plan.chain or same):

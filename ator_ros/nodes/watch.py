@@ -70,6 +70,7 @@ from ator_ros.nodes.parameters import (
 from ator_ros.nodes.qos import ALL_SENSOR_DATA, LATCHED, LATCHED_BY_MANY, RESULTS
 from ator_ros.nodes.remote_messages import RemoteError, action_type
 from ator_ros.nodes.round_savings import RoundSavingsQueue
+from ator_ros.nodes.subscriptions import PolledTopic
 from ator_ros.printable import one_line
 from ator_ros.refinement.gate import MeasuredGain
 from ator_ros.tops.chain import TopCall
@@ -185,6 +186,7 @@ class WatchNode(Node):
             self._savings = RoundSavingsQueue(self, settings["planner"], self._frame, paths)
         except RemoteError as error:
             raise SetupError(f"parameter planner: {error}") from error
+        self._feedback: dict[str, PolledTopic] = {}
         self._changed = ""  # a parameter of Nav2 that was changed since the start
         self.create_subscription(
             ParameterEvent, "/parameter_events", self._take_parameters, RESULTS
@@ -217,12 +219,12 @@ class WatchNode(Node):
                 kind = action_type(call.type).Impl.FeedbackMessage
             except RemoteError as error:
                 raise SetupError(f"parameter domain: {error}") from error
-            self.create_subscription(kind, role, partial(self._take, role), RESULTS)
+            self._feedback[role] = PolledTopic(self, kind, role)
         for server, (_, kind_name) in self._through.items():
             role = f"{server}{FEEDBACK_SUFFIX}"
             with suppress(RemoteError):  # then corners of paths are no poses
                 kind = action_type(kind_name).Impl.FeedbackMessage
-                self.create_subscription(kind, role, partial(self._take, role), RESULTS)
+                self._feedback[role] = PolledTopic(self, kind, role)
         for role, kind, topic, qos in (
             (ODOM, Odometry, odometry, ALL_SENSOR_DATA),
             (TF[1], TFMessage, "/tf_static", LATCHED_BY_MANY),
@@ -253,10 +255,9 @@ class WatchNode(Node):
         self._sets.load(self._monitor.domain, self._libraries)
 
     def _take(self, role: str, message: Any) -> None:
-        try:
-            self._monitor.watch.add(role, message)
-        except MessageError as error:
-            self._warn(f"ignored: {error}")
+        if role == PLAN or role.endswith(STATUS_SUFFIX):
+            self._take_feedback()  # what came before
+        self._add(role, message)
         if role.endswith(STATUS_SUFFIX):
             self._take_ended()
         if role == PLAN or role.endswith(STATUS_SUFFIX):
@@ -266,6 +267,19 @@ class WatchNode(Node):
             )
             if any(waiting):
                 self._publish_estimates()  # the first one
+
+    def _add(self, role: str, message: Any) -> None:
+        try:
+            self._monitor.watch.add(role, message)
+        except MessageError as error:
+            self._warn(f"ignored: {error}")
+
+    def _take_feedback(self) -> None:
+        """Add the newest feedback of each server: Nav2 sends it a hundred times a second."""
+        for role, topic in self._feedback.items():
+            message = topic.take()
+            if message is not None:
+                self._add(role, message)
 
     @property
     def _digest(self) -> str:
@@ -290,10 +304,20 @@ class WatchNode(Node):
             self._publish_tally()
 
     def _update(self) -> None:
+        self._take_feedback()
+        self._lose_goals()
         self._use_models()
         self._publish_estimates()
         self._monitor.watch.forget()
         self._compare_rounds()
+
+    def _lose_goals(self) -> None:
+        """End the goals of servers that are gone: nobody else would."""
+        lost = {goal.action for goal in self._monitor.watch.active}
+        for action in lost:
+            if not self.count_publishers(f"{self._servers[action]}{STATUS_SUFFIX}"):
+                self._monitor.watch.lose(action)
+                self._take_ended()
 
     def _compare_rounds(self) -> None:
         """Compare rounds that have ended with what refinement would have changed."""

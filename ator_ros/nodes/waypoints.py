@@ -169,13 +169,10 @@ class WaypointGoal:
 
         With `one_round` a chain ends where the next round begins.
         """
+        self._skip_done()
         count = len(self.poses)
         end = min(self.end, count * (self.first // count + 1)) if one_round else self.end
-        left = (
-            leg
-            for leg in range(self.first, end)
-            if leg not in self._done and self.waypoint_index(leg) in self.targets
-        )
+        left = (leg for leg in range(self.first, end) if not self._is_done(leg))
         legs = list(itertools.islice(left, LONGEST_CHAIN))
         if end == self.end and self.home is not None and self.end not in self._done:
             legs.append(self.end)
@@ -184,9 +181,14 @@ class WaypointGoal:
     def finish_legs(self, legs: Iterable[int]) -> None:
         """Record legs that are not driven again."""
         self._done.update(legs)
-        while self.first < self.end and (
-            self.first in self._done or self.waypoint_index(self.first) not in self.targets
-        ):
+
+    def _is_done(self, leg: int) -> bool:
+        """Return whether a leg to a waypoint is not driven any more, or cannot be driven."""
+        return leg in self._done or self.waypoint_index(leg) not in self.targets
+
+    def _skip_done(self) -> None:
+        """Let the first leg be one that can be driven, if there is any."""
+        while self.first < self.end and self._is_done(self.first):
             self._done.discard(self.first)
             self.first += 1
 

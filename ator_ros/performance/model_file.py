@@ -74,6 +74,10 @@ class NoModelsError(FileError):
     """A folder has no model for an action set."""
 
 
+class OtherBaseError(NoModelsError):
+    """A model was learned with a robot of another kind of base: it is none of this robot."""
+
+
 class RobotMismatchWarning(UserWarning):
     """A model was learned with another robot than the one that it predicts for."""
 
@@ -152,7 +156,8 @@ def load_model(
     Raises
     ------
     FileError
-        The file is missing, damaged, no model, or of another version.
+        The file is missing, damaged, no model, or of another version, or the model is of a robot
+        with another kind of base (`OtherBaseError`).
     """
     if not Path(path).exists():
         raise FileError(f"{path}: expected a model, there is no such file: run train to make it")
@@ -171,6 +176,7 @@ def load_model(
             raise FileError(
                 f"{path}: features.{name}: expected a feature {known}, got unit {quoted(unit)}"
             )
+    driving = _driving_of(file, robot, path)
     if file.robot_digest != robot.digest():
         warnings.warn(
             f"{path}: robot_digest: this model of {file.action} was learned with ANOTHER ROBOT "
@@ -189,7 +195,7 @@ def load_model(
         trees,
         named,
         metadata,
-        driving=_driving_of(file, robot, path),
+        driving=driving,
         at_goal=file.at_goal,
         errors=file.errors,
         arrival=file.arrival,
@@ -204,6 +210,11 @@ def _driving_of(file: _ModelFile, robot: Robot, path: Path | str) -> Driving | N
     try:
         return structured(file.driving, robot.driving)
     except SchemaError as error:
+        if file.robot_digest != robot.digest():
+            raise OtherBaseError(
+                f"{path}: this model of {file.action} was learned with a robot that drives "
+                f"otherwise than {robot.name}: run collect and train with this robot's config"
+            ) from error
         raise FileError(f"{path}: driving.{error}") from error
 
 

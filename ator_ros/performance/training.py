@@ -87,7 +87,7 @@ _COLUMNS = {
     "accuracy": "position_error",
     "heading": "heading_error",
 }
-"""The column of an experience table for each of `MEASURES`."""
+"""The column of an experience table for each measure that has one, of `MEASURES`."""
 SMALL_LEAF = 50
 """Least number of episodes at a leaf of the trees of other measures than the duration."""
 _AT_GOAL = ((0.02, 0.05), (0.03, 0.08))  # m and rad to the goal that may count as being there

@@ -39,6 +39,7 @@ from ator_ros.refinement.order_search import (
 from ator_ros.refinement.search import Allowed, Deadline, Pairs, Work, first_candidates
 from ator_ros.refinement.stops import (
     costs_of_end,
+    may_pass,
     passing_rows,
     reached,
     table_names,
@@ -106,7 +107,8 @@ class OrderSearch:
         self._chain = chain
         self._ordering = ordering
         self._robot = robot
-        self._names = [table_names(each) for each in names]
+        calls = zip(chain.calls, names, strict=True)
+        self._names = [table_names(call, own) for call, own in calls]
         self._free = names
         self._axes = axes
         self._allowed = allowed
@@ -158,7 +160,8 @@ class OrderSearch:
                 kicks = _KICKS_PER_CALL * len(calls) if candidates is grids[-1] else 0
                 orders = self._improved(table, order, kicks, deadline)
             if all(each.order != tuple(as_it_is) for each in orders):
-                orders.append(LocalSearch(table.costs, self._ordering, as_it_is).found())
+                as_sent = LocalSearch(table.costs, self._ordering, as_it_is, table.end)
+                orders.append(as_sent.found())
                 orders.sort(key=lambda each: each.cost)
             found = table, orders
             order = list(orders[0].order)
@@ -177,19 +180,23 @@ class OrderSearch:
         return max(map(len, self._ordering.groups)) <= MOST_EXACT
 
     def _candidates(self, index: int, counts: Sequence[int]) -> FloatArray:
-        values = goal_values(self._chain.calls[index].goal)
-        names = self._names[index]
+        call = self._chain.calls[index]
+        values = goal_values(call.goal)
         free = self._free[index]
         others = [name for name in free if name != STOP]
-        named_axes = zip(free, self._axes[index], strict=True)
-        axes = [axis for name, axis in named_axes if name != STOP]
         points = np.array([[values[name] for name in others]])
-        if others:
+        may_stop = STOP in free or not call.passing
+        if others and may_stop:
+            named_axes = zip(free, self._axes[index], strict=True)
+            axes = [axis for name, axis in named_axes if name != STOP]
             count = counts[min(len(others), len(counts) - 1)]
             allowed = while_stopping(self._allowed, free)
             found, _ = first_candidates(index, axes, count, allowed)
             points = found if len(found) else points
-        return with_passing(points, names, values, counts[1]) if STOP in free else points
+        if may_stop and STOP not in free:
+            return points
+        stopping = points if may_stop else points[:0]
+        return with_passing(stopping, self._names[index], values, counts[1])
 
     def _pairs(self, candidates: Sequence[FloatArray]) -> int:
         """Return how many pairs of candidates a table has; an upper bound for many calls."""
@@ -211,7 +218,9 @@ class OrderSearch:
         Only legs that are cheap by `rough` costs (n + 1, n) are predicted; others have that cost.
         """
         width = max(map(len, candidates))
-        costs = self._far(candidates, width, rough)
+        costs = self._far(candidates, width, rough, deadline)
+        if costs is None:
+            return None
         starts = [np.zeros((1, 0)), *candidates]
         legs = list(enumerate(self._legs))
         if rough is not None:
@@ -242,21 +251,32 @@ class OrderSearch:
         return _Table(candidates, costs, costs_at_end)
 
     def _far(
-        self, candidates: Sequence[FloatArray], width: int, rough: FloatArray | None
-    ) -> FloatArray:
-        """Return the costs of a table before legs are predicted.
+        self,
+        candidates: Sequence[FloatArray],
+        width: int,
+        rough: FloatArray | None,
+        deadline: Deadline,
+    ) -> FloatArray | None:
+        """Return the costs of a table before legs are predicted; None if the deadline passed.
 
-        They are infinite, or the `rough` costs for candidates at which the robot stops.
+        They are infinite, or the `rough` costs for candidates at which the robot stops, and for all
+        of a call that it always passes.
         """
         count = len(candidates)
         if rough is None:
             return np.full((count + 1, width, count, width), np.inf)
         stops = np.zeros((count + 1, width), dtype=bool)
         stops[0, 0] = True
-        for index, (points, names) in enumerate(zip(candidates, self._names, strict=True), 1):
-            stops[index, : len(points)] = ~passing_rows(points, names)
-        is_possible = stops[:, :, None, None] & stops[1:]
-        return np.where(is_possible, rough[:, None, :, None], np.inf)
+        for index, points in enumerate(candidates):
+            passing = self._passing(index, candidates)
+            stops[index + 1, : len(points)] = ~passing | passing.all()
+        costs = np.empty((count + 1, width, count, width))
+        for origin, legs in enumerate(costs):  # 0.1 s for 100 calls with many candidates
+            if deadline():
+                return None
+            is_possible = stops[origin, :, None, None] & stops[1:]
+            legs[:] = np.where(is_possible, rough[origin, None, :, None], np.inf)
+        return costs
 
     def _possible(self, origin: int, end: int, candidates: Sequence[FloatArray]) -> BoolArray:
         """Return which pairs of candidates a leg may have, where the robot passes either call."""
@@ -267,19 +287,23 @@ class OrderSearch:
             place = calls[origin].goal.robot_pose(self._robot)[:2]
             starts = np.ones(len(candidates[origin]), dtype=bool)
             if calls[origin].top.action != calls[end].top.action:
-                starts = ~passing_rows(candidates[origin], self._names[origin])
+                starts = ~self._passing(origin, candidates)
         ends = np.ones(len(candidates[end]), dtype=bool)
-        if STOP in self._names[end]:
+        if may_pass(calls[end], self._names[end]):
             direction = arrival_heading(place, calls[end].goal.pose, self._robot)
-            ends = reached(candidates[end], self._names[end], direction)
+            ends = reached(calls[end], candidates[end], self._names[end], direction)
         return starts[:, None] & ends
+
+    def _passing(self, index: int, candidates: Sequence[FloatArray]) -> BoolArray:
+        """Return with which of its candidates the robot passes a call."""
+        return passing_rows(self._chain.calls[index], candidates[index], self._names[index])
 
     def _improved(
         self, table: _Table, order: Sequence[int], kicks: int, deadline: Deadline
     ) -> list[LegOrder]:
         """Return the order of a local search from the better of `order` and `nearest_next`."""
         starts = [order, nearest_next(table.costs, self._ordering)]
-        searches = [LocalSearch(table.costs, self._ordering, start) for start in starts]
+        searches = [LocalSearch(table.costs, self._ordering, start, table.end) for start in starts]
         search = min(searches, key=lambda each: each.cost)
         must_check = depends_on_order(self._chain)
         if must_check and self._violates(search):
@@ -290,9 +314,10 @@ class OrderSearch:
                 break
             best = search.state()
             search.kick()
-            if not (must_check and self._violates(search)):
+            is_valid = not (must_check and self._violates(search))
+            if is_valid:
                 self._climb(search, deadline, must_check=must_check)
-            if search.cost >= best.cost:
+            if not is_valid or search.cost >= best.cost:
                 search.restore(best)
         return [search.found()]
 
@@ -318,12 +343,18 @@ class OrderSearch:
         return bool(chain.violations(self._world, self._robot))
 
     def _written(self, table: _Table, found: LegOrder) -> TopChain:
-        """Return the chain in an order, with its candidates; its last call stops."""
+        """Return the chain in an order, with its candidates; its last call stops.
+
+        A call that is passed has an allowed heading all the same: the robot may miss it.
+        """
         chain = self._chain
         for index, row in zip(found.order, found.rows, strict=True):
             candidate = table.candidates[index][row]
             columns = dict(zip(self._names[index], candidate, strict=True))
             values = {name: columns[name] for name in self._free[index]}
+            if "yaw" in values:  # the direction in which it is passed may not be allowed
+                headings = self._axes[index][self._free[index].index("yaw")]
+                values["yaw"] = float(headings.nearest(np.array([values["yaw"]]))[0])
             if index == found.order[-1] and chain.calls[index].may_stop:
                 values[STOP] = 1.0
             if values:

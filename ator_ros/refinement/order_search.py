@@ -322,10 +322,19 @@ class LocalSearch:
         Groups and precedences of the n calls.
     order : sequence of int
         The order to begin with.
+    end : ndarray, shape (n + 1, h), optional
+        As for `best_orders`.
     """
 
-    def __init__(self, costs: FloatArray, ordering: Ordering, order: Sequence[int]) -> None:
+    def __init__(
+        self,
+        costs: FloatArray,
+        ordering: Ordering,
+        order: Sequence[int],
+        end: FloatArray | None = None,
+    ) -> None:
         self._costs = costs
+        self._end = np.zeros(costs.shape[:2]) if end is None else end
         self._before = ordering.before
         self._has_precedences = bool(ordering.before.any())
         self._bounds = np.empty((len(order), 2), dtype=np.intp)  # first and last place of each call
@@ -345,7 +354,7 @@ class LocalSearch:
         self._since = 0  # moves tried since the last one that changed the order
 
     def _cost(self, order: IntArray) -> float:
-        return float(_layers(self._costs, order)[1][0].min())
+        return float(_layers(self._costs, order, self._end)[1][0].min())
 
     def improve(self, cursor: int, most: int) -> int:
         """Try up to `MOST_TRIED` moves from a `cursor` on; make at most `most` of them.
@@ -354,8 +363,8 @@ class LocalSearch:
         improves the order.
         """
         order, cost, cursor, self._since = _improved(
-            self._costs, self._near, self._bounds, self._before, self.order, self._pending,
-            cursor, self._since, most, self._has_precedences,
+            self._costs, self._end, self._near, self._bounds, self._before, self.order,
+            self._pending, cursor, self._since, most, self._has_precedences,
         )  # fmt: skip
         self.order = order
         self.cost = cost
@@ -394,7 +403,7 @@ class LocalSearch:
 
     def found(self) -> LegOrder:
         """Return the order with its best candidates."""
-        _, backward = _layers(self._costs, self.order)
+        _, backward = _layers(self._costs, self.order, self._end)
         rows = []
         origin, row = 0, 0
         for place, call in enumerate(self.order):
@@ -425,7 +434,7 @@ def nearest_next(costs: FloatArray, ordering: Ordering) -> list[int]:
 
 
 @compiled
-def _layers(costs: FloatArray, order: IntArray) -> tuple[FloatArray, FloatArray]:
+def _layers(costs: FloatArray, order: IntArray, end: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the least costs (n + 1, h) from the start until each place, and from it to the end.
 
     Row 0 is the start, which has one candidate.
@@ -435,6 +444,7 @@ def _layers(costs: FloatArray, order: IntArray) -> tuple[FloatArray, FloatArray]
     forward = np.full((count + 1, width), np.inf)
     backward = np.zeros((count + 1, width))
     forward[0, 0] = 0.0
+    backward[-1] = end[order[-1] + 1]
     for place in range(count):
         origin = order[place - 1] + 1 if place else 0
         _pass(costs, origin, order[place], forward[place], forward[place + 1])
@@ -488,6 +498,7 @@ def _in_bounds(order: IntArray, bounds: IntArray, low: int, high: int) -> bool:
 @compiled
 def _improved(
     costs: FloatArray,
+    end: FloatArray,
     near: IntArray,
     bounds: IntArray,
     before: BoolArray,
@@ -507,8 +518,8 @@ def _improved(
     order = order.copy()
     trial = order.copy()
     sums = np.empty((2, costs.shape[1]))
-    forward, backward = _layers(costs, order)
-    cost = forward[-1].min()
+    forward, backward = _layers(costs, order, end)
+    cost = backward[0, 0]
     kinds = 3 * _LONGEST_MOVED + 1
     of_one = near.shape[1] * kinds  # moves of one call
     moves = len(near) * of_one
@@ -533,11 +544,11 @@ def _improved(
             and not (has_precedences and not _keeps(trial, before, low, high))
         )
         if good:
-            total = _total(costs, trial, low, high, forward, backward, sums)
-            if total < cost - 1e-9 * abs(cost):
+            total = _total(costs, end, trial, low, high, forward, backward, sums)
+            if cost - total > 1e-9 * abs(total):
                 order[low : high + 1] = trial[low : high + 1]
-                forward, backward = _layers(costs, order)
-                cost = forward[-1].min()
+                forward, backward = _layers(costs, order, end)
+                cost = backward[0, 0]
                 _touch(pending, order, low, high)
                 since = 0
                 made += 1
@@ -630,6 +641,7 @@ def _written(
 @compiled
 def _total(
     costs: FloatArray,
+    end: FloatArray,
     order: IntArray,
     low: int,
     high: int,
@@ -644,6 +656,6 @@ def _total(
         _pass(costs, origin, order[place], sums[place % 2], sums[(place + 1) % 2])
     arrived = sums[(high + 1) % 2]
     if high + 1 == len(order):
-        return float(arrived.min())
+        return float((arrived + end[order[-1] + 1]).min())
     _pass(costs, order[high] + 1, order[high + 1], arrived, sums[high % 2])
     return float((sums[high % 2] + backward[high + 2]).min())

@@ -19,6 +19,7 @@ from ator_ros.refinement.chain_prediction import (
     ChainPrediction,
     GainError,
     PredictsPerformance,
+    predict_chain,
     values_of,
 )
 from ator_ros.refinement.free_variables import (
@@ -198,7 +199,7 @@ class Refiner:
         """Find the best free variables of `chain` from the state `world`; the gate decides.
 
         Raises RefinementError if the chain is empty or too long, an action has no model, or no
-        candidate has a finite prediction.
+        candidate has a finite prediction. Raises InvalidChainError if its precedences cannot hold.
 
         Parameters
         ----------
@@ -228,7 +229,7 @@ class Refiner:
         if ordering.is_open or may_pass:
             best = self._ordered(world, reference, ordering, deadline, work)
         elif analysis.free:
-            best = self._searched(reference, deadline, work)
+            best = self._searched(world, reference, reference.model, deadline, work)
         else:
             return self._left_alone(chain, analysis, model)
         kept = KEPT_NAIVE if placeholders else KEPT_AS_SENT
@@ -236,7 +237,9 @@ class Refiner:
 
     def _searched(
         self,
+        world: World,
         start: _Searched,
+        reference: ChainModel,
         deadline: Deadline,
         work: Work,
         given: TopChain | None = None,
@@ -257,7 +260,41 @@ class Refiner:
             deadline=deadline,
             work=work,
         )
-        return dataclasses.replace(start, optimum=optimum)
+        found = dataclasses.replace(start, optimum=optimum)
+        if any({"x", "y"} & set(own) for own in model.names):
+            return self._at_its_places(world, start, found, reference)
+        return found
+
+    def _at_its_places(
+        self,
+        world: World,
+        start: _Searched,
+        found: _Searched,
+        reference: ChainModel,
+    ) -> _Searched:
+        """Return a chain whose places were searched, with the prediction for them.
+
+        A search assumes that the robot comes to each place in the direction from that before it as
+        they were at its start. If the prediction for the places found is no better than that for
+        the values at the start, these are the best ones.
+        """
+        chain = found.refined
+        model = ChainModel(
+            world,
+            chain,
+            self.robot,
+            models=self.models,
+            names=found.model.names,
+            objective=reference.objective,
+            reference=reference,
+        )
+        cost = model.predict().cost
+        before = start.predicted()
+        optimum = dataclasses.replace(found.optimum, cost=cost, first_costs=())
+        if cost <= before.optimum.cost:
+            return dataclasses.replace(found, model=model, optimum=optimum)
+        kept = dataclasses.replace(optimum, values=before.optimum.values, cost=before.optimum.cost)
+        return dataclasses.replace(found, model=before.model, optimum=kept)
 
     def _ordered(
         self,
@@ -289,6 +326,8 @@ class Refiner:
             starts.append((candidate, cost))
             if candidate.order == chain.order:  # its own values may lead to better ones
                 starts.append((chain, cost))
+        if not starts and not deadline():  # no order on the grid is a valid plan
+            starts.append((chain, math.inf))
         best = reference.predicted()
         found: list[_Searched] = []
         for candidate, cost in starts:
@@ -304,11 +343,46 @@ class Refiner:
                 continue
             free = each.analysis.free
             naive = self._fastest_alone(world, each.chain, free, each.regions, deadline, work)
-            again = self._searched(each, deadline, work, naive)
+            again = self._searched(world, each, model, deadline, work, naive)
             best = self._better(world, best, again)
-        complete = best.optimum.complete and bool(orders) and not deadline()
-        optimum = dataclasses.replace(best.optimum, complete=complete)
+        best = self._with_other_stops(world, best, reference, deadline, work)
+        optimum = dataclasses.replace(best.optimum, complete=not deadline())
         return dataclasses.replace(best, optimum=optimum)
+
+    def _with_other_stops(
+        self,
+        world: World,
+        best: _Searched,
+        reference: _Searched,
+        deadline: Deadline,
+        work: Work,
+    ) -> _Searched:
+        """Return the best chain after each stop was tried the other way.
+
+        On the table a robot passes a call in one of few directions. Where sharp turns are held up,
+        a few degrees decide.
+        """
+        chain = best.refined
+        cost = best.optimum.cost
+        changed = chain
+        for variable in reference.analysis.free:
+            if variable.name != STOP or deadline():
+                continue
+            place = chain.order.index(reference.chain.order[variable.subgoal])
+            goal = changed.calls[place].goal
+            other = changed.with_goal(place, with_values(goal, {STOP: 1.0 - goal.values[STOP]}))
+            if other.violations(world, self.robot):
+                continue
+            predicted = predict_chain(
+                world, other, self.models, self.robot, reference.model.objective
+            )
+            if predicted.cost < cost:
+                changed = other
+                cost = predicted.cost
+        if changed is chain:
+            return best
+        found = self._searched_from(world, changed, reference, deadline, work)
+        return self._better(world, best, found)
 
     def _searched_from(
         self,
@@ -330,7 +404,7 @@ class Refiner:
             reference=reference.model,
         )
         start = _Searched(chain, analysis, regions, model, unsearched(model.given, math.nan))
-        return self._searched(start, deadline, work).predicted()
+        return self._searched(world, start, reference.model, deadline, work).predicted()
 
     def _better(self, world: World, best: _Searched, other: _Searched) -> _Searched:
         """Return the one with the lower cost; `other` only if it is a valid plan."""

@@ -19,9 +19,14 @@ from ator_ros.tops.chain import TopCall
 from ator_ros.tops.ordering import Ordering
 
 
-def table_names(names: tuple[str, ...]) -> tuple[str, ...]:
+def may_pass(call: TopCall, names: tuple[str, ...]) -> bool:
+    """Return whether the robot may pass a call, for the names of its free variables."""
+    return STOP in names or call.passing
+
+
+def table_names(call: TopCall, names: tuple[str, ...]) -> tuple[str, ...]:
     """Return the columns of a call's candidates, for the names of its free variables."""
-    return (*names, "yaw") if STOP in names and "yaw" not in names else names
+    return (*names, "yaw") if may_pass(call, names) and "yaw" not in names else names
 
 
 def while_stopping(allowed: Allowed | None, names: Sequence[str]) -> Allowed | None:
@@ -43,7 +48,7 @@ def with_passing(
     Parameters
     ----------
     points : ndarray, shape (n, m)
-        Values of its other free variables, at which it stops.
+        Values of its free variables but `STOP`, at which it stops; none if it cannot stop.
     names : tuple of str
         Names of its k columns, see `table_names`.
     values : mapping
@@ -55,24 +60,34 @@ def with_passing(
     stopping = np.tile(given, (len(points), 1))
     others = [column for column, name in enumerate(names) if name != STOP]
     stopping[:, others[: points.shape[1]]] = points
-    stopping[:, names.index(STOP)] = 1.0
     passing = np.tile(given, (directions, 1))
-    passing[:, names.index(STOP)] = 0.0
     evenly = np.linspace(-math.pi, math.pi, directions, endpoint=False)
     passing[:, names.index("yaw")] = evenly
+    if STOP in names:
+        stopping[:, names.index(STOP)] = 1.0
+        passing[:, names.index(STOP)] = 0.0
     return np.vstack((stopping, passing))
 
 
-def passing_rows(candidates: FloatArray, names: tuple[str, ...]) -> BoolArray:
-    """Return which candidates (n, k) of a call pass it, shape (n,)."""
+def passing_rows(
+    call: TopCall,
+    candidates: FloatArray,
+    names: tuple[str, ...],
+) -> BoolArray:
+    """Return with which candidates (n, k) the robot passes a call, shape (n,)."""
     if STOP not in names:
-        return np.zeros(len(candidates), dtype=bool)
+        return np.full(len(candidates), call.passing)
     return np.asarray(candidates[:, names.index(STOP)] == 0.0)
 
 
-def reached(candidates: FloatArray, names: tuple[str, ...], direction: float) -> BoolArray:
+def reached(
+    call: TopCall,
+    candidates: FloatArray,
+    names: tuple[str, ...],
+    direction: float,
+) -> BoolArray:
     """Return which candidates (n, k) a leg leads to that arrives in a direction (rad)."""
-    passing = passing_rows(candidates, names)
+    passing = passing_rows(call, candidates, names)
     if not passing.any():
         return ~passing
     off = np.abs(wrap_angles(candidates[:, names.index("yaw")] - direction))
@@ -91,13 +106,14 @@ def costs_of_end(
 ) -> FloatArray:
     """Return the costs of ending with each candidate of each call, shape (n + 1, width).
 
-    The first row is of the start. They are infinite for candidates that pass the last call, and for
-    calls that pass it and do not open that.
+    The first row is of the start. They are 0 where a call can be the last one and the robot may
+    stop there, and infinite elsewhere.
     """
-    costs = np.zeros((len(candidates) + 1, width))
+    costs = np.full((len(candidates) + 1, width), math.inf)
     for index in ordering.groups[-1]:
-        passing = passing_rows(candidates[index], names[index])
-        costs[index + 1, : len(passing)][passing] = math.inf
-        if calls[index].passing and not calls[index].may_stop:
-            costs[index + 1] = math.inf
+        call = calls[index]
+        may_end = ~passing_rows(call, candidates[index], names[index])
+        if call.may_stop and STOP not in names[index]:  # nothing depends on it but the end
+            may_end[:] = True
+        costs[index + 1, : len(may_end)][may_end] = 0.0
     return costs

@@ -15,7 +15,9 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+from ator_ros.bases.description import Robot
 from ator_ros.bases.differential.robot import DifferentialRobot
+from ator_ros.bases.omni.omni_robot import OmniRobot
 from ator_ros.geometry import quaternion_from_yaw
 from ator_ros.simulation.urdf import WHEEL_NAMES, robot_urdf
 from ator_ros.world.grid_map import GridMap
@@ -139,7 +141,7 @@ def set_object_dynamics(client: BulletClient, body: int, item: RoundObject) -> N
 
 
 def load_base(client: BulletClient, robot: DifferentialRobot) -> tuple[int, list[int]]:
-    """Load the robot.
+    """Load a robot with two driven wheels.
 
     Returns
     -------
@@ -148,12 +150,7 @@ def load_base(client: BulletClient, robot: DifferentialRobot) -> tuple[int, list
     wheels : list of int
         Joint indices of the left and the right wheel.
     """
-    with tempfile.TemporaryDirectory(prefix="ator_ros_") as folder:
-        file = Path(folder) / "robot.urdf"
-        file.write_text(robot_urdf(robot), encoding="utf-8")
-        body = client.loadURDF(str(file), flags=client.URDF_USE_INERTIA_FROM_FILE)
-    count = client.getNumJoints(body)
-    names = {client.getJointInfo(body, joint)[1].decode(): joint for joint in range(count)}
+    body, names = _load(client, robot)
     wheels = [names[name] for name in WHEEL_NAMES]
     client.changeDynamics(body, -1, lateralFriction=robot.build.front_friction, restitution=1.0)
     for wheel in wheels:
@@ -168,4 +165,32 @@ def load_base(client: BulletClient, robot: DifferentialRobot) -> tuple[int, list
             jointDamping=0.0,
         )
     client.changeDynamics(body, names["caster_joint"], lateralFriction=0.0, restitution=0.0)
-    return int(body), wheels
+    return body, wheels
+
+
+def load_omni_base(client: BulletClient, robot: OmniRobot) -> tuple[int, list[int]]:
+    """Load an omnidirectional robot; return its body id, and the joint indices of its feet."""
+    body, names = _load(client, robot)
+    client.changeDynamics(
+        body,
+        -1,
+        lateralFriction=robot.front_friction,
+        restitution=1.0,
+        linearDamping=0.0,
+        angularDamping=0.0,
+    )
+    feet = list(names.values())
+    for foot in feet:
+        client.changeDynamics(body, foot, lateralFriction=0.0, restitution=0.0)
+    return body, feet
+
+
+def _load(client: BulletClient, robot: Robot) -> tuple[int, dict[str, int]]:
+    """Load the URDF of a robot; return its body id, and its joint indices by name."""
+    with tempfile.TemporaryDirectory(prefix="ator_ros_") as folder:
+        file = Path(folder) / "robot.urdf"
+        file.write_text(robot_urdf(robot), encoding="utf-8")
+        body = client.loadURDF(str(file), flags=client.URDF_USE_INERTIA_FROM_FILE)
+    count = client.getNumJoints(body)
+    names = {client.getJointInfo(body, joint)[1].decode(): joint for joint in range(count)}
+    return int(body), names

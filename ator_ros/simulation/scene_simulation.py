@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 
 from ator_ros.bases.description import Robot
 from ator_ros.bases.differential.robot import differential
+from ator_ros.bases.omni.omni_robot import OmniBase, omnidirectional
 from ator_ros.geometry import Pose
 from ator_ros.simulation.bodies import (
     GRAVITY,
@@ -19,6 +20,7 @@ from ator_ros.simulation.bodies import (
     set_object_dynamics,
 )
 from ator_ros.simulation.simulated_base import SimulatedBase
+from ator_ros.simulation.simulated_omni_base import SimulatedOmniBase
 from ator_ros.world.state import CONTROL_PERIOD, STOP, Command, ObjectState, World
 
 PHYSICS_RATE = 240  # Hz
@@ -42,8 +44,9 @@ class Simulation:
     ----------
     robot : Robot
         The description of every robot, and the scene.
-    robots : int
-        Number of robots. They are far away until they are placed.
+    robots : int or sequence of Robot
+        Number of robots, or the description of each where they differ; the scene is that of
+        `robot`. They are far away until they are placed.
 
     Notes
     -----
@@ -51,20 +54,21 @@ class Simulation:
     wheel speeds within a tick as firmware does, and Bullet takes the three steps in one call.
     """
 
-    def __init__(self, robot: Robot, *, robots: int = 1) -> None:
+    def __init__(self, robot: Robot, *, robots: int | Sequence[Robot] = 1) -> None:
         self.robot = robot
+        described = [robot] * robots if isinstance(robots, int) else list(robots)
         self._bullet = BulletClient()
         # The origin of the physics is the center of the area: far from it, contacts would be
         # rounded.
         self._area = robot.scene.area
         self._away = max(_AWAY, self._area.width / 2 + self._area.margin + _AWAY / 2)
-        self._build(robots)
-        for number in range(robots):
+        self._build(described)
+        for number in range(len(described)):
             self.place_robot(self._area.at(0.0, -self._away * number), number=number)
         for name in self._bodies:
             self.remove_object(name)
 
-    def _build(self, robots: int) -> None:
+    def _build(self, robots: Sequence[Robot]) -> None:
         bullet = self._bullet
         bullet.setGravity(0, 0, -GRAVITY)
         bullet.setPhysicsEngineParameter(
@@ -82,10 +86,7 @@ class Simulation:
             self._walls += make_walls(bullet, self.robot.grid, area)
         self._bodies = {name: make_object(bullet, item) for name, item in scene.objects.items()}
         self._present = dict.fromkeys(self._bodies, False)
-        self._bases = [
-            SimulatedBase(bullet, differential(self.robot), period=1.0 / PHYSICS_RATE)
-            for _ in range(robots)
-        ]
+        self._bases = [_simulated(bullet, robot) for robot in robots]
         for base in self._bases:
             others = [other.body for other in self._bases if other is not base]
             base.ignore(floor, (*self._bodies.values(), *self._walls, *others))
@@ -283,3 +284,10 @@ class Simulation:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+def _simulated(client: BulletClient, robot: Robot) -> SimulatedBase | SimulatedOmniBase:
+    """Return the base of a robot in a world; raise ConfigError if it cannot be simulated."""
+    if isinstance(robot, OmniBase):
+        return SimulatedOmniBase(client, omnidirectional(robot))
+    return SimulatedBase(client, differential(robot), period=1.0 / PHYSICS_RATE)

@@ -19,6 +19,27 @@ _BLOCKED_BELOW = 0.05
 _HOLDING_GAIN = 0.1  # positionGains of Bullet's joint motors
 
 
+class HeldCommand:
+    """The command of a base, and until when it holds."""
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the command."""
+        self._command = STOP
+        self._expires = -math.inf
+
+    def command(self, command: Command, time: float) -> None:
+        """Execute a command for 0.15 s from `time` (s) on."""
+        self._command = command
+        self._expires = time + COMMAND_TIMEOUT - _ROUNDING
+
+    def commanded(self, time: float) -> Command | None:
+        """Return the command that the base executes at `time` (s); None without one."""
+        return self._command if time < self._expires else None
+
+
 class SimulatedBase:
     """A base with two driven wheels, and its firmware.
 
@@ -52,8 +73,7 @@ class SimulatedBase:
         self.robot = robot
         self.body, self._wheels = load_base(client, robot)
         self._com = self._bullet.getDynamicsInfo(self.body, -1)[3]
-        self._command = STOP
-        self._expires = -math.inf
+        self._held_command = HeldCommand()
         self._setpoint = STOP
         self._torques = [robot.wheel_torque] * 2
         self._gains = [period / robot.motor_time_constant] * 2
@@ -83,8 +103,7 @@ class SimulatedBase:
         turn = w * self.robot.track / 2.0
         for wheel, speed in zip(self._wheels, (v - turn, v + turn), strict=True):
             self._bullet.resetJointState(self.body, wheel, 0.0, speed / self.robot.wheel_radius)
-        self._command = STOP
-        self._expires = -math.inf
+        self._held_command.reset()
         self._setpoint = Command(v, w)
         self._held = None
 
@@ -102,12 +121,11 @@ class SimulatedBase:
         """Execute a command for 0.15 s from `time` (s) on."""
         limits = self.robot.limits
         v = max(-limits.backward, min(limits.v, command.vx))
-        self._command = Command(v, clip(command.w, limits.w))
-        self._expires = time + COMMAND_TIMEOUT - _ROUNDING
+        self._held_command.command(Command(v, clip(command.w, limits.w)), time)
 
     def commanded(self, time: float) -> Command | None:
         """Return the command that the base executes at `time` (s); None without one."""
-        return self._command if time < self._expires else None
+        return self._held_command.commanded(time)
 
     def ramp(self, time: float, dt: float) -> None:
         """Move the setpoint toward the command for `dt` s, and set the motors."""

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from string import Template
 
 from ator_ros.bases.description import Holder, Robot
 from ator_ros.bases.differential.robot import DifferentialRobot, differential
+from ator_ros.bases.omni.omni_robot import OmniBase, OmniRobot, omnidirectional
 from ator_ros.resources import resource_path
 
 WHEEL_MASS = 0.4
@@ -30,12 +32,62 @@ _FINGER = (
 )
 
 
-def robot_urdf(robot: Robot) -> str:
-    """Return the robot's description as URDF.
+_FEET = ("front_left", "front_right", "rear_left", "rear_right")
+_FOOT_RADIUS = 0.03  # m
+_FOOT = """<link name="{name}_foot">
+    <inertial><mass value="{mass:.6g}"/><inertia ixx="{i:.6g}" iyy="{i:.6g}" izz="{i:.6g}" ixy="0" ixz="0" iyz="0"/></inertial>
+    <visual><geometry><sphere radius="{radius:.6g}"/></geometry><material name="black"/></visual>
+    <collision><geometry><sphere radius="{radius:.6g}"/></geometry></collision>
+  </link>
+  <joint name="{name}_foot_joint" type="fixed">
+    <parent link="base_link"/><child link="{name}_foot"/>
+    <origin xyz="{x:.6g} {y:.6g} {radius:.6g}"/>
+  </joint>"""  # noqa: E501
+_FOOT_SHARE = 0.001  # of the robot's mass
 
-    It is `urdf/robot.urdf.template` with the robot's sizes in m and masses in kg.
+
+def robot_urdf(robot: Robot) -> str:
+    """Return the robot's description as URDF, with its sizes in m and masses in kg."""
+    if isinstance(robot, OmniBase):
+        return _omni_urdf(omnidirectional(robot))
+    return _differential_urdf(differential(robot))
+
+
+def _omni_urdf(robot: OmniRobot) -> str:
+    """Return `urdf/omni_robot.urdf.template`: a body on four feet, which slide without friction.
+
+    Forces move it, see `ator_ros.simulation.simulated_omni_base`.
     """
-    robot = differential(robot)
+    foot_mass = _FOOT_SHARE * robot.mass
+    mass = robot.mass - len(_FEET) * foot_mass
+    length = robot.front + robot.rear
+    width = 2.0 * robot.half_width
+    feet = "\n  ".join(
+        _FOOT.format(
+            name=name,
+            mass=foot_mass,
+            i=0.4 * foot_mass * _FOOT_RADIUS**2,
+            radius=_FOOT_RADIUS,
+            x=robot.front - _FOOT_RADIUS if name.startswith("front") else _FOOT_RADIUS - robot.rear,
+            y=(1.0 if name.endswith("left") else -1.0) * (robot.half_width - _FOOT_RADIUS),
+        )
+        for name in _FEET
+    )
+    numbers = {
+        "com_z": _HEIGHT,
+        "mass": mass,
+        "ixx": mass * (width**2 + 0.2**2) / 12,
+        "iyy": mass * (length**2 + 0.2**2) / 12,
+        "izz": mass * (length**2 + width**2) / 12,
+        "body_x": (robot.front - robot.rear) / 2,
+        "body_length": length,
+        "body_width": width,
+    }
+    return _filled("omni_robot.urdf.template", numbers, {"feet": feet, **_holder_elements(robot)})
+
+
+def _differential_urdf(robot: DifferentialRobot) -> str:
+    """Return `urdf/robot.urdf.template`."""
     behind, height, caster, wheel_mass, wheel_inertia = _built(robot)
     body_mass = robot.mass - 2 * wheel_mass
     # The body lies between the wheels; that of a robot narrower than 16 cm overlaps them.
@@ -57,12 +109,20 @@ def robot_urdf(robot: Robot) -> str:
         "half_track": robot.track / 2,
         "caster_x": -caster,
     }
-    fingers = {
+    return _filled("robot.urdf.template", numbers, _holder_elements(robot))
+
+
+def _holder_elements(robot: Robot) -> dict[str, str]:
+    return {
         "visual_fingers": _fingers("visual", robot.holder, robot.front, '<material name="steel"/>'),
         "collision_fingers": _fingers("collision", robot.holder, robot.front),
     }
-    template = Template(resource_path("urdf", "robot.urdf.template").read_text(encoding="utf-8"))
-    return template.substitute({name: f"{value:.6g}" for name, value in numbers.items()} | fingers)
+
+
+def _filled(name: str, numbers: Mapping[str, float], elements: dict[str, str]) -> str:
+    """Return the template of a URDF with numbers and elements."""
+    template = Template(resource_path("urdf", name).read_text(encoding="utf-8"))
+    return template.substitute({key: f"{value:.6g}" for key, value in numbers.items()} | elements)
 
 
 def _built(robot: DifferentialRobot) -> tuple[float, float, float, float, float]:
@@ -113,4 +173,12 @@ def _fingers(
 
 
 WHEEL_NAMES = ("left_wheel_joint", "right_wheel_joint")
-"""The joints of the wheels in the URDF."""
+"""The joints of the wheels in the URDF of a robot with two driven wheels."""
+
+
+def wheel_names(robot: Robot) -> tuple[str, ...]:
+    """Return the joints of the wheels in the URDF; those of an omnidirectional base are left out.
+
+    Its wheels are no part of the simulation.
+    """
+    return () if isinstance(robot, OmniBase) else WHEEL_NAMES

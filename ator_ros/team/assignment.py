@@ -1,8 +1,7 @@
 """The assignment of roles to robots, and the rule by which a robot keeps its role.
 
-Robots are listed in the order of their names, on all robots of a team alike. This order decides
-where costs are equal, and which of several robots keeps a role that they all hold. Roles are listed
-in the order of their importance.
+Robots are listed in the order of their names, on all robots of a team alike, and roles in the order
+of their importance. Where sums of costs are equal, the first robot gets the more important role.
 """
 
 from __future__ import annotations
@@ -18,6 +17,8 @@ from scipy.sparse.csgraph import connected_components, maximum_bipartite_matchin
 
 from ator_ros.geometry import BoolArray, FloatArray
 from ator_ros.refinement.gate import Gate
+
+_TIE = 1e-9  # s; below all differences that matter
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +45,7 @@ def assign(
     errors: FloatArray,
     held: Sequence[int | None],
     gate: Gate,
+    may_change: Sequence[bool] | None = None,
 ) -> Assignment:
     """Assign m roles to n robots so that the sum of the costs is least.
 
@@ -61,10 +63,14 @@ def assign(
         What each role costs each robot, and what this may be wrong by (root mean square), in s. The
         cost is infinite or NaN if the robot cannot take the role.
     held : sequence of int or None
-        The present role of each robot. Of several robots with one role, the first one keeps it.
+        The present role of each robot. Of several robots with one role, the one with the least cost
+        keeps it.
     gate : Gate
         Compares the gain of a change with its uncertainty.
+    may_change : sequence of bool, optional
+        Whether the role of each robot may change because it pays; None: all.
     """
+    may = np.ones(len(costs), dtype=bool) if may_change is None else np.array(may_change)
     costs = np.where(np.isfinite(costs), costs, np.inf)
     filled = _filled(np.isfinite(costs))
     costs[:, ~filled] = np.inf
@@ -73,7 +79,7 @@ def assign(
     if cheapest is not None:
         kept = _cheapest(_with_held(costs, held), filled)
         if kept is not None:
-            chosen = _changed_where_it_pays(costs, errors, kept, cheapest, gate)
+            chosen = _changed_where_it_pays(costs, errors, kept, cheapest, gate, may)
     if chosen is None or cheapest is None:
         return Assignment((None,) * len(costs))
     roles = tuple(int(row.argmax()) if row.any() else None for row in chosen)
@@ -120,8 +126,10 @@ def _cheapest(
     """Return the pairs of the cheapest assignment of the filled roles; None if there is none."""
     pairs = np.zeros(costs.shape, dtype=bool)
     columns = np.flatnonzero(filled)
+    later = np.outer(np.arange(len(costs)), np.arange(costs.shape[1], 0, -1))
+    in_order = costs + _TIE * later
     try:
-        robots, roles = linear_sum_assignment(costs[:, columns])
+        robots, roles = linear_sum_assignment(in_order[:, columns])
     except ValueError:  # scipy's sign that some role has no robot
         return None
     pairs[robots, columns[roles]] = True
@@ -135,8 +143,11 @@ def _with_held(
     """Return the costs with infinite ones for all that would change a role that is held."""
     found = costs.copy()
     taken: set[int] = set()
-    for robot, role in enumerate(held):
-        if role is None or role in taken or not np.isfinite(costs[robot, role]):
+    claims = [
+        (costs[robot, role], robot, role) for robot, role in enumerate(held) if role is not None
+    ]
+    for cost, robot, role in sorted(claims):
+        if role in taken or not np.isfinite(cost):
             continue
         taken.add(role)
         found[robot] = np.inf
@@ -151,6 +162,7 @@ def _changed_where_it_pays(
     kept: BoolArray,
     cheapest: BoolArray,
     gate: Gate,
+    may_change: BoolArray,
 ) -> BoolArray:
     """Return `kept` with those parts of `cheapest` whose gain is expected to pay."""
     robots, roles = kept.shape
@@ -162,7 +174,8 @@ def _changed_where_it_pays(
         inside = (part_of[:robots] == part)[:, None] & (part_of[robots:] == part)[None, :]
         before = kept & inside
         after = cheapest & inside
-        if gate.pays(*_gain(costs, errors, before, after)):
+        may = may_change[part_of[:robots] == part].all()
+        if may and gate.pays(*_gain(costs, errors, before, after)):
             chosen[inside] = cheapest[inside]
     return chosen
 

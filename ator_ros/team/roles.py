@@ -185,6 +185,7 @@ def decide(
     members: Sequence[Member],
     roles: Sequence[Role],
     gate: Gate = USUAL_GATE,
+    may_change: Collection[str] | None = None,
 ) -> Decision:
     """Assign roles to the robots of a team by what they cost each robot.
 
@@ -196,6 +197,8 @@ def decide(
         The roles, the most important ones first.
     gate : Gate
         Decides whether a change of roles pays.
+    may_change : collection of str, optional
+        The robots whose roles may change because it pays; None: all.
     """
     members = sorted(members, key=lambda member: member.name)
     shape = (len(members), len(roles))
@@ -208,7 +211,8 @@ def decide(
                 errors[row, column] = role.weight * bid.error
     numbers = {role.name: number for number, role in enumerate(roles)}
     held = [numbers.get(member.role) for member in members]
-    found = assign(costs, errors, held, gate)
+    may = [may_change is None or member.name in may_change for member in members]
+    found = assign(costs, errors, held, gate, may)
     ends = [
         member.world.robot.pose[:2] if number is None else member.bids[roles[number].name].end
         for member, number in zip(members, found.roles, strict=True)

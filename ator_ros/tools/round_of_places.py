@@ -123,8 +123,8 @@ def _table(found: Refinement, places: int) -> str:
         x, y, yaw = call.goal.pose
         degrees = math.degrees(math.remainder(yaw, math.tau))
         heading = "passed" if call.passing else f"{degrees:.0f}°"
-        time = action.get("duration", math.nan)
-        lines.append(f"{name:>5} {x:7.2f} {y:7.2f} {heading:>8} {time:6.1f} s")
+        duration = action.get("duration", math.nan)
+        lines.append(f"{name:>5} {x:7.2f} {y:7.2f} {heading:>8} {duration:6.1f} s")
     before = found.before.duration
     lines.append(
         f"{found.after.duration:.1f} s predicted; {before:.1f} s as listed, naive headings"

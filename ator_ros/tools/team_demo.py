@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -17,14 +16,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import rclpy
 from action_msgs.msg import GoalStatus
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from nav_msgs.msg import Odometry
 from rclpy.action import ActionClient
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.task import Future
@@ -36,6 +32,7 @@ from ator_ros.domains.domain import Domain, find_domain
 from ator_ros.domains.soccer.field import BALL, field_of
 from ator_ros.files import atomic_write
 from ator_ros.geometry import Pose
+from ator_ros.nodes.client_node import ClientNode
 from ator_ros.nodes.messages import pose_of
 from ator_ros.nodes.network import NodesError
 from ator_ros.nodes.qos import LATCHED_BY_MANY, SENSOR_DATA
@@ -62,7 +59,6 @@ _ROUND_TIMEOUT = 300.0  # real s
 _ODOM_TIMEOUT = 5.0  # real s; longer than on a robot, for busy machines
 _DELIVERIES = 4
 _SPACING = 0.9  # m, least distance of stations from each other and from the edges
-_SPIN = 0.05  # real s
 
 
 @dataclass(frozen=True)
@@ -92,16 +88,11 @@ class Scene:
     stations: list[Pose]
 
 
-class _Observer:
+class _Observer(ClientNode):
     """Follows the robots of a simulation; raises NodesError if one of the `nodes` ends."""
 
     def __init__(self, nodes: NodeProcesses) -> None:
-        self._check = nodes.check
-        self._context = rclpy.Context()
-        self._context.init(args=[], domain_id=nodes.domain)
-        self.node = Node("team_demo", context=self._context)
-        self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self.node)
+        super().__init__("team_demo", ros_domain=nodes.domain, check=nodes.check)
         self.now = 0.0  # simulated s
         self.paths: dict[str, list[tuple[float, float]]] = {name: [] for name in _STARTS}
         self.ball: list[tuple[float, float]] = []
@@ -124,25 +115,10 @@ class _Observer:
     def _take_mate(self, message: Teammate) -> None:
         self.roles[message.name] = message.role
 
-    def until(self, condition: Callable[[], object], what: str, timeout: float) -> None:
-        """Process messages until a condition holds, for at most `timeout` real s."""
-        end = time.monotonic() + timeout
-        while not condition():
-            self._check()
-            if time.monotonic() > end:
-                raise NodesError(f"expected {what} within {timeout:g} s, got nothing")
-            self._executor.spin_once(timeout_sec=_SPIN)
-
     def answer(self, future: Future, what: str, timeout: float) -> Any:
         """Return the result of a future."""
         self.until(future.done, what, timeout)
         return future.result()
-
-    def close(self) -> None:
-        """Destroy the node."""
-        self._executor.shutdown()
-        self.node.destroy_node()
-        self._context.try_shutdown()
 
 
 @contextmanager

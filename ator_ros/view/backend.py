@@ -12,13 +12,10 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Point, PointStamped, PoseStamped
 from nav_msgs.msg import Path
 from rcl_interfaces.srv import GetParameters
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
 from rclpy.task import Future
 from std_srvs.srv import SetBool
 
@@ -36,7 +33,7 @@ from ator_ros.bases.description import Robot
 from ator_ros.domains.domain import Domain
 from ator_ros.geometry import Pose
 from ator_ros.nodes.chain_client import ChainClient
-from ator_ros.nodes.main_loop import uninterrupted
+from ator_ros.nodes.client_node import ClientNode
 from ator_ros.nodes.messages import (
     action_set_from,
     alternative_of,
@@ -70,7 +67,7 @@ _LONGEST_REASON = 300  # characters
 _KEPT_RUNS = 10  # messages about a chain may arrive after the start of the next one
 
 
-class Backend:
+class Backend(ClientNode):
     """Client of simulation, refinement and executor; its node is spun while the program waits.
 
     Methods raise NodesError if a node does not answer in time or reports a failure.
@@ -99,12 +96,13 @@ class Backend:
         start_timeout: float = 60.0,
         timeout: float = 5.0,
     ) -> None:
+        super().__init__(
+            "view", arguments=arguments, ros_domain=ros_domain, check=check, timeout=start_timeout
+        )
         self.domain = domain
         self.libraries = {name: domain.library(robot, name) for name in domain.action_sets}
         self._robot = robot
         self._frame = frame
-        self._check = check
-        self._timeout = start_timeout
         self._timeout_attached = timeout
         self.can_place = False  # whether there is a simulation
         self._is_shared = False  # whether that has several robots
@@ -119,16 +117,7 @@ class Backend:
         self._active = Run(OTHERS, problem="no goal")
         self._runs = deque([self._active], maxlen=_KEPT_RUNS)
         self._received_at = time.monotonic()
-        self._context = rclpy.Context()
-        try:
-            self._context.init(args=list(arguments), domain_id=ros_domain)
-            self.node = Node("view", context=self._context)
-        except RuntimeError as error:  # rcl's message has several lines
-            text = " ".join(str(error).split())
-            raise NodesError(f"expected arguments of ROS, got {list(arguments)}: {text}") from error
         self._warn = partial(self.node.get_logger().warning, throttle_duration_sec=2.0)
-        self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self.node)
         self._connect()
 
     def _connect(self) -> None:
@@ -173,7 +162,7 @@ class Backend:
         if not simulated:
             self.spin(_DISCOVERY)
             # these nodes may end, and the page waits for answers
-            self._timeout = self._timeout_attached
+            self.timeout = self._timeout_attached
         self.can_place = self._simulation_is_ready()
         nodes = self.node.get_node_names_and_namespaces()
         is_own = ("simulation", self.node.get_namespace()) in nodes
@@ -197,31 +186,9 @@ class Backend:
         if self.paused:
             with contextlib.suppress(NodesError):
                 self.pause(paused=False)
-        self._executor.shutdown()
-        self.node.destroy_node()
-        self._context.try_shutdown()
+        super().close()
 
     # Waiting
-
-    def spin(self, seconds: float) -> None:
-        """Process messages for some real s."""
-        self._check()
-        end = time.monotonic() + seconds
-        while time.monotonic() < end:
-            self._spin_once(min(seconds, _SPIN))
-
-    def _spin_once(self, seconds: float) -> None:
-        with uninterrupted():
-            self._executor.spin_once(timeout_sec=seconds)
-
-    def until(self, condition: Callable[[], object], what: str) -> None:
-        """Process messages until a condition holds."""
-        end = time.monotonic() + self._timeout
-        while not condition():
-            self._check()
-            if time.monotonic() > end:
-                raise NodesError(f"expected {what} within {self._timeout:g} s, got nothing")
-            self._spin_once(_SPIN)
 
     def _call(self, client: Any, request: Any) -> Any:
         """Call a service and return its answer.

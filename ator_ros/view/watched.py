@@ -12,9 +12,6 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-import rclpy
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
 
@@ -26,6 +23,7 @@ from ator_ros.experience.watched_paths import PATHS, WatchedPaths
 from ator_ros.files import FileError, load
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.learning.watch_tally import KIND, TALLY, Tally
+from ator_ros.nodes.client_node import ClientNode
 from ator_ros.nodes.maps import FollowedMap
 from ator_ros.nodes.models import LearnedSets
 from ator_ros.nodes.network import NodesError
@@ -43,7 +41,6 @@ _SHOWN = 50  # newest drives on the floor
 _WIDTH = 0.03  # m, of their lines
 _OLD = 2.0  # real s after which an estimate is no longer shown: a drive has two a second
 _COLUMNS = 36  # of a line of rules
-_SPIN = 0.1  # real s
 _SAVINGS = ("headings", "passing", "order")
 
 
@@ -75,7 +72,7 @@ class Watched:
     rules: str = ""
 
 
-class WatchClient:
+class WatchClient(ClientNode):
     """Client of a node `watch` on this machine: what it publishes, and the folders that it names.
 
     Raises NodesError if the node, or its map, is not there in time.
@@ -89,12 +86,7 @@ class WatchClient:
     """
 
     def __init__(self, arguments: Sequence[str] = (), *, timeout: float = 20.0) -> None:
-        self._timeout = timeout
-        self._context = rclpy.Context()
-        self._context.init(args=list(arguments))
-        self._node = Node("view", context=self._context)
-        self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self._node)
+        super().__init__("view", arguments=arguments, timeout=timeout)
         self._report: WatchedDrives | None = None
         self._estimates: dict[str, tuple[float, DriveEstimate]] = {}
         """By goal, when it came in real s, and the newest estimate."""
@@ -106,40 +98,21 @@ class WatchClient:
         self._folder = watched_folder(settings["watched"])
         try:
             domain, robot = domain_and_robot(settings)
-            followed = FollowedMap(self._node, settings, domain, robot, self._take_place)
+            followed = FollowedMap(self.node, settings, domain, robot, self._take_place)
         except SetupError as error:
             raise NodesError(f"watch: {error}; start view on its machine") from error
         if not followed.is_missing:
             self._take_place(domain, robot)
-        self._until(lambda: self._place is not None, "a map as `watch` uses it")
+        self.until(lambda: self._place is not None, "a map as `watch` uses it")
         self.domain, self.robot = self._place or (domain, robot)
         libraries = {name: self.domain.library(self.robot, name) for name in domain.action_sets}
-        self._models = LearnedSets(self._node, self.domain, libraries, settings)
-        self._tf = TfListener(self._node)
-        subscribe = self._node.create_subscription
+        self._models = LearnedSets(self.node, self.domain, libraries, settings)
+        self._tf = TfListener(self.node)
+        subscribe = self.node.create_subscription
         subscribe(WatchedDrives, "watch/drives", self._take_report, LATCHED)
         subscribe(DriveEstimate, "watch/estimates", self._take_estimate, RESULTS)
         self._watched = Watched()
         self._has_changed = True  # what the files contain
-
-    def close(self) -> None:
-        """Destroy the node."""
-        self._executor.shutdown()
-        self._node.destroy_node()
-        self._context.try_shutdown()
-
-    def spin(self, seconds: float) -> None:
-        """Process messages for some real s."""
-        end = time.monotonic() + seconds
-        while time.monotonic() < end:
-            self._executor.spin_once(timeout_sec=max(0.0, end - time.monotonic()))
-
-    def _until(self, condition: Any, what: str) -> None:
-        end = time.monotonic() + self._timeout
-        while not condition():
-            if time.monotonic() > end:
-                raise NodesError(f"expected {what} within {self._timeout:g} s, got none")
-            self._executor.spin_once(timeout_sec=_SPIN)
 
     def _settings(self) -> dict[str, Any]:
         """Return the parameters of the node `watch`."""
@@ -147,10 +120,10 @@ class WatchClient:
 
     def _read(self, names: Sequence[str]) -> list[Any]:
         """Return parameters of the node `watch`; none of them if it lacks one."""
-        client = AsyncParameterClient(self._node, "watch")
-        self._until(client.services_are_ready, "the node `watch`, as nav2.launch.xml starts it,")
+        client = AsyncParameterClient(self.node, "watch")
+        self.until(client.services_are_ready, "the node `watch`, as nav2.launch.xml starts it,")
         future = client.get_parameters(list(names))
-        self._until(future.done, "the parameters of `watch`")
+        self.until(future.done, "the parameters of `watch`")
         return [parameter_value_to_python(value) for value in future.result().values]
 
     def _take_place(self, domain: Domain, robot: Robot) -> None:

@@ -19,24 +19,24 @@ OTHERS = [
     for file in sorted(PACKAGE.rglob("*.py"))
     if not file.relative_to(PACKAGE).as_posix().startswith(KNOWING)
 ]
+KINDS = ("ator_ros.bases.differential", "ator_ros.bases.omni")
 NAMES = {
     "DifferentialRobot", "Limits", "StopBraking", "differential", "wheel_radius", "wheel_torque",
     "motor_time_constant", "grip", "v_back", "turn_time", "drive_time", "backward_above",
     "plain_driving",
-    "fastest_paths",
+    "fastest_paths", "OmniBase", "OmniRobot", "OmniLimits", "omnidirectional", "PlanarPlan",
+    "v_side", "a_side",
 }  # fmt: skip
-"""Names of a base with two driven wheels."""
+"""Names of the bases that ship."""
 OF_ROBOTS = {"limits", "stop", "track", "v"}
-"""Attributes of such a base whose names others have, too."""
+"""Attributes of such bases whose names others have, too."""
 
 
 def known(file: Path) -> Iterator[str]:
     may_import = file.relative_to(PACKAGE).as_posix() in IDENTIFIES
     for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
-        of_differential = isinstance(node, ast.ImportFrom) and (node.module or "").startswith(
-            "ator_ros.bases.differential"
-        )
-        if of_differential and not may_import:
+        of_base = isinstance(node, ast.ImportFrom) and (node.module or "").startswith(KINDS)
+        if of_base and not may_import:
             yield f"line {node.lineno}: import from {node.module}"
         elif isinstance(node, ast.Name) and node.id in NAMES:
             yield f"line {node.lineno}: {node.id}"

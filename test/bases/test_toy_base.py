@@ -162,7 +162,7 @@ def test_a_description_selects_it(monkeypatch: pytest.MonkeyPatch, tmp_path: Pat
     file = tmp_path / "point.yaml"
     file.write_text(yaml.safe_dump(ROBOT.sections()), encoding="utf-8")
     with pytest.raises(
-        ConfigError, match=r"robot\.drive: expected one of differential, got 'point'"
+        ConfigError, match=r"robot\.drive: expected one of differential, omni, got 'point'"
     ):
         load_robot(file)
     entry = EntryPoint("point", "toy_base:PointRobot", description.GROUP)

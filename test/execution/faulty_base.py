@@ -1,6 +1,7 @@
 """A kinematic base that can fail on one axis, and goals executed on it as by the executor node."""
 
 import copy
+import dataclasses
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -10,6 +11,8 @@ from executions import execution as execution_of
 
 from ator_ros.bases.description import Robot
 from ator_ros.bases.differential.response import ramped
+from ator_ros.bases.omni.omni_robot import OmniRobot
+from ator_ros.bases.omni.planar_response import planar_ramp
 from ator_ros.execution.chain_executor import Ending
 from ator_ros.execution.fence import Fence
 from ator_ros.execution.motion_watch import MotionWatch
@@ -25,7 +28,7 @@ TIMEOUT = 0.15
 
 @dataclass(frozen=True)
 class Failure:
-    """A failure on `axis` (v or w) from `since` s on.
+    """A failure on `axis` (vx, vy or w) from `since` s on.
 
     `kind` is stuck, reversed, constant, delayed (by 1 s), or half. `place` says where: in the
     command, which the base then ramps; in the motion, at once; or in the odometry, which does not
@@ -85,28 +88,40 @@ class KinematicBase:
         command = Command(
             0.0 if abs(command.vx) <= self.dead_band.vx else self.share * command.vx,
             0.0 if abs(command.w) <= self.dead_band.w else self.share * command.w,
+            vy=self.share * command.vy,
         )
         failure = self._fails(("command",))
         if failure:
             command = _with(
                 command, failure.axis, self._wrong(failure, getattr(command, failure.axis))
             )
-        limits = self.robot.limits.scaled(self.strength)
-        self.setpoint = ramped(self.setpoint, command, DT, limits, self.robot.stop)
-        follows = min(1.0, DT / (self.lag or self.robot.motor_time_constant))
-        v, w = (
-            s + (c - s) * follows
-            for s, c in zip(_both(self.speeds), _both(self.setpoint), strict=True)
-        )
+        self._follow(command)
         failure = self._fails(("motion",))
         if failure:
             wrong = self._wrong(failure, getattr(self._sent(self.time), failure.axis))
-            v, w = (wrong, w) if failure.axis == "vx" else (v, wrong)
-        self.speeds = Command(v, w)
-        self.pose = _moved(self.pose, v, w)
-        shows = self.odometry()
-        self.shown = _moved(self.shown or self.pose, shows.vx, shows.w)
+            self.speeds = _with(self.speeds, failure.axis, wrong)
+        self.pose = _moved(self.pose, self.speeds)
+        self.shown = _moved(self.shown or self.pose, self.odometry())
         self.time += DT
+
+    def _follow(self, command: Command) -> None:
+        """Let setpoint and speeds follow a command for `DT`."""
+        robot = self.robot
+        follows = min(1.0, DT / (self.lag or robot.lag))
+        limits = robot.limits.scaled(self.strength)
+        if isinstance(robot, OmniRobot):
+            self.setpoint = planar_ramp(self.setpoint, command, DT, limits.rates, robot.stop)
+            # The robot turns under the same velocity over the floor.
+            turned = Pose(0.0, 0.0, self.speeds.w * DT)
+            vx, vy, _ = turned.relative(Pose(self.speeds.vx, self.speeds.vy, 0.0))
+            self.speeds = Command(vx, self.speeds.w, vy=vy)
+        else:
+            self.setpoint = ramped(self.setpoint, command, DT, limits, robot.stop)
+        vx, vy, w = (
+            s + (c - s) * follows
+            for s, c in zip(_values(self.speeds), _values(self.setpoint), strict=True)
+        )
+        self.speeds = Command(vx, w, vy=vy)
 
     def odometry(self) -> Command:
         failure = self._fails(("odometry",))
@@ -114,24 +129,21 @@ class KinematicBase:
 
     def state(self) -> RobotState:
         shows = self.odometry()
-        return RobotState(self.shown or self.pose, shows.vx, shows.w)
+        return RobotState(self.shown or self.pose, shows.vx, shows.w, vy=shows.vy)
 
 
-def _both(command: Command) -> tuple[float, float]:
-    return command.vx, command.w
+def _values(command: Command) -> tuple[float, float, float]:
+    return command.vx, command.vy, command.w
 
 
 def _with(command: Command, axis: str, value: float) -> Command:
-    return Command(value, command.w) if axis == "vx" else Command(command.vx, value)
+    return dataclasses.replace(command, **{axis: value})
 
 
-def _moved(pose: Pose, v: float, w: float) -> Pose:
-    yaw = pose.yaw + 0.5 * w * DT
-    return Pose(
-        pose.x + v * DT * math.cos(yaw),
-        pose.y + v * DT * math.sin(yaw),
-        wrap_angle(pose.yaw + w * DT),
-    )
+def _moved(pose: Pose, speeds: Command) -> Pose:
+    middle = pose._replace(yaw=pose.yaw + 0.5 * speeds.w * DT)
+    x, y, _ = middle.compose(Pose(speeds.vx * DT, speeds.vy * DT, 0.0))
+    return Pose(x, y, wrap_angle(pose.yaw + speeds.w * DT))
 
 
 @dataclass
@@ -153,10 +165,12 @@ class Goal:
 
 def tolerances(robot: Robot) -> Command:
     """Return the differences in m/s and rad/s from which odometry differs."""
-    limits = robot.limits
-    return Command(
-        *(1.5 * min(max(0.04 * x, y), 0.4 * x) for x, y in ((limits.v, 0.04), (limits.w, 0.1)))
-    )
+    least = {"m/s": 0.04, "rad/s": 0.1}
+    found = {
+        axis.name: 1.5 * min(max(0.04 * axis.limit, least[axis.unit]), 0.4 * axis.limit)
+        for axis in robot.axes
+    }
+    return Command(**{"vy": math.inf, **found})
 
 
 def execute(
@@ -194,9 +208,9 @@ def execute(
             twin.failure = None
         if twin and base.time >= due - 1e-9:
             pairs = zip(
-                _both(base.odometry()),
-                _both(twin.odometry()),
-                _both(tolerances(robot)),
+                _values(base.odometry()),
+                _values(twin.odometry()),
+                _values(tolerances(robot)),
                 strict=True,
             )
             differs = any(_differ(base, *pair) for pair in pairs)

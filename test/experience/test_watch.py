@@ -91,12 +91,37 @@ def test_a_drive_that_is_preempted_at_its_goal_has_passed_it(
         assert episode == "preempted by another goal"
 
 
+def test_a_server_that_restarts_has_lost_its_goal(robot: Robot) -> None:
+    robot.start(1)
+    robot.odometry(0.5)
+    robot.states.clear()
+    robot.start(2)
+    (goal,) = robot.watch.take_ended()
+    assert episode_of(robot, goal) == "its server ended or restarted"
+    (active,) = robot.watch.active
+    assert active.goal_id != goal.goal_id
+    robot.watch.lose("navigate")
+    assert robot.watch.active == []
+    assert len(robot.watch.take_ended()) == 1
+
+
 def test_an_aborted_drive_is_a_failure(robot: Robot) -> None:
     assert not episode_of(robot, robot.drive(1, ABORTED, recoveries=3)).success
 
 
 def test_estimates_of_the_server_are_of_the_whole_drive(robot: Robot) -> None:
     assert robot.drive(1).server_estimates == pytest.approx([5.0])
+
+
+def test_estimates_that_come_in_each_loop_of_a_tree_are_of_the_whole_drive(robot: Robot) -> None:
+    robot.start(1)
+    for _ in range(400):  # 20 s of a drive with feedback at 100 Hz, as of Nav2
+        robot.odometry(0.0)
+        for _ in range(5):
+            robot.feedback(1, 0, 5.0)
+    (goal,) = robot.watch.active
+    assert len(goal.server_estimates) == pytest.approx(40, abs=1)
+    assert goal.server_estimates[-1] == pytest.approx(25.0, abs=0.5)
 
 
 def test_memory_stays_bounded_and_no_drive_ends_twice(robot: Robot) -> None:
@@ -121,6 +146,28 @@ def test_paths_from_elsewhere_are_answers_to_other_clients(robot: Robot) -> None
     (goal,) = robot.watch.take_ended()
     assert goal.pose is not None
     assert goal.pose.x == pytest.approx(1.0)
+
+
+def test_a_path_from_the_robot_to_elsewhere_is_an_answer_to_another_client(robot: Robot) -> None:
+    robot.start(1)
+    robot.plan((robot.x, 0.0), (1.0, 0.0))  # planned again
+    robot.plan((robot.x, 0.0), (9.0, 9.0))
+    robot.plan((robot.x, 0.0), (1.0, 0.0))
+    robot.plan((robot.x, 0.0), (5.0, 9.0))
+    robot.finish(1)
+    (goal,) = robot.watch.take_ended()
+    assert goal.pose is not None
+    assert goal.pose.x == pytest.approx(1.0)
+    assert goal.first_path == pytest.approx(np.array([(0.0, 0.0), (1.0, 0.0)]))
+
+
+def test_a_goal_may_move(robot: Robot) -> None:
+    robot.start(1)
+    for x in (1.0, 1.2, 1.4, 3.0, 3.2):
+        robot.plan((robot.x, 0.0), (x, 0.0))
+    (goal,) = robot.watch.active
+    assert goal.pose is not None
+    assert goal.pose.x == pytest.approx(3.2)
 
 
 def test_a_goal_without_an_end_does_not_fill_the_memory(robot: Robot) -> None:

@@ -101,6 +101,10 @@ class Client:
     def _on_ball(self, message: Odometry) -> None:
         self.balls.append(self._ball.read(message))
 
+    def add(self, node: Node) -> None:
+        """Spin another node, which has the client's context."""
+        self._executor.add_node(node)
+
     def listen(self, kind: type, topic: str, qos: Any) -> list[Any]:
         """Subscribe to a topic; return a list to which every message is appended."""
         messages: list[Any] = []

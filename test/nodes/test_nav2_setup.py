@@ -10,6 +10,7 @@ import yaml
 from geometry_msgs.msg import Point32, PolygonStamped
 from maps import hall_map
 from process import PATIENCE
+from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 from ros_client import Client
 from tf2_msgs.msg import TFMessage
 
@@ -115,6 +116,47 @@ def test_the_footprint_is_found_in_a_namespace_while_the_robot_drives(
     assert not missing
 
 
+class Starting(LifecycleNode):
+    """A node that has its parameters once it is configured, as Nav2's with plugins."""
+
+    def __init__(self, client: Client, name: str, namespace: str, values: dict[str, Any]) -> None:
+        self._values = values
+        super().__init__(
+            name, namespace=f"robot_1/{namespace}".rstrip("/"), context=client.node.context
+        )
+        client.add(self)
+
+    def on_configure(self, _: Any) -> TransitionCallbackReturn:
+        for parameter, value in self._values.items():
+            self.declare_parameter(parameter, value)
+        return TransitionCallbackReturn.SUCCESS
+
+
+@pytest.mark.node
+def test_nodes_that_are_not_active_have_no_parameters_yet(domain: int, client: Client) -> None:
+    described = {**PARAMETERS, ("planner_server", ""): {}, ("global_costmap", "global_costmap"): {}}
+    nodes = [Starting(client, *place, values) for place, values in described.items()]
+    rclpy.init(args=[], domain_id=domain)
+    finder = Finder("robot_1", "map")
+    try:
+        with pytest.raises(Nav2Error, match="expected bt_navigator to be active, got unconfigured"):
+            finder.parameters(0.5)
+        timer = client.node.create_timer(0.5, lambda: start(nodes, timer))
+        found = finder.parameters(PATIENCE)
+    finally:
+        finder.destroy_node()
+        rclpy.shutdown()
+    assert facts_of(found, Given()) == facts_of(nav2(), Given())
+
+
+def start(nodes: list[Starting], timer: Any) -> None:
+    """Configure and activate nodes, once."""
+    timer.cancel()
+    for node in nodes:
+        node.trigger_configure()
+        node.trigger_activate()
+
+
 def test_without_a_velocity_smoother_the_speed_is_that_of_the_controller() -> None:
     found = nav2()
     del found[SMOOTHER]
@@ -142,9 +184,13 @@ def test_what_cannot_be_found_out_is_one_argument(
 def test_other_ways_to_drive_have_another_folder() -> None:
     facts = facts_of(nav2(), Given())
     same = nav2(CONTROLLER, use_sim_time=True)
-    faster = nav2(CONTROLLER, **{"FollowPath.desired_linear_vel": 0.5})
     assert digest_of_driving(same, facts) == digest_of_driving(nav2(), facts)
-    assert digest_of_driving(faster, facts) != digest_of_driving(nav2(), facts)
+    for changed in (
+        nav2(CONTROLLER, **{"FollowPath.desired_linear_vel": 0.5}),
+        nav2(COSTMAP, **{"inflation_layer.inflation_radius": 0.4}),  # paths keep off walls
+        nav2(NAVIGATOR, default_nav_to_pose_bt_xml="without_replanning.xml"),
+    ):
+        assert digest_of_driving(changed, facts) != digest_of_driving(nav2(), facts)
 
 
 def test_the_files_describe_robot_domain_and_nodes(tmp_path: Path) -> None:

@@ -48,11 +48,12 @@ class Nav2:
         self.kind = importlib.import_module("nav2_msgs.action").NavigateToPose
         self.client, node = client, client.node
         self.time, self.x, self.goals = 100.0, 0.0, 0
+        self.recoveries = 0
         self._goal: ServerGoalHandle | None = None
         self._ended = Future()
         self._odom = node.create_publisher(Odometry, "odom", RESULTS)
         self._plan = node.create_publisher(PathMessage, "plan", RESULTS)
-        self._server = ActionServer(
+        self._server: ActionServer | None = ActionServer(
             node, self.kind, "navigate_to_pose", self._drive,
             cancel_callback=lambda _: CancelResponse.ACCEPT,
         )  # fmt: skip
@@ -66,7 +67,11 @@ class Nav2:
         return SentGoal(self.client, self._sender, goal)
 
     def close(self) -> None:
-        self.client.within(self._server.destroy)
+        """End the server, once."""
+        self._goal = None
+        if self._server is not None:
+            self.client.within(self._server.destroy)
+            self._server = None
 
     async def _drive(self, handle: ServerGoalHandle) -> Any:
         self._goal, self._ended = handle, Future()
@@ -90,9 +95,17 @@ class Nav2:
                 self._ended.set_result(None)
             else:
                 speed = SPEED
+                self._give_feedback(self._goal)
         self.time, self.x = self.time + TICK, self.x + TICK * speed
         state = RobotState(Pose(self.x, 0.0, 0.0), speed, 0.0)
         self._odom.publish(odometry_of(self.time, state, frame="odom", child="base_link"))
+
+    def _give_feedback(self, handle: ServerGoalHandle) -> None:
+        """Publish feedback as often as Nav2, a hundred times in a simulated second."""
+        feedback = self.kind.Feedback(number_of_recoveries=self.recoveries)
+        feedback.estimated_time_remaining.sec = 3
+        for _ in range(5):
+            handle.publish_feedback(feedback)
 
 
 @pytest.fixture
@@ -157,6 +170,12 @@ def test_drives_are_estimated_recorded_and_counted_but_never_commanded(
     client.eventually(lambda: tallies[-1].ended_early == 1, "a canceled drive")
     assert (tallies[-1].drives, len(records)) == (5, 1)
     assert tallies[-1].driven > 8.0
+    assert tallies[-1].server_error > 0.0
+
+    nav2.recoveries = 1
+    nav2.send(nav2.x + 2.0).response()
+    client.eventually(lambda: tallies[-1].recovered == 1, "a drive with a recovery")
+    assert (tallies[-1].drives, len(records)) == (5, 1)
 
     events = client.node.create_publisher(ParameterEvent, "/parameter_events", RESULTS)
     client.eventually(events.get_subscription_count, "a subscription to parameter events")
@@ -170,7 +189,12 @@ def test_drives_are_estimated_recorded_and_counted_but_never_commanded(
     client.eventually(lambda: reason in node.output, "a drive with other parameters")
     assert (tallies[-1].drives, len(records)) == (5, 1)
 
-    assert nav2.goals == 3  # none but the client's
+    nav2.send(nav2.x + 20.0)
+    client.eventually(lambda: estimates[-1].goal.pose.position.x > nav2.x + 10.0, "an estimate")
+    nav2.close()
+    client.eventually(lambda: tallies[-1].ended_early == 2, "a drive whose server is gone")
+
+    assert nav2.goals == 5  # none but the client's
     names = [name for name, _ in node.node.get_client_names_and_types_by_node("watch", "/")]
     assert not names
 

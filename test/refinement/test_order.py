@@ -366,6 +366,27 @@ def test_local_search_is_near_the_best_order(seed: int) -> None:
     assert best.cost - 1e-9 <= found.cost <= 1.15 * best.cost
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_local_search_counts_the_cost_of_the_end(seed: int) -> None:
+    """Two calls may be the last one, each with one candidate only."""
+    count = 6
+    chain = TopChain(tuple(stop(float(x), 0.0) for x in range(count)))
+    ordering = ordering_of(chain)
+    costs = random_table(count, 3, seed)
+    end = np.full((count + 1, 3), np.inf)
+    end[2, 1] = 0.0
+    end[5, 2] = 1.0
+    best = best_orders(costs, ordering, None, 1, end)[0]
+    search = LocalSearch(costs, ordering, [1, 4, 0, 2, 3, 5], end)
+    assert search.cost == np.inf
+    climb(search)
+    found = search.found()
+    assert (found.order[-1], found.rows[-1]) in {(1, 1), (4, 2)}
+    ending = end[found.order[-1] + 1, found.rows[-1]]
+    assert found.cost == pytest.approx(cost_of(costs, found.order, found.rows) + ending)
+    assert best.cost - 1e-9 <= found.cost <= 1.15 * best.cost
+
+
 def test_nearest_next_lists_all_calls_also_where_no_leg_leads() -> None:
     chain = TopChain(tuple(stop(x, 0.0) for x in (1.0, 2.0, 3.0)))
     costs = random_table(3, 2, 1)
@@ -395,6 +416,23 @@ def test_many_stations_keep_places_precedences_and_conditions() -> None:
     assert not best.violations(here, ROBOT)
     assert ordering_of(chain).fault(best.order) is None
     assert choice.refinement.after.cost < 0.75 * choice.refinement.before.cost
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_more_time_gives_no_higher_cost_of_many_steps_with_conditions(seed: int) -> None:
+    """A ball is carried four times, with four drives between: few orders are valid."""
+    rng = np.random.default_rng(seed)
+    places = [(0.0, 0.0), (-1.0, 0.0), (3.5, 0.0), (-2.0, 0.0), (3.5, 1.0)]
+    steps = [stop(float(x), float(y)) for x, y in rng.uniform(-3.0, 3.0, (4, 2))]
+    for start, end in itertools.pairwise(places):
+        steps.append(call("goToBall", *start, 0.0, OPEN))
+        steps.append(call("dribbleBall", *end, 0.0, OPEN))
+    chain = TopChain(tuple(steps))
+    found = refined(chain)
+    assert not found.best.violations(world(), ROBOT)
+    for checks in (30, 60, 100, 200):
+        cut = REFINER.refine(world(), chain, placeholders=True, deadline=after(checks))
+        assert found.after.cost <= 1.001 * cut.after.cost
 
 
 @pytest.mark.long

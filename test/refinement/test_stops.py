@@ -14,9 +14,9 @@ from ator_ros.actions.goal_variables import ORDER, STOP, STOPS, with_values
 from ator_ros.geometry import Pose, wrap_angles
 from ator_ros.performance.model import Passing
 from ator_ros.refinement.chain_prediction import chain_situations, predict_chain
-from ator_ros.refinement.free_variables import NotFree
-from ator_ros.refinement.refiner import Refiner
-from ator_ros.tops.chain import TopCall, TopChain
+from ator_ros.refinement.free_variables import NotFree, allowed_changes
+from ator_ros.refinement.refiner import ITS_DEADLINE, Refiner
+from ator_ros.tops.chain import AllowedRange, TopCall, TopChain
 from ator_ros.tops.ordering import ordering_of
 from ator_ros.tops.ranges import USUAL_RANGES, declared_ranges
 from ator_ros.world.state import RobotState, World
@@ -86,6 +86,20 @@ def test_orders_and_stops_are_nearly_the_best_of_all(seed: int) -> None:
     assert least - 1e-9 <= found.after.duration <= 1.03 * least
 
 
+@pytest.mark.parametrize("turned", [0.3, 2.3, -1.1])
+def test_no_stop_is_better_the_other_way(turned: float) -> None:
+    """The directions of the table differ from those of the round, however the round is turned."""
+    places = np.random.default_rng(4).uniform(-4.0, 4.0, (7, 2))
+    cos, sin = math.cos(turned), math.sin(turned)
+    places = places @ np.array([[cos, sin], [-sin, cos]])
+    sent = chain(*(station(x, y, STOP, ORDER, "yaw") for x, y in places.tolist()))
+    found = REFINER.refine(START, sent, placeholders=True)
+    for index, each in enumerate(found.best.calls[:-1]):
+        goal = with_values(each.goal, {STOP: 1.0 - each.goal.values[STOP]})
+        other = found.best.with_goal(index, goal)
+        assert predict_chain(START, other, MODELS, ROBOT).cost > 0.999 * found.after.cost
+
+
 def test_the_next_leg_begins_where_the_robot_passes() -> None:
     start = World(0.0, RobotState(Pose(0.0, 0.0, 1.0)))
     plan = chain(station(0.0, 2.0, stop=0.0), station(4.0, 2.0))
@@ -148,3 +162,81 @@ def test_the_reference_passes_where_the_plan_does() -> None:
     assert stops(found.original) == [0.0, 0.0, 1.0]
     assert stops(found.best) == [1.0, 0.0, 1.0]
     assert stops(UNAWARE.refine(START, chain(*back), placeholders=True).best) == [0.0, 0.0, 1.0]
+
+
+def test_a_station_that_the_plan_passes_is_not_ordered_before_another_action() -> None:
+    """Along the line, each passed station would come before one of the other action."""
+    other = dataclasses.replace(LIBRARY["goToPose"], name="work", action="dribbleBall")
+    calls = []
+    for x in (1.0, 3.0, 5.0):
+        calls.append(station(x, 0.0, ORDER, stop=0.0))
+        calls.append(dataclasses.replace(station(x + 1.0, 0.0, ORDER), top=other))
+    sent = chain(station(0.0, 0.0, ORDER), *calls)
+    valid = []
+    for order in itertools.permutations(range(len(sent))):
+        moved = sent.reordered(order)
+        if not moved.violations(START, ROBOT):
+            valid.append(moved)
+    reference = valid[-1]
+    found = REFINER.refine(START, reference)
+    least = min(predict_chain(START, each, MODELS, ROBOT).duration for each in valid)
+    assert not found.best.violations(START, ROBOT)
+    assert found.after.duration <= 1.03 * least
+
+
+@pytest.mark.parametrize("opened", [(STOP,), (ORDER,), (STOP, ORDER)])
+def test_a_round_that_is_the_best_as_sent_is_searched_to_the_end(opened: tuple[str, ...]) -> None:
+    found = REFINER.refine(START, chain(*(station(x, 0.0, *opened) for x in (0.0, 1.0, 3.0))))
+    again = REFINER.refine(START, found.best)
+    assert again.complete
+    assert not again.refined
+    assert ITS_DEADLINE not in again.reason
+
+
+@pytest.mark.parametrize("count", [4, 12])
+def test_stations_have_allowed_headings_and_the_last_one_a_stop(count: int) -> None:
+    places = np.random.default_rng(count).uniform(-4.0, 4.0, (count, 2)).tolist()
+    side = (AllowedRange("yaw", 0.3, 0.4),)
+    calls = [
+        dataclasses.replace(station(x, y, STOP, ORDER, "yaw"), allowed=side).within_allowed(
+            ROBOT, REFINER.ranges
+        )
+        for x, y in places
+    ]
+    found = REFINER.refine(START, chain(*calls))
+    assert stops(found.best)[-1] == 1.0
+    assert 0.0 in stops(found.best)
+    as_sent = chain(*calls).reordered(found.best.order)
+    assert allowed_changes(as_sent, found.best, ROBOT, REFINER.ranges)
+
+
+@pytest.mark.parametrize("passed", [0.0, 1.0])
+def test_the_prediction_is_that_of_the_places_chosen(passed: float) -> None:
+    """The robot comes to the second station in another direction if the first is elsewhere."""
+    places = [(2.0, 1.5), (3.0, 0.0), (3.0, 3.0)]
+    first, second, last = itertools.starmap(station, places)
+    first = dataclasses.replace(first, open=frozenset({"x", "y"}))
+    second = dataclasses.replace(second, goal=with_values(second.goal, {STOP: passed}))
+    for opened in (frozenset(), frozenset({ORDER})):
+        sent = chain(*(dataclasses.replace(c, open=c.open | opened) for c in (first, second, last)))
+        found = REFINER.refine(START, sent)
+        assert found.refined
+        assert found.best.sent(0).goal.pose.distance(first.goal.pose) > 0.1
+        exact = predict_chain(START, found.best, MODELS, ROBOT)
+        assert found.after.cost == pytest.approx(exact.cost, abs=1e-9)
+        assert found.after.cost < found.before.cost
+
+
+def test_a_station_that_models_always_pass_keeps_an_allowed_heading() -> None:
+    side = (AllowedRange("yaw", 0.3, 0.4),)
+    calls = []
+    for x, stop in ((3.0, 0.0), (1.0, 0.0), (2.0, 1.0)):
+        made = station(x, 0.5 * x, STOP, ORDER, "yaw", stop=stop)
+        made = dataclasses.replace(made, allowed=side)
+        calls.append(made.within_allowed(ROBOT, UNAWARE.ranges))
+    found = UNAWARE.refine(START, chain(*calls))
+    assert found.best.order != (0, 1, 2)
+    for each in found.best.calls:
+        domain = each.range_of("yaw", ROBOT, UNAWARE.ranges)
+        assert domain is not None
+        assert domain.contains(each.goal.pose.yaw)

@@ -40,6 +40,8 @@ def assigned(
         ([[1.0, 1.0], [9.0, NOT]], (1, 0)),  # both are filled, at any cost
         ([[math.nan, 1.0], [2.0, 1.0]], (1, 0)),
         ([[2.0, 2.0], [2.0, 2.0]], (0, 1)),  # a tie: by the order of the robots
+        ([[5.0, 3.0], [5.0, 3.0]], (0, 1)),
+        ([[4.0], [4.0], [4.0]], (0, None, None)),
     ],
 )
 def test_the_sum_of_the_costs_is_least(
@@ -78,10 +80,12 @@ def test_a_robot_that_cannot_go_on_loses_its_role_at_once() -> None:
     assert assigned([[NOT, 1.0], [9.0, 2.0]], (0, 1), uncertainty=9.0).roles == (1, 0)
 
 
-def test_of_several_robots_with_one_role_the_first_one_keeps_it() -> None:
-    costs = [[3.0, 3.0], [2.9, 3.0]]
-    assert assigned(costs, (0, 0), uncertainty=1.0).roles == (0, 1)
-    assert assigned(costs, (0, 0), uncertainty=0.04).roles == (1, 0)
+def test_of_several_robots_with_one_role_the_one_with_the_least_cost_keeps_it() -> None:
+    costs = [[3.0, 1.0], [2.9, 3.0]]
+    assert assigned(costs, (0, 0), uncertainty=9.0).roles == (1, 0)
+    assert assigned([[2.9, 3.0], [3.0, 1.0]], (0, 0), uncertainty=9.0).roles == (0, 1)
+    assert assigned([[3.0, 1.0], [3.0, 1.0]], (0, 0), uncertainty=9.0).roles == (0, 1)
+    assert assigned([[NOT, 1.0], [3.0, 1.0]], (0, 0), uncertainty=9.0).roles == (1, 0)
 
 
 def test_changes_that_do_not_depend_on_each_other_are_compared_one_by_one() -> None:

@@ -5,22 +5,19 @@ import dataclasses
 import pytest
 
 from ator_ros.geometry import Pose
-from ator_ros.team.assignment import Assignment
-from ator_ros.team.roles import Decision, Member
+from ator_ros.team.role_file import Role, RoleStep
+from ator_ros.team.roles import Bid, Member
 from ator_ros.team.roster import CONFLICT, Roster
 from ator_ros.world.state import RobotState, World
 
 TIMEOUT = 1.0
+ROLES = [Role(name, (RoleStep("goToPose"),)) for name in ("ball", "support")]
 
 
-def member(name: str, role: str = "", stamp: float = 0.0) -> Member:
-    return Member(name, World(stamp, RobotState(Pose(0.0, 0.0, 0.0))), 0.3, role)
-
-
-def decision(*roles: int | None) -> Decision:
-    """Return a decision for the robots ann, bob and eve."""
-    names = ("ann", "bob", "eve")[: len(roles)]
-    return Decision(names, Assignment(roles), (False,) * len(names))
+def member(name: str, role: str = "", stamp: float = 0.0, ball: float = 5.0) -> Member:
+    """Return a robot with what the roles cost it in s."""
+    bids = {"ball": Bid(ball, 0.1, (0.0, 0.0)), "support": Bid(3.0, 0.1, (2.0, 0.0))}
+    return Member(name, World(stamp, RobotState(Pose(0.0, 0.0, 0.0))), 0.3, role, bids)
 
 
 @pytest.fixture
@@ -59,18 +56,63 @@ def test_the_clocks_of_the_robots_need_not_agree(roster: Roster) -> None:
 
 
 def test_a_decision_counts_until_newer_messages_come(roster: Roster) -> None:
-    roster.believe(decision(0, 1), ("ball", "support"))
+    roster.decide(ROLES, 10.0)
     assert roster.role() == "ball"
     assert roles(roster, 10.1) == {"ann": "ball", "bob": "support"}
-    roster.take(member("bob", "ball"), 10.2)
+    roster.take(member("bob", "ball", ball=4.0), 10.2)
     assert roles(roster, 10.3) == {"ann": "ball", "bob": "ball"}
-    roster.believe(decision(None, 0), ("ball", "support"))
-    assert roles(roster, 10.4) == {"ann": "", "bob": "ball"}
+    roster.decide(ROLES, 10.3)
+    assert roles(roster, 10.4) == {"ann": "support", "bob": "ball"}
+
+
+def test_a_change_must_pay_until_each_teammate_has_sent_a_message(roster: Roster) -> None:
+    bob = member("bob", "support")
+    eve = member("eve", ball=9.0)
+    roster.take(eve, 10.0)
+    roster.decide(ROLES, 10.0)
+    for other, now, role in (
+        (None, 10.2, "ball"),
+        (bob, 10.3, "ball"),
+        (None, 10.4, "ball"),
+        (eve, 10.5, "support"),
+    ):
+        roster.take(member("ann", roster.role(), ball=9.0), now)
+        if other is not None:
+            roster.take(other, now)
+        roster.decide(ROLES, now)
+        assert roster.role() == role
+
+
+def test_a_gain_that_ends_with_the_next_message_changes_nothing(roster: Roster) -> None:
+    roster.decide(ROLES, 10.0)
+    for now, ball in ((10.2, 9.0), (10.3, 5.0), (10.4, 9.0), (10.5, 5.0)):
+        roster.take(member("bob", "support", ball=5.0), now - 0.05)
+        roster.take(member("ann", "ball", ball=ball), now)
+        roster.decide(ROLES, now)
+        assert roster.role() == "ball"
+
+
+def test_a_role_that_cannot_be_kept_changes_at_once(roster: Roster) -> None:
+    roster.decide(ROLES, 10.0)
+    ann = member("ann", "ball")
+    roster.take(dataclasses.replace(ann, bids={"support": ann.bids["support"]}), 10.2)
+    roster.decide(ROLES, 10.2)
+    assert roles(roster, 10.2) == {"ann": "support", "bob": "ball"}
+
+
+def test_what_a_robot_has_begun_ends_earlier_as_time_passes(roster: Roster) -> None:
+    roster.take(member("ann", "support", ball=9.0), 10.0)
+    roster.take(member("bob", "ball", ball=0.7), 10.0)
+    for now, left in ((10.0, 0.7), (10.5, 0.2), (10.9, 0.0)):
+        roster.decide(ROLES, now)
+        (bids,) = [each.bids for each in roster.members(now) if each.name == "bob"]
+        assert bids["ball"].cost == pytest.approx(left)
+        assert bids["support"].cost == 3.0
 
 
 def test_a_restarted_robot_has_no_role(roster: Roster) -> None:
-    roster.believe(decision(None, 0), ("ball", "support"))
-    roster.take(dataclasses.replace(member("bob"), role=""), 10.3)
+    roster.decide(ROLES, 10.0)
+    roster.take(member("bob"), 10.3)
     assert roles(roster, 10.3)["bob"] == ""
 
 
@@ -103,7 +145,7 @@ def test_a_conflict_that_ends_by_itself_bars_nothing(roster: Roster) -> None:
 
 @pytest.mark.parametrize("lost", range(4))
 def test_robots_that_never_agree_have_one_role_for_at_most_the_stated_time(lost: int) -> None:
-    """Both want the ball; the first messages of each are lost."""
+    """Each finds itself the cheaper one by far; the first messages of each are lost."""
     rosters = {name: Roster(name, TIMEOUT, now=-TIMEOUT) for name in ("ann", "bob")}
     sent = dict.fromkeys(rosters, 0)
     since = longest = 0.0
@@ -112,16 +154,13 @@ def test_robots_that_never_agree_have_one_role_for_at_most_the_stated_time(lost:
         name, other = ("ann", "bob") if tick % 2 == 0 else ("bob", "ann")
         roster = rosters[name]
         barred = roster.barred(now)
-        roster.take(member(name, roster.role()), now)
-        role = 1 if "ball" in barred else 0
-        known = names(roster, now)
-        wanted = [role if each == name else 1 - role for each in known]
-        found = dataclasses.replace(decision(0, 1), names=tuple(known))
-        found = dataclasses.replace(found, assignment=Assignment(tuple(wanted)))
-        roster.believe(found, ("ball", "support"))
+        own = member(name, roster.role(), ball=1.0)
+        bids = {role: bid for role, bid in own.bids.items() if role not in barred}
+        roster.take(dataclasses.replace(own, bids=bids), now)
+        roster.decide(ROLES, now)
         sent[name] += 1
         if sent[name] > lost:
-            rosters[other].take(member(name, roster.role()), now)
+            rosters[other].take(member(name, roster.role(), ball=50.0), now)
         if [each.role() for each in rosters.values()] != ["ball", "ball"]:
             since = now
         longest = max(longest, now - since)

@@ -1,0 +1,1 @@
+"""The omnidirectional base: limits, fastest motions and their times, response to commands."""
