@@ -8,7 +8,7 @@ parent's entries in the tables.
 
 Fields are computed by Lazy Theta* (Nash, Koenig and Tovey, AAAI 2010) without a heuristic. On large
 maps a field covers a window around its goal, which grows until no route can lead around it. If the
-map has a planner, the routes are its paths instead.
+map has a planner, the routes are its paths instead, as long as it is not busy.
 
 The cells of routes are those of the map, or blocks of them, which are so small for the robot that
 two free blocks side by side have no wall between them, however thin.
@@ -31,7 +31,7 @@ from ator_ros.bases.planned_routes import route_along
 from ator_ros.compiled import compiled
 from ator_ros.files import FileError
 from ator_ros.geometry import BoolArray, FloatArray, Pose, wrap_angles
-from ator_ros.world.grid_map import GridMap, Planner
+from ator_ros.world.grid_map import GridMap, Planner, PlannerBusyError
 
 LOOK_AHEAD = 0.5
 """Length in m of the ends of a route, over which departure and arrival are averaged."""
@@ -153,7 +153,7 @@ class Routes:
         self._component: Cells = np.stack(components).astype(np.int32)
         self._fields: OrderedDict[tuple[int, complex], _Field] = OrderedDict()
         self._cached = lru_cache(_CACHED_PAIRS)(
-            lambda *pair: self._between(np.array([pair]).T)[:, 0]
+            lambda *pair: self._searched(np.array([pair]).T)[:, 0]
         )
         # of the map's planner: paths between cells, and the routes along them between exact places
         self._paths: dict[tuple[int, ...], FloatArray] = {}
@@ -192,9 +192,15 @@ class Routes:
             differs = (ends[:, 1:] != ends[:, :-1]).any(axis=0)  # neighbors mostly differ in yaw
             rows = np.cumsum(np.append(0, differs))[: ends.shape[1]]
             firsts = np.append(True, differs)[: ends.shape[1]]
-            pairs = ends[:, firsts].T.tolist()
-            planned = [self._planned(self.grid.planner, *pair) for pair in pairs]
-            return np.array(planned).reshape(-1, 6).T[:, rows]
+            pairs = [tuple(pair) for pair in ends[:, firsts].T.tolist()]
+            planned = {
+                pair: self._planned(self.grid.planner, *pair) for pair in dict.fromkeys(pairs)
+            }
+            return np.array([planned[pair] for pair in pairs]).reshape(-1, 6).T[:, rows]
+        return self._searched(ends)
+
+    def _searched(self, ends: FloatArray) -> FloatArray:
+        """Return the routes on the map between pairs, whatever its planner; see `_between`."""
         found = self._routes(self._places(*ends[:2]), self._places(*ends[2:]))
         found[[0, 2]] *= self._cell
         found[3:5] = wrap_angles(found[3:5] + self.grid.origin.yaw)
@@ -215,8 +221,11 @@ class Routes:
         key = _path_key(x, y, to_x, to_y)
         path = self._paths.get(key) if key[:2] != key[2:] else np.array([(x, y), (to_x, to_y)])
         if path is None:
-            with _PLANNING:
-                path = planner((x, y), (to_x, to_y))
+            try:
+                with _PLANNING:
+                    path = planner((x, y), (to_x, to_y))
+            except PlannerBusyError:  # not cached: it is asked again later
+                return self._cached(x, y, to_x, to_y)
             if path is None:  # not cached: a planner may find a path later
                 return np.full(6, np.nan)
             if len(self._paths) >= _CACHED_PAIRS:
@@ -242,7 +251,8 @@ class Routes:
             return ends.reshape(2, 2)
         if self.grid.planner is not None:
             bends = self._paths.get(_path_key(*ends), np.empty((2, 2)))[1:-1]
-            return np.concatenate([[ends[:2]], bends, [ends[2:]]])
+            if len(bends) or np.isnan(self._searched(ends[:, None])[0, 0]):
+                return np.concatenate([[ends[:2]], bends, [ends[2:]]])
         starts = self._places(*ends[:2, None])
         goals = self._places(*ends[2:, None])
         self._routes(starts, goals)

@@ -7,6 +7,7 @@ import random
 import time
 import traceback
 from collections.abc import Callable
+from contextlib import nullcontext
 from functools import partial
 from threading import current_thread, main_thread
 from typing import Any
@@ -40,7 +41,7 @@ from ator_ros.nodes.parameters import (
     fence_of,
     live,
 )
-from ator_ros.nodes.path_planner import with_planner
+from ator_ros.nodes.path_planner import planner_of, with_planner
 from ator_ros.nodes.qos import SERVICES
 from ator_ros.nodes.segments import refinement_shapes, station_labels
 from ator_ros.nodes.subscriptions import WARNING_PERIOD, TfListener
@@ -160,10 +161,12 @@ class RefinementNode(Node):
     def _warm_up(self, library: TopLibrary, read: ModelSet) -> None:
         """Compile what refinement needs, and warn of models that were learned on other routes."""
         grid = self._robot.grid
-        # The thread of a learned set would keep requests from the planner. The code is compiled
-        # by then.
+        planner = planner_of(self._robot)
+        # In the thread of a learned set, the planner would be held for requests, too. The code is
+        # compiled by then.
         if grid is None or grid.planner is None or current_thread() is main_thread():
-            warm_up_refinement(library, self._refiner(read, Gate()))
+            with nullcontext() if planner is None else planner.held():
+                warm_up_refinement(library, self._refiner(read, Gate()))
         learned = {
             str(model.metadata["training"].get("map", "")) for model in read.models.values()
         } - {""}
@@ -198,6 +201,19 @@ class RefinementNode(Node):
         cost = cost if cost >= 0.0 else self._domain.time_limit
         return Refiner(self._robot, read.models, gate, ranges=self._ranges, failure_cost=cost)
 
+    @property
+    def _withheld(self) -> int:
+        """The number of paths that the planner was not asked for, as Nav2 used it."""
+        planner = planner_of(self._robot)
+        return 0 if planner is None else planner.withheld
+
+    def _routes_remark(self, withheld: int) -> str:
+        """Return where routes come from, if more than so many paths were withheld; else empty."""
+        planner = planner_of(self._robot)
+        if planner is None or planner.withheld == withheld:
+            return ""
+        return f"routes by our search on the map, as {planner.busy} executes a goal"
+
     async def _serve(self, answer: Callable[[Any], Any], request: Any, response: Any) -> Any:
         started = time.monotonic()
         try:
@@ -228,6 +244,7 @@ class RefinementNode(Node):
         deadline = self._settings["deadline"]
         frame = self._frame
         end = clock() + deadline
+        withheld = self._withheld
         action_set = messages.action_set_from(request.chain, allowed=self._libraries)
         present = self._sets.present[action_set]
         library = self._libraries[action_set]
@@ -258,6 +275,8 @@ class RefinementNode(Node):
         reason = found.reason
         if not choice.complete:  # first, since the end of a long reason is cut
             reason = f"{needed_deadline(choice, deadline)}; {reason}"
+        if remark := self._routes_remark(withheld):
+            reason = f"{remark}; {reason}"
         if self._robot.grid is not None:
             reason = f"{reason}; map {self._robot.grid}"
         return messages.answer_of(
@@ -299,11 +318,11 @@ class RefinementNode(Node):
         library = self._libraries[name]
         calls = messages.calls_from(request.calls, library, frame=self._frame)
         models = self._sets.present[name].models
+        withheld = self._withheld
         actions = dict.fromkeys(call.top.action for call in calls)
         remarks = [path_times_remark(each for each in actions if not models[each].is_learned)]
         if self._robot.grid is not None:
             remarks.append(f"map {self._robot.grid}")
-        reason = one_line("; ".join(filter(None, remarks)))
         if request.pairs:
             table = DurationTable.of_pairs(
                 worlds, calls, models, robot=library.robot, ranges=library.ranges
@@ -311,6 +330,7 @@ class RefinementNode(Node):
         else:
             table = DurationTable(worlds, calls, models)
         found = await self._predict_in_blocks(table)
+        reason = one_line("; ".join(filter(None, (self._routes_remark(withheld), *remarks))))
         durations, spreads, success = (values.ravel().tolist() for values in found)
         return PredictDurations.Response(
             accepted=True, reason=reason, durations=durations, spreads=spreads, success=success

@@ -20,6 +20,7 @@ from ator_ros.learning.savings import Round, RoundSavings, missing_legs, savings
 from ator_ros.nodes.path_planner import PLANNER_TYPE, path_from, planner_goal
 from ator_ros.nodes.qos import ACTION_QUEUES
 from ator_ros.nodes.remote_messages import action_type
+from ator_ros.nodes.server_statuses import ServerStatuses
 from ator_ros.refinement import RefinementError
 from ator_ros.refinement.chain_prediction import PredictsPerformance
 from ator_ros.tops.library import TopLibrary
@@ -27,15 +28,16 @@ from ator_ros.tops.library import TopLibrary
 _PERIOD = 1.0  # real s between two requests to the planner
 _QUIET = 2.0  # real s without a goal after which the server counts as idle
 _MOST_WAITING = 20  # rounds that wait for the server to be idle
-_MOST_FAILURES = 5  # requests without a path after which another order stays unknown
+_MOST_FAILURES = 5  # requests without a path or an answer after which another order stays unknown
 _ANSWER = 5.0  # real s that an answer of the planner may take
 
 
 class RoundSavingsQueue:
     """Rounds that wait for the paths of their legs, and are then compared in a thread.
 
-    Paths that no drive has shown are asked of the planner, at most one a second, and only while no
-    goal is executed. A request that is refused or interrupted is repeated.
+    Paths that no drive has shown are asked of the planner, at most one a second, and only while
+    neither the server nor the planner executes a goal. A request that is refused or interrupted is
+    repeated.
 
     Parameters
     ----------
@@ -53,6 +55,7 @@ class RoundSavingsQueue:
         self._paths = paths
         self._planner = planner
         self._client: ActionClient | None = None
+        self._statuses = ServerStatuses(node, [planner] if planner else [])
         if planner:
             self._client = ActionClient(node, action_type(PLANNER_TYPE), planner, **ACTION_QUEUES)
         self._waiting: deque[Round] = deque(maxlen=_MOST_WAITING)
@@ -126,6 +129,8 @@ class RoundSavingsQueue:
         """Ask the planner for the path of a leg, unless an answer is due."""
         if now - self._asked_at < (_PERIOD if self._asked is None else _ANSWER):
             return
+        if self._asked is None and self._statuses.busy():
+            return
         self._asked_at = now
         if self._asked is not None or not client.server_is_ready():
             self._fail()
@@ -139,13 +144,16 @@ class RoundSavingsQueue:
         if handle is not None and handle.accepted:
             handle.get_result_async().add_done_callback(partial(self._take, leg))
         else:
-            self._fail()
+            self._asked = None  # it is asked again
 
     def _take(self, leg: tuple[Pose, Pose], future: Any) -> None:
         """Take the path of the leg that was asked for."""
         answer = future.result()
         if answer.status != GoalStatus.STATUS_SUCCEEDED:
-            self._fail()
+            if answer.result.error_code:
+                self._fail()
+            else:  # another client has interrupted the request: it is repeated
+                self._asked = None
             return
         start, goal = (pose[:2] for pose in leg)
         try:

@@ -146,9 +146,9 @@ class _NeverExecuted(CallbackGroup):
 class PolledTopic:
     """The newest message of a topic, taken when it is needed: those in between cost no time."""
 
-    def __init__(self, node: Node, kind: type[Any], topic: str) -> None:
+    def __init__(self, node: Node, kind: type[Any], topic: str, qos: QoSProfile = NEWEST) -> None:
         self._subscription = node.create_subscription(
-            kind, topic, lambda _: None, NEWEST, callback_group=_NeverExecuted()
+            kind, topic, lambda _: None, qos, callback_group=_NeverExecuted()
         )
 
     def take(self) -> Any:

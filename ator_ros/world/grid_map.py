@@ -32,7 +32,13 @@ _FORMATS = ("PPM", "PNG", "BMP")  # PPM includes PGM and PBM
 _TRANSPARENT = ("LA", "PA", "RGBA")  # Pillow's modes of images with an alpha channel
 
 Planner = Callable[[tuple[float, float], tuple[float, float]], FloatArray | None]
-"""Returns a path between two places, shape (n, 2), in m, or None. Its text names the planner."""
+"""Returns a path between two places, shape (n, 2), in m, or None. Its text names the planner.
+
+It may raise PlannerBusyError."""
+
+
+class PlannerBusyError(Exception):
+    """The planner must not be asked now: routes are searched on the map instead."""
 
 
 @dataclass(frozen=True)

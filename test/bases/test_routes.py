@@ -12,7 +12,7 @@ from ator_ros.bases.description import load_robot
 from ator_ros.bases.routes import CLEARANCES, Routes, RouteSet, routes_of
 from ator_ros.files import FileError
 from ator_ros.geometry import FloatArray, Pose, wrap_angles
-from ator_ros.world.grid_map import GridMap
+from ator_ros.world.grid_map import GridMap, PlannerBusyError
 
 RADIUS = 0.2
 GRID = hall_map()
@@ -80,6 +80,24 @@ def test_a_planner_replaces_the_search_and_is_asked_once_for_each_pair_of_places
     assert found.clearance[0] == pytest.approx(0.4, abs=0.15)
     assert np.isnan(found.length[1])
     assert found.straight.tolist() == [False, False, True] * 2
+
+
+def test_while_its_planner_is_busy_routes_are_searched_and_it_is_asked_again_later() -> None:
+    is_busy = True
+
+    def planner(start: tuple[float, float], goal: tuple[float, float]) -> FloatArray | None:
+        if is_busy:
+            raise PlannerBusyError
+        return np.array([start, (0.0, 2.4), goal])
+
+    routes = Routes(dataclasses.replace(GRID, planner=planner), RADIUS)
+    pair = (-3.0, 0.0, 3.0, 0.0)
+    for searched, expected in zip(between(pair, routes=routes), between(pair), strict=True):
+        assert searched == pytest.approx(expected)
+    assert routes.corners(pair[:2], pair[2:]) == pytest.approx(ROUTES.corners(pair[:2], pair[2:]))
+    is_busy = False
+    assert between(pair, routes=routes).length == pytest.approx(2.0 * math.hypot(3.0, 2.4))
+    assert len(routes.corners(pair[:2], pair[2:])) == 3
 
 
 def test_many_starts_one_goal_and_the_reverse() -> None:
