@@ -9,6 +9,7 @@ import uuid
 from collections import deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,6 @@ from std_msgs.msg import Header
 
 from ator_ros.bases.description import Robot
 from ator_ros.domains.domain import Domain
-from ator_ros.experience.server_goals import remote_calls, through_servers
 from ator_ros.geometry import FloatArray, Pose
 from ator_ros.nodes.messages import pose_of
 from ator_ros.nodes.parameters import FRAME, MAP, PLANNER, SetupError
@@ -321,6 +321,8 @@ def _planned_by(client: PlannerClient, domain: Domain) -> Domain:
 def _navigators(name: str, domain: Domain) -> list[str]:
     """Return the actions of drives that use the planner `name`, which is in their namespace."""
     namespace = name.rpartition("/")[0]
-    of_domain = (call.server for call in remote_calls(domain).values())
-    servers = (*NAVIGATORS, *of_domain, *through_servers(domain))
+    servers = list(NAVIGATORS)
+    for spec in chain.from_iterable(domain.action_sets.values()):
+        if spec.remote is not None:
+            servers += [call.server for call in spec.remote.servers]
     return [each if each.startswith("/") else f"{namespace}/{each}" for each in servers]
